@@ -1,0 +1,1 @@
+"""From the shutter to linear radiance: photo sets, cameras, decoding, known lighting."""

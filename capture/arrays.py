@@ -1,0 +1,15 @@
+"""Arrays that frozen dataclasses can hand on safely."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+
+def frozen_array(values: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """A read-only copy: `frozen=True` alone does not protect what is inside an array."""
+    array = np.array(values, dtype=dtype)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,165 @@
+"""Cameras: pixels to rays and back, perspective through COLMAP's models, and orthographic.
+
+Frames are OpenCV's (x right, y down, z forward). The centre of the top-left pixel is (0.5, 0.5), as in
+COLMAP, so `pycolmap` is called without any shift.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capture.arrays import frozen_array
+
+Floats = NDArray[np.float64]
+
+ORTHOGRAPHIC = "ORTHOGRAPHIC"
+PERSPECTIVE_MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+MODELS = (*PERSPECTIVE_MODELS, ORTHOGRAPHIC)
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated, posed camera.
+
+    model : one of `MODELS`; COLMAP's names and parameter order, or ORTHOGRAPHIC.
+    params : float64. ORTHOGRAPHIC takes [scale, cx, cy] or [scale_x, scale_y, cx, cy], scale in pixels
+        per metre; none at all means one pixel per metre about the image centre.
+    width, height : pixels.
+    world_to_camera : (4, 4) float64, rigid.
+    """
+
+    model: str
+    params: Floats
+    width: int
+    height: int
+    world_to_camera: Floats
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise ValueError(f"camera model {self.model!r} is not known; use one of {', '.join(MODELS)}")
+        if self.width <= 0 or self.height <= 0:
+            raise ValueError(f"camera size is {self.width}x{self.height}; width and height must be > 0")
+        object.__setattr__(self, "params", frozen_array(_complete_params(self)))
+        object.__setattr__(self, "world_to_camera", frozen_array(rigid_transform(self.world_to_camera)))
+
+    @property
+    def is_orthographic(self) -> bool:
+        return self.model == ORTHOGRAPHIC
+
+    @cached_property
+    def camera_to_world(self) -> Floats:
+        return np.asarray(np.linalg.inv(self.world_to_camera))
+
+    @property
+    def centre(self) -> Floats:
+        """Centre of projection in the world, (3,) metres (orthographic: the origin of its frame)."""
+        return self.camera_to_world[:3, 3]
+
+    @property
+    def focal_px(self) -> float:
+        """Geometric mean focal length in pixels (orthographic: pixels per metre)."""
+        if self.is_orthographic:
+            return float(np.sqrt(self.params[0] * self.params[1]))
+        return float(self._colmap.mean_focal_length())
+
+    @cached_property
+    def _colmap(self) -> Any:
+        import pycolmap
+
+        return pycolmap.Camera(
+            model=self.model, width=self.width, height=self.height, params=self.params.tolist()
+        )
+
+    def posed(self, world_to_camera: ArrayLike) -> Camera:
+        """The same camera at another pose."""
+        return replace(self, world_to_camera=np.asarray(world_to_camera, float))
+
+    def rays(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
+        """Rays through image points, in the world.
+
+        pixels : (n, 2) in pixels, the centre of the first pixel being (0.5, 0.5).
+        Returns origins (n, 3) metres and directions (n, 3), unit, pointing into the scene.
+        """
+        pixels = np.asarray(pixels, float).reshape(-1, 2)
+        rotation = self.camera_to_world[:3, :3]
+        if self.is_orthographic:
+            plane = (pixels - self.params[2:]) / self.params[:2]
+            local = np.column_stack([plane, np.zeros(len(plane))])
+            origins = local @ rotation.T + self.centre
+            directions = np.broadcast_to(rotation[:, 2], origins.shape)
+            return origins, directions
+        plane = np.asarray(self._colmap.cam_from_img(pixels), float)
+        local = np.column_stack([plane, np.ones(len(plane))])
+        directions = local @ rotation.T
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        return np.broadcast_to(self.centre, directions.shape), directions
+
+    def project(self, points: ArrayLike) -> Floats:
+        """Image points (n, 2) in pixels of world points (n, 3) in metres; NaN behind a perspective camera."""
+        points = np.asarray(points, float).reshape(-1, 3)
+        local = points @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
+        if self.is_orthographic:
+            return local[:, :2] * self.params[:2] + self.params[2:]
+        pixels = np.full((len(local), 2), np.nan)
+        ahead = local[:, 2] > 0
+        if ahead.any():
+            pixels[ahead] = self._colmap.img_from_cam(local[ahead])
+        return pixels
+
+    def depth(self, points: ArrayLike) -> Floats:
+        """Depth along the optical axis, (n,) metres, positive in front of the camera."""
+        points = np.asarray(points, float).reshape(-1, 3)
+        return points @ self.world_to_camera[2, :3] + self.world_to_camera[2, 3]
+
+
+def rigid_transform(matrix: ArrayLike) -> Floats:
+    """The 4x4 matrix if it is a rotation and a translation; otherwise a ValueError that says what it is."""
+    matrix = np.asarray(matrix, float)
+    if matrix.shape != (4, 4):
+        raise ValueError(f"world_to_camera has shape {matrix.shape}; it must be 4x4")
+    if not np.isfinite(matrix).all():
+        raise ValueError("world_to_camera holds a value that is not finite")
+    if not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):
+        hint = "; it looks transposed" if np.allclose(matrix[:, 3], [0, 0, 0, 1], atol=1e-6) else ""
+        raise ValueError(f"the last row of world_to_camera is {matrix[3].tolist()}, not [0, 0, 0, 1]{hint}")
+    rotation = matrix[:3, :3]
+    # 1e-3 admits poses that were printed with four digits.
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
+        raise ValueError("the 3x3 part of world_to_camera is not a rotation (rows not orthonormal)")
+    if np.linalg.det(rotation) < 0:
+        raise ValueError("world_to_camera mirrors (its determinant is -1): the frame is left-handed")
+    u, _, vt = np.linalg.svd(rotation)
+    rigid = matrix.copy()
+    rigid[:3, :3] = u @ vt
+    return rigid
+
+
+def _complete_params(camera: Camera) -> Floats:
+    params = np.atleast_1d(np.asarray(camera.params, float))
+    if not np.isfinite(params).all():
+        raise ValueError(f"camera params {params.tolist()} are not all finite")
+    if camera.is_orthographic:
+        if params.size == 0:
+            params = np.array([1.0, 1.0, camera.width / 2, camera.height / 2])
+        elif params.size == 3:
+            params = params[[0, 0, 1, 2]]
+        elif params.size != 4:
+            raise ValueError(
+                f"an ORTHOGRAPHIC camera takes [scale, cx, cy] or [scale_x, scale_y, cx, cy]; got {params.size}"
+            )
+        if (params[:2] <= 0).any():
+            raise ValueError(f"orthographic scale is {params[:2].tolist()} px per metre; it must be > 0")
+        return params
+    import pycolmap
+
+    expected = pycolmap.Camera.create_from_model_name(0, camera.model, 1.0, 1, 1).params_info
+    if params.size != len(expected.split(",")):
+        raise ValueError(f"camera model {camera.model} takes params [{expected}]; got {params.size} numbers")
+    if params[0] <= 0:
+        raise ValueError(f"focal length is {params[0]} px; it must be > 0")
+    return params

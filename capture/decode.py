@@ -1,0 +1,128 @@
+"""Photographs and masks to linear radiance with variance and a saturation mask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.arrays import frozen_array
+from capture.exposure import relative_exposure
+from capture.imagefile import read_pixels
+from capture.manifest import RadiometryTable
+from capture.photoset import ExposureSettings, Photo, PhotoSet
+
+Encoding = Literal["linear", "srgb"]
+
+
+@dataclass(frozen=True, eq=False)
+class RadianceImage:
+    """What the sensor saw, linear.
+
+    radiance : (h, w, 3) float32, relative units; 1 is the white level of an integer file at the
+        exposure that the set takes as its unit.
+    variance : (h, w, 3) float32, the part of the noise that the file itself tells: quantisation. Sensor
+        noise comes on top and is estimated from the fit's residuals.
+    saturated : (h, w) bool, true where any channel is at the file's white level.
+    """
+
+    radiance: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    saturated: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        if self.radiance.ndim != 3 or self.radiance.shape != self.variance.shape:
+            raise ValueError(f"radiance {self.radiance.shape} and variance {self.variance.shape} must be (h, w, 3)")
+        if self.saturated.shape != self.radiance.shape[:2]:
+            raise ValueError(f"saturated is {self.saturated.shape}, the image {self.radiance.shape[:2]}")
+        for name, dtype in (("radiance", np.float32), ("variance", np.float32), ("saturated", np.bool_)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype))
+
+
+def decode(path: Path, encoding: Encoding = "linear", exposure: float = 1.0) -> RadianceImage:
+    """Decode one photograph to linear radiance.
+
+    path : 8- or 16-bit PNG, JPEG or TIFF, or EXR or Radiance .hdr (always linear).
+    encoding : "linear", or "srgb" to undo the sRGB curve of integer files (IEC 61966-2-1).
+    exposure : what the radiance is divided by, relative to the unit exposure, > 0.
+    """
+    pixels = read_pixels(path)
+    if np.issubdtype(pixels.dtype, np.floating):
+        return _decode_float(path, pixels, exposure)
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"{path}: pixels are {pixels.dtype}; 8- or 16-bit integers or floats are needed")
+    levels = np.iinfo(pixels.dtype).max
+    codes = np.arange(levels + 1) / levels
+    linear = codes if encoding == "linear" else srgb_to_linear(codes)
+    # A code stands for an interval as wide as one step; uniform in it, the variance is width^2 / 12.
+    quantum = np.gradient(linear) ** 2 / 12
+    return RadianceImage(
+        radiance=(linear / exposure).astype(np.float32)[pixels],
+        variance=(quantum / exposure**2).astype(np.float32)[pixels],
+        saturated=(pixels == levels).any(axis=2),
+    )
+
+
+def decode_photo(photoset: PhotoSet, photo: Photo) -> RadianceImage:
+    """Decode a photograph of a set as its manifest says, and check it against its camera."""
+    return decode_in_set(photoset.radiometry, photo.file, photo.exposure, (photo.camera.height, photo.camera.width))
+
+
+def decode_in_set(
+    radiometry: RadiometryTable, path: Path, settings: ExposureSettings, size: tuple[int, int]
+) -> RadianceImage:
+    """Decode a photograph shot under a set's radiometry, whose camera has (height, width) `size`."""
+    if radiometry.encoding == "response":
+        raise ValueError(
+            f"{path}: [radiometry] encoding = 'response' needs a recovered response curve, which this version"
+            " cannot apply yet; convert the photographs to linear files or use 'linear' or 'srgb'"
+        )
+    image = decode(path, radiometry.encoding, relative_exposure(path, radiometry.exposure, settings))
+    check_size(path, image.radiance, size)
+    return image
+
+
+def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
+    """A mask as coverage, (h, w) float32 in 0 to 1; nonzero is the object, grey levels are partial cover."""
+    pixels = read_pixels(path).max(axis=2).astype(np.float32)
+    check_size(path, pixels, size)
+    peak = pixels.max()
+    if not peak > 0:
+        raise ValueError(f"{path}: the mask is empty; it must be nonzero where the object is")
+    return pixels / peak
+
+
+def check_size(path: Path, pixels: NDArray[np.generic], size: tuple[int, int]) -> None:
+    """ValueError unless an image is as large as its camera says, (height, width)."""
+    if pixels.shape[:2] != size:
+        raise ValueError(
+            f"{path}: is {pixels.shape[1]}x{pixels.shape[0]} pixels, but its camera is {size[1]}x{size[0]};"
+            " give the camera of this photo, or the photo that belongs to this camera"
+        )
+
+
+def srgb_to_linear(codes: NDArray[np.floating]) -> NDArray[np.float64]:
+    """The sRGB decoding curve (IEC 61966-2-1), codes and result in 0 to 1."""
+    codes = np.asarray(codes, float)
+    return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+
+
+def _decode_float(path: Path, pixels: NDArray[np.generic], exposure: float) -> RadianceImage:
+    radiance = pixels.astype(np.float32) / np.float32(exposure)
+    bad = ~np.isfinite(radiance).all(axis=2)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise ValueError(
+            f"{path}: {int(bad.sum())} pixels are not finite (NaN or infinite), the first at column {column},"
+            f" row {row}; render or export the photograph again"
+        )
+    # The step of the stored number: 2^-10 of its value for half floats, 2^-8 for RGBE, none worth a name else.
+    step = {".exr": 2.0**-10 if pixels.dtype == np.float16 else 0.0}.get(path.suffix.lower(), 2.0**-8)
+    return RadianceImage(
+        radiance=radiance,
+        variance=(radiance * np.float32(step)) ** 2 / 12,
+        saturated=np.zeros(radiance.shape[:2], bool),
+    )

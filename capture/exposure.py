@@ -1,0 +1,62 @@
+"""Exposure of a photograph, from the manifest or from EXIF, so that it can be divided out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from capture.photoset import ExposureSettings
+
+# EXIF tags (CIPA DC-008): ExposureTime, FNumber, PhotographicSensitivity.
+_EXIF_TAGS = {"exposure_s": 33434, "f_number": 33437, "iso": 34855}
+_EXIF_IFD = 34665
+
+
+def relative_exposure(
+    path: Path, source: Literal["equal", "exif", "manual"], settings: ExposureSettings
+) -> float:
+    """Exposure as time [s] x (ISO / 100) / f-number^2; the pixel value is proportional to it.
+
+    `equal` is 1 for every photo. `manual` takes the manifest's numbers, `exif` the file's, overridden by
+    the manifest's. ISO and f-number that are given nowhere count as 100 and 1: constant over the set.
+    """
+    if source == "equal":
+        return 1.0
+    if source == "exif":
+        found = read_exif_exposure(path)
+        settings = ExposureSettings(
+            settings.exposure_s or found.exposure_s,
+            settings.iso or found.iso,
+            settings.f_number or found.f_number,
+        )
+    if settings.exposure_s is None:
+        where = "the manifest gives no exposure_s" if source == "manual" else "its EXIF holds no exposure time"
+        raise ValueError(
+            f"{path}: {where}; write exposure_s = ... (seconds) in this photo's table"
+            " or, if all photos had one exposure, [radiometry] exposure = 'equal'"
+        )
+    return settings.exposure_s * ((settings.iso or 100) / 100) / (settings.f_number or 1) ** 2
+
+
+def read_exif_exposure(path: Path) -> ExposureSettings:
+    """Exposure time in seconds, ISO and f-number from a file's EXIF; None where a tag is missing or zero."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as image:
+            exif = image.getexif()
+            tags: dict[int, Any] = {**exif, **exif.get_ifd(_EXIF_IFD)}
+    except (OSError, UnidentifiedImageError):
+        return ExposureSettings()
+    values = {key: _positive(tags.get(tag)) for key, tag in _EXIF_TAGS.items()}
+    return ExposureSettings(**values)
+
+
+def _positive(value: Any) -> float | None:
+    if isinstance(value, tuple):
+        value = value[0] if value else None
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if number > 0 else None

@@ -1,0 +1,108 @@
+"""Distant lighting: a lat-long map, directional sources, and what of them is known.
+
+A lat-long map has H rows and 2H columns; row r is at theta = (r + 0.5) pi / H from +Z, column c at
+phi = (c + 0.5) 2 pi / W from +X towards +Y. Directions point from the object to the light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capture.arrays import frozen_array
+from capture.imagefile import read_pixels
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """One named distant lighting.
+
+    radiance_map : (H, 2H, 3) float32 lat-long radiance without the sources, or None for darkness.
+    directions : (k, 3) unit vectors towards the directional sources.
+    irradiances : (k, 3), irradiance of each source on a plane that faces it; ignored if to be recovered.
+    recover_irradiance : the sources' irradiances are unknown; so are they fitted, per channel.
+    recover_ambient : a uniform radiance from all sides, unknown, is fitted; it stands in for the map.
+    origin : where it comes from, for messages: "room.exr", "mirror ball chrome.0.png", ...
+    """
+
+    name: str
+    radiance_map: NDArray[np.float32] | None
+    directions: Floats
+    irradiances: Floats
+    recover_irradiance: bool = False
+    recover_ambient: bool = False
+    origin: str = ""
+
+    def __post_init__(self) -> None:
+        directions = np.asarray(self.directions, float).reshape(-1, 3)
+        irradiances = np.asarray(self.irradiances, float).reshape(-1, 3)
+        lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+        if not np.isfinite(directions).all() or (lengths == 0).any():
+            raise ValueError(f"lighting {self.name!r}: a source direction is zero or not finite")
+        if directions.shape != irradiances.shape:
+            raise ValueError(
+                f"lighting {self.name!r}: {len(directions)} directions but {len(irradiances)} irradiances"
+            )
+        if not np.isfinite(irradiances).all() or (irradiances < 0).any():
+            raise ValueError(f"lighting {self.name!r}: an irradiance is negative or not finite")
+        object.__setattr__(self, "directions", frozen_array(directions / lengths))
+        object.__setattr__(self, "irradiances", frozen_array(irradiances))
+        if self.radiance_map is not None:
+            check_latlong(self.radiance_map, f"lighting {self.name!r}: map")
+            object.__setattr__(self, "radiance_map", frozen_array(self.radiance_map, np.float32))
+
+    @property
+    def recovers(self) -> tuple[str, ...]:
+        """The names, as in a manifest's `recover`, of what is fitted."""
+        flags = {"irradiance": self.recover_irradiance, "ambient": self.recover_ambient}
+        return tuple(name for name, recovered in flags.items() if recovered)
+
+
+def latlong_directions(height: int) -> Floats:
+    """Unit directions (H, 2H, 3) of the pixel centres of a lat-long map."""
+    theta = (np.arange(height) + 0.5) * np.pi / height
+    phi = (np.arange(2 * height) + 0.5) * np.pi / height
+    sin = np.sin(theta)[:, None]
+    z = np.broadcast_to(np.cos(theta)[:, None], (height, 2 * height))
+    return np.stack([sin * np.cos(phi), sin * np.sin(phi), z], axis=-1)
+
+
+def latlong_pixels(directions: ArrayLike, height: int) -> tuple[Floats, Floats]:
+    """Continuous (row, column) of directions (..., 3); the first pixel's centre is (0.5, 0.5)."""
+    directions = np.asarray(directions, float)
+    theta = np.arccos(np.clip(directions[..., 2], -1, 1))
+    phi = np.arctan2(directions[..., 1], directions[..., 0]) % (2 * np.pi)
+    return theta * height / np.pi, phi * height / np.pi
+
+
+def latlong_solid_angles(height: int) -> Floats:
+    """Exact solid angle (H, 1) in steradians of each pixel of a row; a map's pixels sum to 4 pi."""
+    edges = np.cos(np.arange(height + 1) * np.pi / height)
+    return ((edges[:-1] - edges[1:]) * np.pi / height)[:, None]
+
+
+def check_latlong(radiance: NDArray[np.generic], where: str) -> None:
+    """ValueError unless a map is (H, 2H, 3), finite, not negative and not black."""
+    if radiance.ndim != 3 or radiance.shape[2] != 3 or radiance.shape[1] != 2 * radiance.shape[0]:
+        raise ValueError(f"{where} has shape {radiance.shape}; a lat-long map is (H, 2H, 3)")
+    if not np.isfinite(radiance).all():
+        raise ValueError(f"{where} holds {int((~np.isfinite(radiance)).sum())} values that are not finite")
+    if (radiance < 0).any():
+        raise ValueError(f"{where} holds negative radiance (lowest {radiance.min():.3g})")
+
+
+def read_latlong(path: Path) -> NDArray[np.float32]:
+    """Read a lat-long map, EXR or Radiance .hdr, (H, 2H, 3) float32 linear radiance."""
+    pixels = read_pixels(path)
+    if not np.issubdtype(pixels.dtype, np.floating):
+        raise ValueError(f"{path}: a lighting map must be EXR or Radiance .hdr (linear), not {pixels.dtype}")
+    radiance = pixels.astype(np.float32)
+    check_latlong(radiance, str(path))
+    if not radiance.any():
+        raise ValueError(f"{path}: the lighting map is zero everywhere")
+    return radiance

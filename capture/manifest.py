@@ -1,0 +1,189 @@
+"""The schema of `photoset.toml`, and errors that name the key, what is wrong and the nearest valid key."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+Vector3 = tuple[float, float, float]
+Matrix4 = tuple[tuple[float, float, float, float], ...]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+# What of a lighting isn't known and is recovered with the BRDF.
+Recoverable = Literal["irradiance", "ambient"]
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class CameraTable(Table):
+    file: str | None = None
+    model: str | None = None
+    params: tuple[float, ...] | None = None
+    width: int | None = None
+    height: int | None = None
+
+
+class RadiometryTable(Table):
+    encoding: Literal["linear", "srgb", "response"] = "linear"
+    file: str | None = None
+    exposure: Literal["equal", "exif", "manual"] = "equal"
+
+
+class ObjectTable(Table):
+    shape: Literal["sphere", "mesh"] = "sphere"
+    centre: Vector3 | None = None
+    radius: Positive | None = None
+    mesh: str | None = None
+    unit: Literal["m", "cm", "mm"] = "m"
+    mesh_to_world: Matrix4 | None = None
+    align: str | None = None
+    texture: bool = False
+
+
+class SourceTable(Table):
+    direction: Vector3
+    irradiance: Vector3 | None = None
+
+
+class MirrorBallTable(Table):
+    photo: str
+    mask: str | None = None
+    camera: CameraTable | None = None
+    world_to_camera: Matrix4 | None = None
+    exposure_s: Positive | None = None
+    iso: Positive | None = None
+    f_number: Positive | None = None
+
+
+class LightingTable(Table):
+    name: str
+    map: str | None = None
+    directional: tuple[SourceTable, ...] = ()
+    mirror_ball: MirrorBallTable | None = None
+    unknown: bool = False
+    recover: tuple[Recoverable, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_source_of_truth(self) -> LightingTable:
+        known = [key for key in ("map", "directional", "mirror_ball") if getattr(self, key)]
+        if self.unknown and known:
+            raise ValueError(f"unknown = true contradicts {known[0]}: remove one of them")
+        if self.mirror_ball and len(known) > 1:
+            raise ValueError(f"mirror_ball and {known[0]} both give this lighting: remove one of them")
+        if not self.unknown and not known:
+            raise ValueError("says nothing of the light: give map, directional, mirror_ball or unknown = true")
+        return self
+
+
+class GantryTable(Table):
+    centre: Vector3 = (0.0, 0.0, 0.0)
+    axis: Vector3 = (0.0, 0.0, 1.0)
+    radius: Positive
+    start: Vector3 = (1.0, 0.0, 0.0)
+
+
+class PhotoTable(Table):
+    file: str
+    mask: str | None = None
+    camera: CameraTable | None = None
+    world_to_camera: Matrix4 | None = None
+    gantry_angle_deg: float | None = None
+    lighting: str | None = None
+    exposure_s: Positive | None = None
+    iso: Positive | None = None
+    f_number: Positive | None = None
+    held_out: bool = False
+
+    @model_validator(mode="after")
+    def _one_pose(self) -> PhotoTable:
+        if self.world_to_camera is not None and self.gantry_angle_deg is not None:
+            raise ValueError("world_to_camera and gantry_angle_deg both give the pose: remove one of them")
+        return self
+
+
+class Manifest(Table):
+    format: Literal[1]
+    name: str
+    camera: CameraTable = CameraTable()
+    radiometry: RadiometryTable = RadiometryTable()
+    object: ObjectTable = ObjectTable()
+    gantry: GantryTable | None = None
+    lighting: tuple[LightingTable, ...] = ()
+    photo: tuple[PhotoTable, ...]
+
+
+def read_manifest(path: Path) -> Manifest:
+    """Parse and validate a manifest; ValueError names file, key and remedy."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is not a UTF-8 text file; TOML must be UTF-8") from error
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: is not valid TOML: {error}") from error
+    try:
+        return Manifest.model_validate(data)
+    except ValidationError as error:
+        raise ValueError("\n".join(_describe(path, data, entry) for entry in error.errors())) from error
+
+
+def _describe(path: Path, data: dict[str, Any], error: Any) -> str:
+    loc = tuple(part for part in error["loc"])
+    key = str(loc[-1]) if loc else ""
+    where = f"{path}: {_table_name(data, loc[:-1])}"
+    if error["type"] == "extra_forbidden":
+        valid = _valid_keys(loc[:-1])
+        near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}?" if near else f"valid keys are {', '.join(sorted(valid))}"
+        return f"{where} has an unknown key {key!r}; {hint}"
+    if error["type"] == "missing":
+        return f"{where} lacks the key {key!r}"
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "value_error":
+        return f"{path}: {_table_name(data, loc)} {message}"
+    return f"{where} key {_dotted(loc[-1:])} is {_short(error['input'])}: {message[:1].lower()}{message[1:]}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _dotted(loc: tuple[Any, ...]) -> str:
+    return ".".join(str(part) for part in loc)
+
+
+def _table_name(data: dict[str, Any], loc: tuple[Any, ...]) -> str:
+    """`[[photo]] 3 ("007.exr")` for ("photo", 2): tables are counted from 1, with the name a user knows."""
+    if not loc:
+        return "the top level"
+    if len(loc) >= 2 and loc[0] in ("photo", "lighting") and isinstance(loc[1], int):
+        entry = data[loc[0]][loc[1]]
+        label = entry.get("file", entry.get("name", "")) if isinstance(entry, dict) else ""
+        inner = f" {_dotted(loc[2:])}" if len(loc) > 2 else ""
+        return f'[[{loc[0]}]] {loc[1] + 1} ("{label}"){inner}'
+    return f"[{_dotted(loc)}]"
+
+
+def _valid_keys(loc: tuple[Any, ...]) -> list[str]:
+    """Keys of the table at `loc`, found by walking the schema."""
+    tables: dict[str, type[Table]] = {
+        "camera": CameraTable,
+        "radiometry": RadiometryTable,
+        "object": ObjectTable,
+        "gantry": GantryTable,
+        "lighting": LightingTable,
+        "photo": PhotoTable,
+        "directional": SourceTable,
+        "mirror_ball": MirrorBallTable,
+    }
+    names = [part for part in loc if isinstance(part, str)]
+    return list((tables[names[-1]] if names else Manifest).model_fields)

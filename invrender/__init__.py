@@ -1,0 +1,1 @@
+"""From light-field samples to reflectance, lighting and their uncertainty."""

@@ -1,0 +1,1 @@
+"""From calibrated photographs and a shape to light-field samples."""

@@ -1,0 +1,160 @@
+"""Light-field samples: radiance with the normal and the view that it belongs to, photo by photo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.arrays import frozen_array
+from capture.camera import Camera
+from capture.decode import RadianceImage
+from recon.sphere import Sphere
+
+Floats = NDArray[np.float64]
+
+# Exitant angles beyond 81 degrees are left out: the microfacet model grows without bound there
+# (RH01 section 5.2: grazing observations "are usually assigned low confidence anyway").
+MIN_COS_EXITANT = 0.15
+# A pixel across which the normal turns by more than a quarter of a radian says nothing of one angle.
+_MAX_TURN = 0.25
+# A pixel across which it turns by more than this is integrated by 2x2 Gauss points, else by its centre.
+_CENTRE_TURN = 0.02
+_GAUSS = 0.5 / np.sqrt(3)
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """Samples of one photograph. A sample is a pixel; where the surface curves within it, several rays.
+
+    rows, columns : (n,) int, the pixels.
+    radiance, variance : (n, 3) float64, linear.
+    ray_sample : (m,) int, ascending: the sample that each ray belongs to; a sample is its rays' mean.
+    normals, views : (m, 3) unit; outward, and towards the camera.
+    """
+
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    radiance: Floats
+    variance: Floats
+    ray_sample: NDArray[np.int64]
+    normals: Floats
+    views: Floats
+
+    def __post_init__(self) -> None:
+        if len(self.rows) != len(self.radiance) or len(self.ray_sample) != len(self.normals):
+            raise ValueError(f"{len(self.rows)} pixels for {len(self.radiance)} radiances; lengths must agree")
+        for name in ("rows", "columns", "ray_sample"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), np.int64))
+        for name in ("radiance", "variance", "normals", "views"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def mean_over_rays(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Means (n, ...) over each sample's rays of per-ray values (m, ...)."""
+        if len(values) == len(self):
+            return values
+        starts = np.flatnonzero(np.diff(self.ray_sample, prepend=-1))
+        counts = np.diff(starts, append=len(values))
+        sums = np.add.reduceat(values, starts, axis=0)
+        return sums / counts.reshape(-1, *[1] * (values.ndim - 1)).astype(values.dtype)
+
+    @property
+    def cos_exitant(self) -> Floats:
+        """Cosine of the exitant angle, (n,), mean over the pixel."""
+        return np.asarray(self.mean_over_rays((self.normals * self.views).sum(axis=1)))
+
+    @property
+    def sample_normals(self) -> Floats:
+        """Mean normal of each sample, (n, 3), not renormalised."""
+        return np.asarray(self.mean_over_rays(self.normals))
+
+
+def sphere_pixels(sphere: Sphere, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the pixels whose whole square lies on the sphere."""
+    corners = sphere_coverage(sphere, camera, shift=0.0, size=(camera.height + 1, camera.width + 1))
+    whole = corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]
+    rows, columns = np.nonzero(whole)
+    return rows, columns
+
+
+def sphere_coverage(
+    sphere: Sphere, camera: Camera, shift: float = 0.5, size: tuple[int, int] | None = None
+) -> NDArray[np.bool_]:
+    """Whether rays through the pixels' centres (`shift` = 0.5) meet the sphere, (h, w)."""
+    height, width = size or (camera.height, camera.width)
+    y, x = np.mgrid[:height, :width]
+    points = np.column_stack([x.ravel(), y.ravel()]) + shift
+    hit, _ = sphere.hits(*camera.rays(points))
+    return hit.reshape(height, width)
+
+
+def sample_sphere(
+    sphere: Sphere,
+    camera: Camera,
+    image: RadianceImage,
+    coverage: NDArray[np.float32] | None,
+    budget: int | None,
+    rng: np.random.Generator,
+) -> LightField:
+    """Samples of a sphere in one photograph, at most `budget` of them drawn evenly from its usable pixels.
+
+    coverage : (h, w) mask in 0 to 1, or None to trust the sphere alone. Pixels are usable when they lie
+    wholly on the sphere, a pixel away from the mask's border, are not saturated and not too grazing.
+    """
+    rows, columns = sphere_pixels(sphere, camera)
+    usable = ~image.saturated[rows, columns]
+    if coverage is not None:
+        padded = np.pad(coverage >= 0.999, 1, constant_values=True)
+        inner = np.ones(coverage.shape, bool)
+        for dy in range(3):
+            for dx in range(3):
+                inner &= padded[dy : dy + inner.shape[0], dx : dx + inner.shape[1]]
+        usable &= inner[rows, columns]
+    rows, columns = rows[usable], columns[usable]
+    centres = np.column_stack([columns, rows]) + 0.5
+    origins, directions = camera.rays(centres)
+    _, normals = sphere.hits(origins, directions)
+    cos = -(normals * directions).sum(axis=1)
+    turn = 1 / (sphere.pixel_radius(camera) * np.maximum(cos, 1e-9))
+    keep = np.flatnonzero((cos >= MIN_COS_EXITANT) & (turn <= _MAX_TURN))
+    if budget is not None and len(keep) > budget:
+        keep = np.sort(rng.choice(keep, budget, replace=False))
+    return _gather(sphere, camera, image, rows[keep], columns[keep], turn[keep])
+
+
+def all_samples(sphere: Sphere, camera: Camera, image: RadianceImage) -> LightField:
+    """Every pixel that lies wholly on the sphere, by its centre: what a prediction is made for."""
+    rows, columns = sphere_pixels(sphere, camera)
+    return _gather(sphere, camera, image, rows, columns, np.zeros(len(rows)))
+
+
+def _gather(
+    sphere: Sphere,
+    camera: Camera,
+    image: RadianceImage,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    turn: Floats,
+) -> LightField:
+    curved = turn > _CENTRE_TURN
+    ray_sample = np.repeat(np.arange(len(rows)), np.where(curved, 4, 1))
+    first = np.flatnonzero(np.diff(ray_sample, prepend=-1))
+    which = np.arange(len(ray_sample)) - first[ray_sample]
+    offsets = np.column_stack([which % 2, which // 2]) * 2.0 - 1.0
+    offsets *= np.where(curved, _GAUSS, 0.0)[ray_sample, None]
+    points = np.column_stack([columns, rows])[ray_sample] + 0.5 + offsets
+    origins, directions = camera.rays(points)
+    _, normals = sphere.hits(origins, directions)
+    return LightField(
+        rows=rows,
+        columns=columns,
+        radiance=image.radiance[rows, columns],
+        variance=image.variance[rows, columns],
+        ray_sample=ray_sample,
+        normals=normals,
+        views=-directions,
+    )
