@@ -62,7 +62,7 @@ class Camera:
 
     @property
     def focal_px(self) -> float:
-        """Geometric mean focal length in pixels (orthographic: pixels per metre)."""
+        """Mean focal length of x and y in pixels (orthographic: geometric mean of pixels per metre)."""
         if self.is_orthographic:
             return float(np.sqrt(self.params[0] * self.params[1]))
         return float(self._colmap.mean_focal_length())
@@ -83,7 +83,8 @@ class Camera:
         """Rays through image points, in the world.
 
         pixels : (n, 2) in pixels, the centre of the first pixel being (0.5, 0.5).
-        Returns origins (n, 3) metres and directions (n, 3), unit, pointing into the scene.
+        Returns origins (n, 3) metres and directions (n, 3), unit, pointing into the scene; a direction is
+        NaN where the lens distortion reaches no such pixel.
         """
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         rotation = self.camera_to_world[:3, :3]
@@ -141,6 +142,8 @@ def rigid_transform(matrix: ArrayLike) -> Floats:
 
 def _complete_params(camera: Camera) -> Floats:
     params = np.atleast_1d(np.asarray(camera.params, float))
+    if params.ndim != 1:
+        raise ValueError(f"camera params have shape {params.shape}; they must be one list of numbers")
     if not np.isfinite(params).all():
         raise ValueError(f"camera params {params.tolist()} are not all finite")
     if camera.is_orthographic:
@@ -150,7 +153,8 @@ def _complete_params(camera: Camera) -> Floats:
             params = params[[0, 0, 1, 2]]
         elif params.size != 4:
             raise ValueError(
-                f"an ORTHOGRAPHIC camera takes [scale, cx, cy] or [scale_x, scale_y, cx, cy]; got {params.size}"
+                "an ORTHOGRAPHIC camera takes params [scale, cx, cy] or [scale_x, scale_y, cx, cy];"
+                f" got {params.size} numbers"
             )
         if (params[:2] <= 0).any():
             raise ValueError(f"orthographic scale is {params[:2].tolist()} px per metre; it must be > 0")
@@ -158,8 +162,10 @@ def _complete_params(camera: Camera) -> Floats:
     import pycolmap
 
     expected = pycolmap.Camera.create_from_model_name(0, camera.model, 1.0, 1, 1).params_info
-    if params.size != len(expected.split(",")):
+    names = expected.split(", ")
+    if params.size != len(names):
         raise ValueError(f"camera model {camera.model} takes params [{expected}]; got {params.size} numbers")
-    if params[0] <= 0:
-        raise ValueError(f"focal length is {params[0]} px; it must be > 0")
+    for name, value in zip(names, params, strict=True):
+        if name.startswith("f") and value <= 0:
+            raise ValueError(f"focal length {name} is {value} px; it must be > 0")
     return params

@@ -34,8 +34,10 @@ class RadianceImage:
     saturated: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        if self.radiance.ndim != 3 or self.radiance.shape != self.variance.shape:
-            raise ValueError(f"radiance {self.radiance.shape} and variance {self.variance.shape} must be (h, w, 3)")
+        if self.radiance.shape[2:] != (3,) or self.radiance.shape != self.variance.shape:
+            raise ValueError(
+                f"radiance {self.radiance.shape} and variance {self.variance.shape} must both be (h, w, 3)"
+            )
         if self.saturated.shape != self.radiance.shape[:2]:
             raise ValueError(f"saturated is {self.saturated.shape}, the image {self.radiance.shape[:2]}")
         for name, dtype in (("radiance", np.float32), ("variance", np.float32), ("saturated", np.bool_)):
@@ -45,7 +47,7 @@ class RadianceImage:
 def decode(path: Path, encoding: Encoding = "linear", exposure: float = 1.0) -> RadianceImage:
     """Decode one photograph to linear radiance.
 
-    path : 8- or 16-bit PNG, JPEG or TIFF, or EXR or Radiance .hdr (always linear).
+    path : 8- or 16-bit PNG, JPEG or TIFF, or floats: EXR, Radiance .hdr or TIFF (always linear).
     encoding : "linear", or "srgb" to undo the sRGB curve of integer files (IEC 61966-2-1).
     exposure : what the radiance is divided by, relative to the unit exposure, > 0.
     """
@@ -54,7 +56,7 @@ def decode(path: Path, encoding: Encoding = "linear", exposure: float = 1.0) -> 
         return _decode_float(path, pixels, exposure)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: pixels are {pixels.dtype}; 8- or 16-bit integers or floats are needed")
-    levels = np.iinfo(pixels.dtype).max
+    levels = 255 if pixels.dtype == np.uint8 else 65535
     codes = np.arange(levels + 1) / levels
     linear = codes if encoding == "linear" else srgb_to_linear(codes)
     # A code stands for an interval as wide as one step; uniform in it, the variance is width^2 / 12.
@@ -68,7 +70,8 @@ def decode(path: Path, encoding: Encoding = "linear", exposure: float = 1.0) -> 
 
 def decode_photo(photoset: PhotoSet, photo: Photo) -> RadianceImage:
     """Decode a photograph of a set as its manifest says, and check it against its camera."""
-    return decode_in_set(photoset.radiometry, photo.file, photo.exposure, (photo.camera.height, photo.camera.width))
+    size = (photo.camera.height, photo.camera.width)
+    return decode_in_set(photoset.radiometry, photo.file, photo.exposure, size)
 
 
 def decode_in_set(
@@ -89,6 +92,9 @@ def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
     """A mask as coverage, (h, w) float32 in 0 to 1; nonzero is the object, grey levels are partial cover."""
     pixels = read_pixels(path).max(axis=2).astype(np.float32)
     check_size(path, pixels, size)
+    bad = int((~np.isfinite(pixels)).sum())
+    if bad:
+        raise ValueError(f"{path}: the mask holds {bad} values that are not finite")
     peak = pixels.max()
     if not peak > 0:
         raise ValueError(f"{path}: the mask is empty; it must be nonzero where the object is")
@@ -119,10 +125,20 @@ def _decode_float(path: Path, pixels: NDArray[np.generic], exposure: float) -> R
             f"{path}: {int(bad.sum())} pixels are not finite (NaN or infinite), the first at column {column},"
             f" row {row}; render or export the photograph again"
         )
-    # The step of the stored number: 2^-10 of its value for half floats, 2^-8 for RGBE, none worth a name else.
-    step = {".exr": 2.0**-10 if pixels.dtype == np.float16 else 0.0}.get(path.suffix.lower(), 2.0**-8)
+    step = _float_step(path, pixels) / np.float32(exposure)
     return RadianceImage(
         radiance=radiance,
-        variance=(radiance * np.float32(step)) ** 2 / 12,
+        variance=np.broadcast_to(step**2 / 12, radiance.shape),
         saturated=np.zeros(radiance.shape[:2], bool),
     )
+
+
+def _float_step(path: Path, pixels: NDArray[np.generic]) -> NDArray[np.float32]:
+    """The step between neighbouring stored numbers, broadcastable to the pixels; float32's counts as none."""
+    if pixels.dtype == np.float16:
+        return np.spacing(np.abs(pixels)).astype(np.float32)
+    if path.suffix.lower() == ".hdr":
+        # RGBE: three mantissas of 8 bits share the exponent of the brightest channel.
+        _, exponent = np.frexp(pixels.max(axis=2, keepdims=True))
+        return np.ldexp(np.float32(1), exponent - 8)
+    return np.zeros(1, np.float32)

@@ -30,7 +30,8 @@ def relative_exposure(
             settings.f_number or found.f_number,
         )
     if settings.exposure_s is None:
-        where = "the manifest gives no exposure_s" if source == "manual" else "its EXIF holds no exposure time"
+        given = source == "manual"
+        where = "the manifest gives no exposure_s" if given else "its EXIF holds no exposure time"
         raise ValueError(
             f"{path}: {where}; write exposure_s = ... (seconds) in this photo's table"
             " or, if all photos had one exposure, [radiometry] exposure = 'equal'"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 from collections.abc import Iterator
@@ -47,7 +48,9 @@ def _read_with_opencv(path: Path) -> NDArray[np.generic]:
     with _silenced():
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise ValueError(f"{path}: cannot be decoded; it is truncated, damaged or not an image. Copy it again")
+        raise ValueError(
+            f"{path}: cannot be decoded; it is truncated, damaged or not an image. Copy or export it again"
+        )
     if image.ndim == 2:
         return np.repeat(image[:, :, None], 3, axis=2)
     if image.shape[2] == 1:
@@ -63,7 +66,12 @@ def _read_exr(path: Path) -> NDArray[np.generic]:
             # A damaged file opens with no parts; channels() then raises.
             channels = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError) as error:
-        raise ValueError(f"{path}: cannot be decoded as EXR; it is truncated, damaged or not an EXR file") from error
+        raise ValueError(
+            f"{path}: cannot be decoded as EXR; it is truncated, damaged or not an EXR file."
+            " Copy or export it again"
+        ) from error
+    if "RY" in channels:
+        raise ValueError(f"{path}: holds luminance and chroma (Y, RY, BY); write it as R, G, B")
     for names in (("R", "G", "B"), ("Y", "Y", "Y")):
         if all(name in channels for name in names):
             return np.stack([channels[name] for name in names], axis=-1)
@@ -72,7 +80,10 @@ def _read_exr(path: Path) -> NDArray[np.generic]:
 
 @contextlib.contextmanager
 def _silenced() -> Iterator[None]:
-    """Hold back what the codecs print to stdout and stderr on damaged files; the ValueError says it instead."""
+    """Hold back what codecs print to stdout and stderr on damaged files; the ValueError says it instead.
+
+    C libraries write to the file descriptors, OpenEXR's wrapper to Python's own streams: both are held.
+    """
     sys.stdout.flush()
     sys.stderr.flush()
     saved = os.dup(1), os.dup(2)
@@ -80,7 +91,8 @@ def _silenced() -> Iterator[None]:
     try:
         os.dup2(null, 1)
         os.dup2(null, 2)
-        yield
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            yield
     finally:
         for number, copy in zip((1, 2), saved, strict=True):
             os.dup2(copy, number)

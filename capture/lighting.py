@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from capture.imagefile import read_pixels
 
 Floats = NDArray[np.float64]
+AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +74,16 @@ def latlong_directions(height: int) -> Floats:
     return np.stack([sin * np.cos(phi), sin * np.sin(phi), z], axis=-1)
 
 
-def latlong_pixels(directions: ArrayLike, height: int) -> tuple[Floats, Floats]:
-    """Continuous (row, column) of directions (..., 3); the first pixel's centre is (0.5, 0.5)."""
-    directions = np.asarray(directions, float)
+def latlong_pixels(directions: NDArray[AnyFloat], height: int) -> tuple[NDArray[AnyFloat], NDArray[AnyFloat]]:
+    """Continuous (row, column) of unit directions (..., 3), in their dtype.
+
+    The first pixel's centre is (0.5, 0.5). Rounding can put a column at 2H, which is column 0 again.
+    """
+    scale = directions.dtype.type(height / np.pi)
     theta = np.arccos(np.clip(directions[..., 2], -1, 1))
-    phi = np.arctan2(directions[..., 1], directions[..., 0]) % (2 * np.pi)
-    return theta * height / np.pi, phi * height / np.pi
+    phi = np.arctan2(directions[..., 1], directions[..., 0])
+    phi = np.where(phi < 0, phi + directions.dtype.type(2 * np.pi), phi)
+    return theta * scale, phi * scale
 
 
 def latlong_solid_angles(height: int) -> Floats:
@@ -86,9 +92,10 @@ def latlong_solid_angles(height: int) -> Floats:
     return ((edges[:-1] - edges[1:]) * np.pi / height)[:, None]
 
 
-def check_latlong(radiance: NDArray[np.generic], where: str) -> None:
-    """ValueError unless a map is (H, 2H, 3), finite, not negative and not black."""
-    if radiance.ndim != 3 or radiance.shape[2] != 3 or radiance.shape[1] != 2 * radiance.shape[0]:
+def check_latlong(radiance: NDArray[np.floating], where: str) -> None:
+    """ValueError unless a map is (H, 2H, 3), finite and not negative."""
+    height = radiance.shape[0] if radiance.ndim else 0
+    if height == 0 or radiance.shape != (height, 2 * height, 3):
         raise ValueError(f"{where} has shape {radiance.shape}; a lat-long map is (H, 2H, 3)")
     if not np.isfinite(radiance).all():
         raise ValueError(f"{where} holds {int((~np.isfinite(radiance)).sum())} values that are not finite")

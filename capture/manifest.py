@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -17,7 +18,11 @@ Recoverable = Literal["irradiance", "ambient"]
 
 
 class Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    # Strict: "320" is not 320 and "no" is not true; a wrong type is an error, never a conversion.
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 class CameraTable(Table):
@@ -76,7 +81,9 @@ class LightingTable(Table):
         if self.mirror_ball and len(known) > 1:
             raise ValueError(f"mirror_ball and {known[0]} both give this lighting: remove one of them")
         if not self.unknown and not known:
-            raise ValueError("says nothing of the light: give map, directional, mirror_ball or unknown = true")
+            raise ValueError(
+                "says nothing of the light: give map, directional, mirror_ball or unknown = true"
+            )
         return self
 
 
@@ -129,27 +136,50 @@ def read_manifest(path: Path) -> Manifest:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: is not valid TOML: {error}") from error
+    return validated(Manifest, path, data)
+
+
+def validated(schema: type[AnyTable], path: Path, data: dict[str, Any]) -> AnyTable:
+    """The data of a TOML or JSON file as a table; ValueError names file, key and remedy."""
     try:
-        return Manifest.model_validate(data)
+        return schema.model_validate(_with_tuples(data))
     except ValidationError as error:
         raise ValueError("\n".join(_describe(path, data, entry) for entry in error.errors())) from error
 
 
+def _with_tuples(value: Any) -> Any:
+    """The same data with its lists as tuples, which is what a strict schema of frozen tables holds."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(entry) for key, entry in value.items()}
+    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
+
+
 def _describe(path: Path, data: dict[str, Any], error: Any) -> str:
-    loc = tuple(part for part in error["loc"])
-    key = str(loc[-1]) if loc else ""
-    where = f"{path}: {_table_name(data, loc[:-1])}"
+    loc = tuple(error["loc"])
+    if error["type"] == "value_error":
+        return f"{path}: {_table_name(data, loc)} {error['msg'].removeprefix('Value error, ')}"
+    # The key that the user wrote, and the place within its array, if it has one: centre[2].
+    last = max(i for i, part in enumerate(loc) if isinstance(part, str))
+    key = str(loc[last])
+    place = "".join(f"[{index}]" for index in loc[last + 1 :])
+    where = f"{path}: {_table_name(data, loc[:last])}"
     if error["type"] == "extra_forbidden":
-        valid = _valid_keys(loc[:-1])
+        valid = _valid_keys(loc[:last])
         near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}?" if near else f"valid keys are {', '.join(sorted(valid))}"
         return f"{where} has an unknown key {key!r}; {hint}"
     if error["type"] == "missing":
-        return f"{where} lacks the key {key!r}"
-    message = error["msg"].removeprefix("Value error, ")
-    if error["type"] == "value_error":
-        return f"{path}: {_table_name(data, loc)} {message}"
-    return f"{where} key {_dotted(loc[-1:])} is {_short(error['input'])}: {message[:1].lower()}{message[1:]}"
+        what = f"key {key} is too short: it lacks {place}" if place else f"lacks the key {key!r}"
+        return f"{where} {what}"
+    value: Any = data
+    for part in loc:
+        value = value[part]
+    message = error["msg"][:1].lower() + error["msg"][1:]
+    if isinstance(value, dict) and error["type"] == "tuple_type":
+        message = f"write its head with double brackets, [[{key}]]"
+    # In the words of TOML, not of the schema's library.
+    message = re.sub(r"valid dictionary or instance of \w+", "table", message).replace("tuple", "array")
+    return f"{where} key {key}{place} is {_short(value)}: {message}"
 
 
 def _short(value: Any) -> str:

@@ -22,6 +22,7 @@ from capture.manifest import (
     PhotoTable,
     RadiometryTable,
     read_manifest,
+    validated,
 )
 
 MANIFEST_NAME = "photoset.toml"
@@ -87,8 +88,14 @@ def load_photoset(path: Path) -> PhotoSet:
     names = [table.name for table in manifest.lighting]
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"{manifest_path}: two [[lighting]] tables are named {name!r}; names must differ")
-    photos = tuple(_photo(manifest_path, manifest, names, table) for table in manifest.photo)
+            raise ValueError(
+                f"{manifest_path}: two [[lighting]] tables are named {name!r}; names must differ"
+            )
+    labels = _labels(manifest_path, [table.file for table in manifest.photo])
+    photos = tuple(
+        _photo(manifest_path, manifest, names, table, label)
+        for table, label in zip(manifest.photo, labels, strict=True)
+    )
     return PhotoSet(
         name=manifest.name,
         manifest=manifest_path,
@@ -107,7 +114,9 @@ def resolve(manifest: Path, path: str) -> Path:
     return manifest.parent / expanded
 
 
-def build_camera(manifest: Path, tables: Sequence[CameraTable | None], pose: np.ndarray, where: str) -> Camera:
+def build_camera(
+    manifest: Path, tables: Sequence[CameraTable | None], pose: np.ndarray, where: str
+) -> Camera:
     """A camera from tables of which later ones override earlier ones key by key."""
     merged: dict[str, object] = {}
     for table in tables:
@@ -122,17 +131,35 @@ def build_camera(manifest: Path, tables: Sequence[CameraTable | None], pose: np.
         merged.setdefault("params", ())
     for key in ("model", "params", "width", "height"):
         if key not in merged:
-            raise ValueError(f"{manifest}: {where}: the camera lacks {key!r}; give it in [camera] or in the photo")
+            raise ValueError(
+                f"{manifest}: {where}: the camera lacks {key!r}; give it in [camera] or in the photo"
+            )
     try:
         return Camera(world_to_camera=pose, **merged)  # type: ignore[arg-type]
     except ValueError as error:
         raise ValueError(f"{manifest}: {where}: {error}") from error
 
 
-def _photo(manifest_path: Path, manifest: Manifest, lightings: list[str], table: PhotoTable) -> Photo:
+def _labels(manifest: Path, files: list[str]) -> list[str]:
+    """A short name for each photo: its file's, or its whole path where two share a name."""
+    for file in files:
+        if files.count(file) > 1:
+            raise ValueError(
+                f'{manifest}: photo "{file}" is listed twice; every [[photo]] needs a file of its own'
+            )
+    names = [Path(file).name for file in files]
+    return names if len(set(names)) == len(names) else files
+
+
+def _photo(
+    manifest_path: Path, manifest: Manifest, lightings: list[str], table: PhotoTable, label: str
+) -> Photo:
     where = f'photo "{table.file}"'
     if table.lighting is None and len(lightings) > 1:
-        raise ValueError(f"{manifest_path}: {where}: key 'lighting' is needed, there are {len(lightings)} lightings")
+        raise ValueError(
+            f"{manifest_path}: {where}: key 'lighting' is needed, because there are {len(lightings)}:"
+            f" {', '.join(map(repr, lightings))}"
+        )
     if table.lighting is not None and table.lighting not in lightings:
         raise ValueError(
             f"{manifest_path}: {where}: lighting {table.lighting!r} is not defined;"
@@ -140,7 +167,7 @@ def _photo(manifest_path: Path, manifest: Manifest, lightings: list[str], table:
         )
     pose = _pose(manifest_path, manifest.gantry, table, where)
     return Photo(
-        label=table.file,
+        label=label,
         file=resolve(manifest_path, table.file),
         mask=resolve(manifest_path, table.mask) if table.mask else None,
         camera=build_camera(manifest_path, (manifest.camera, table.camera), pose, where),
@@ -155,7 +182,8 @@ def _pose(manifest: Path, gantry: GantryTable | None, table: PhotoTable, where: 
         return matrix4(table.world_to_camera, f"{manifest}: {where}")
     if table.gantry_angle_deg is None:
         raise ValueError(
-            f"{manifest}: {where} has no pose; give world_to_camera (4x4), or gantry_angle_deg with a [gantry] table"
+            f"{manifest}: {where} has no pose; give world_to_camera (4x4),"
+            " or gantry_angle_deg with a [gantry] table"
         )
     if gantry is None:
         raise ValueError(f"{manifest}: {where} has gantry_angle_deg, but there is no [gantry] table")
@@ -178,10 +206,15 @@ def matrix4(rows: Matrix4, where: str) -> np.ndarray:
 def _camera_file(path: Path) -> dict[str, object]:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-        return {key: data[key] for key in ("model", "params", "width", "height")}
+        if not isinstance(data, dict):
+            raise ValueError(f"{path}: is not a JSON object; camera.json holds model, params, width, height")
+        known = {key: data[key] for key in ("model", "params", "width", "height")}
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: is not valid JSON: {error}") from error
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{path}: lacks the key {error}; camera.json holds model, params, width, height") from error
+    except KeyError as error:
+        raise ValueError(
+            f"{path}: lacks the key {error}; camera.json holds model, params, width, height"
+        ) from error
+    return validated(CameraTable, path, known).model_dump(exclude_none=True)

@@ -44,7 +44,10 @@ class LightField:
 
     def __post_init__(self) -> None:
         if len(self.rows) != len(self.radiance) or len(self.ray_sample) != len(self.normals):
-            raise ValueError(f"{len(self.rows)} pixels for {len(self.radiance)} radiances; lengths must agree")
+            raise ValueError(
+                f"{len(self.rows)} pixels for {len(self.radiance)} radiances, {len(self.ray_sample)} rays for"
+                f" {len(self.normals)} normals; lengths must agree"
+            )
         for name in ("rows", "columns", "ray_sample"):
             object.__setattr__(self, name, frozen_array(getattr(self, name), np.int64))
         for name in ("radiance", "variance", "normals", "views"):
@@ -86,6 +89,8 @@ def sphere_coverage(
 ) -> NDArray[np.bool_]:
     """Whether rays through the pixels' centres (`shift` = 0.5) meet the sphere, (h, w)."""
     height, width = size or (camera.height, camera.width)
+    if not camera.is_orthographic and camera.depth(sphere.centre)[0] <= sphere.radius:
+        return np.zeros((height, width), bool)  # behind the camera, or around it
     y, x = np.mgrid[:height, :width]
     points = np.column_stack([x.ravel(), y.ravel()]) + shift
     hit, _ = sphere.hits(*camera.rays(points))
@@ -109,10 +114,11 @@ def sample_sphere(
     usable = ~image.saturated[rows, columns]
     if coverage is not None:
         padded = np.pad(coverage >= 0.999, 1, constant_values=True)
-        inner = np.ones(coverage.shape, bool)
+        height, width = coverage.shape
+        inner = np.ones((height, width), bool)
         for dy in range(3):
             for dx in range(3):
-                inner &= padded[dy : dy + inner.shape[0], dx : dx + inner.shape[1]]
+                inner &= padded[dy : dy + height, dx : dx + width]
         usable &= inner[rows, columns]
     rows, columns = rows[usable], columns[usable]
     centres = np.column_stack([columns, rows]) + 0.5
@@ -152,8 +158,8 @@ def _gather(
     return LightField(
         rows=rows,
         columns=columns,
-        radiance=image.radiance[rows, columns],
-        variance=image.variance[rows, columns],
+        radiance=image.radiance[rows, columns].astype(np.float64),
+        variance=image.variance[rows, columns].astype(np.float64),
         ray_sample=ray_sample,
         normals=normals,
         views=-directions,

@@ -23,8 +23,8 @@ _MAX_RESIDUAL_SHARE = 0.03
 _MIN_OVERLAP = 0.8
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-_OTHER_CONVENTIONS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
-    "camera_to_world (OpenCV axes): invert it": np.linalg.inv,
+_OTHER_CONVENTIONS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.floating]]] = {
+    "camera_to_world (OpenCV axes): invert it": lambda pose: np.linalg.inv(pose),
     "world_to_camera with OpenGL axes (y up, z backward): multiply by diag(1, -1, -1, 1) from the left": (
         lambda pose: _FLIP @ pose
     ),
@@ -73,8 +73,8 @@ def disk_mask(label: str, camera: Camera, radiance: NDArray[np.float32]) -> Cove
     """A mask for a photograph that has none: its largest bright region, if that is a sphere's disk."""
     coverage = largest_blob(radiance)
     message = (
-        f"{label}: no mask is given and no sphere was found in the photograph; write mask = '...' in its table"
-        " (nonzero where the object is), or give centre and radius in [object]"
+        f"{label}: no mask is given and no sphere was found in the photograph; write mask = '...'"
+        " in its table (nonzero where the object is), or give centre and radius in [object]"
     )
     if coverage.sum() < 50:
         raise ValueError(message)
@@ -118,15 +118,19 @@ def _check_fit(
     excess, worst = _misfit(sphere, views, [view.camera for view in views])
     if excess <= 1:
         return
-    what = f"its mask's outline is {sphere.residual_px[worst]:.1f} px (RMS) from the sphere that fits all photos"
+    residual = sphere.residual_px[worst]
+    what = f"its mask's outline is {residual:.1f} px (RMS) from the sphere that fits all photos"
     if np.isinf(excess):
         what = "the sphere that fits all masks lies behind this camera"
     advice = "check this photo's mask and pose, and the camera's parameters"
+    others = {}
     for name, convert in _OTHER_CONVENTIONS.items():
         cameras = [view.camera.posed(convert(view.camera.world_to_camera)) for view in views]
-        if _misfit(_fit(views, cameras, centre, radius), views, cameras)[0] <= 1:
-            advice = f"the poses look like {name}"
-            break
+        others[name] = _misfit(_fit(views, cameras, centre, radius), views, cameras)[0]
+    # The best of them, not the first: along a short arc of cameras more than one may fit.
+    best = min(others, key=others.__getitem__)
+    if others[best] <= 1:
+        advice = f"the poses look like {best}"
     raise ValueError(f"{views[worst].label}: {what}; {advice}")
 
 

@@ -47,10 +47,12 @@ class Sphere:
         object.__setattr__(self, "covariance", frozen_array(self.covariance))
 
     def hits(self, origins: Floats, directions: Floats) -> tuple[NDArray[np.bool_], Floats]:
-        """Where rays meet the sphere first.
+        """Where rays enter the sphere.
 
-        origins, directions : (n, 3), directions unit. Returns a mask (n,) of rays that meet it in front of
-        their origin (or anywhere along an orthographic ray) and outward normals (n, 3), zero elsewhere.
+        origins, directions : (n, 3), directions unit. Returns a mask (n,) of rays whose line meets it and the
+        outward normals (n, 3) where the line enters, zero elsewhere. The line counts on both sides of its
+        origin, because an orthographic ray has no beginning: whether a sphere lies in front of a perspective
+        camera is the caller's question.
         """
         offset = self.centre - origins
         along = (offset * directions).sum(axis=1)
@@ -83,6 +85,8 @@ def fit_sphere(
     """
     outlines = [_thinned(outline_points(coverage)) for coverage in coverages]
     rays = [camera.rays(points) for camera, points in zip(cameras, outlines, strict=True)]
+    if not all(np.isfinite(directions).all() for _, directions in rays):
+        raise ValueError("the camera's distortion cannot be undone at the mask's outline; check its params")
     guess = _first_guess(cameras, coverages, radius)
     if centre is not None:
         guess[:3] = centre
@@ -114,9 +118,12 @@ def fit_sphere(
     full = guess.copy()
     if free.any():
         size = np.maximum(np.abs(guess[free]), guess[3])
-        fit = least_squares(residuals, guess[free], loss="soft_l1", f_scale=1.0, x_scale=size)
+        # First a loss that finds its way from afar, then one that forgets what is far off.
+        fit = least_squares(residuals, guess[free], loss="soft_l1", x_scale=size)
+        fit = least_squares(residuals, fit.x, loss="cauchy", x_scale=size)
         full[free] = fit.x
-        variance = float(np.mean(fit.fun**2))
+        weight = 1 / (1 + fit.fun**2)
+        variance = float((weight * fit.fun**2).sum() / weight.sum())
         block = np.linalg.pinv(fit.jac.T @ fit.jac, rcond=1e-9, hermitian=True) * variance
         covariance[np.ix_(free, free)] = block
     ends = np.cumsum([len(points) for points in outlines])[:-1]
@@ -126,7 +133,12 @@ def fit_sphere(
 
 def _thinned(points: Floats) -> Floats:
     if len(points) < 12:
-        raise ValueError("the mask's outline has fewer than 12 points; the object is too small or fills the image")
+        raise ValueError(
+            "the mask's outline has fewer than 12 points; the object is too small or fills the image"
+        )
+    # Along the outline, not in the pixels' order: there every second point may be of one side only.
+    offset = points - points.mean(axis=0)
+    points = points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
     return points[np.linspace(0, len(points) - 1, min(len(points), _POINTS_PER_PHOTO)).astype(int)]
 
 

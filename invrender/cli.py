@@ -1,0 +1,95 @@
+"""The command `lightfactor`. Heavy imports wait until a command runs, so that --help is instant."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from recon.cli import mirrorball
+
+app = typer.Typer(
+    name="lightfactor",
+    help="Photographs of a real object in; its reflectance, the light on it, and how certain each number is, out.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode=None,
+)
+app.command()(mirrorball)
+
+DEFAULT_SAMPLES = 60_000
+
+
+@app.command()
+def process(
+    photoset: Annotated[
+        Path, typer.Argument(metavar="SET", help="Folder of a photo set, or its photoset.toml.", show_default=False)
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--out", metavar="OUT", help="Result folder; an earlier result in it is replaced.", show_default=False),
+    ],
+    samples: Annotated[
+        int,
+        typer.Option(
+            min=1000, help="Pixels of all photographs together that enter the fit, drawn evenly. More is slower, not biased."
+        ),
+    ] = DEFAULT_SAMPLES,
+) -> None:
+    """Recover the BRDF of a sphere under known lighting from a photo set.
+
+    Writes OUT/result.json (every number with its standard deviation), OUT/report.html (open it in a
+    browser), OUT/predicted/ (EXR) and the lighting as used. Kd is in 1/sr, so the albedo is pi Kd; sigma is
+    in radians.
+    """
+    from invrender.run import run_process
+
+    run_process(photoset, out, samples)
+
+
+@app.command()
+def demo(
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the photo set and the result.")
+    ] = Path("lightfactor-demo"),
+) -> None:
+    """Photograph a synthetic teflon sphere on a gantry, process it, and print truth beside estimate.
+
+    The photographs come from brute-force integration of the reflection integral over all light
+    directions, with 1% noise: not from the formula that is then fitted.
+    """
+    from invrender.run import run_demo
+
+    run_demo(out)
+
+
+def main() -> None:
+    """Run the command; what is wrong with the input is said in a sentence, without a traceback."""
+    try:
+        app(standalone_mode=False)
+    except typer.Exit as done:
+        sys.exit(done.exit_code)
+    except typer.Abort:
+        sys.exit(130)
+    except KeyboardInterrupt:
+        print("\nlightfactor: interrupted; nothing was written", file=sys.stderr)  # noqa: T201
+        sys.exit(130)
+    except Exception as error:
+        sys.exit(_explain(error))
+
+
+def _explain(error: Exception) -> int:
+    """Print one error as a user should see it; returns the exit status. Bugs keep their traceback."""
+    import click
+
+    if isinstance(error, click.ClickException):
+        error.show()
+        return error.exit_code
+    if not isinstance(error, (ValueError, OSError)) or os.environ.get("LIGHTFACTOR_TRACEBACK"):
+        raise error
+    print(f"lightfactor: error: {error}", file=sys.stderr)  # noqa: T201
+    return 1

@@ -1,0 +1,100 @@
+"""The result of a run: BRDF, lighting, their uncertainty, and the evidence for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from invrender.model.microfacet import Microfacet
+from invrender.solve.evidence import Rung
+from recon.sphere import Sphere
+
+Floats = NDArray[np.float64]
+Status = Literal["determined", "weak", "undetermined"]
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A number (or one per channel) with its standard deviation, or the reason why there is none.
+
+    value, std : (k,) arrays, k = 1 or 3; None where the photographs don't determine it.
+    status : "determined", "weak" (std above a tenth of the value) or "undetermined".
+    reason, remedy : plain words; empty where determined.
+    """
+
+    value: Floats | None
+    std: Floats | None
+    status: Status
+    reason: str = ""
+    remedy: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedLighting:
+    """A lighting as the fit leaves it.
+
+    lighting : with recovered irradiances filled in. irradiance_std : (k, 3), zero where given.
+    ambient, ambient_std : (3,) recovered uniform radiance, or None where it was not recovered.
+    """
+
+    lighting: Lighting
+    irradiance_std: Floats
+    ambient: Floats | None
+    ambient_std: Floats | None
+
+
+@dataclass(frozen=True)
+class PhotoScore:
+    """How well one photograph is explained; errors are RMS residual over RMS radiance.
+
+    cross_validated : by a fit that had not seen it; None for a held-out photo, whose `rms` is just that.
+    """
+
+    label: str
+    lighting: str
+    held_out: bool
+    samples: int
+    rms: float
+    cross_validated: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Factorization:
+    """Everything that a run found.
+
+    brdf : the chosen model's values, also those too uncertain to report: predictions use them.
+    quantities : by name, "kd", "ks", "mu", "sigma", "albedo", "kd_normalised", "ks_normalised"; a name
+        that the chosen model doesn't have is missing.
+    rungs, chosen : the ladder of models and the index of the chosen one.
+    covariance, covariance_names : of the BRDF's numbers, in the order named.
+    """
+
+    name: str
+    gauge: str
+    sphere: Sphere
+    brdf: Microfacet
+    quantities: Mapping[str, Quantity]
+    lightings: tuple[FittedLighting, ...]
+    rungs: tuple[Rung, ...]
+    chosen: int
+    photos: tuple[PhotoScore, ...]
+    noise_floor: float
+    noise_relative: float
+    covariance: Floats
+    covariance_names: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def model(self) -> Rung:
+        """The chosen rung."""
+        return self.rungs[self.chosen]
+
+    def rms(self, held_out: bool) -> float | None:
+        """RMS over photographs of their relative errors, or None where there are none of the kind."""
+        errors = [photo.rms for photo in self.photos if photo.held_out == held_out]
+        return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

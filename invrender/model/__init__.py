@@ -1,0 +1,1 @@
+"""The model of the reflected light field: BRDF, transfer of lighting, prediction."""

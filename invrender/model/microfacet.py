@@ -1,0 +1,64 @@
+"""RH01's four-parameter microfacet BRDF and the interpolation of its lobe in sigma.
+
+rho = Kd + Ks F(mu, theta_o) S(theta_h; sigma) / (4 cos theta_i cos theta_o)      [RH01, section 5.2]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from capture.arrays import frozen_array
+
+Floats = NDArray[np.float64]
+
+# Roughnesses between which the search looks: below, a highlight is narrower than the pixels of an
+# ordinary photograph; above, the lobe is no longer told from diffuse reflection.
+SIGMA_RANGE = (0.02, 0.7)
+_NODES = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Microfacet:
+    """A fitted BRDF. kd, ks : (3,), 1/sr and dimensionless, RGB. mu, sigma : None where the model lacks them."""
+
+    kd: Floats
+    ks: Floats
+    mu: float | None
+    sigma: float | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "kd", frozen_array(self.kd))
+        object.__setattr__(self, "ks", frozen_array(self.ks))
+
+
+def lobe(theta_half: ArrayLike, sigma: ArrayLike) -> Floats:
+    """S = exp(-(theta_h / sigma)^2) / (pi sigma^2), 1/sr [RH01, section 5.2]; angles in radians."""
+    sigma = np.asarray(sigma, float)
+    return np.exp(-((np.asarray(theta_half, float) / sigma) ** 2)) / (np.pi * sigma**2)
+
+
+def sigma_nodes() -> Floats:
+    """The roughnesses at which transfers are tabulated: Chebyshev points in log sigma."""
+    low, high = np.log(SIGMA_RANGE)
+    return np.exp(low + (_chebyshev_points() + 1) / 2 * (high - low))
+
+
+def sigma_weights(sigma: float) -> Floats:
+    """Weights (nodes,) with which transfers at the nodes add up to the transfer at sigma.
+
+    What is interpolated is sigma^2 S, whose peak is the same for all sigma; the error is 1e-4 of it.
+    """
+    low, high = np.log(SIGMA_RANGE)
+    degrees = np.arange(_NODES)
+    at_nodes = np.cos(np.outer(np.arccos(_chebyshev_points()), degrees))
+    position = np.clip(2 * (np.log(sigma) - low) / (high - low) - 1, -1, 1)
+    scale = np.where(degrees == 0, 1, 2) / _NODES
+    cardinal = at_nodes @ (scale * np.cos(degrees * np.arccos(position)))
+    return cardinal * (sigma_nodes() / sigma) ** 2
+
+
+def _chebyshev_points() -> Floats:
+    return np.cos((np.arange(_NODES) + 0.5) * np.pi / _NODES)

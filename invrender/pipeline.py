@@ -1,0 +1,302 @@
+"""The main job: a photo set in, a factorization and predicted photographs out. No terminal, no result files."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.decode import RadianceImage, decode_photo, read_mask
+from capture.lighting import Lighting
+from capture.photoset import Photo, PhotoSet
+from invrender.factorization import Factorization, PhotoScore
+from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.predict import predict, predict_columns
+from invrender.model.transfer import LightElement, light_elements
+from invrender.solve.evidence import fit_strengths, ladder_steps, relative_rms
+from invrender.solve.factorize import Solution, factorize
+from recon.knownlight import read_lighting
+from recon.lightfield import LightField, all_samples, sample_sphere
+from recon.locate import View, disk_mask, locate_sphere
+from recon.sphere import Sphere
+
+Item = TypeVar("Item")
+# track(items, description) iterates over the items and may show progress.
+Track = Callable[[Iterable[Item], str], Iterable[Item]]
+
+DEFAULT_SAMPLES = 60_000
+_MIN_SAMPLES_PER_PHOTO = 20
+_STAGES = ("capture", "recon", "invrender")
+
+
+def silent(items: Iterable[Item], description: str) -> Iterable[Item]:
+    """The track that shows nothing."""
+    return items
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One photograph beside its prediction: (h, w, 3) float32; `inside` (h, w) marks where it is predicted."""
+
+    photo: Photo
+    observed: RadianceImage
+    predicted: NDArray[np.float32]
+    inside: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A finished run: its result, the samples it was fitted to, and what predictions need.
+
+    seconds : per package, added up over threads, and "total", by the clock on the wall.
+    """
+
+    photoset: PhotoSet
+    result: Factorization
+    columns: Mapping[str, PhotoColumns]
+    elements: Mapping[str, Sequence[LightElement]]
+    strengths: Mapping[str, NDArray[np.float64]]
+    seconds: dict[str, float]
+
+    def predictions(self) -> Iterator[Prediction]:
+        """Predicted photographs, one at a time, in the set's order."""
+        for photo in self.photoset.photos:
+            observed = decode_photo(self.photoset, photo)
+            samples = all_samples(self.result.sphere, photo.camera, observed)
+            radiance = predict(
+                self.result.brdf, self.elements[photo.lighting], self.strengths[photo.label], samples
+            )
+            predicted = np.zeros_like(observed.radiance)
+            predicted[samples.rows, samples.columns] = radiance
+            inside = np.zeros(observed.saturated.shape, bool)
+            inside[samples.rows, samples.columns] = True
+            yield Prediction(photo, observed, predicted, inside)
+
+
+@dataclass
+class _Clock:
+    """Time spent per stage, added up over threads."""
+
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(_STAGES, 0.0))
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @contextmanager
+    def on(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            with self.lock:
+                self.seconds[stage] += time.perf_counter() - start
+
+
+def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track = silent) -> Run:
+    """Recover the BRDF of a sphere, and what of its lighting is free, from a photo set.
+
+    samples : about how many pixels of all photographs together enter the fit.
+    """
+    begun = time.perf_counter()
+    clock = _Clock()
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    _check_scope(photoset, fitted)
+    with clock.on("recon"):
+        lightings = _used_lightings(photoset)
+        elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+        masks = _masks(photoset, track)
+        views = [View(str(photo.file), photo.camera, masks[photo.label]) for photo in photoset.photos]
+        sphere = locate_sphere(views, photoset.object.centre, photoset.object.radius)
+    budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
+
+    def read(index: int) -> PhotoColumns:
+        photo = photoset.photos[index]
+        with clock.on("capture"):
+            image = decode_photo(photoset, photo)
+        with clock.on("recon"):
+            mask = masks[photo.label]
+            # Seeded by place, so that neither order nor threads change what is drawn.
+            drawn = sample_sphere(sphere, photo.camera, image, mask, budget, np.random.default_rng(index))
+            _check_usable(photo, image, drawn, mask)
+        with clock.on("invrender"):
+            return photo_columns(photo.lighting, elements[photo.lighting], drawn)
+
+    columns: dict[str, PhotoColumns] = {}
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        work = pool.map(read, range(len(photoset.photos)))
+        for photo in track(photoset.photos, "Reading photographs"):
+            columns[photo.label] = next(work)
+    _check_lit(photoset, lightings, columns)
+    with clock.on("invrender"):
+        steps = iter(track(range(ladder_steps(len(fitted))), "Fitting and cross-validating"))
+        next(steps)
+        solution = factorize(
+            [columns[photo.label] for photo in fitted], list(lightings.values()), lambda: next(steps, None)
+        )
+        strengths = {
+            photo.label: _strengths(solution, columns[photo.label], photo.held_out) for photo in photoset.photos
+        }
+        scores = _scores(photoset, solution, columns, strengths)
+    warnings = _warnings(photoset, solution, sphere, lightings)
+    result = Factorization(
+        name=photoset.name,
+        gauge=solution.gauge,
+        sphere=sphere,
+        brdf=solution.estimate.brdf,
+        quantities=solution.quantities,
+        lightings=solution.lightings,
+        rungs=solution.rungs,
+        chosen=solution.chosen,
+        photos=scores,
+        noise_floor=solution.noise.floor,
+        noise_relative=solution.noise.relative,
+        covariance=solution.covariance,
+        covariance_names=solution.covariance_names,
+        warnings=warnings,
+    )
+    seconds = {**clock.seconds, "total": time.perf_counter() - begun}
+    return Run(photoset, result, columns, elements, strengths, seconds)
+
+
+def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
+    where = photoset.manifest
+    if photoset.object.shape != "sphere":
+        raise ValueError(f"{where}: [object] shape = 'mesh': this version processes spheres only")
+    if photoset.object.texture:
+        raise ValueError(f"{where}: [object] texture = true: this version recovers one BRDF for the whole object only")
+    if not photoset.lightings:
+        raise ValueError(
+            f"{where}: has no [[lighting]]: this version recovers reflectance under known light only;"
+            " give map, directional or mirror_ball"
+        )
+    if len(fitted) < 2:
+        raise ValueError(
+            f"{where}: has {len(fitted)} photo(s) to fit; at least two are needed, so that a model can be judged on"
+            " a photo it has not seen: add photographs from other sides or under other light"
+        )
+
+
+def _used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
+    used = {photo.lighting for photo in photoset.photos}
+    return {table.name: read_lighting(photoset, table) for table in photoset.lightings if table.name in used}
+
+
+def _masks(photoset: PhotoSet, track: Track) -> dict[str, NDArray[np.float32] | None]:
+    """Each photo's mask; where none is given and the sphere must be found, its bright disk."""
+    must_find = photoset.object.centre is None or photoset.object.radius is None
+    masks: dict[str, NDArray[np.float32] | None] = {}
+    for photo in track(photoset.photos, "Finding the sphere"):
+        camera = photo.camera
+        if photo.mask is not None:
+            masks[photo.label] = read_mask(photo.mask, (camera.height, camera.width))
+        elif must_find:
+            radiance = decode_photo(photoset, photo).radiance
+            masks[photo.label] = disk_mask(str(photo.file), camera, radiance)
+        else:
+            masks[photo.label] = None
+    return masks
+
+
+def _check_usable(
+    photo: Photo, image: RadianceImage, samples: LightField, coverage: NDArray[np.float32] | None
+) -> None:
+    inside = coverage >= 0.5 if coverage is not None else np.ones(image.saturated.shape, bool)
+    if image.saturated[inside].all():
+        raise ValueError(f"{photo.file}: every pixel of the object is saturated; expose shorter, or leave it out")
+    if len(samples) < _MIN_SAMPLES_PER_PHOTO:
+        raise ValueError(
+            f"{photo.file}: only {len(samples)} pixels of the object are usable (not saturated, not at its rim);"
+            " the object must be larger in the image, or the exposure shorter"
+        )
+    if not samples.radiance.any():
+        raise ValueError(f"{photo.file}: the object is black in every pixel; expose longer, or leave it out")
+
+
+def _check_lit(
+    photoset: PhotoSet, lightings: Mapping[str, Lighting], columns: Mapping[str, PhotoColumns]
+) -> None:
+    for name, lighting in lightings.items():
+        users = [columns[photo.label] for photo in photoset.photos if photo.lighting == name]
+        for k, direction in enumerate(lighting.directions):
+            highest = max(float((photo.field.sample_normals @ direction).max()) for photo in users)
+            if highest <= 0:
+                raise ValueError(
+                    f'{photoset.manifest}: [[lighting]] "{name}": source {k + 1} at {np.round(direction, 3).tolist()}'
+                    " is below the horizon of everything that is seen; directions point from the object to the"
+                    " light, in the world's frame: check its sign and frame"
+                )
+
+
+def _strengths(solution: Solution, photo: PhotoColumns, held_out: bool) -> NDArray[np.float64]:
+    known = solution.estimate.strengths.get(photo.lighting)
+    if known is not None:
+        return known
+    assert held_out
+    return fit_strengths(photo, 1 / solution.noise.variance(photo.radiance), solution.estimate)
+
+
+def _scores(
+    photoset: PhotoSet,
+    solution: Solution,
+    columns: Mapping[str, PhotoColumns],
+    strengths: Mapping[str, NDArray[np.float64]],
+) -> tuple[PhotoScore, ...]:
+    scores = []
+    unseen = iter(solution.rungs[solution.chosen].photo_errors)
+    for photo in photoset.photos:
+        entry = columns[photo.label]
+        residual = entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[photo.label])
+        scores.append(
+            PhotoScore(
+                label=photo.label,
+                lighting=photo.lighting,
+                held_out=photo.held_out,
+                samples=len(entry.field),
+                rms=relative_rms(residual, entry.radiance),
+                cross_validated=None if photo.held_out else float(next(unseen)),
+            )
+        )
+    return tuple(scores)
+
+
+def _warnings(
+    photoset: PhotoSet, solution: Solution, sphere: Sphere, lightings: Mapping[str, Lighting]
+) -> tuple[str, ...]:
+    warnings = []
+    if sphere.residual_px and max(sphere.residual_px) > 0.6:
+        warnings.append(
+            f"The masks' outlines stray up to {max(sphere.residual_px):.1f} px from the fitted sphere;"
+            " normals near the rim are uncertain by as much."
+        )
+    for table in photoset.lightings:
+        lighting = lightings.get(table.name)
+        if lighting is not None and table.mirror_ball and table.recover is None and lighting.recovers:
+            warnings.append(
+                f"Lighting {table.name!r}: the highlight on the mirror ball is saturated, so its direction is used"
+                " but its irradiance and a uniform ambient are fitted; expose the ball shorter to measure them."
+            )
+    negative = [
+        f"{fitted.lighting.name!r}"
+        for fitted in solution.lightings
+        if fitted.ambient is not None
+        and fitted.ambient_std is not None
+        and (fitted.ambient < -3 * fitted.ambient_std).any()
+    ]
+    if negative:
+        warnings.append(
+            f"The recovered ambient is negative beyond its error in {', '.join(negative)}: the source, the pose or the"
+            " black level is not what the model takes it for."
+        )
+    albedo = solution.quantities["albedo"]
+    if solution.gauge.startswith("absolute") and albedo.value is not None and (albedo.value > 1).any():
+        warnings.append(
+            f"The albedo is {np.round(albedo.value, 2).tolist()}, more than 1: photographs and lighting are not in"
+            " the same unit of radiance, so only the ratios of Kd and Ks are meaningful."
+        )
+    return tuple(warnings)

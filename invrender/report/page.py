@@ -1,0 +1,146 @@
+"""The report page, filled photograph by photograph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from invrender.factorization import Quantity
+from invrender.model.predict import predict_columns
+from invrender.pipeline import Prediction, Run
+from invrender.report.pictures import (
+    difference_picture,
+    figure_url,
+    image_url,
+    lighting_figure,
+    photo_error_figure,
+    residual_figure,
+    tone_mapped,
+    white_level,
+)
+from invrender.result import identifiability
+
+# Photographs beyond this many are listed with their errors, without pictures: the page stays small.
+_MAX_PICTURES = 24
+_MARGIN = 0.08
+_NAMES = {
+    "kd": ("K<sub>d</sub>", "1/sr"),
+    "ks": ("K<sub>s</sub>", ""),
+    "mu": ("μ", "refractive index"),
+    "sigma": ("σ", "rad"),
+    "albedo": ("albedo", "π K<sub>d</sub>"),
+    "kd_normalised": ("K<sub>d</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),
+    "ks_normalised": ("K<sub>s</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),
+}
+
+
+class ReportWriter:
+    """Collects the predictions of a run, then writes its page."""
+
+    def __init__(self, run: Run, document: Mapping[str, Any]) -> None:
+        self._run = run
+        self._document = document
+        self._rows: list[dict[str, Any]] = []
+        photos = run.photoset.photos
+        chosen = np.unique(np.linspace(0, len(photos) - 1, min(len(photos), _MAX_PICTURES)).astype(int))
+        self._pictured = {photos[k].label for k in chosen} | {photo.label for photo in photos if photo.held_out}
+
+    def add(self, prediction: Prediction) -> None:
+        """Take in one photograph with its prediction; nothing of its size is kept."""
+        label = prediction.photo.label
+        score = next(score for score in self._run.result.photos if score.label == label)
+        row: dict[str, Any] = {"score": score, "pictures": None}
+        if label in self._pictured:
+            row["pictures"] = _pictures(prediction)
+        self._rows.append(row)
+
+    def write(self, path: Path) -> None:
+        """Write the page as one self-contained file."""
+        result = self._run.result
+        residuals = [
+            entry.radiance - predict_columns(entry, result.brdf, self._run.strengths[label])
+            for label, entry in self._run.columns.items()
+        ]
+        environment = Environment(
+            loader=PackageLoader("invrender.report", "."),
+            undefined=StrictUndefined,
+            autoescape=True,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        page = environment.get_template("report.html.jinja").render(
+            document=self._document,
+            result=result,
+            model=result.model.estimate.model,
+            best=min(result.rungs, key=lambda rung: rung.error),
+            parameters=_parameters(self._run),
+            rows=self._rows,
+            median_unseen=float(
+                np.median([s.cross_validated for s in result.photos if s.cross_validated is not None])
+            ),
+            figures={
+                "residual": figure_url(residual_figure(list(self._run.columns.values()), residuals)),
+                "photos": figure_url(photo_error_figure(result.photos)),
+                "lighting": figure_url(lighting_figure(result.lightings)),
+            },
+        )
+        path.write_text(page, encoding="utf-8")
+
+
+def _pictures(prediction: Prediction) -> dict[str, Any]:
+    rows, columns = np.nonzero(prediction.inside)
+    margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 1
+    top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
+    crop = np.s_[top : rows.max() + margin + 1, left : columns.max() + margin + 1]
+    observed = prediction.observed.radiance[crop].astype(float)
+    predicted, inside = prediction.predicted[crop].astype(float), prediction.inside[crop]
+    white = white_level(observed[inside])
+    difference = (observed - predicted).mean(axis=2)
+    # One tenth of white saturates: differences that matter to the eye, on the same scale in every row.
+    limit = 0.1 * white
+    return {
+        "photograph": image_url(tone_mapped(observed, white), jpeg=True),
+        "prediction": image_url(tone_mapped(predicted, white), jpeg=True),
+        "difference": image_url(difference_picture(difference, limit, inside)),
+    }
+
+
+def _parameters(run: Run) -> list[dict[str, Any]]:
+    """Rows of the parameter table: symbol, unit, values with errors, status, reason, remedy."""
+    result = run.result
+    reasons = {row["parameter"]: row for row in identifiability(result)}
+    table = []
+    for name, (symbol, unit) in _NAMES.items():
+        quantity = result.quantities.get(name)
+        if quantity is None and name not in reasons:
+            continue
+        reason = reasons.get(name, {"reason": "", "remedy": ""})
+        table.append(
+            {
+                "symbol": symbol,
+                "unit": unit,
+                "values": _values(quantity),
+                "status": "not needed" if quantity is None else quantity.status,
+                "reason": reason["reason"],
+                "remedy": reason["remedy"],
+            }
+        )
+    return table
+
+
+def _values(quantity: Quantity | None) -> list[str]:
+    if quantity is None or quantity.value is None or quantity.std is None:
+        return []
+    return [with_error(value, std) for value, std in zip(quantity.value, quantity.std, strict=True)]
+
+
+def with_error(value: float, std: float) -> str:
+    """A value with its standard deviation, to the two digits of the latter that mean something."""
+    if not std > 0:
+        return f"{value:.4g}"
+    digits = min(max(1 - int(np.floor(np.log10(std))), 0), 8)
+    return f"{value:.{digits}f} ± {std:.{digits}f}"

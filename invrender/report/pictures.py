@@ -1,0 +1,138 @@
+"""Pictures of the report as data URLs: photographs, differences and figures."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+
+import cv2
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from invrender.factorization import FittedLighting, PhotoScore
+from invrender.model.columns import PhotoColumns
+from invrender.result import lighting_map
+
+Floats = NDArray[np.float64]
+
+_INK, _ACCENT, _SOFT = "#24292f", "#0b6bcb", "#b9c4d0"
+
+
+def tone_mapped(radiance: NDArray[np.floating], white: float) -> NDArray[np.uint8]:
+    """Linear RGB to 8-bit sRGB, `white` shown as white."""
+    linear = np.clip(np.asarray(radiance, float) / max(white, 1e-30), 0, 1)
+    curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.round(curve * 255).astype(np.uint8)
+
+
+def white_level(radiance: NDArray[np.floating]) -> float:
+    """A white that lets only the brightest half percent clip."""
+    return float(np.percentile(np.asarray(radiance).max(axis=-1), 99.5))
+
+
+def difference_picture(difference: Floats, limit: float, inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Signed difference (h, w) in colours, blue below and red above zero, saturating at +-limit; grey outside."""
+    colours = matplotlib.colormaps["RdBu_r"](np.clip(difference / max(limit, 1e-30) / 2 + 0.5, 0, 1))[..., :3]
+    colours[~inside] = 0.93
+    return np.round(colours * 255).astype(np.uint8)
+
+
+def image_url(picture: NDArray[np.uint8], jpeg: bool = False) -> str:
+    """An RGB picture (h, w, 3) as a data URL."""
+    extension, kind = (".jpg", "jpeg") if jpeg else (".png", "png")
+    _, data = cv2.imencode(extension, picture[:, :, ::-1])
+    return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode()}"
+
+
+def figure_url(figure: Figure) -> str:
+    """A figure as a data URL of its SVG, so that it is sharp at any size."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="svg", bbox_inches="tight", metadata={"Date": None})
+    return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}"
+
+
+def residual_figure(photos: Sequence[PhotoColumns], residuals: Sequence[Floats]) -> Figure:
+    """Relative residual against exitant angle: mean (bias) and RMS per bin of four degrees."""
+    angle = np.degrees(np.arccos(np.clip(np.concatenate([p.field.cos_exitant for p in photos]), 0, 1)))
+    radiance = np.concatenate([p.radiance.mean(axis=1) for p in photos])
+    residual = np.concatenate([r.mean(axis=1) for r in residuals])
+    edges = np.arange(0, 92, 4)
+    cell = np.digitize(angle, edges) - 1
+    count = np.bincount(cell, minlength=len(edges))
+    used = np.flatnonzero(count >= 20)
+
+    def per_bin(values: Floats) -> Floats:
+        return np.bincount(cell, values, minlength=len(edges))[used] / count[used]
+
+    mean = per_bin(radiance)
+    centre = edges[used] + 2
+    figure = Figure(figsize=(6.4, 3.4))
+    axes = figure.add_subplot()
+    axes.axhline(0, color=_SOFT, lw=1)
+    axes.plot(centre, 100 * np.sqrt(per_bin(residual**2)) / mean, "o-", color=_ACCENT, ms=4, label="RMS")
+    axes.plot(centre, 100 * per_bin(residual) / mean, "s--", color="#c2410c", ms=4, label="mean (bias)")
+    axes.set_xlabel("exitant angle, camera to normal (degrees)")
+    axes.set_ylabel("residual (% of mean radiance)")
+    axes.set_xlim(0, 90)
+    axes.legend(frameon=False)
+    _plain(axes)
+    return figure
+
+
+def photo_error_figure(scores: Sequence[PhotoScore]) -> Figure:
+    """Relative RMS of each photograph: fitted, cross-validated, held out."""
+    figure = Figure(figsize=(6.4, 3.4))
+    axes = figure.add_subplot()
+    place = np.arange(1, len(scores) + 1)
+    fitted = np.array([not s.held_out for s in scores])
+    rms = 100 * np.array([s.rms for s in scores])
+    unseen = np.array([np.nan if s.cross_validated is None else 100 * s.cross_validated for s in scores])
+    axes.bar(place[fitted], rms[fitted], color=_SOFT, label="fitted")
+    if not fitted.all():
+        axes.bar(place[~fitted], rms[~fitted], color="#c2410c", label="held out")
+    axes.plot(place, unseen, "o", color=_ACCENT, ms=4, label="when left out of the fit")
+    axes.set_xlabel("photograph, in the manifest's order")
+    axes.set_ylabel("RMS residual (% of RMS radiance)")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_ylim(0)
+    axes.legend(frameon=False, loc="lower right")
+    _plain(axes)
+    return figure
+
+
+def lighting_figure(entries: Sequence[FittedLighting]) -> Figure:
+    """The lightings as lat-long maps with their directional sources, one panel each (at most twelve)."""
+    shown = list(entries)[:12]
+    across = min(len(shown), 4)
+    down = -(-len(shown) // across)
+    figure = Figure(figsize=(max(3.1 * across, 6.4), 1.95 * down + 0.5) if across > 1 else (6.4, 3.4))
+    for k, entry in enumerate(shown):
+        axes = figure.add_subplot(down, across, k + 1)
+        radiance = lighting_map(entry)
+        white = max(float(np.percentile(radiance.max(axis=-1), 99)), 1e-12)
+        axes.imshow(tone_mapped(radiance, white), extent=(0, 360, 180, 0), aspect="auto")
+        x, y, z = entry.lighting.directions.T
+        azimuth, polar = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arccos(np.clip(z, -1, 1)))
+        axes.plot(azimuth, polar, "*", color="#f5b301", mec="black", mew=0.6, ms=11)
+        axes.set_xlim(0, 360)
+        axes.set_ylim(180, 0)
+        axes.set_xticks([0, 90, 180, 270, 360])
+        axes.set_yticks([0, 90, 180])
+        axes.set_title(entry.lighting.name, fontsize=9, color=_INK)
+        axes.tick_params(labelsize=7)
+        if k // across == down - 1 or k + across >= len(shown):
+            axes.set_xlabel("azimuth from +X (degrees)", fontsize=8)
+        if k % across == 0:
+            axes.set_ylabel("polar angle\nfrom +Z (degrees)", fontsize=8)
+    figure.tight_layout()
+    return figure
+
+
+def _plain(axes: matplotlib.axes.Axes) -> None:
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.grid(axis="y", color="#eaeef2", lw=0.8)
+    axes.set_axisbelow(True)

@@ -1,0 +1,206 @@
+"""`result.json`: everything that a run found, as formats are documented in docs/formats.md."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.factorization import Factorization, FittedLighting, Quantity
+from invrender.theory.harmonics import project_latlong, project_sources
+
+FORMAT = 1
+# The first nine coefficients are the ones that a diffuse surface sees.
+_L_MAX = 2
+_DARK_MAP_HEIGHT = 16
+
+
+def result_document(
+    result: Factorization,
+    lighting_files: Mapping[str, str],
+    inputs: Mapping[str, str],
+    seconds: Mapping[str, float],
+) -> dict[str, Any]:
+    """The result as JSON-ready data; numbers are finite or null.
+
+    lighting_files : lighting's name -> file in the result folder. inputs : path -> "sha256:...".
+    """
+    quantities = result.quantities
+    model = result.model.estimate.model
+    scalars = {name: _quantity(quantities.get(name), scalar=True) for name in ("mu", "sigma")}
+    fitted = [photo for photo in result.photos if not photo.held_out]
+    return {
+        "format": FORMAT,
+        "name": result.name,
+        "gauge": result.gauge,
+        "brdf": {
+            "model": "microfacet" if model.specular else "lambertian",
+            "kd": _quantity(quantities["kd"]),
+            "ks": _quantity(quantities.get("ks")),
+            **scalars,
+            "albedo": _quantity(quantities["albedo"]),
+            "normalised": {
+                "kd": _quantity(quantities.get("kd_normalised")),
+                "ks": _quantity(quantities.get("ks_normalised")),
+            },
+            "covariance": {"names": list(result.covariance_names), "values": _numbers(result.covariance)},
+        },
+        "object": {
+            "shape": "sphere",
+            "centre": _numbers(result.sphere.centre),
+            "radius": result.sphere.radius,
+            "outline_rms_px": [round(r, 4) for r in result.sphere.residual_px],
+        },
+        "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in result.lightings],
+        "fit": {
+            "rms_relative": result.rms(held_out=False),
+            "cross_validated_rms_relative": result.model.error,
+            "held_out_rms_relative": result.rms(held_out=True),
+            "samples": sum(photo.samples for photo in fitted),
+            "photos": len(fitted),
+            "noise": {"floor": result.noise_floor, "relative": result.noise_relative},
+        },
+        "photos": [
+            {
+                "file": photo.label,
+                "lighting": photo.lighting,
+                "held_out": photo.held_out,
+                "samples": photo.samples,
+                "rms_relative": photo.rms,
+                "cross_validated_rms_relative": photo.cross_validated,
+            }
+            for photo in result.photos
+        ],
+        "identifiability": identifiability(result),
+        "models": [
+            {
+                "name": rung.estimate.model.name,
+                "parameters": rung.parameters,
+                "cross_validated_rms_relative": rung.error,
+                "standard_error": rung.standard_error,
+                "chosen": index == result.chosen,
+            }
+            for index, rung in enumerate(result.rungs)
+        ],
+        "warnings": list(result.warnings),
+        "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
+        "inputs": dict(inputs),
+        "software": {"lightfactor": version("lightfactor")},
+    }
+
+
+def identifiability(result: Factorization) -> list[dict[str, str]]:
+    """One entry per BRDF parameter: status, and where it is not determined the reason and the remedy."""
+    rows = []
+    for name in ("kd", "ks", "mu", "sigma"):
+        quantity = result.quantities.get(name)
+        if quantity is None:
+            quantity = Quantity(None, None, "undetermined", *absence(result, name))
+        rows.append(
+            {"parameter": name, "status": quantity.status, "reason": quantity.reason, "remedy": quantity.remedy}
+        )
+    return rows
+
+
+def absence(result: Factorization, name: str) -> tuple[str, str]:
+    """Why the chosen model lacks a parameter, and what would show whether the object needs it."""
+    chosen, best = result.model, min(result.rungs, key=lambda rung: rung.error)
+    what = "Fresnel factor" if name == "mu" and chosen.estimate.model.specular else "specular term"
+    change = f"{chosen.error:.2%}" if best is chosen else f"{chosen.error:.2%} against {best.error:.2%}"
+    reason = (
+        f"these photographs need no {what}: the error on unseen photographs is {change},"
+        f" within one standard error ({best.standard_error:.2%}) of the best model's"
+    )
+    remedy = (
+        "photographs with highlights at grazing angles would show whether the object has one"
+        if what == "Fresnel factor"
+        else "photographs under a small, bright source, with its highlight in view, would show whether the object has one"
+    )
+    return reason, remedy
+
+
+def lighting_map(entry: FittedLighting) -> NDArray[np.float32]:
+    """The lat-long map (H, 2H, 3) of a fitted lighting without its directional sources; black if there is none."""
+    if entry.lighting.radiance_map is not None and not entry.lighting.recover_ambient:
+        return entry.lighting.radiance_map
+    dark = np.zeros((_DARK_MAP_HEIGHT, 2 * _DARK_MAP_HEIGHT, 3), np.float32)
+    return dark if entry.ambient is None else dark + np.maximum(entry.ambient, 0).astype(np.float32)
+
+
+def file_hash(path: Path) -> str:
+    """sha256 of a file, as results name their inputs."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return f"sha256:{digest.hexdigest()}"
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write JSON that refuses NaN and infinity."""
+    path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any] | None:
+    if quantity is None:
+        return None
+    if quantity.value is None or quantity.std is None:
+        return {"value": None, "std": None, "status": quantity.status}
+    value, std = _numbers(quantity.value), _numbers(quantity.std)
+    return {
+        "value": value[0] if scalar else value,
+        "std": std[0] if scalar else std,
+        "status": quantity.status,
+    }
+
+
+def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
+    lighting = entry.lighting
+    coefficients = project_latlong(lighting_map(entry), _L_MAX)
+    coefficients += project_sources(lighting.directions, lighting.irradiances, _L_MAX)
+    return {
+        "name": lighting.name,
+        "known": not lighting.recovers,
+        "recovered": list(lighting.recovers),
+        "l_max": _L_MAX,
+        "sh": {"value": _numbers(coefficients), "std": _numbers(_coefficient_std(entry))},
+        "directional": [
+            {
+                "direction": _numbers(direction),
+                "direction_std_deg": None,
+                "irradiance": _numbers(irradiance),
+                "irradiance_std": _numbers(std),
+            }
+            for direction, irradiance, std in zip(
+                lighting.directions, lighting.irradiances, entry.irradiance_std, strict=True
+            )
+        ],
+        "ambient": None if entry.ambient is None else _numbers(entry.ambient),
+        "ambient_std": None if entry.ambient_std is None else _numbers(entry.ambient_std),
+        "map": map_file,
+    }
+
+
+def _coefficient_std(entry: FittedLighting) -> NDArray[np.float64]:
+    """Standard deviations of the coefficients ((l+1)^2, 3): zero for what was given, from strengths else."""
+    lighting = entry.lighting
+    variance = np.zeros(((_L_MAX + 1) ** 2, 3))
+    for direction, std in zip(lighting.directions, entry.irradiance_std, strict=True):
+        variance += project_sources(direction[None], std[None], _L_MAX) ** 2
+    if entry.ambient_std is not None:
+        variance[0] += 4 * np.pi * entry.ambient_std**2
+    return np.sqrt(variance)
+
+
+def _numbers(values: NDArray[np.float64]) -> Any:
+    """Nested lists of plain floats; a value that is not finite becomes null."""
+    array = np.asarray(values, float)
+    if array.ndim == 0:
+        return float(array) if np.isfinite(array) else None
+    return [_numbers(item) for item in array]

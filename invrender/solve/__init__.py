@@ -1,0 +1,1 @@
+"""Inverse problems on the light field: search, evidence, uncertainty."""

@@ -1,0 +1,195 @@
+"""From prepared columns to a result: noise, evidence, uncertainty, identifiability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from invrender.factorization import FittedLighting, Quantity
+from invrender.model.columns import PhotoColumns
+from invrender.model.predict import predict_columns
+from invrender.solve.evidence import Rung, climb_ladder
+from invrender.solve.identifiability import assess_linear, assess_mu, assess_sigma
+from invrender.solve.noise import NoiseModel, fit_noise
+from invrender.solve.search import LADDER, Estimate, fit
+from invrender.solve.statistics import by_lighting, photo_statistics
+from invrender.solve.uncertainty import Parameters, covariance_of, pack
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What the solve adds to what is known of a set; see `Factorization` for the fields."""
+
+    estimate: Estimate
+    rungs: tuple[Rung, ...]
+    chosen: int
+    noise: NoiseModel
+    quantities: Mapping[str, Quantity]
+    lightings: tuple[FittedLighting, ...]
+    covariance: Floats
+    covariance_names: tuple[str, ...]
+    gauge: str
+
+
+def factorize(
+    photos: Sequence[PhotoColumns],
+    lightings: Sequence[Lighting],
+    on_step: Callable[[], None] = lambda: None,
+) -> Solution:
+    """Solve for the BRDF and for what of the lighting is to be recovered.
+
+    A first fit with equal weights shows the noise; the second weighs each sample by its inverse variance.
+    `on_step` is called `evidence.ladder_steps(len(photos))` times.
+    """
+    even = by_lighting(photo_statistics(photo, np.ones_like(photo.radiance)) for photo in photos)
+    first = fit(LADDER[-1], even)
+    predictions = [predict_columns(photo, first.brdf, first.strengths[photo.lighting]) for photo in photos]
+    noise = fit_noise(predictions, [photo.radiance - p for photo, p in zip(photos, predictions, strict=True)])
+    weights = [1 / noise.variance(prediction) for prediction in predictions]
+    rungs, chosen = climb_ladder(photos, weights, on_step)
+    estimate = rungs[chosen].estimate
+    elements = {photo.lighting: photo.elements for photo in photos}
+    parameters = pack(estimate, elements)
+    report = _Report(parameters, has_known="known" in {name for names in elements.values() for name in names})
+    covariance = covariance_of(report, parameters, estimate, photos, weights)
+    values = report(parameters.vector)
+    std = np.sqrt(np.diag(covariance))
+    brdf_size = report.places["strengths"].start
+    return Solution(
+        estimate=estimate,
+        rungs=rungs,
+        chosen=chosen,
+        noise=noise,
+        quantities=_quantities(report, values, std, photos, lightings),
+        lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
+        covariance=covariance[:brdf_size, :brdf_size],
+        covariance_names=report.names,
+        gauge=_gauge(report),
+    )
+
+
+class _Report:
+    """The numbers that are reported, as one vector of the fitted ones, in a fixed gauge.
+
+    places : block -> slice: "mu", "sigma", "kd", "ks", "kd_normalised", "ks_normalised", "strengths".
+    """
+
+    def __init__(self, parameters: Parameters, has_known: bool) -> None:
+        self.parameters = parameters
+        self.has_known = has_known
+        self.strengths = [name for name in parameters.places if "/" in name]
+        gauged = [name for name in self.strengths if "/source" in name] or self.strengths
+        self._gauge_places = np.array([_indices(parameters, name) for name in gauged])
+        blocks = self._blocks(parameters.vector)
+        self.places: dict[str, slice] = {}
+        start = 0
+        for name, block in blocks.items():
+            self.places[name] = slice(start, start + len(block))
+            start += len(block)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name for each number before the strengths: "mu", "kd.r", ..."""
+        result: list[str] = []
+        for name, place in self.places.items():
+            if name != "strengths":
+                size = place.stop - place.start
+                result += [name] if size == 1 else [f"{name}.{channel}" for channel in "rgb"]
+        return tuple(result)
+
+    def __call__(self, vector: Floats) -> Floats:
+        return np.concatenate(list(self._blocks(vector).values()))
+
+    def _blocks(self, vector: Floats) -> dict[str, Floats]:
+        parameters = self.parameters
+        brdf = parameters.brdf(vector)
+        scale = np.ones(3)
+        if not self.has_known and len(self._gauge_places):
+            scale = vector[self._gauge_places].mean(axis=0)
+        blocks = {name: vector[parameters.places[name]] for name in ("mu", "sigma") if name in parameters.places}
+        blocks["kd"] = brdf.kd * scale
+        total = brdf.kd + brdf.ks
+        safe = np.where(total > 0, total, 1.0)
+        if "ks" in parameters.places:
+            blocks["ks"] = brdf.ks * scale
+            blocks["kd_normalised"] = brdf.kd / safe
+            blocks["ks_normalised"] = brdf.ks / safe
+        strengths = [vector[parameters.places[name]] / scale for name in self.strengths]
+        blocks["strengths"] = np.concatenate(strengths) if strengths else np.zeros(0)
+        return blocks
+
+    def strength(self, values: Floats, name: str) -> Floats:
+        """The three numbers of a recovered strength in a vector laid out as reported."""
+        first = self.places["strengths"].start + 3 * self.strengths.index(name)
+        return values[first : first + 3]
+
+
+def _indices(parameters: Parameters, name: str) -> NDArray[np.int64]:
+    place = parameters.places[name]
+    return np.arange(place.start, place.stop)
+
+
+def _quantities(
+    report: _Report,
+    values: Floats,
+    std: Floats,
+    photos: Sequence[PhotoColumns],
+    lightings: Sequence[Lighting],
+) -> dict[str, Quantity]:
+    def block(name: str) -> tuple[Floats, Floats]:
+        return values[report.places[name]], std[report.places[name]]
+
+    kd, kd_std = block("kd")
+    ks, ks_std = block("ks") if "ks" in report.places else (np.zeros(3), np.zeros(3))
+    scale = kd + ks
+    quantities = {"kd": assess_linear(kd, kd_std, scale, "Kd")}
+    quantities["albedo"] = _scaled(quantities["kd"], np.pi)
+    if "ks" not in report.places:
+        return quantities
+    quantities["ks"] = assess_linear(ks, ks_std, scale, "Ks")
+    for name in ("kd_normalised", "ks_normalised"):
+        share, share_std = block(name)
+        quantities[name] = assess_linear(share, share_std, np.ones(3), name[:2].capitalize())
+    ks_share = float(np.mean(values[report.places["ks_normalised"]]))
+    sigma, sigma_std = block("sigma")
+    quantities["sigma"] = assess_sigma(float(sigma[0]), float(sigma_std[0]), lightings, ks_share)
+    if "mu" in report.places:
+        mu, mu_std = block("mu")
+        quantities["mu"] = assess_mu(float(mu[0]), float(mu_std[0]), photos, ks_share)
+    return quantities
+
+
+def _scaled(quantity: Quantity, factor: float) -> Quantity:
+    if quantity.value is None or quantity.std is None:
+        return quantity
+    return replace(quantity, value=quantity.value * factor, std=quantity.std * factor)
+
+
+def _fitted_lighting(lighting: Lighting, report: _Report, values: Floats, std: Floats) -> FittedLighting:
+    irradiances = lighting.irradiances.copy()
+    irradiance_std = np.zeros_like(irradiances)
+    if lighting.recover_irradiance:
+        for k in range(len(irradiances)):
+            name = f"{lighting.name}/source {k + 1}"
+            irradiances[k] = np.maximum(report.strength(values, name), 0)
+            irradiance_std[k] = report.strength(std, name)
+    ambient = ambient_std = None
+    if lighting.recover_ambient:
+        name = f"{lighting.name}/ambient"
+        ambient, ambient_std = report.strength(values, name), report.strength(std, name)
+    return FittedLighting(replace(lighting, irradiances=irradiances), irradiance_std, ambient, ambient_std)
+
+
+def _gauge(report: _Report) -> str:
+    if not report.strengths:
+        return "absolute: the given lighting fixes the scale of Kd and Ks in each channel"
+    if report.has_known:
+        return "absolute: the known part of the lighting fixes the scale in each channel"
+    which = "source irradiance" if any("/source" in name for name in report.strengths) else "ambient radiance"
+    return f"relative: mean recovered {which} fixed to 1 per channel"

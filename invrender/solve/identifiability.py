@@ -1,0 +1,116 @@
+"""What the photographs determine, and where they don't: why, and what photograph would settle it.
+
+The reasons are RH01's: roughness is invisible under light without high frequencies (section 5.2), the
+Fresnel factor without grazing views (section 6.1), and diffuse and specular reflection can't be told apart
+where they send the same signal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from invrender.factorization import Quantity, Status
+from invrender.model.columns import PhotoColumns
+from invrender.model.fresnel import MU_RANGE
+from invrender.model.microfacet import SIGMA_RANGE
+from invrender.solve.uncertainty import PRIOR_STD
+from invrender.theory.harmonics import project_latlong, project_sources
+
+Floats = NDArray[np.float64]
+
+# Beyond half of the prior's width a posterior is as wide as the prior for all a user can do with it.
+_PRIOR_SHARE = 0.5
+_WEAK = 0.1
+_DEGREE = 30
+
+
+def lighting_degree(lightings: Sequence[Lighting], share: float = 0.99) -> int | None:
+    """The degree up to which lies `share` of the power of the best-suited lighting; None beyond 30.
+
+    The power of degree l is the sum of squared coefficients; degree 0, which shows nothing of a lobe's
+    width, is left out.
+    """
+    best: int | None = 0
+    for lighting in lightings:
+        total = np.zeros((_DEGREE + 1) ** 2)
+        if len(lighting.directions):
+            total += project_sources(lighting.directions, lighting.irradiances, _DEGREE).mean(axis=1)
+        if lighting.radiance_map is not None and not lighting.recover_ambient:
+            total += project_latlong(lighting.radiance_map, _DEGREE).mean(axis=1)
+        degrees = np.repeat(np.arange(_DEGREE + 1), 2 * np.arange(_DEGREE + 1) + 1)
+        power = np.bincount(degrees, total**2)[1:]
+        if power.sum() <= 0:
+            continue
+        reached = 1 + int(np.searchsorted(np.cumsum(power) / power.sum(), share))
+        if reached >= _DEGREE:
+            return None
+        best = max(best or 0, reached)
+    return best
+
+
+def assess_mu(value: float, std: float, photos: Sequence[PhotoColumns], ks_share: float) -> Quantity:
+    """mu with its status; undetermined where the prior's width is not reduced."""
+    at_edge = not MU_RANGE[0] * 1.001 < value < MU_RANGE[1] * 0.999
+    if std < _PRIOR_SHARE * PRIOR_STD["mu"] and not at_edge:
+        return _determined(value, std, "Fresnel factor", "add photographs with highlights at grazing angles")
+    steepest = np.degrees(np.arccos(min(photo.field.cos_exitant.min() for photo in photos)))
+    what = f"the fit runs to the edge of the range {MU_RANGE}" if at_edge else f"mu is known to +-{std:.2f} only"
+    return Quantity(
+        None,
+        None,
+        "undetermined",
+        f"{what}: the Fresnel factor differs between indices only at grazing exitant angles; the samples reach"
+        f" {steepest:.0f} degrees, and the specular share is {ks_share:.3f}",
+        "add photographs in which highlights are seen at grazing angles (source nearly behind the object)",
+    )
+
+
+def assess_sigma(value: float, std: float, lightings: Sequence[Lighting], ks_share: float) -> Quantity:
+    """sigma with its status; undetermined where the light has no frequencies that the lobe would take away."""
+    at_edge = not SIGMA_RANGE[0] * 1.001 < value < SIGMA_RANGE[1] * 0.999
+    if std < min(_PRIOR_SHARE * PRIOR_STD["sigma"], value) and not at_edge:
+        return _determined(value, std, "roughness", "add a photograph under a small, bright source")
+    degree = lighting_degree(lightings)
+    what = f"the fit runs to the edge of the range {SIGMA_RANGE}" if at_edge else f"sigma is known to +-{std:.2f} only"
+    if degree is not None:
+        width = "" if degree == 0 else f"; lobes narrower than about {1 / degree:.2f} rad pass all of it unchanged"
+        why = f"99% of the light's varying power lies in degrees up to {degree}{width} (RH01, section 5.2)"
+        remedy = "add a photograph under a small, bright source"
+    else:
+        why = f"the light has high frequencies, but the specular share is only {ks_share:.3f}"
+        remedy = "add photographs that show the highlight, exposed so that it is not saturated"
+    return Quantity(None, None, "undetermined", f"{what}: {why}", remedy)
+
+
+def assess_linear(value: Floats, std: Floats, scale: Floats, name: str) -> Quantity:
+    """Kd or Ks (3,) with its status; `scale` is Kd + Ks, against which a std is judged hopeless."""
+    if np.all(std < 0.5 * np.maximum(scale, 1e-300)):
+        status: Status = "weak" if np.any(std > _WEAK * np.abs(value)) else "determined"
+        if status == "determined":
+            return Quantity(value, std, status)
+        return Quantity(
+            value,
+            std,
+            status,
+            f"its standard deviation is above a tenth of its value; {name} is small, or under this light diffuse and"
+            " specular reflection look much alike",
+            "add photographs under a small source, with and without the highlight in view",
+        )
+    return Quantity(
+        None,
+        None,
+        "undetermined",
+        "under this light diffuse and specular reflection send nearly the same signal",
+        "add photographs under a small, bright source, from several sides",
+    )
+
+
+def _determined(value: float, std: float, what: str, remedy: str) -> Quantity:
+    weak = std > _WEAK * value
+    reason = f"the standard deviation of the {what} is above a tenth of its value" if weak else ""
+    status: Status = "weak" if weak else "determined"
+    return Quantity(np.array([value]), np.array([std]), status, reason, remedy if weak else "")

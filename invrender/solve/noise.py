@@ -1,0 +1,46 @@
+"""The noise of the photographs, read off the residuals of a first fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+Floats = NDArray[np.float64]
+
+_BINS = 24
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Standard deviation sqrt(floor^2 + (relative * radiance)^2) of what the model leaves unexplained."""
+
+    floor: float
+    relative: float
+
+    def variance(self, radiance: Floats) -> Floats:
+        """Variance at predicted radiance (any shape), in its square."""
+        return self.floor**2 + (self.relative * radiance) ** 2
+
+
+def fit_noise(predictions: Sequence[Floats], residuals: Sequence[Floats]) -> NoiseModel:
+    """Floor and relative part from residuals (n, 3) against predictions (n, 3) of all photographs.
+
+    Residuals are pooled in bins of equal count along the prediction, so that each brightness has its say;
+    within a bin the variance is robust (1.4826 median absolute value, squared): outliers don't pass for noise.
+    """
+    radiance = np.concatenate([p.ravel() for p in predictions])
+    error = np.concatenate([r.ravel() for r in residuals])
+    order = np.array_split(np.argsort(radiance), _BINS)
+    centre = np.array([np.mean(radiance[part]) for part in order if len(part)])
+    spread = np.array([(1.4826 * np.median(np.abs(error[part]))) ** 2 for part in order if len(part)])
+    # Relative least squares: a bin's variance is known to a share of itself.
+    weight = 1 / np.maximum(spread, 1e-6 * spread.max() + 1e-300)
+    solution, _ = nnls(np.stack([weight, weight * centre**2], axis=1), weight * spread)
+    # Never quite zero: noise-free renderings would otherwise weigh their darkest pixels without bound.
+    scale = float(np.sqrt(np.mean(radiance**2)))
+    floor = max(float(np.sqrt(solution[0])), 1e-4 * scale)
+    return NoiseModel(floor, float(np.sqrt(solution[1])))

@@ -1,0 +1,69 @@
+"""Sufficient statistics: all that the search needs of the samples, added up over photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.model.columns import PhotoColumns
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Weighted normal equations of the photographs under one lighting.
+
+    lighting, elements : as in `PhotoColumns`.
+    gram : (3, elements, q, elements, q). right : (3, elements, q). energy : (3,), the data's own square.
+    count : samples times channels.
+    """
+
+    lighting: str
+    elements: tuple[str, ...]
+    gram: Floats
+    right: Floats
+    energy: Floats
+    count: int
+
+    def __add__(self, other: Statistics) -> Statistics:
+        return Statistics(
+            self.lighting,
+            self.elements,
+            self.gram + other.gram,
+            self.right + other.right,
+            self.energy + other.energy,
+            self.count + other.count,
+        )
+
+
+def photo_statistics(photo: PhotoColumns, weights: Floats) -> Statistics:
+    """Statistics of one photograph; weights (n, 3), inverse variances up to a scale."""
+    channels, count, elements, size = photo.columns.shape
+    gram = np.empty((3, elements * size, elements * size))
+    right = np.empty((3, elements * size))
+    for c in range(3):
+        flat = photo.columns[min(c, channels - 1)].reshape(count, -1).astype(float)
+        root = np.sqrt(weights[:, c])
+        scaled = flat * root[:, None]
+        gram[c] = scaled.T @ scaled
+        right[c] = scaled.T @ (root * photo.radiance[:, c])
+    return Statistics(
+        photo.lighting,
+        photo.elements,
+        gram.reshape(3, elements, size, elements, size),
+        right.reshape(3, elements, size),
+        (weights * photo.radiance**2).sum(axis=0),
+        3 * count,
+    )
+
+
+def by_lighting(statistics: Iterable[Statistics]) -> tuple[Statistics, ...]:
+    """Statistics added up per lighting, in order of first appearance."""
+    sums: dict[str, Statistics] = {}
+    for entry in statistics:
+        sums[entry.lighting] = sums[entry.lighting] + entry if entry.lighting in sums else entry
+    return tuple(sums.values())

@@ -1,0 +1,194 @@
+"""Standard deviations of everything that is reported.
+
+Two answers are formed for each parameter and the larger is kept: the one that independent pixel noise
+implies (Gauss-Newton), and the sandwich that lets residuals be correlated within clusters of samples, as
+they are where the model or the object falls short. Clusters are tiles of each photograph (light, pose)
+and patches of surface across all photographs (stains, dents).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.model.columns import PhotoColumns
+from invrender.model.fresnel import MU_RANGE
+from invrender.model.microfacet import SIGMA_RANGE, Microfacet
+from invrender.model.predict import predict_columns, transfers
+from invrender.solve.search import Estimate
+
+Floats = NDArray[np.float64]
+
+# A prior that is flat between the bounds of the search; without it a parameter that the photographs do
+# not touch would have an infinite variance and drag others with it.
+PRIOR_STD = {
+    "mu": (MU_RANGE[1] - MU_RANGE[0]) / np.sqrt(12),
+    "sigma": (SIGMA_RANGE[1] - SIGMA_RANGE[0]) / np.sqrt(12),
+}
+_TILES_ACROSS = 6
+_PATCHES_PER_UNIT = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """An estimate as one vector: mu, sigma (where the model has them), Kd, Ks (3 each), free strengths.
+
+    places : name of a block -> slice. Names are "mu", "sigma", "kd", "ks" and "lighting/element".
+    """
+
+    vector: Floats
+    places: Mapping[str, slice]
+
+    def brdf(self, vector: Floats) -> Microfacet:
+        """The BRDF of a vector of this layout."""
+        mu = float(vector[self.places["mu"]][0]) if "mu" in self.places else None
+        sigma = float(vector[self.places["sigma"]][0]) if "sigma" in self.places else None
+        ks = vector[self.places["ks"]] if "ks" in self.places else np.zeros(3)
+        return Microfacet(vector[self.places["kd"]], ks, mu, sigma)
+
+
+def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameters:
+    """The parameters of an estimate; `elements` gives each lighting's element names."""
+    blocks: dict[str, Floats] = {}
+    if estimate.brdf.mu is not None:
+        blocks["mu"] = np.array([estimate.brdf.mu])
+    if estimate.brdf.sigma is not None:
+        blocks["sigma"] = np.array([estimate.brdf.sigma])
+    blocks["kd"] = estimate.brdf.kd
+    if estimate.model.specular:
+        blocks["ks"] = estimate.brdf.ks
+    for lighting, names in elements.items():
+        for name, strength in zip(names, estimate.strengths[lighting], strict=True):
+            if name != "known":
+                blocks[f"{lighting}/{name}"] = strength
+    places, start = {}, 0
+    for name, values in blocks.items():
+        places[name] = slice(start, start + len(values))
+        start += len(values)
+    return Parameters(np.concatenate(list(blocks.values())), places)
+
+
+def covariance_of(
+    report: Callable[[Floats], Floats],
+    parameters: Parameters,
+    estimate: Estimate,
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Floats],
+) -> Floats:
+    """Covariance of reported numbers, `report(vector)`, which must not depend on the gauge.
+
+    weights : (n, 3) per photo, inverse variances. Returns (k, k).
+    """
+    size = len(parameters.vector)
+    information = np.zeros((size, size))
+    chi2, count = 0.0, 0
+    tiles: list[Floats] = []
+    patches: dict[int, Floats] = {}
+    for photo, weight in zip(photos, weights, strict=True):
+        residual = photo.radiance - predict_columns(photo, estimate.brdf, estimate.strengths[photo.lighting])
+        scores = np.zeros((len(photo.field), size))
+        for channel, jacobian in enumerate(_jacobians(photo, parameters, estimate)):
+            information += (jacobian * weight[:, channel, None]).T @ jacobian
+            scores += jacobian * (weight[:, channel] * residual[:, channel])[:, None]
+        chi2 += float((weight * residual**2).sum())
+        count += residual.size
+        tiles += list(_sum_by(_tile_of(photo), scores).values())
+        for patch, score in _sum_by(_patch_of(photo), scores).items():
+            patches[patch] = patches.get(patch, 0) + score
+    prior = np.zeros(size)
+    for name, std in PRIOR_STD.items():
+        if name in parameters.places:
+            prior[parameters.places[name]] = 1 / std**2
+    reduced = chi2 / max(count - size, 1)
+    inverse = _symmetric_pinv(information / reduced + np.diag(prior))
+    derivative = _numerical_jacobian(report, parameters.vector)
+    independent = derivative @ inverse @ derivative.T
+    ratio = np.ones(len(independent))
+    for clusters in (tiles, list(patches.values())):
+        stacked = np.array(clusters) / reduced
+        if len(stacked) > 1:
+            influence = derivative @ inverse @ stacked.T
+            spread = (influence**2).sum(axis=1) * len(stacked) / (len(stacked) - 1)
+            ratio = np.maximum(ratio, spread / np.maximum(np.diag(independent), 1e-300))
+    root = np.sqrt(ratio)
+    return independent * np.outer(root, root)
+
+
+def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -> list[Floats]:
+    """Derivatives (n, parameters) of a photograph's radiance, one per channel."""
+    brdf, strengths = estimate.brdf, estimate.strengths[photo.lighting]
+    diffuse, specular = transfers(photo, brdf.mu, brdf.sigma)
+    slopes = {name: _slope(photo, brdf, name) for name in ("mu", "sigma") if name in parameters.places}
+    result = []
+    for c in range(3):
+        row = min(c, diffuse.shape[0] - 1)
+        jacobian = np.zeros((len(photo.field), len(parameters.vector)))
+        jacobian[:, parameters.places["kd"].start + c] = diffuse[row] @ strengths[:, c]
+        if "ks" in parameters.places:
+            jacobian[:, parameters.places["ks"].start + c] = specular[row] @ strengths[:, c]
+        for name, slope in slopes.items():
+            jacobian[:, parameters.places[name].start] = brdf.ks[c] * (slope[row] @ strengths[:, c])
+        for e, name in enumerate(photo.elements):
+            place = parameters.places.get(f"{photo.lighting}/{name}")
+            if place is not None:
+                shading = brdf.kd[c] * diffuse[row][:, e] + brdf.ks[c] * specular[row][:, e]
+                jacobian[:, place.start + c] = shading
+        result.append(jacobian)
+    return result
+
+
+def _slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> Floats:
+    """Central difference of the specular transfer in mu or sigma, within the search's bounds."""
+    value = getattr(brdf, name)
+    low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE}[name]
+    step = 1e-3 * value
+    ends = np.clip([value - step, value + step], low, high)
+    moved = [
+        transfers(photo, end if name == "mu" else brdf.mu, end if name == "sigma" else brdf.sigma)[1]
+        for end in ends
+    ]
+    return (moved[1] - moved[0]) / (ends[1] - ends[0])
+
+
+def _tile_of(photo: PhotoColumns) -> NDArray[np.int64]:
+    rows, columns = photo.field.rows, photo.field.columns
+    side = max(np.ptp(rows), np.ptp(columns), 1) / _TILES_ACROSS
+    return ((rows - rows.min()) / side).astype(int) * 1000 + ((columns - columns.min()) / side).astype(int)
+
+
+def _patch_of(photo: PhotoColumns) -> NDArray[np.int64]:
+    cell = np.round((photo.field.sample_normals + 1) * _PATCHES_PER_UNIT).astype(int)
+    return cell @ np.array([10000, 100, 1])
+
+
+def _sum_by(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
+    names, inverse = np.unique(keys, return_inverse=True)
+    sums = np.zeros((len(names), values.shape[1]))
+    np.add.at(sums, inverse, values)
+    return dict(zip(names.tolist(), sums, strict=True))
+
+
+def _symmetric_pinv(matrix: Floats) -> Floats:
+    """Inverse of a symmetric matrix with its unobservable (gauge) directions left out.
+
+    Scaled to unit diagonal first: the parameters' units differ by orders of magnitude.
+    """
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-11, hermitian=True)
+    return inverse / np.outer(scale, scale)
+
+
+def _numerical_jacobian(report: Callable[[Floats], Floats], vector: Floats) -> Floats:
+    columns = []
+    for k in range(len(vector)):
+        step = 1e-6 * max(abs(vector[k]), 1e-3)
+        ends = []
+        for sign in (-1, 1):
+            moved = vector.copy()
+            moved[k] += sign * step
+            ends.append(report(moved))
+        columns.append((ends[1] - ends[0]) / (2 * step))
+    return np.stack(columns, axis=-1)

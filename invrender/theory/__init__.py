@@ -1,0 +1,1 @@
+"""Reflection as convolution: harmonics, transfer functions, what they imply."""

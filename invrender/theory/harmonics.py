@@ -1,0 +1,38 @@
+"""Real spherical harmonics: orthonormal, without Condon-Shortley phase, Y[1,1] positive along +x.
+
+The coefficient of degree l (the papers say order) and order m is stored at l * l + l + m.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import sphericart
+from numpy.typing import ArrayLike, NDArray
+
+from capture.lighting import latlong_directions, latlong_solid_angles
+
+Floats = NDArray[np.float64]
+
+
+def evaluate_harmonics(directions: ArrayLike, l_max: int) -> Floats:
+    """Y_lm at directions (n, 3), unit, as (n, (l_max + 1)^2)."""
+    directions = np.ascontiguousarray(np.asarray(directions, float).reshape(-1, 3))
+    return np.asarray(sphericart.SphericalHarmonics(l_max).compute(directions))
+
+
+def project_latlong(radiance_map: ArrayLike, l_max: int) -> Floats:
+    """Coefficients ((l_max + 1)^2, c) of a lat-long map (H, 2H, c): its pixels times their solid angles.
+
+    Exact up to the map's pixelation; R02 eq. 5.21 is the fast form for high degrees.
+    """
+    radiance_map = np.asarray(radiance_map, float)
+    height = radiance_map.shape[0]
+    weighted = radiance_map * latlong_solid_angles(height)[:, :, None]
+    basis = evaluate_harmonics(latlong_directions(height).reshape(-1, 3), l_max)
+    return basis.T @ weighted.reshape(-1, radiance_map.shape[2])
+
+
+def project_sources(directions: ArrayLike, irradiances: ArrayLike, l_max: int) -> Floats:
+    """Coefficients ((l_max + 1)^2, c) of directional sources (k, 3) of irradiance (k, c): delta functions."""
+    irradiances = np.asarray(irradiances, float)
+    return evaluate_harmonics(directions, l_max).T @ irradiances

@@ -1,0 +1,83 @@
+"""The lightings of a photo set, read from maps, source lists and mirror balls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from capture.decode import decode_in_set, read_mask
+from capture.lighting import Lighting, read_latlong
+from capture.manifest import CameraTable, LightingTable, MirrorBallTable
+from capture.photoset import ExposureSettings, Photo, PhotoSet, build_camera, matrix4
+from recon.mirrorball import ball_lighting, lighting_of_ball
+
+
+def read_lighting(photoset: PhotoSet, table: LightingTable) -> Lighting:
+    """One named lighting of a set; ValueError names the table and what it lacks."""
+    where = f'{photoset.manifest}: [[lighting]] "{table.name}"'
+    if table.unknown:
+        raise ValueError(
+            f"{where}: unknown = true: this version recovers reflectance under known light only;"
+            " give map, directional or mirror_ball"
+        )
+    if table.mirror_ball is not None:
+        return _from_ball(photoset, table, table.mirror_ball, where)
+    recover = table.recover or ()
+    directions = np.array([source.direction for source in table.directional]).reshape(-1, 3)
+    lacking = [k for k, source in enumerate(table.directional) if source.irradiance is None]
+    if lacking and "irradiance" not in recover:
+        raise ValueError(
+            f"{where}: source {lacking[0] + 1} has no irradiance; give it, or recover = ['irradiance'] to have it fitted"
+        )
+    if "irradiance" in recover and not table.directional:
+        raise ValueError(f"{where}: recover = ['irradiance'], but there is no directional source")
+    if "ambient" in recover and table.map:
+        raise ValueError(f"{where}: recover = ['ambient'] contradicts map: a recovered ambient stands in for a map")
+    irradiances = [source.irradiance or (1.0, 1.0, 1.0) for source in table.directional]
+    try:
+        lighting = Lighting(
+            name=table.name,
+            radiance_map=read_latlong(photoset.resolve(table.map)) if table.map else None,
+            directions=directions,
+            irradiances=np.array(irradiances).reshape(-1, 3),
+            recover_irradiance="irradiance" in recover,
+            recover_ambient="ambient" in recover,
+            origin=table.map or "manifest",
+        )
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+    dark = lighting.radiance_map is None and not lighting.irradiances.any()
+    if dark and not lighting.recovers:
+        raise ValueError(f"{where}: gives no light at all; every irradiance is zero")
+    return lighting
+
+
+def _from_ball(photoset: PhotoSet, table: LightingTable, ball: MirrorBallTable, where: str) -> Lighting:
+    users = [photo for photo in photoset.photos if photo.lighting == table.name]
+    if not users:
+        raise ValueError(f"{where}: no photo uses this lighting; remove it, or name it in a [[photo]]")
+    pose = matrix4(ball.world_to_camera, where) if ball.world_to_camera else _common_pose(users, where)
+    camera = users[0].camera.posed(pose)
+    if ball.camera is not None:
+        shared = CameraTable(
+            model=camera.model, params=tuple(camera.params), width=camera.width, height=camera.height
+        )
+        camera = build_camera(photoset.manifest, (shared, ball.camera), pose, where)
+    path = photoset.resolve(ball.photo)
+    size = (camera.height, camera.width)
+    settings = ExposureSettings(ball.exposure_s, ball.iso, ball.f_number)
+    image = decode_in_set(photoset.radiometry, path, settings, size)
+    coverage = read_mask(photoset.resolve(ball.mask), size) if ball.mask else None
+    return lighting_of_ball(ball_lighting(image, coverage, camera, ball.photo), table.recover, table.name)
+
+
+def _common_pose(users: Sequence[Photo], where: str) -> np.ndarray:
+    pose = users[0].camera.world_to_camera
+    for photo in users[1:]:
+        if not np.allclose(photo.camera.world_to_camera, pose, atol=1e-9):
+            raise ValueError(
+                f"{where}: the photos under this lighting have several poses, so the ball's is not known;"
+                " give mirror_ball = { ..., world_to_camera = [...] }"
+            )
+    return pose

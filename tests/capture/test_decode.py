@@ -1,0 +1,328 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+
+from capture.camera import ORTHOGRAPHIC, Camera
+from capture.decode import RadianceImage, decode, decode_in_set, decode_photo, read_mask, srgb_to_linear
+from capture.exposure import read_exif_exposure, relative_exposure
+from capture.imagefile import read_pixels, write_exr
+from capture.manifest import ObjectTable, RadiometryTable
+from capture.photoset import ExposureSettings, Photo, PhotoSet
+
+FLOAT32 = 2.0**-23  # relative rounding of a float32 result
+
+
+def ramp(dtype) -> np.ndarray:
+    """Every code of an integer type once, as a colour image whose channels differ."""
+    codes = np.arange(np.iinfo(dtype).max + 1).astype(dtype).reshape(-1, 16)
+    return np.stack([codes, codes[::-1], codes[:, ::-1]], axis=-1)
+
+
+def write(path: Path, rgb: np.ndarray) -> Path:
+    """With OpenCV, whose channels are in the order blue, green, red."""
+    assert cv2.imwrite(str(path), rgb[..., ::-1] if rgb.ndim == 3 else rgb)
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_linear_codes_are_shares_of_the_white_level(tmp_path, dtype, suffix):
+    white = np.iinfo(dtype).max
+    rgb = ramp(dtype)
+    image = decode(write(tmp_path / f"a{suffix}", rgb), exposure=0.25)
+    assert_allclose(image.radiance, rgb / (0.25 * white), rtol=FLOAT32, equal_nan=False)
+    assert_allclose(image.variance, (1 / (0.25 * white)) ** 2 / 12, rtol=1e-6, equal_nan=False)
+    # Any channel at the white level saturates the pixel, and only that.
+    assert_array_equal(image.saturated, (rgb == white).any(axis=-1))
+    assert image.saturated.sum() == 3
+
+
+def test_srgb_curve_agrees_with_published_values(tmp_path):
+    # IEC 61966-2-1: the linear piece ends at 0.04045 (0.0031308); 0.5 is 0.21404; to the printed digits.
+    assert_allclose(srgb_to_linear([0, 0.04045, 0.5, 1]), [0, 0.0031308, 0.21404, 1], atol=5e-6)
+    # Both pieces agree where they meet, to the digits of the standard's constants.
+    assert np.diff(srgb_to_linear([0.04045, 0.0404501]))[0] == pytest.approx(0, abs=1e-7)
+    # Mid grey of an 8-bit file: code 188 is half of the white level's light, to one code's step.
+    image = decode(write(tmp_path / "a.png", np.full((2, 3, 3), 188, np.uint8)), "srgb")
+    assert_allclose(image.radiance, 0.5, atol=0.005)
+
+
+@pytest.mark.parametrize("encoding", ["linear", "srgb"])
+def test_variance_is_that_of_quantisation(tmp_path, encoding):
+    rng = np.random.default_rng(3)
+    truth = rng.uniform(0.2, 0.9, (400, 500, 3))
+    # The encoding curve by interpolating the decoding one, so that the two are one curve.
+    knots = np.linspace(0, 1, 4001)
+    encoded = truth if encoding == "linear" else np.interp(truth, srgb_to_linear(knots), knots)
+    path = write(tmp_path / "a.png", np.round(encoded * 255).astype(np.uint8))
+    image = decode(path, encoding, exposure=0.5)
+    error = image.radiance - truth / 0.5
+    for low, high in ((0.2, 0.4), (0.4, 0.6), (0.6, 0.9)):
+        part = (truth >= low) & (truth < high)
+        # 100,000 samples of a uniform error: a relative standard error of the variance of 0.3%; take 3.
+        assert np.mean(error[part] ** 2) == pytest.approx(image.variance[part].mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("kind", ["half", "rgbe"])
+def test_variance_of_float_files_is_that_of_their_step(tmp_path, kind):
+    rng = np.random.default_rng(4)
+    # Colours whose channels differ by a factor of up to 30, over many binary orders of magnitude.
+    brightness = np.exp(rng.uniform(-6, 3, (300, 300, 1)))
+    truth = (brightness * rng.uniform(0.03, 1, (300, 300, 3))).astype(np.float32)
+    if kind == "half":
+        path = tmp_path / "a.exr"
+        write_exr(path, truth, half=True)
+    else:
+        path = write(tmp_path / "a.hdr", truth)
+    image = decode(path, exposure=2.0)
+    error = (image.radiance - truth / 2) / np.sqrt(image.variance)
+    if kind == "rgbe":
+        # OpenCV's writer cuts off where it could round: its error has a mean. What is left is the step's.
+        error -= error.mean()
+    for part in (truth < np.median(truth), truth >= np.median(truth)):
+        # 135,000 uniform errors: 0.3% standard error; the step's model is exact, so 1% is three of them.
+        assert np.mean(error[part] ** 2) == pytest.approx(1, rel=0.01)
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_exr_keeps_what_was_written(tmp_path, half):
+    rng = np.random.default_rng(5)
+    radiance = rng.uniform(0, 100, (7, 5, 3)).astype(np.float16 if half else np.float32)
+    write_exr(tmp_path / "a.exr", radiance, half=half)
+    stored = read_pixels(tmp_path / "a.exr")
+    assert stored.dtype == radiance.dtype
+    assert_array_equal(stored, radiance)
+    image = decode(tmp_path / "a.exr", "srgb", exposure=2.0)  # an EXR is linear, whatever the set's encoding
+    assert_array_equal(image.radiance, radiance.astype(np.float32) / 2)
+    assert not image.saturated.any()
+    assert (image.variance > 0).all() == half
+
+
+def test_float_tiff_is_linear_and_has_no_quantum(tmp_path):
+    radiance = np.random.default_rng(6).uniform(0, 9, (4, 5, 3)).astype(np.float32)
+    image = decode(write(tmp_path / "a.tif", radiance), "srgb")
+    assert_array_equal(image.radiance, radiance)
+    assert not image.variance.any()
+
+
+def test_grey_repeats_and_alpha_is_dropped(tmp_path):
+    grey = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    assert_array_equal(read_pixels(write(tmp_path / "grey.png", grey)), np.stack([grey] * 3, axis=-1))
+    rgba = np.random.default_rng(7).integers(0, 256, (3, 4, 4), np.uint8)
+    Image.fromarray(rgba).save(tmp_path / "rgba.png")
+    assert_array_equal(read_pixels(tmp_path / "rgba.png"), rgba[..., :3])
+    Image.fromarray(rgba[..., [0, 3]]).save(tmp_path / "la.png")
+    assert_array_equal(read_pixels(tmp_path / "la.png"), np.repeat(rgba[..., :1], 3, axis=-1))
+
+
+def test_orientation_tag_does_not_turn_the_pixels(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6  # "turn by 90 degrees to display"
+    Image.fromarray(np.zeros((4, 6, 3), np.uint8)).save(tmp_path / "a.jpg", exif=exif)
+    assert read_pixels(tmp_path / "a.jpg").shape == (4, 6, 3)
+
+
+def test_result_is_read_only_and_checks_its_shapes():
+    zeros = np.zeros((2, 3, 3), np.float32)
+    image = RadianceImage(zeros, zeros, np.zeros((2, 3), bool))
+    with pytest.raises(ValueError, match="read-only"):
+        image.radiance[0] = 1
+    zeros[0] = 1
+    assert not image.radiance.any()
+    with pytest.raises(ValueError, match=r"\(2, 3, 3\) and variance \(2, 3, 1\)"):
+        RadianceImage(zeros, zeros[..., :1], np.zeros((2, 3), bool))
+    with pytest.raises(ValueError, match=r"saturated is \(3, 2\), the image \(2, 3\)"):
+        RadianceImage(zeros, zeros, np.zeros((3, 2), bool))
+
+
+# Exposure.
+
+
+def test_radiance_does_not_depend_on_the_exposure_that_caught_it(tmp_path):
+    radiometry = RadiometryTable(exposure="manual")
+    scene = np.full((4, 4, 3), 20, np.uint16)
+    settings = ExposureSettings(exposure_s=0.01, iso=200, f_number=8)
+    image = decode_in_set(radiometry, write(tmp_path / "a.png", scene), settings, (4, 4))
+    # Twice the time, half the ISO, one stop wider, each times four of the f-number squared: 2 x 1/2 x 4.
+    settings = ExposureSettings(exposure_s=0.02, iso=100, f_number=4)
+    other = decode_in_set(radiometry, write(tmp_path / "b.png", 4 * scene), settings, (4, 4))
+    assert_allclose(image.radiance, 20 / 65535 / (0.01 * 2 / 64), rtol=2 * FLOAT32, equal_nan=False)
+    assert_allclose(other.radiance, image.radiance, rtol=2 * FLOAT32, equal_nan=False)
+
+
+def save_with_exif(path: Path, **tags: float | IFDRational) -> Path:
+    numbers = {"exposure_s": 33434, "f_number": 33437, "iso": 34855}
+    exif = Image.Exif()
+    exif.get_ifd(34665).update({numbers[name]: value for name, value in tags.items()})
+    exif[34665] = 0  # Pillow writes the sub-directory only where the main one mentions it
+    Image.fromarray(np.full((4, 4, 3), 51, np.uint8)).save(path, exif=exif)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
+def test_exposure_is_read_from_exif_and_the_manifest_overrides_it(tmp_path, suffix):
+    tags = {"exposure_s": IFDRational(1, 40), "iso": 400, "f_number": IFDRational(56, 10)}
+    path = save_with_exif(tmp_path / f"a{suffix}", **tags)
+    assert read_exif_exposure(path) == ExposureSettings(0.025, 400, 5.6)
+    assert relative_exposure(path, "exif", ExposureSettings()) == pytest.approx(0.025 * 4 / 5.6**2, rel=1e-12)
+    settings = ExposureSettings(exposure_s=0.1)
+    assert relative_exposure(path, "exif", settings) == pytest.approx(0.1 * 4 / 5.6**2, rel=1e-12)
+    assert relative_exposure(path, "manual", settings) == 0.1
+    assert relative_exposure(path, "equal", settings) == 1
+    image = decode_in_set(RadiometryTable(exposure="exif"), path, ExposureSettings(iso=100), (4, 4))
+    # JPEG keeps a flat grey to one code.
+    assert_allclose(image.radiance, 0.2 / (0.025 / 5.6**2), rtol=1 / 50)
+
+
+def test_exposures_of_real_photographs(data_dir):
+    # The exposure times that come with these photographs: 1/10, 1/40 and 1/160 s.
+    found = [read_exif_exposure(data_dir / "mirrorball" / f"raw{i}.jpg").exposure_s for i in (1, 2, 3)]
+    assert found == pytest.approx([1 / 10, 1 / 40, 1 / 160], rel=1e-9)
+
+
+def test_a_missing_exposure_says_where_to_write_it(tmp_path):
+    path = write(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8))
+    zero = save_with_exif(tmp_path / "zero.jpg", exposure_s=IFDRational(0, 1), f_number=IFDRational(0, 0))
+    write_exr(tmp_path / "a.exr", np.zeros((4, 4, 3)))
+    for bad in (path, zero, tmp_path / "a.exr", tmp_path / "nowhere.png"):
+        with pytest.raises(ValueError, match=rf"{bad.name}: its EXIF holds no exposure time; write"):
+            relative_exposure(bad, "exif", ExposureSettings())
+    with pytest.raises(ValueError, match=r"a\.png: the manifest gives no exposure_s; write exposure_s"):
+        relative_exposure(path, "manual", ExposureSettings(iso=100))
+
+
+# Masks and sets.
+
+
+def test_a_mask_is_coverage_and_any_nonzero_value_is_the_object(tmp_path):
+    mask = np.zeros((4, 6), np.uint8)
+    mask[1:3, 2:4] = 200
+    mask[1, 1] = 50
+    coverage = read_mask(write(tmp_path / "m.png", mask), (4, 6))
+    assert_allclose(coverage, mask / 200, rtol=FLOAT32, equal_nan=False)
+    ones = read_mask(write(tmp_path / "ones.png", (mask > 0).astype(np.uint8)), (4, 6))
+    assert_array_equal(ones, mask > 0)
+
+
+def test_a_bad_mask_is_named(tmp_path):
+    path = write(tmp_path / "m.png", np.zeros((4, 6), np.uint8))
+    with pytest.raises(ValueError, match=r"m\.png: the mask is empty"):
+        read_mask(path, (4, 6))
+    with pytest.raises(ValueError, match=r"m\.png: is 6x4 pixels, but its camera is 4x6"):
+        read_mask(path, (6, 4))
+    write_exr(tmp_path / "m.exr", np.full((4, 6, 3), np.nan))
+    with pytest.raises(ValueError, match=r"m\.exr: the mask holds 24 values that are not finite"):
+        read_mask(tmp_path / "m.exr", (4, 6))
+
+
+def photo_of_set(path: Path, radiometry: RadiometryTable) -> tuple[PhotoSet, Photo]:
+    camera = Camera(ORTHOGRAPHIC, [], 6, 4, np.eye(4))
+    photo = Photo(path.name, path, None, camera, "", ExposureSettings(exposure_s=0.5), False)
+    return PhotoSet("set", path.parent / "photoset.toml", radiometry, ObjectTable(), (), (photo,)), photo
+
+
+def test_a_photo_is_decoded_as_its_set_says(tmp_path):
+    path = write(tmp_path / "a.png", np.full((4, 6, 3), 188, np.uint8))
+    photoset, photo = photo_of_set(path, RadiometryTable(encoding="srgb", exposure="manual"))
+    assert_allclose(decode_photo(photoset, photo).radiance, 0.5 / 0.5, atol=0.01)  # one code's step
+
+
+def test_a_photo_that_disagrees_with_its_set_is_named(tmp_path):
+    path = write(tmp_path / "a.png", np.zeros((6, 4, 3), np.uint8))
+    with pytest.raises(ValueError, match=r"a\.png: is 4x6 pixels, but its camera is 6x4"):
+        decode_photo(*photo_of_set(path, RadiometryTable()))
+    with pytest.raises(ValueError, match=r"a\.png: \[radiometry\] encoding = 'response' needs"):
+        decode_photo(*photo_of_set(path, RadiometryTable(encoding="response")))
+
+
+# Bad files: each is named, and the codecs keep silent.
+
+
+def noise(suffix: str, folder: Path) -> bytes:
+    """A valid file of noise, which hardly compresses."""
+    rgb = np.random.default_rng(8).integers(0, 256, (40, 50, 3), np.uint8)
+    path = folder / f"good{suffix}"
+    if suffix == ".exr":
+        write_exr(path, rgb / 255)
+    else:
+        write(path, rgb if suffix != ".hdr" else rgb.astype(np.float32))
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.95])
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".exr", ".hdr"])
+def test_a_truncated_file_is_named_in_silence(tmp_path, capfd, suffix, share):
+    whole = noise(suffix, tmp_path)
+    path = tmp_path / f"cut{suffix}"
+    path.write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(ValueError, match=rf"cut{suffix}: cannot be decoded.* truncated, damaged or not an"):
+        decode(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".exr", ".hdr"])
+def test_a_file_that_is_no_image_is_named_in_silence(tmp_path, capfd, suffix):
+    path = tmp_path / f"text{suffix}"
+    path.write_text("This is a text file.\n" * 100)
+    with pytest.raises(ValueError, match=rf"text{suffix}: cannot be decoded"):
+        decode(path)
+    path.write_bytes(b"")
+    with pytest.raises(ValueError, match=rf"text{suffix}: (is an empty file|cannot be decoded)"):
+        decode(path)
+    with pytest.raises(ValueError, match=rf"nowhere{suffix}: does not exist"):
+        decode(tmp_path / f"nowhere{suffix}")
+    (tmp_path / f"folder{suffix}").mkdir()
+    with pytest.raises(ValueError, match=rf"folder{suffix}: is a folder"):
+        decode(tmp_path / f"folder{suffix}")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_is_printed_around_a_decoding_is_not_lost(tmp_path, capfd):
+    print("before")  # noqa: T201
+    (tmp_path / "a.png").write_text("text")
+    with pytest.raises(ValueError, match="cannot be decoded"):
+        decode(tmp_path / "a.png")
+    print("after")  # noqa: T201
+    assert capfd.readouterr().out == "before\nafter\n"
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite_are_counted_and_located(tmp_path, value):
+    radiance = np.ones((5, 6, 3), np.float32)
+    radiance[2, 4, 1] = value
+    radiance[3, 0] = value
+    write_exr(tmp_path / "a.exr", radiance)
+    with pytest.raises(ValueError, match=r"a\.exr: 2 pixels are not finite.* column 4, row 2"):
+        decode(tmp_path / "a.exr")
+
+
+def test_exr_channels_are_grey_or_colour_and_nothing_else(tmp_path):
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    grey = np.random.default_rng(9).random((4, 5)).astype(np.float32)
+
+    def write_channels(*names: str) -> Path:
+        with OpenEXR.File(header, dict.fromkeys(names, grey)) as file:
+            file.write(str(tmp_path / "a.exr"))
+        return tmp_path / "a.exr"
+
+    assert_array_equal(read_pixels(write_channels("Y")), np.stack([grey] * 3, axis=-1))
+    assert_array_equal(read_pixels(write_channels("R", "G", "B", "A", "Z")), np.stack([grey] * 3, axis=-1))
+    with pytest.raises(ValueError, match=r"a\.exr: holds the channels G, R; R, G, B \(or Y\) are needed"):
+        read_pixels(write_channels("R", "G"))
+    with pytest.raises(ValueError, match=r"a\.exr: holds luminance and chroma"):
+        read_pixels(write_channels("Y", "RY", "BY"))
+
+
+def test_integers_of_another_size_are_named(tmp_path):
+    Image.fromarray(np.zeros((4, 5), np.int32)).save(tmp_path / "a.tif")
+    with pytest.raises(ValueError, match=r"a\.tif: pixels are int32; 8- or 16-bit"):
+        decode(tmp_path / "a.tif")

@@ -1,0 +1,34 @@
+"""What all tests share: where the real photographs lie."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+
+def _find_data(environ: Mapping[str, str]) -> Path:
+    """The folder of real photographs: skip where nobody promised it, fail where it was promised."""
+    folder = environ.get("LIGHTFACTOR_DATA")
+    if not folder:
+        message = "LIGHTFACTOR_DATA is not set: it names the folder of real photographs (psm/, ...)"
+        if environ.get("CI") == "true":
+            pytest.fail(f"{message}, and continuous integration promises it")
+        pytest.skip(message)
+    if not Path(folder).is_dir():
+        pytest.fail(f"LIGHTFACTOR_DATA is {folder!r}, which is not a folder")
+    return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def find_data() -> Callable[[Mapping[str, str]], Path]:
+    """The rule behind `data_dir`, for its own test."""
+    return _find_data
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real photographs, named by the environment variable LIGHTFACTOR_DATA."""
+    return _find_data(os.environ)
