@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import os
-import sys
-from collections.abc import Iterator
+import struct
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+_DAMAGED = "cannot be decoded; it is truncated, damaged or not an image. Copy or export it again"
 
 
 def read_pixels(path: Path) -> NDArray[np.generic]:
@@ -45,12 +43,11 @@ def _read_with_opencv(path: Path) -> NDArray[np.generic]:
         raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
     if data.size == 0:
         raise ValueError(f"{path}: is an empty file")
-    with _silenced():
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    _check_png(path, data)
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise ValueError(
-            f"{path}: cannot be decoded; it is truncated, damaged or not an image. Copy or export it again"
-        )
+        raise ValueError(f"{path}: {_DAMAGED}")
     if image.ndim == 2:
         return np.repeat(image[:, :, None], 3, axis=2)
     if image.shape[2] == 1:
@@ -61,15 +58,13 @@ def _read_with_opencv(path: Path) -> NDArray[np.generic]:
 def _read_exr(path: Path) -> NDArray[np.generic]:
     import OpenEXR
 
+    _check_exr(path)
     try:
-        with _silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
-            # A damaged file opens with no parts; channels() then raises.
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            # A damaged file may open with no parts; channels() then raises.
             channels = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError) as error:
-        raise ValueError(
-            f"{path}: cannot be decoded as EXR; it is truncated, damaged or not an EXR file."
-            " Copy or export it again"
-        ) from error
+        raise ValueError(f"{path}: {_DAMAGED}") from error
     if "RY" in channels:
         raise ValueError(f"{path}: holds luminance and chroma (Y, RY, BY); write it as R, G, B")
     for names in (("R", "G", "B"), ("Y", "Y", "Y")):
@@ -78,23 +73,37 @@ def _read_exr(path: Path) -> NDArray[np.generic]:
     raise ValueError(f"{path}: holds the channels {', '.join(sorted(channels))}; R, G, B (or Y) are needed")
 
 
-@contextlib.contextmanager
-def _silenced() -> Iterator[None]:
-    """Hold back what codecs print to stdout and stderr on damaged files; the ValueError says it instead.
+def _check_png(path: Path, data: NDArray[np.uint8]) -> None:
+    if data[:4].tobytes() == b"\x89PNG" and b"IEND" not in data[-64:].tobytes():
+        raise ValueError(f"{path}: {_DAMAGED}")
 
-    C libraries write to the file descriptors, OpenEXR's wrapper to Python's own streams: both are held.
+
+def _check_exr(path: Path) -> None:
+    """ValueError unless the file is EXR and, if of the common kind, holds every chunk that it announces.
+
+    The codec would notice as well, but prints its own complaints to the terminal.
     """
-    sys.stdout.flush()
-    sys.stderr.flush()
-    saved = os.dup(1), os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(null, 1)
-        os.dup2(null, 2)
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            yield
-    finally:
-        for number, copy in zip((1, 2), saved, strict=True):
-            os.dup2(copy, number)
-            os.close(copy)
-        os.close(null)
+        data = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
+    try:
+        if data[:4] != b"\x76\x2f\x31\x01":
+            raise IndexError("no EXR signature")
+        # Bit 9 tiled, 11 deep, 12 multi-part: left to the codec.
+        if int.from_bytes(data[4:8], "little") & 0x1A00:
+            return
+        position = 8
+        while data[position]:
+            for _ in range(2):  # an attribute's name and type
+                position = data.index(0, position) + 1
+            position += 4 + struct.unpack_from("<I", data, position)[0]
+        table = position + 1
+        (first,) = struct.unpack_from("<Q", data, table)
+        offsets = struct.unpack_from(f"<{(first - table) // 8}Q", data, table)
+        for offset in offsets:
+            _, size = struct.unpack_from("<iI", data, offset)
+            if not offset or offset + 8 + size > len(data):
+                raise IndexError("a chunk lies beyond the end of the file")
+    except (IndexError, ValueError, struct.error) as error:
+        raise ValueError(f"{path}: {_DAMAGED}") from error

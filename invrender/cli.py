@@ -27,16 +27,26 @@ DEFAULT_SAMPLES = 60_000
 @app.command()
 def process(
     photoset: Annotated[
-        Path, typer.Argument(metavar="SET", help="Folder of a photo set, or its photoset.toml.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="SET", help="Folder of a photo set, or its photoset.toml.", show_default=False
+        ),
     ],
     out: Annotated[
         Path,
-        typer.Option("-o", "--out", metavar="OUT", help="Result folder; an earlier result in it is replaced.", show_default=False),
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Result folder; an earlier result in it is replaced.",
+            show_default=False,
+        ),
     ],
     samples: Annotated[
         int,
         typer.Option(
-            min=1000, help="Pixels of all photographs together that enter the fit, drawn evenly. More is slower, not biased."
+            min=1000,
+            help="Pixels of all photographs together that enter the fit, drawn evenly. More is slower, not biased.",
         ),
     ] = DEFAULT_SAMPLES,
 ) -> None:
@@ -70,26 +80,9 @@ def demo(
 def main() -> None:
     """Run the command; what is wrong with the input is said in a sentence, without a traceback."""
     try:
-        app(standalone_mode=False)
-    except typer.Exit as done:
-        sys.exit(done.exit_code)
-    except typer.Abort:
-        sys.exit(130)
-    except KeyboardInterrupt:
-        print("\nlightfactor: interrupted; nothing was written", file=sys.stderr)  # noqa: T201
-        sys.exit(130)
-    except Exception as error:
-        sys.exit(_explain(error))
-
-
-def _explain(error: Exception) -> int:
-    """Print one error as a user should see it; returns the exit status. Bugs keep their traceback."""
-    import click
-
-    if isinstance(error, click.ClickException):
-        error.show()
-        return error.exit_code
-    if not isinstance(error, (ValueError, OSError)) or os.environ.get("LIGHTFACTOR_TRACEBACK"):
-        raise error
-    print(f"lightfactor: error: {error}", file=sys.stderr)  # noqa: T201
-    return 1
+        app()
+    except (ValueError, OSError) as error:
+        if os.environ.get("LIGHTFACTOR_TRACEBACK"):
+            raise
+        print(f"lightfactor: error: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(1)

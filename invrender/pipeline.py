@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import RadianceImage, decode_photo, read_mask
 from capture.lighting import Lighting
+from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from invrender.factorization import Factorization, PhotoScore
 from invrender.model.columns import PhotoColumns, photo_columns
@@ -67,18 +66,18 @@ class Run:
     seconds: dict[str, float]
 
     def predictions(self) -> Iterator[Prediction]:
-        """Predicted photographs, one at a time, in the set's order."""
-        for photo in self.photoset.photos:
-            observed = decode_photo(self.photoset, photo)
-            samples = all_samples(self.result.sphere, photo.camera, observed)
-            radiance = predict(
-                self.result.brdf, self.elements[photo.lighting], self.strengths[photo.label], samples
-            )
-            predicted = np.zeros_like(observed.radiance)
-            predicted[samples.rows, samples.columns] = radiance
-            inside = np.zeros(observed.saturated.shape, bool)
-            inside[samples.rows, samples.columns] = True
-            yield Prediction(photo, observed, predicted, inside)
+        """Predicted photographs in the set's order, a few at a time in memory."""
+        return parallel_map(self._predict, self.photoset.photos)
+
+    def _predict(self, photo: Photo) -> Prediction:
+        observed = decode_photo(self.photoset, photo)
+        samples = all_samples(self.result.sphere, photo.camera, observed)
+        elements, strengths = self.elements[photo.lighting], self.strengths[photo.label]
+        predicted = np.zeros_like(observed.radiance)
+        predicted[samples.rows, samples.columns] = predict(self.result.brdf, elements, strengths, samples)
+        inside = np.zeros(observed.saturated.shape, bool)
+        inside[samples.rows, samples.columns] = True
+        return Prediction(photo, observed, predicted, inside)
 
 
 @dataclass
@@ -98,11 +97,16 @@ class _Clock:
                 self.seconds[stage] += time.perf_counter() - start
 
 
-def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track = silent) -> Run:
+def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track[Any] = silent) -> Run:
     """Recover the BRDF of a sphere, and what of its lighting is free, from a photo set.
 
     samples : about how many pixels of all photographs together enter the fit.
     """
+    with one_blas_thread():
+        return _process(photoset, samples, track)
+
+
+def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
     begun = time.perf_counter()
     clock = _Clock()
     fitted = [photo for photo in photoset.photos if not photo.held_out]
@@ -128,10 +132,9 @@ def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track = s
             return photo_columns(photo.lighting, elements[photo.lighting], drawn)
 
     columns: dict[str, PhotoColumns] = {}
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        work = pool.map(read, range(len(photoset.photos)))
-        for photo in track(photoset.photos, "Reading photographs"):
-            columns[photo.label] = next(work)
+    work = parallel_map(read, range(len(photoset.photos)))
+    for photo in track(photoset.photos, "Reading photographs"):
+        columns[photo.label] = next(work)
     _check_lit(photoset, lightings, columns)
     with clock.on("invrender"):
         steps = iter(track(range(ladder_steps(len(fitted))), "Fitting and cross-validating"))
@@ -140,7 +143,8 @@ def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track = s
             [columns[photo.label] for photo in fitted], list(lightings.values()), lambda: next(steps, None)
         )
         strengths = {
-            photo.label: _strengths(solution, columns[photo.label], photo.held_out) for photo in photoset.photos
+            photo.label: _strengths(solution, columns[photo.label], photo.held_out)
+            for photo in photoset.photos
         }
         scores = _scores(photoset, solution, columns, strengths)
     warnings = _warnings(photoset, solution, sphere, lightings)
@@ -169,7 +173,9 @@ def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
     if photoset.object.shape != "sphere":
         raise ValueError(f"{where}: [object] shape = 'mesh': this version processes spheres only")
     if photoset.object.texture:
-        raise ValueError(f"{where}: [object] texture = true: this version recovers one BRDF for the whole object only")
+        raise ValueError(
+            f"{where}: [object] texture = true: this version recovers one BRDF for the whole object only"
+        )
     if not photoset.lightings:
         raise ValueError(
             f"{where}: has no [[lighting]]: this version recovers reflectance under known light only;"
@@ -187,7 +193,7 @@ def _used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
     return {table.name: read_lighting(photoset, table) for table in photoset.lightings if table.name in used}
 
 
-def _masks(photoset: PhotoSet, track: Track) -> dict[str, NDArray[np.float32] | None]:
+def _masks(photoset: PhotoSet, track: Track[Any]) -> dict[str, NDArray[np.float32] | None]:
     """Each photo's mask; where none is given and the sphere must be found, its bright disk."""
     must_find = photoset.object.centre is None or photoset.object.radius is None
     masks: dict[str, NDArray[np.float32] | None] = {}
@@ -208,7 +214,9 @@ def _check_usable(
 ) -> None:
     inside = coverage >= 0.5 if coverage is not None else np.ones(image.saturated.shape, bool)
     if image.saturated[inside].all():
-        raise ValueError(f"{photo.file}: every pixel of the object is saturated; expose shorter, or leave it out")
+        raise ValueError(
+            f"{photo.file}: every pixel of the object is saturated; expose shorter, or leave it out"
+        )
     if len(samples) < _MIN_SAMPLES_PER_PHOTO:
         raise ValueError(
             f"{photo.file}: only {len(samples)} pixels of the object are usable (not saturated, not at its rim);"

@@ -103,7 +103,12 @@ def identifiability(result: Factorization) -> list[dict[str, str]]:
         if quantity is None:
             quantity = Quantity(None, None, "undetermined", *absence(result, name))
         rows.append(
-            {"parameter": name, "status": quantity.status, "reason": quantity.reason, "remedy": quantity.remedy}
+            {
+                "parameter": name,
+                "status": quantity.status,
+                "reason": quantity.reason,
+                "remedy": quantity.remedy,
+            }
         )
     return rows
 
@@ -120,7 +125,7 @@ def absence(result: Factorization, name: str) -> tuple[str, str]:
     remedy = (
         "photographs with highlights at grazing angles would show whether the object has one"
         if what == "Fresnel factor"
-        else "photographs under a small, bright source, with its highlight in view, would show whether the object has one"
+        else "photographs under a small, bright source, its highlight in view, would show whether the object has one"
     )
     return reason, remedy
 

@@ -29,7 +29,9 @@ def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
         run = process(photoset, samples, track)
         _write_result(run, folder)
     _print_summary(run.result)
-    console.print(f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True)
+    console.print(
+        f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True
+    )
     return run
 
 
@@ -62,6 +64,9 @@ def run_demo(out: Path) -> None:
 
 def track(items: Iterable[Any], description: str) -> Iterator[Any]:
     """Iterate with a progress bar that vanishes when done; nothing is shown where stdout is no terminal."""
+    if not console.is_terminal:
+        yield from items
+        return
     items = list(items)
     columns = (
         TextColumn("{task.description}"),
@@ -129,7 +134,9 @@ def _print_summary(result: Factorization) -> None:
         + (f", {held_out:.2%} on those held out" if held_out is not None else "")
     )
     ladder = ", ".join(f"{rung.estimate.model.name} {rung.error:.2%}" for rung in result.rungs)
-    console.print(f"Models by error on unseen photographs: {ladder}; chosen: {result.model.estimate.model.name}")
+    console.print(
+        f"Models by error on unseen photographs: {ladder}; chosen: {result.model.estimate.model.name}"
+    )
     console.print(f"Scale: {result.gauge}")
     for row in identifiability(result):
         if row["reason"]:

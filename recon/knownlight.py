@@ -28,12 +28,15 @@ def read_lighting(photoset: PhotoSet, table: LightingTable) -> Lighting:
     lacking = [k for k, source in enumerate(table.directional) if source.irradiance is None]
     if lacking and "irradiance" not in recover:
         raise ValueError(
-            f"{where}: source {lacking[0] + 1} has no irradiance; give it, or recover = ['irradiance'] to have it fitted"
+            f"{where}: source {lacking[0] + 1} has no irradiance; give it, or"
+            " recover = ['irradiance'] to have it fitted"
         )
     if "irradiance" in recover and not table.directional:
         raise ValueError(f"{where}: recover = ['irradiance'], but there is no directional source")
     if "ambient" in recover and table.map:
-        raise ValueError(f"{where}: recover = ['ambient'] contradicts map: a recovered ambient stands in for a map")
+        raise ValueError(
+            f"{where}: recover = ['ambient'] contradicts map: a recovered ambient stands in for a map"
+        )
     irradiances = [source.irradiance or (1.0, 1.0, 1.0) for source in table.directional]
     try:
         lighting = Lighting(

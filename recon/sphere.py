@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ class Sphere:
     covariance : (4, 4) of (centre, radius), metres^2, from the outlines' residuals; zero where given.
         From one viewpoint the distance (and with it the size) is free: it is a gauge that no distant
         light can reveal, and its variance counts as zero here.
-    residual_px : per photo, RMS distance of the outline from the sphere's; empty where given.
+    residual_px : per photo, robust RMS distance of the outline from the sphere's; empty where given.
     """
 
     centre: Floats
@@ -95,15 +96,8 @@ def fit_sphere(
     free = np.array([centre is None] * 3 + [radius is None])
     origins = np.concatenate([o for o, _ in rays])
     directions = np.concatenate([d for _, d in rays])
-    scale = np.concatenate(
-        [
-            np.full(len(o), camera.focal_px if camera.is_orthographic else np.nan)
-            for camera, (o, _) in zip(cameras, rays, strict=True)
-        ]
-    )
-    focal = np.concatenate(
-        [np.full(len(o), camera.focal_px) for camera, (o, _) in zip(cameras, rays, strict=True)]
-    )
+    focal = _per_ray([camera.focal_px for camera in cameras], rays)
+    parallel = _per_ray([camera.is_orthographic for camera in cameras], rays)
 
     def residuals(parameters: Floats) -> Floats:
         full = guess.copy()
@@ -111,7 +105,7 @@ def fit_sphere(
         offset = full[:3] - origins
         along = (offset * directions).sum(axis=1)
         distance = np.linalg.norm(offset - along[:, None] * directions, axis=1)
-        per_metre = np.where(np.isnan(scale), focal / np.maximum(np.abs(along), 1e-12), scale)
+        per_metre = focal / np.where(parallel, 1.0, np.maximum(np.abs(along), 1e-12))
         return (distance - full[3]) * per_metre
 
     covariance = np.zeros((4, 4))
@@ -127,8 +121,14 @@ def fit_sphere(
         block = np.linalg.pinv(fit.jac.T @ fit.jac, rcond=1e-9, hermitian=True) * variance
         covariance[np.ix_(free, free)] = block
     ends = np.cumsum([len(points) for points in outlines])[:-1]
-    per_photo = tuple(float(np.sqrt(np.mean(part**2))) for part in np.split(residuals(full[free]), ends))
+    # As robust as the fit: 1.4826 median absolute residual is the RMS of Gaussian ones.
+    per_photo = tuple(float(1.4826 * np.median(np.abs(r))) for r in np.split(residuals(full[free]), ends))
     return Sphere(full[:3], float(abs(full[3])), covariance, per_photo)
+
+
+def _per_ray(values: Sequence[float], rays: Sequence[tuple[Floats, Floats]]) -> NDArray[Any]:
+    """Each photo's value repeated for each of its rays."""
+    return np.repeat(values, [len(origins) for origins, _ in rays])
 
 
 def _thinned(points: Floats) -> Floats:

@@ -25,7 +25,7 @@ def demo_scene() -> SphereScene:
 
     The sphere is a little off the gantry's centre, as spheres are. The source stands just behind the arc's
     beginning, so that its highlight is seen at exitant angles from 16 degrees in the first photographs to
-    74 degrees in the last ones, where the Fresnel factor rises: without those, mu is hardly determined.
+    78 degrees in the last ones, where the Fresnel factor rises: without those, mu is hardly determined.
     """
     angles = np.radians(np.linspace(_FIRST_DEG, _LAST_DEG, _PHOTOS))
     poses = [arc_pose(angle, np.zeros(3), [0, 0, 1], _ARC_RADIUS, [1, 0, 0]) for angle in angles]

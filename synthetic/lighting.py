@@ -38,7 +38,7 @@ class AreaLight:
             raise ValueError(f"width of an area light is {self.width_rad} rad; it must be > 0")
 
     def profile(self, cosine: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Radiance relative to the axis (0 to 1) at the cosine of the angle from it; keeps shape and dtype."""
+        """Radiance relative to the axis, 0 to 1, at the cosine of the angle from it; keeps the dtype."""
         return np.exp((cosine - 1) * (1 / self.width_rad**2))
 
 
@@ -59,7 +59,7 @@ class DirectionalSource:
 
 
 def latlong_map(lights: Sequence[AreaLight], height: int) -> NDArray[np.float32]:
-    """Lat-long map (height, 2 height, 3) float32 of the lights' sum, each pixel the mean over its solid angle.
+    """Lat-long map (height, 2 height, 3) float32 of the lights' sum, pixels being means over their areas.
 
     Rows run from +Z, columns from +X towards +Y, as `capture.lighting` has it.
     """

@@ -47,11 +47,11 @@ class Microfacet:
             object.__setattr__(self, name, frozen_array(value))
         if np.pi * self.kd.max() > 1:
             raise ValueError(
-                f"kd is {self.kd.tolist()}: an albedo pi kd of {np.pi * self.kd.max():.2f} reflects more light than"
-                " falls on it; Fig. 11 of RH01 gives ratios, which `radiometric` scales"
+                f"kd is {self.kd.tolist()}: an albedo pi kd of {np.pi * self.kd.max():.2f} reflects more"
+                " light than falls on it; Fig. 11 of RH01 gives ratios, which `radiometric` scales"
             )
         if self.mu is not None and not 1 < self.mu < np.inf:
-            raise ValueError(f"mu is {self.mu}; a refractive index must be > 1, or None for no Fresnel factor")
+            raise ValueError(f"mu is {self.mu}; a refractive index must be > 1, or None: no Fresnel factor")
         if not 0 < self.sigma < np.inf:
             raise ValueError(f"sigma is {self.sigma} rad; it must be > 0")
 
@@ -77,7 +77,8 @@ class Microfacet:
         valid = (cos_i > 0) & (cos_o > 0)
         # Placeholders of 1 keep what is not valid out of the divisions.
         safe_i, safe_o = np.where(valid, cos_i, 1.0), np.where(valid, cos_o, 1.0)
-        cos_half = np.where(valid, (cos_i + cos_o) / np.where(valid, np.linalg.norm(wi + wo, axis=-1), 1.0), 1.0)
+        length = np.where(valid, np.linalg.norm(wi + wo, axis=-1), 1.0)
+        cos_half = np.where(valid, (cos_i + cos_o) / length, 1.0)
         lobe = self.fresnel(np.minimum(safe_o, 1)) * self.facets(cos_half) / (4 * safe_i * safe_o)
         return np.where(valid[..., None], self.kd + self.ks * lobe[..., None], 0.0)
 

@@ -112,7 +112,7 @@ def _table(header: str, **keys: Any) -> str:
 
 
 def _toml(value: Any) -> str:
-    """A value in TOML. JSON writes strings, booleans and numbers (to the last bit) just so, but not tables."""
+    """A value in TOML, which writes strings, booleans and numbers (to the last bit) as JSON does."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + " }"
     if isinstance(value, list):

@@ -45,14 +45,16 @@ class FresnelBasis:
         mus = 1 + np.geomspace(MU_RANGE[0] - 1, MU_RANGE[1] - 1, 200)
         family = np.array([normalised_fresnel(mu, self._cos) for mu in mus] + [np.ones_like(self._cos)])
         # Each member scaled to unit size: the error is relative, for weak and strong Fresnel alike.
-        _, _, rows = np.linalg.svd(family / np.linalg.norm(family, axis=1, keepdims=True), full_matrices=False)
+        _, _, rows = np.linalg.svd(
+            family / np.linalg.norm(family, axis=1, keepdims=True), full_matrices=False
+        )
         self._functions = rows[:_RANK]
 
     @property
     def rank(self) -> int:
         return _RANK
 
-    def functions(self, cos_exitant: ArrayLike) -> Floats:
+    def functions(self, cos_exitant: Floats) -> Floats:
         """f_k at exitant cosines (n,), as (n, rank)."""
         return np.stack([np.interp(cos_exitant, self._cos, f) for f in self._functions], axis=-1)
 

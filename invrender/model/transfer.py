@@ -168,7 +168,7 @@ def map_transfer(radiance_map: Singles, normals: Floats, views: Floats, sigmas: 
             ],
             axis=-1,
         )
-        result[part] = np.einsum("mck,kj->mjc", means, weights[used], optimize=True)
+        result[part] = np.einsum("mck,kj->mjc", means, weights[used])
     return result
 
 

@@ -47,7 +47,9 @@ class ReportWriter:
         self._rows: list[dict[str, Any]] = []
         photos = run.photoset.photos
         chosen = np.unique(np.linspace(0, len(photos) - 1, min(len(photos), _MAX_PICTURES)).astype(int))
-        self._pictured = {photos[k].label for k in chosen} | {photo.label for photo in photos if photo.held_out}
+        self._pictured = {photos[k].label for k in chosen} | {
+            photo.label for photo in photos if photo.held_out
+        }
 
     def add(self, prediction: Prediction) -> None:
         """Take in one photograph with its prediction; nothing of its size is kept."""

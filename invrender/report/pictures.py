@@ -10,6 +10,7 @@ import cv2
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from invrender.factorization import FittedLighting, PhotoScore
@@ -96,7 +97,7 @@ def photo_error_figure(scores: Sequence[PhotoScore]) -> Figure:
     axes.plot(place, unseen, "o", color=_ACCENT, ms=4, label="when left out of the fit")
     axes.set_xlabel("photograph, in the manifest's order")
     axes.set_ylabel("RMS residual (% of RMS radiance)")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(0)
     axes.legend(frameon=False, loc="lower right")
     _plain(axes)

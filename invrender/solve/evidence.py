@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.parallel import parallel_map
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.search import LADDER, Estimate, Model, fit
@@ -62,8 +63,9 @@ def climb_ladder(
     fold_of = np.arange(len(photos)) % folds
     # Kept per fold and lighting, not per photograph: memory then doesn't grow with the set.
     parts: list[list[Statistics]] = [[] for _ in range(folds)]
-    for photo, weight, fold in zip(photos, weights, fold_of, strict=True):
-        parts[fold] = list(by_lighting([*parts[fold], photo_statistics(photo, weight)]))
+    pairs = zip(photos, weights, strict=True)
+    for fold, entry in zip(fold_of, parallel_map(lambda pair: photo_statistics(*pair), pairs), strict=True):
+        parts[fold] = list(by_lighting([*parts[fold], entry]))
     rungs = tuple(_evaluate(model, photos, weights, parts, fold_of, on_step) for model in LADDER)
     best = min(rungs, key=lambda rung: rung.error)
     limit = best.error + best.standard_error
@@ -88,7 +90,7 @@ def _evaluate(
     for fold in range(len(parts)):
         rest = by_lighting(entry for k, part in enumerate(parts) if k != fold for entry in part)
         trained = fit(model, rest, start=full)
-        for j in np.flatnonzero(fold_of == fold):
+        for j in np.flatnonzero(fold_of == fold).tolist():
             photo = photos[j]
             strengths = trained.strengths.get(photo.lighting)
             if strengths is None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from capture.parallel import parallel_map
 from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
@@ -47,7 +48,7 @@ def factorize(
     A first fit with equal weights shows the noise; the second weighs each sample by its inverse variance.
     `on_step` is called `evidence.ladder_steps(len(photos))` times.
     """
-    even = by_lighting(photo_statistics(photo, np.ones_like(photo.radiance)) for photo in photos)
+    even = by_lighting(parallel_map(lambda p: photo_statistics(p, np.ones_like(p.radiance)), photos))
     first = fit(LADDER[-1], even)
     predictions = [predict_columns(photo, first.brdf, first.strengths[photo.lighting]) for photo in photos]
     noise = fit_noise(predictions, [photo.radiance - p for photo, p in zip(photos, predictions, strict=True)])
@@ -112,7 +113,9 @@ class _Report:
         scale = np.ones(3)
         if not self.has_known and len(self._gauge_places):
             scale = vector[self._gauge_places].mean(axis=0)
-        blocks = {name: vector[parameters.places[name]] for name in ("mu", "sigma") if name in parameters.places}
+        blocks = {
+            name: vector[parameters.places[name]] for name in ("mu", "sigma") if name in parameters.places
+        }
         blocks["kd"] = brdf.kd * scale
         total = brdf.kd + brdf.ks
         safe = np.where(total > 0, total, 1.0)

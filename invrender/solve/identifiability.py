@@ -58,7 +58,9 @@ def assess_mu(value: float, std: float, photos: Sequence[PhotoColumns], ks_share
     if std < _PRIOR_SHARE * PRIOR_STD["mu"] and not at_edge:
         return _determined(value, std, "Fresnel factor", "add photographs with highlights at grazing angles")
     steepest = np.degrees(np.arccos(min(photo.field.cos_exitant.min() for photo in photos)))
-    what = f"the fit runs to the edge of the range {MU_RANGE}" if at_edge else f"mu is known to +-{std:.2f} only"
+    what = (
+        f"the fit runs to the edge of the range {MU_RANGE}" if at_edge else f"mu is known to +-{std:.2f} only"
+    )
     return Quantity(
         None,
         None,
@@ -75,9 +77,17 @@ def assess_sigma(value: float, std: float, lightings: Sequence[Lighting], ks_sha
     if std < min(_PRIOR_SHARE * PRIOR_STD["sigma"], value) and not at_edge:
         return _determined(value, std, "roughness", "add a photograph under a small, bright source")
     degree = lighting_degree(lightings)
-    what = f"the fit runs to the edge of the range {SIGMA_RANGE}" if at_edge else f"sigma is known to +-{std:.2f} only"
+    what = (
+        f"the fit runs to the edge of the range {SIGMA_RANGE}"
+        if at_edge
+        else f"sigma is known to +-{std:.2f} only"
+    )
     if degree is not None:
-        width = "" if degree == 0 else f"; lobes narrower than about {1 / degree:.2f} rad pass all of it unchanged"
+        width = (
+            ""
+            if degree == 0
+            else f"; lobes narrower than about {1 / degree:.2f} rad pass all of it unchanged"
+        )
         why = f"99% of the light's varying power lies in degrees up to {degree}{width} (RH01, section 5.2)"
         remedy = "add a photograph under a small, bright source"
     else:

@@ -149,17 +149,17 @@ def _solve_brdf(
     statistics: Sequence[Statistics], reduced: Sequence[tuple[Floats, Floats]], specular: bool
 ) -> tuple[float, Floats, Floats, dict[str, Floats]]:
     """Known light: Kd and Ks >= 0 per channel."""
-    gram = sum(small[:, 0, :, 0, :] for small, _ in reduced)
-    right = sum(small_right[:, 0] for _, small_right in reduced)
-    energy = sum(entry.energy for entry in statistics)
+    gram = np.sum([small[:, 0, :, 0, :] for small, _ in reduced], axis=0)
+    right = np.sum([small_right[:, 0] for _, small_right in reduced], axis=0)
+    energy = sum(float(entry.energy.sum()) for entry in statistics)
     solution = np.zeros((3, 2))
     if specular:
-        solution = _nonnegative_pair(np.asarray(gram), np.asarray(right))
+        solution = _nonnegative_pair(gram, right)
     else:
         solution[:, 0] = np.maximum(right[:, 0] / np.maximum(gram[:, 0, 0], 1e-300), 0)
     fitted = 2 * (solution * right).sum() - np.einsum("ci,cij,cj->", solution, gram, solution)
     strengths = {entry.lighting: np.ones((1, 3)) for entry in statistics}
-    return float(np.sum(energy) - fitted), solution[:, 0], solution[:, 1], strengths
+    return float(energy - fitted), solution[:, 0], solution[:, 1], strengths
 
 
 def _nonnegative_pair(gram: Floats, right: Floats) -> Floats:

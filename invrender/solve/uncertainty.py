@@ -155,7 +155,7 @@ def _slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> Floats:
 
 def _tile_of(photo: PhotoColumns) -> NDArray[np.int64]:
     rows, columns = photo.field.rows, photo.field.columns
-    side = max(np.ptp(rows), np.ptp(columns), 1) / _TILES_ACROSS
+    side = max(int(np.ptp(rows)), int(np.ptp(columns)), 1) / _TILES_ACROSS
     return ((rows - rows.min()) / side).astype(int) * 1000 + ((columns - columns.min()) / side).astype(int)
 
 

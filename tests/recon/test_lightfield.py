@@ -135,23 +135,26 @@ def test_a_sphere_behind_or_around_the_camera_covers_nothing(ball):
     assert len(all_samples(ball(behind, 0.5), NEAR, picture())) == 0
 
 
-def test_border_saturated_and_grazing_pixels_are_left_out(flat_ball):
+# Small enough, and the pixels at the rim turn too much within themselves, before they are too grazing.
+@pytest.mark.parametrize("radius", [20, 8])
+def test_border_saturated_and_grazing_pixels_are_left_out(ball, radius):
+    sphere = ball([31.7, -23.8, 5.0], radius)
     saturated = np.zeros((HEIGHT, WIDTH), bool)
     saturated[20:24, 30:33] = True
     blank = np.ones((HEIGHT, WIDTH, 3))
     image = RadianceImage(blank, blank, saturated)
     mask = np.ones((HEIGHT, WIDTH), np.float32)
-    mask[:, 40] = 0.9  # partly covered: the mask's border
-    samples = sample_sphere(flat_ball, FLAT, image, mask, None, rng())
+    mask[:, 36] = 0.9  # partly covered: the mask's border
+    samples = sample_sphere(sphere, FLAT, image, mask, None, rng())
     assert not saturated[samples.rows, samples.columns].any()
-    assert not np.isin(samples.columns, [39, 40, 41]).any()
+    assert not np.isin(samples.columns, [35, 36, 37]).any()
     # The others are all there: wholly on the sphere, and turned towards the camera.
-    rows, columns = sphere_pixels(flat_ball, FLAT)
-    distance = np.hypot(columns + 0.5 - 31.7, rows + 0.5 - 23.8) / 20
+    rows, columns = sphere_pixels(sphere, FLAT)
+    distance = np.hypot(columns + 0.5 - 31.7, rows + 0.5 - 23.8) / radius
     cos = np.sqrt(1 - distance**2)
-    # Within a pixel the normal may turn by a quarter of a radian: 1 / (20 cos).
-    usable = (cos >= MIN_COS_EXITANT) & (cos >= 1 / (0.25 * 20))
-    usable &= ~saturated[rows, columns] & ~np.isin(columns, [39, 40, 41])
+    # Within a pixel the normal may turn by a quarter of a radian: 1 / (radius cos).
+    usable = (cos >= MIN_COS_EXITANT) & (cos >= 1 / (0.25 * radius))
+    usable &= ~saturated[rows, columns] & ~np.isin(columns, [35, 36, 37])
     assert_array_equal(samples.rows, rows[usable])
     assert_array_equal(samples.columns, columns[usable])
 

@@ -1,0 +1,47 @@
+"""Work spread over the cores, photograph by photograph, in order."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def parallel_map(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """Results of a function over items, in their order, computed by one thread per core.
+
+    Only a core's worth of items is begun ahead of what has been taken, so that memory doesn't grow with
+    their number. numpy and OpenCV release the interpreter while they work.
+    """
+    cores = os.cpu_count() or 1
+    pending: deque[Future[Result]] = deque()
+    with ThreadPoolExecutor(cores) as pool:
+        try:
+            for item in items:
+                pending.append(pool.submit(function, item))
+                if len(pending) > cores:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keep BLAS to one thread each while we spread the work ourselves.
+
+    Two layers of threads on the same cores wait for each other: measured here, a statistics pass took
+    eighty times as long with a second process on the machine.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield

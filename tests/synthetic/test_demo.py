@@ -1,0 +1,123 @@
+"""The demonstration's photo set, read back by the packages that will process it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from capture.decode import decode_photo, read_mask
+from capture.lighting import read_latlong
+from capture.photoset import PhotoSet, load_photoset
+from recon.locate import View, locate_sphere
+from recon.sphere import Sphere
+from synthetic.demo import demo_scene, write_demo
+from synthetic.spheres import expose
+from synthetic.writer import TRUTH_NAME, write_photoset
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("demo") / "set"
+    write_demo(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def photoset(folder: Path) -> PhotoSet:
+    return load_photoset(folder)
+
+
+def found_sphere(photoset: PhotoSet) -> Sphere:
+    views = []
+    for photo in photoset.photos:
+        assert photo.mask is not None
+        size = (photo.camera.height, photo.camera.width)
+        views.append(View(photo.label, photo.camera, read_mask(photo.mask, size)))
+    return locate_sphere(views)
+
+
+def test_manifest_says_what_the_scene_is(photoset: PhotoSet) -> None:
+    scene = demo_scene()
+    assert len(photoset.photos) == len(scene.cameras)
+    assert [i for i, photo in enumerate(photoset.photos) if photo.held_out] == list(scene.held_out)
+    for photo, camera in zip(photoset.photos, scene.cameras, strict=True):
+        # Printed to the last bit; reading them makes the rotation orthonormal again.
+        assert_allclose(photo.camera.world_to_camera, camera.world_to_camera, atol=1e-15)
+        assert photo.camera.model == camera.model
+        assert photo.camera.params.tolist() == camera.params.tolist()
+    assert photoset.object.centre is None
+    assert photoset.object.radius is None
+    (lighting,) = photoset.lightings
+    assert len(lighting.directional) == len(scene.sources)
+    for table, source in zip(lighting.directional, scene.sources, strict=True):
+        assert table.direction == tuple(source.direction)
+        assert table.irradiance == tuple(source.irradiance)
+    assert lighting.map is not None
+    assert read_latlong(photoset.resolve(lighting.map)).shape == (128, 256, 3)
+
+
+def test_photographs_decode_to_the_scene_within_the_noise(photoset: PhotoSet) -> None:
+    scene = demo_scene()
+    index = 3
+    image = decode_photo(photoset, photoset.photos[index])
+    truth, coverage = expose(scene, scene.cameras[index])
+    floor = scene.noise.floor * truth[coverage > 0].mean()
+    scores = (image.radiance - truth) / np.hypot(scene.noise.relative * truth, floor)
+    assert not image.saturated.any()
+    assert_allclose(scores.std(), 1.0, rtol=5 / np.sqrt(2 * scores.size))  # five standard errors
+    assert abs(scores.mean()) < 5 / np.sqrt(scores.size)
+
+
+def test_sphere_is_found_from_the_masks(photoset: PhotoSet) -> None:
+    scene = demo_scene()
+    sphere = found_sphere(photoset)
+    for camera in scene.cameras:
+        shift = camera.project(sphere.centre[None]) - camera.project(scene.centre[None])
+        assert np.hypot(*shift[0]) < 0.05
+    assert_allclose(sphere.radius, scene.radius, rtol=1e-3)
+
+
+def test_highlights_are_seen_from_facing_to_grazing() -> None:
+    # At the highlight the normal halves the angle between source and camera, and so does theta_o.
+    scene = demo_scene()
+    (source,) = scene.sources
+    towards = np.array([camera.centre / np.linalg.norm(camera.centre) for camera in scene.cameras])
+    exitant = np.degrees(np.arccos(towards @ source.direction) / 2)
+    assert exitant.min() < 20
+    assert (exitant > 65).sum() >= 3
+
+
+def test_truth_lies_beside_the_photographs(folder: Path) -> None:
+    scene = demo_scene()
+    truth = json.loads((folder / TRUTH_NAME).read_text(encoding="utf-8"))
+    assert truth["brdf"]["kd"] == scene.material.kd.tolist()
+    assert truth["brdf"]["ks"] == scene.material.ks.tolist()
+    assert (truth["brdf"]["mu"], truth["brdf"]["sigma"]) == (1.78, 0.12)  # RH01, Fig. 11
+    assert truth["sphere"] == {"centre": [0.0015, -0.001, 0.002], "radius": 0.02}
+    assert len(truth["lighting"]["area"]) == 1
+
+
+def test_one_seed_gives_one_set_of_bytes_and_another_seed_another(tmp_path: Path) -> None:
+    scene = replace(demo_scene(), cameras=demo_scene().cameras[:1], held_out=())
+    calls = []
+
+    def progress(items: Iterable[Any], description: str) -> Iterable[Any]:
+        calls.append(description)
+        return items
+
+    sets = {"a": scene, "b": scene, "c": replace(scene, seed=1)}
+    for name, variant in sets.items():
+        write_photoset(variant, tmp_path / name, progress)
+    names = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert names == ["000.exr", "000_mask.png", "lighting.exr", "photoset.toml", "truth.json"]
+    a, b, c = ({name: (tmp_path / s / name).read_bytes() for name in names} for s in sets)
+    assert a == b
+    assert [name for name in names if a[name] != c[name]] == ["000.exr"]
+    assert len(calls) == 3

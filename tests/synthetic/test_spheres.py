@@ -1,0 +1,110 @@
+"""Photographs: what a pixel holds, how much of it is sphere, and the sensor's noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from capture.camera import Camera
+from capture.gantry import look_at
+from synthetic.demo import demo_scene
+from synthetic.lighting import AreaLight, DirectionalSource
+from synthetic.materials import Microfacet
+from synthetic.spheres import Noise, SphereScene, expose, pixel_coverage, render
+
+POSE = look_at([0.6, 0, 0], [0, 0, 0], [0, 0, 1])
+ORTHOGRAPHIC = Camera("ORTHOGRAPHIC", np.array([2000.0, 50.3, 49.8]), 100, 100, POSE)
+MATTE = Microfacet(np.full(3, 0.25), np.zeros(3), None, 0.1)
+
+
+def matte_scene(**changes: object) -> SphereScene:
+    scene = SphereScene(
+        name="matte",
+        material=MATTE,
+        area_lights=(AreaLight(np.array([0, 0, 1.0]), np.ones(3), 1e6),),
+        sources=(),
+        centre=np.zeros(3),
+        radius=0.02,
+        cameras=(ORTHOGRAPHIC,),
+        noise=Noise(0.0, 0.0),
+    )
+    return replace(scene, **changes)  # type: ignore[arg-type]
+
+
+def test_coverage_adds_up_to_the_disks_area_and_centre() -> None:
+    coverage = pixel_coverage(matte_scene().sphere, ORTHOGRAPHIC)
+    # Each of some 320 rim pixels is counted in 256 points; their errors are independent.
+    assert_allclose(coverage.sum(), np.pi * 40**2, rtol=2e-4)
+    y, x = np.mgrid[:100, :100] + 0.5
+    centroid = np.array([(coverage * x).sum(), (coverage * y).sum()]) / coverage.sum()
+    assert_allclose(centroid, [50.3, 49.8], atol=0.005)
+
+
+def test_pixels_on_the_rim_are_dimmed_by_their_black_part() -> None:
+    radiance, coverage = expose(matte_scene(), ORTHOGRAPHIC)
+    # Uniform light on a matte sphere: pi kd wherever it is.
+    whole = coverage == 1
+    assert_allclose(radiance[whole], np.full((whole.sum(), 3), np.pi * 0.25), rtol=1e-9)
+    assert (radiance[coverage == 0] == 0).all()
+    # The rim's share is taken by 6x6 points here and by 16x16 in the coverage: each good to about 1/12.
+    assert_allclose(radiance[..., 0], np.pi * 0.25 * coverage, atol=np.pi * 0.25 * 0.1)
+
+
+def test_one_source_lights_the_side_that_faces_it() -> None:
+    # The camera looks along -x with y to its right: light from +y falls on the right half.
+    source = DirectionalSource(np.array([0, 1.0, 0]), np.ones(3))
+    radiance, coverage = expose(matte_scene(area_lights=(), sources=(source,)), ORTHOGRAPHIC)
+    _, x = np.mgrid[:100, :100] + 0.5
+    inner = (coverage == 1) & (np.abs(x - 50.3) > 1)
+    # Orthographic: n_y = (x - 50.3) / 40, linear across each pixel, so means are exact up to the rim.
+    expected = 0.25 * np.clip((x - 50.3) / 40, 0, None)
+    assert_allclose(radiance[inner], np.repeat(expected[inner, None], 3, axis=1), atol=1e-12)
+
+
+@pytest.mark.parametrize("index", [0, 18])
+def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = demo_scene()
+    camera = scene.cameras[index]
+    radiance, coverage = expose(scene, camera)
+    for name in ("_FEWEST_SUBSAMPLES", "_MOST_SUBSAMPLES"):
+        monkeypatch.setattr(f"synthetic.spheres.{name}", 12)
+    dense, _ = expose(scene, camera)
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    origins, directions = camera.rays(np.column_stack([x.ravel(), y.ravel()]))
+    hit, normals = scene.sphere.hits(origins, directions)
+    cos_o = -(normals * directions).sum(axis=1)
+    usable = (hit & (cos_o > 0.25)).reshape(x.shape) & (coverage == 1)
+    error = (radiance - dense)[usable] / (dense[usable] + 0.01 * dense[usable].mean())
+    assert np.sqrt((error**2).mean()) < 1e-3  # a tenth of the sensor's noise
+    assert np.abs(error).max() < 0.03  # where a grazing highlight ends at the source's horizon
+
+
+def test_noise_has_the_deviation_that_it_is_told() -> None:
+    scene = matte_scene(noise=Noise(relative=0.02, floor=0.005))
+    truth, coverage = expose(scene, ORTHOGRAPHIC)
+    photo, _ = render(scene, ORTHOGRAPHIC, np.random.default_rng(3))
+    assert photo.dtype == np.float32
+    whole, outside = coverage == 1, coverage == 0
+    level = truth[coverage > 0].mean()
+    residual = photo - truth
+    expected = np.hypot(0.02 * np.pi * 0.25, 0.005 * level)
+    for part, deviation in ((whole, expected), (outside, 0.005 * level)):
+        count = residual[part].size
+        # Five standard errors of a mean and of a deviation.
+        assert abs(residual[part].mean()) < 5 * deviation / np.sqrt(count)
+        assert_allclose(residual[part].std(), deviation, rtol=5 / np.sqrt(2 * count))
+
+
+def test_impossible_scenes_are_refused() -> None:
+    behind = Camera("PINHOLE", np.array([500.0, 500, 50, 50]), 100, 100, np.eye(4))
+    with pytest.raises(ValueError, match="not in front of camera 0"):
+        matte_scene(cameras=(behind,), centre=np.array([0, 0, -1.0]))
+    with pytest.raises(ValueError, match="no light"):
+        matte_scene(area_lights=())
+    with pytest.raises(ValueError, match=r"held_out names photograph 1, .* there are 1"):
+        matte_scene(held_out=(1,))
+    with pytest.raises(ValueError, match=r"noise is -0\.1 relative"):
+        Noise(-0.1)
