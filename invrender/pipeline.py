@@ -23,7 +23,7 @@ from invrender.model.transfer import LightElement, light_elements
 from invrender.solve.evidence import fit_strengths, ladder_steps, relative_rms
 from invrender.solve.factorize import Solution, factorize
 from recon.knownlight import read_lighting
-from recon.lightfield import LightField, all_samples, sample_sphere
+from recon.lightfield import LightField, all_samples, off_terminators, sample_sphere
 from recon.locate import View, disk_mask, locate_sphere
 from recon.sphere import Sphere
 
@@ -127,6 +127,7 @@ def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
             mask = masks[photo.label]
             # Seeded by place, so that neither order nor threads change what is drawn.
             drawn = sample_sphere(sphere, photo.camera, image, mask, budget, np.random.default_rng(index))
+            drawn = off_terminators(drawn, lightings[photo.lighting].directions)
             _check_usable(photo, image, drawn, mask)
         with clock.on("invrender"):
             return photo_columns(photo.lighting, elements[photo.lighting], drawn)

@@ -16,7 +16,7 @@ from capture.outfolder import result_folder
 from capture.photoset import PhotoSet, load_photoset
 from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
-from invrender.report.page import ReportWriter
+from invrender.report.page import ReportWriter, with_error
 from invrender.result import file_hash, identifiability, lighting_map, result_document, write_json
 
 console = Console(highlight=False)
@@ -46,18 +46,19 @@ def run_demo(out: Path) -> None:
     run = run_process(photos, out / "result")
     truth = json.loads((photos / TRUTH_NAME).read_text(encoding="utf-8"))["brdf"]
     table = Table(title="Truth beside estimate", title_justify="left")
-    for heading in ("parameter", "truth", "estimate", "std", "off by"):
-        table.add_column(heading, justify="left" if heading == "parameter" else "right")
+    for heading in ("parameter", "truth", "estimate ± std", "off by"):
+        table.add_column(heading)
     for name in ("kd", "ks", "mu", "sigma"):
         quantity = run.result.quantities.get(name)
         expected = truth[name] if isinstance(truth[name], list) else [truth[name]]
-        if quantity is None or quantity.value is None or quantity.std is None:
-            table.add_row(name, _triple(expected), "undetermined", "", "")
-            continue
-        off = [value - true for value, true in zip(quantity.value, expected, strict=True)]
-        worst = max(off, key=abs)
-        relative = f"{worst:+.5f} ({worst / expected[off.index(worst)]:+.2%})"
-        table.add_row(name, _triple(expected), _triple(quantity.value), _triple(quantity.std), relative)
+        lines = _lines(name, quantity)
+        for k, (label, text) in enumerate(lines):
+            off = (
+                ""
+                if quantity is None or quantity.value is None
+                else f"{quantity.value[k] / expected[k] - 1:+.3%}"
+            )
+            table.add_row(label, f"{expected[k]:.5g}", text, off)
     console.print(table)
     console.print(f"Photo set: {photos}", soft_wrap=True)
 
@@ -121,39 +122,44 @@ def _input_hashes(photoset: PhotoSet) -> dict[str, str]:
 
 def _print_summary(result: Factorization) -> None:
     table = Table(title=f"{result.name}: {result.model.estimate.model.name}", title_justify="left")
-    for heading in ("parameter", "value", "std", "status"):
-        table.add_column(heading, justify="right" if heading in ("value", "std") else "left")
-    for row in identifiability(result):
-        name = row["parameter"]
-        quantity = result.quantities.get(name)
-        table.add_row(_label(name), *_cells(quantity), row["status"] if quantity else "not needed")
+    for heading in ("parameter", "value ± std", "status"):
+        table.add_column(heading)
+    rows = identifiability(result)
+    for row in rows:
+        quantity = result.quantities.get(row["parameter"])
+        status = row["status"] if quantity else "not needed"
+        for label, text in _lines(row["parameter"], quantity):
+            table.add_row(label, text, status)
     console.print(table)
     held_out = result.rms(held_out=True)
     console.print(
-        f"RMS {result.rms(held_out=False):.2%} of the radiance, {result.model.error:.2%} on photographs not seen"
+        f"RMS residual {result.rms(held_out=False):.2%} of the radiance, {result.model.error:.2%} on unseen photographs"
         + (f", {held_out:.2%} on those held out" if held_out is not None else "")
+        + f". Scale: {result.gauge}."
     )
     ladder = ", ".join(f"{rung.estimate.model.name} {rung.error:.2%}" for rung in result.rungs)
-    console.print(
-        f"Models by error on unseen photographs: {ladder}; chosen: {result.model.estimate.model.name}"
-    )
-    console.print(f"Scale: {result.gauge}")
-    for row in identifiability(result):
-        if row["reason"]:
-            console.print(f"{_label(row['parameter'])}: {row['reason']}. To settle it: {row['remedy']}.")
+    console.print(f"Error of each model on unseen photographs: {ladder}.")
+    for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
+        names = [_LABELS[row["parameter"]] for row in rows if row["reason"] == reason]
+        console.print(f"{', '.join(names)}: {reason}. To settle it: {remedy}.")
     for warning in result.warnings:
         console.print(f"Warning: {warning}", style="yellow")
 
 
-def _label(name: str) -> str:
-    return {"kd": "Kd (1/sr)", "ks": "Ks", "mu": "mu", "sigma": "sigma (rad)"}[name]
+_LABELS = {"kd": "Kd", "ks": "Ks", "mu": "mu", "sigma": "sigma"}
+_UNITS = {"kd": " (1/sr)", "ks": "", "mu": "", "sigma": " (rad)"}
 
 
-def _cells(quantity: Quantity | None) -> tuple[str, str]:
+def _lines(name: str, quantity: Quantity | None) -> list[tuple[str, str]]:
+    """Label and text of each number of a parameter."""
+    label = _LABELS[name] + _UNITS[name]
     if quantity is None or quantity.value is None or quantity.std is None:
-        return "-", "-"
-    return _triple(quantity.value), _triple(quantity.std)
-
-
-def _triple(values: Iterable[float]) -> str:
-    return "  ".join(f"{value:.4g}" if abs(value) >= 1e-3 else f"{value:.2g}" for value in values)
+        return [(label, "-")]
+    texts = [with_error(value, std) for value, std in zip(quantity.value, quantity.std, strict=True)]
+    if len(texts) == 1:
+        return [(label, texts[0])]
+    channels = ("red", "green", "blue")
+    return [
+        (f"{_LABELS[name]} {channel}{_UNITS[name]}", text)
+        for channel, text in zip(channels, texts, strict=True)
+    ]

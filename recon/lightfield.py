@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ _MAX_TURN = 0.25
 # A pixel across which it turns by more than this is integrated by 2x2 Gauss points, else by its centre.
 _CENTRE_TURN = 0.02
 _GAUSS = 0.5 / np.sqrt(3)
+# Cosine to a source within which its disc may be cut by the horizon: a lamp of a degree's radius.
+_PENUMBRA = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,31 @@ class LightField:
     def sample_normals(self) -> Floats:
         """Mean normal of each sample, (n, 3), not renormalised."""
         return np.asarray(self.mean_over_rays(self.normals))
+
+
+def off_terminators(field: LightField, directions: Floats) -> LightField:
+    """The samples in which none of the sources (k, 3) rises or sets.
+
+    There the light is neither on nor off: a source has a size, a pixel a width, and the model's highlight
+    ends abruptly [RH01, eq. 23 has no shadowing term], so that dim pixels would carry large errors.
+    """
+    if not len(directions):
+        return field
+    cos = field.normals @ directions.T
+    lit_share = np.asarray(field.mean_over_rays((cos > 0).astype(float)))
+    at_horizon = np.abs(field.mean_over_rays(cos)) < _PENUMBRA
+    keep = ~(((lit_share > 0) & (lit_share < 1)) | at_horizon).any(axis=1)
+    rays = keep[field.ray_sample]
+    return replace(
+        field,
+        rows=field.rows[keep],
+        columns=field.columns[keep],
+        radiance=field.radiance[keep],
+        variance=field.variance[keep],
+        ray_sample=(np.cumsum(keep) - 1)[field.ray_sample[rays]],
+        normals=field.normals[rays],
+        views=field.views[rays],
+    )
 
 
 def sphere_pixels(sphere: Sphere, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
