@@ -30,8 +30,11 @@ def write_exr(path: Path, pixels: NDArray[np.floating], half: bool = False) -> N
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     data = np.ascontiguousarray(pixels, dtype=np.float16 if half else np.float32)
-    with OpenEXR.File(header, {"RGB": data}) as file:
-        file.write(str(path))
+    try:
+        with OpenEXR.File(header, {"RGB": data}) as file:
+            file.write(str(path))
+    except RuntimeError as error:
+        raise OSError(f"{path}: cannot be written; is the disk full?") from error
 
 
 def _read_with_opencv(path: Path) -> NDArray[np.generic]:

@@ -68,8 +68,9 @@ class Factorization:
     """Everything that a run found.
 
     brdf : the chosen model's values, also those too uncertain to report: predictions use them.
+    gauge : which scale the numbers are in, in words; `is_absolute` if the lighting fixes it.
     quantities : by name, "kd", "ks", "mu", "sigma", "albedo", "kd_normalised", "ks_normalised"; a name
-        that the chosen model doesn't have is missing.
+        that the chosen model doesn't have is missing, and so is the albedo in a relative gauge.
     rungs, chosen : the ladder of models and the index of the chosen one.
     covariance, covariance_names : of the BRDF's numbers, in the order named.
     """
@@ -88,6 +89,11 @@ class Factorization:
     covariance: Floats
     covariance_names: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether Kd and Ks are in the lighting's own scale, not up to a factor per channel."""
+        return "albedo" in self.quantities
 
     @property
     def model(self) -> Rung:

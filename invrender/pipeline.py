@@ -302,8 +302,8 @@ def _warnings(
             f"The recovered ambient is negative beyond its error in {', '.join(negative)}: the source, the pose or the"
             " black level is not what the model takes it for."
         )
-    albedo = solution.quantities["albedo"]
-    if solution.gauge.startswith("absolute") and albedo.value is not None and (albedo.value > 1).any():
+    albedo = solution.quantities.get("albedo")
+    if albedo is not None and albedo.value is not None and (albedo.value > 1).any():
         warnings.append(
             f"The albedo is {np.round(albedo.value, 2).tolist()}, more than 1: photographs and lighting are not in"
             " the same unit of radiance, so only the ratios of Kd and Ks are meaningful."

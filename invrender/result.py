@@ -44,7 +44,7 @@ def result_document(
             "kd": _quantity(quantities["kd"]),
             "ks": _quantity(quantities.get("ks")),
             **scalars,
-            "albedo": _quantity(quantities["albedo"]),
+            "albedo": _quantity(quantities.get("albedo")),
             "normalised": {
                 "kd": _quantity(quantities.get("kd_normalised")),
                 "ks": _quantity(quantities.get("ks_normalised")),

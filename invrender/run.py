@@ -21,11 +21,13 @@ from invrender.result import file_hash, identifiability, lighting_map, result_do
 
 console = Console(highlight=False)
 
+RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr")
+
 
 def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
     """Process a photo set into a result folder and print the summary."""
     photoset = load_photoset(source)
-    with result_folder(out, "result.json") as folder:
+    with result_folder(out, RESULT_FILES) as folder:
         run = process(photoset, samples, track)
         _write_result(run, folder)
     _print_summary(run.result)
@@ -38,10 +40,10 @@ def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
 def run_demo(out: Path) -> None:
     """Make the demonstration's photo set, process it, and print truth beside estimate."""
     from synthetic.demo import write_demo
-    from synthetic.writer import TRUTH_NAME
+    from synthetic.writer import PHOTOSET_FILES, TRUTH_NAME
 
     photos = out / "photos"
-    with result_folder(photos, TRUTH_NAME) as folder:
+    with result_folder(photos, PHOTOSET_FILES) as folder:
         write_demo(folder, track)
     run = run_process(photos, out / "result")
     truth = json.loads((photos / TRUTH_NAME).read_text(encoding="utf-8"))["brdf"]

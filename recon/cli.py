@@ -82,6 +82,8 @@ def mirrorball(
     from rich.console import Console
     from rich.progress import track
 
+    from capture.outfolder import result_folder
+
     console = Console()
     if camera is not None and focal_px is not None:
         raise ValueError("--camera and --focal-px both give the camera: remove one of them")
@@ -90,17 +92,17 @@ def mirrorball(
     for stem in stems:
         if stems.count(stem) > 1:
             raise ValueError(f"two photos are named {stem!r}, and so would their maps be: rename one of them")
-    _check_replaceable(output)
-    balls, cameras, panels = [], [], []
-    for photo, its_mask in track(
-        list(zip(photos, masks, strict=True)), "Reading mirror balls", console=console, transient=True
-    ):
-        ball, its_camera, drawn = _read(photo, its_mask, camera, focal_px, encoding, exposure, height)
-        balls.append(ball)
-        cameras.append(its_camera)
-        panels.append(drawn)
-    inputs = {*photos, *(path for path in masks if path is not None), *([camera] if camera else [])}
-    _write(output, photos, balls, cameras, panels, sorted(inputs))
+    with result_folder(output, (*_OWN_FILES, "*.exr")) as folder:
+        balls, cameras, panels = [], [], []
+        for photo, its_mask in track(
+            list(zip(photos, masks, strict=True)), "Reading mirror balls", console=console, transient=True
+        ):
+            ball, its_camera, drawn = _read(photo, its_mask, camera, focal_px, encoding, exposure, height)
+            balls.append(ball)
+            cameras.append(its_camera)
+            panels.append(drawn)
+        inputs = {*photos, *(path for path in masks if path is not None), *([camera] if camera else [])}
+        _write(folder, photos, balls, cameras, panels, sorted(inputs))
     _report(console, balls, output)
 
 
@@ -157,56 +159,25 @@ def _read(
     return ball, camera, panel(ball, image, camera)
 
 
-def _check_replaceable(output: Path) -> None:
-    """ValueError if anything but an earlier result of this command would be lost."""
-    import json
-
-    if not output.exists():
-        return
-    if not output.is_dir():
-        raise ValueError(f"{output}: is a file; give -o the name of a folder")
-    names = {path.name for path in output.iterdir()}
-    own = set(_OWN_FILES)
-    if "lighting.json" in names:
-        try:
-            own |= {entry["map"] for entry in json.loads((output / "lighting.json").read_text())["photos"]}
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ValueError(
-                f"{output}: holds a lighting.json that is none of this command's; give another folder with -o"
-            ) from error
-    foreign = sorted(names - own)
-    if foreign:
-        raise ValueError(
-            f"{output}: holds {foreign[0]!r}, which is no result of this command and would be lost;"
-            " give another folder with -o, or move it away"
-        )
-
-
 def _write(
-    output: Path,
+    folder: Path,
     photos: Sequence[Path],
     balls: Sequence[BallLighting],
     cameras: Sequence[Camera],
     panels: Sequence[Panel],
     inputs: Sequence[Path],
 ) -> None:
-    """Write all results beside `output` and put them in its place at once."""
     import json
 
     from capture.imagefile import write_exr
-    from capture.outfolder import result_folder
     from recon.ballfigure import MAX_PANELS, ball_figure
 
-    try:
-        with result_folder(output, "lighting.json") as folder:
-            for photo, ball in zip(photos, balls, strict=True):
-                write_exr(folder / f"{photo.stem}.exr", ball.radiance_map)
-            result = _result(photos, balls, cameras, inputs)
-            (folder / "lighting.json").write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
-            (folder / "lighting.toml").write_text(_snippet(photos, balls), encoding="utf-8")
-            ball_figure(panels[:MAX_PANELS], _FRAME).savefig(folder / "mirrorball.png")
-    except OSError as error:
-        raise ValueError(f"{output}: cannot be written ({error.strerror or error})") from error
+    for photo, ball in zip(photos, balls, strict=True):
+        write_exr(folder / f"{photo.stem}.exr", ball.radiance_map)
+    result = _result(photos, balls, cameras, inputs)
+    (folder / "lighting.json").write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+    (folder / "lighting.toml").write_text(_snippet(photos, balls), encoding="utf-8")
+    ball_figure(panels[:MAX_PANELS], _FRAME).savefig(folder / "mirrorball.png")
 
 
 def _result(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,19 @@ class LightField:
         sums = np.add.reduceat(values, starts, axis=0)
         return sums / counts.reshape(-1, *[1] * (values.ndim - 1)).astype(values.dtype)
 
+    def where(self, keep: NDArray[np.bool_]) -> LightField:
+        """The samples marked by a mask (n,)."""
+        rays = keep[self.ray_sample]
+        return LightField(
+            rows=self.rows[keep],
+            columns=self.columns[keep],
+            radiance=self.radiance[keep],
+            variance=self.variance[keep],
+            ray_sample=(np.cumsum(keep) - 1)[self.ray_sample[rays]],
+            normals=self.normals[rays],
+            views=self.views[rays],
+        )
+
     @property
     def cos_exitant(self) -> Floats:
         """Cosine of the exitant angle, (n,), mean over the pixel."""
@@ -90,17 +103,7 @@ def off_terminators(field: LightField, directions: Floats) -> LightField:
     lit_share = np.asarray(field.mean_over_rays((cos > 0).astype(float)))
     at_horizon = np.abs(field.mean_over_rays(cos)) < _PENUMBRA
     keep = ~(((lit_share > 0) & (lit_share < 1)) | at_horizon).any(axis=1)
-    rays = keep[field.ray_sample]
-    return replace(
-        field,
-        rows=field.rows[keep],
-        columns=field.columns[keep],
-        radiance=field.radiance[keep],
-        variance=field.variance[keep],
-        ray_sample=(np.cumsum(keep) - 1)[field.ray_sample[rays]],
-        normals=field.normals[rays],
-        views=field.views[rays],
-    )
+    return field.where(keep)
 
 
 def sphere_pixels(sphere: Sphere, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -148,11 +151,7 @@ def sample_sphere(
                 inner &= padded[dy : dy + height, dx : dx + width]
         usable &= inner[rows, columns]
     rows, columns = rows[usable], columns[usable]
-    centres = np.column_stack([columns, rows]) + 0.5
-    origins, directions = camera.rays(centres)
-    _, normals = sphere.hits(origins, directions)
-    cos = -(normals * directions).sum(axis=1)
-    turn = 1 / (sphere.pixel_radius(camera) * np.maximum(cos, 1e-9))
+    cos, turn = _grazing(sphere, camera, rows, columns)
     keep = np.flatnonzero((cos >= MIN_COS_EXITANT) & (turn <= _MAX_TURN))
     if budget is not None and len(keep) > budget:
         keep = np.sort(rng.choice(keep, budget, replace=False))
@@ -160,9 +159,20 @@ def sample_sphere(
 
 
 def all_samples(sphere: Sphere, camera: Camera, image: RadianceImage) -> LightField:
-    """Every pixel that lies wholly on the sphere, by its centre: what a prediction is made for."""
+    """Every pixel that lies wholly on the sphere: what a prediction is made for."""
     rows, columns = sphere_pixels(sphere, camera)
-    return _gather(sphere, camera, image, rows, columns, np.zeros(len(rows)))
+    _, turn = _grazing(sphere, camera, rows, columns)
+    return _gather(sphere, camera, image, rows, columns, turn)
+
+
+def _grazing(
+    sphere: Sphere, camera: Camera, rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Exitant cosine at pixels' centres, and the angle by which the normal turns across each, radians."""
+    origins, directions = camera.rays(np.column_stack([columns, rows]) + 0.5)
+    _, normals = sphere.hits(origins, directions)
+    cos = -(normals * directions).sum(axis=1)
+    return cos, 1 / (sphere.pixel_radius(camera) * np.maximum(cos, 1e-9))
 
 
 def _gather(

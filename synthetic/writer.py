@@ -18,6 +18,8 @@ from synthetic.spheres import SphereScene, render
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
 TRUTH_NAME = "truth.json"
+# Names that a written set holds.
+PHOTOSET_FILES = (MANIFEST_NAME, TRUTH_NAME, "*.exr", "*_mask.png")
 _LIGHTING_NAME = "lighting"
 _MAP_NAME = "lighting.exr"
 _MAP_HEIGHT = 128

@@ -155,9 +155,8 @@ def map_transfer(radiance_map: Singles, normals: Floats, views: Floats, sigmas: 
     for start in range(0, len(normals), _RAYS_PER_CHUNK):
         part = slice(start, start + _RAYS_PER_CHUNK)
         shift, turn = rng.random(2)
-        rings = _FIRST_RING * np.exp(
-            _LOG_STEP * (shift + np.arange(int(np.log(_LAST_RING / _FIRST_RING) / _LOG_STEP)))
-        )
+        count = int(np.ceil(np.log(_LAST_RING / _FIRST_RING) / _LOG_STEP))
+        rings = _FIRST_RING * np.exp(_LOG_STEP * (shift + np.arange(count)))
         weights = _ring_weights(rings, sigmas)
         used = weights.max(axis=1) > 1e-7 * weights.max()
         frame = _Frame.of(normals[part], views[part])
@@ -208,12 +207,21 @@ def _ring_mean(padded: Singles, frame: _Frame, theta: float, turn: float) -> Sin
     """Mean (m, c) over azimuth of L(wi(h)) (wo.h) / cos theta_o on the ring theta_h = theta."""
     count = 6 if theta < 0.03 else 12 if theta < 0.1 else 20
     azimuth = turn + 2 * np.pi * np.arange(count) / count
-    x, y = (np.sin(theta) * np.array([np.cos(azimuth), np.sin(azimuth)])).astype(np.float32)
+    unit_x, unit_y = np.array([np.cos(azimuth), np.sin(azimuth)], np.float32)
     z = np.float32(np.cos(theta))
+    x, y = np.float32(np.sin(theta)) * unit_x, np.float32(np.sin(theta)) * unit_y
     cos_exitant = frame.along_normal[:, None]
-    toward = frame.along_tangent[:, None] * x + frame.along_bitangent[:, None] * y + cos_exitant * z
-    lit = (2 * toward * z > cos_exitant) & (toward > 0)
-    weight = np.where(lit, toward, 0) / np.maximum(cos_exitant, np.float32(1e-6))
+    level = frame.along_tangent[:, None] * unit_x + frame.along_bitangent[:, None] * unit_y
+    toward = np.float32(np.sin(theta)) * level + cos_exitant * z
+    # n.wi is sin(2 theta) level + cos(2 theta) cos(theta_o). Where the horizon crosses a node's cell, the node
+    # counts by the share that is lit: all or nothing converges slowly (1% of a wide lobe against 0.2%).
+    sin_twice, cos_twice = np.float32(np.sin(2 * theta)), np.float32(np.cos(2 * theta))
+    sideways = frame.along_bitangent[:, None] * unit_x - frame.along_tangent[:, None] * unit_y
+    around = np.float32(2 * np.pi / count) * sin_twice * sideways
+    outward = np.float32(2 * _LOG_STEP * theta) * (cos_twice * level - sin_twice * cos_exitant)
+    cell = np.hypot(around, outward) + np.float32(1e-9)
+    lit = np.clip((sin_twice * level + cos_twice * cos_exitant) / cell + np.float32(0.5), 0, 1)
+    weight = lit * np.maximum(toward, 0) / np.maximum(cos_exitant, np.float32(1e-6))
     twice = 2 * toward
     incident = np.empty((*toward.shape, 3), np.float32)
     for k in range(3):

@@ -27,6 +27,8 @@ from invrender.result import identifiability
 # Photographs beyond this many are listed with their errors, without pictures: the page stays small.
 _MAX_PICTURES = 24
 _MARGIN = 0.08
+# Shares of a photograph's white at which the colours of differences saturate.
+_LIMITS = (0.02, 0.05, 0.1, 0.2, 0.5)
 _NAMES = {
     "kd": ("K<sub>d</sub>", "1/sr"),
     "ks": ("K<sub>s</sub>", ""),
@@ -45,6 +47,9 @@ class ReportWriter:
         self._run = run
         self._document = document
         self._rows: list[dict[str, Any]] = []
+        # One colour scale for all differences, wide enough for three times the usual residual.
+        rms = run.result.rms(held_out=False) or 0.0
+        self._limit = next((limit for limit in _LIMITS if limit >= 3 * rms), _LIMITS[-1])
         photos = run.photoset.photos
         chosen = np.unique(np.linspace(0, len(photos) - 1, min(len(photos), _MAX_PICTURES)).astype(int))
         self._pictured = {photos[k].label for k in chosen} | {
@@ -57,7 +62,7 @@ class ReportWriter:
         score = next(score for score in self._run.result.photos if score.label == label)
         row: dict[str, Any] = {"score": score, "pictures": None}
         if label in self._pictured:
-            row["pictures"] = _pictures(prediction)
+            row["pictures"] = _pictures(prediction, self._limit)
         self._rows.append(row)
 
     def write(self, path: Path) -> None:
@@ -81,6 +86,8 @@ class ReportWriter:
             best=min(result.rungs, key=lambda rung: rung.error),
             parameters=_parameters(self._run),
             rows=self._rows,
+            limit=self._limit,
+            with_error=with_error,
             median_unseen=float(
                 np.median([s.cross_validated for s in result.photos if s.cross_validated is not None])
             ),
@@ -93,7 +100,7 @@ class ReportWriter:
         path.write_text(page, encoding="utf-8")
 
 
-def _pictures(prediction: Prediction) -> dict[str, Any]:
+def _pictures(prediction: Prediction, limit: float) -> dict[str, Any]:
     rows, columns = np.nonzero(prediction.inside)
     margin = int(_MARGIN * max(np.ptp(rows), np.ptp(columns))) + 1
     top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
@@ -102,12 +109,10 @@ def _pictures(prediction: Prediction) -> dict[str, Any]:
     predicted, inside = prediction.predicted[crop].astype(float), prediction.inside[crop]
     white = white_level(observed[inside])
     difference = (observed - predicted).mean(axis=2)
-    # One tenth of white saturates: differences that matter to the eye, on the same scale in every row.
-    limit = 0.1 * white
     return {
         "photograph": image_url(tone_mapped(observed, white), jpeg=True),
         "prediction": image_url(tone_mapped(predicted, white), jpeg=True),
-        "difference": image_url(difference_picture(difference, limit, inside)),
+        "difference": image_url(difference_picture(difference, limit * white, inside)),
     }
 
 
@@ -115,20 +120,26 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
     """Rows of the parameter table: symbol, unit, values with errors, status, reason, remedy."""
     result = run.result
     reasons = {row["parameter"]: row for row in identifiability(result)}
-    table = []
+    table: list[dict[str, Any]] = []
+    said: dict[str, str] = {}
     for name, (symbol, unit) in _NAMES.items():
         quantity = result.quantities.get(name)
         if quantity is None and name not in reasons:
             continue
-        reason = reasons.get(name, {"reason": "", "remedy": ""})
+        if not result.is_absolute and name in ("kd", "ks"):
+            unit = "relative"
+        row = reasons.get(name, {"reason": "", "remedy": ""})
+        repeated = said.get(row["reason"], "") if row["reason"] else ""
+        said.setdefault(row["reason"], symbol)
         table.append(
             {
                 "symbol": symbol,
                 "unit": unit,
+                "as_for": repeated,
                 "values": _values(quantity),
                 "status": "not needed" if quantity is None else quantity.status,
-                "reason": reason["reason"],
-                "remedy": reason["remedy"],
+                "reason": row["reason"],
+                "remedy": row["remedy"],
             }
         )
     return table

@@ -76,7 +76,7 @@ def residual_figure(photos: Sequence[PhotoColumns], residuals: Sequence[Floats])
     axes.plot(centre, 100 * np.sqrt(per_bin(residual**2)) / mean, "o-", color=_ACCENT, ms=4, label="RMS")
     axes.plot(centre, 100 * per_bin(residual) / mean, "s--", color="#c2410c", ms=4, label="mean (bias)")
     axes.set_xlabel("exitant angle, camera to normal (degrees)")
-    axes.set_ylabel("residual (% of mean radiance)")
+    axes.set_ylabel("residual, mean of channels\n(% of mean radiance)")
     axes.set_xlim(0, 90)
     axes.legend(frameon=False)
     _plain(axes)
@@ -98,8 +98,8 @@ def photo_error_figure(scores: Sequence[PhotoScore]) -> Figure:
     axes.set_xlabel("photograph, in the manifest's order")
     axes.set_ylabel("RMS residual (% of RMS radiance)")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylim(0)
-    axes.legend(frameon=False, loc="lower right")
+    axes.set_ylim(0, 1.35 * float(np.nanmax(np.append(rms, unseen))))
+    axes.legend(frameon=False, loc="upper right", ncols=3, fontsize=9)
     _plain(axes)
     return figure
 
@@ -110,10 +110,10 @@ def lighting_figure(entries: Sequence[FittedLighting]) -> Figure:
     across = min(len(shown), 4)
     down = -(-len(shown) // across)
     figure = Figure(figsize=(max(3.1 * across, 6.4), 1.95 * down + 0.5) if across > 1 else (6.4, 3.4))
-    for k, entry in enumerate(shown):
+    maps = [lighting_map(entry) for entry in shown]
+    white = max(max(float(np.percentile(radiance.max(axis=-1), 99)) for radiance in maps), 1e-12)
+    for k, (entry, radiance) in enumerate(zip(shown, maps, strict=True)):
         axes = figure.add_subplot(down, across, k + 1)
-        radiance = lighting_map(entry)
-        white = max(float(np.percentile(radiance.max(axis=-1), 99)), 1e-12)
         axes.imshow(tone_mapped(radiance, white), extent=(0, 360, 180, 0), aspect="auto")
         x, y, z = entry.lighting.directions.T
         azimuth, polar = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arccos(np.clip(z, -1, 1)))

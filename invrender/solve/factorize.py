@@ -95,6 +95,11 @@ class _Report:
             start += len(block)
 
     @property
+    def is_absolute(self) -> bool:
+        """Whether some known light fixes the scale of Kd and Ks."""
+        return self.has_known or not self.strengths
+
+    @property
     def names(self) -> tuple[str, ...]:
         """A name for each number before the strengths: "mu", "kd.r", ..."""
         result: list[str] = []
@@ -111,7 +116,7 @@ class _Report:
         parameters = self.parameters
         brdf = parameters.brdf(vector)
         scale = np.ones(3)
-        if not self.has_known and len(self._gauge_places):
+        if not self.is_absolute:
             scale = vector[self._gauge_places].mean(axis=0)
         blocks = {
             name: vector[parameters.places[name]] for name in ("mu", "sigma") if name in parameters.places
@@ -152,7 +157,8 @@ def _quantities(
     ks, ks_std = block("ks") if "ks" in report.places else (np.zeros(3), np.zeros(3))
     scale = kd + ks
     quantities = {"kd": assess_linear(kd, kd_std, scale, "Kd")}
-    quantities["albedo"] = _scaled(quantities["kd"], np.pi)
+    if report.is_absolute:
+        quantities["albedo"] = _scaled(quantities["kd"], np.pi)
     if "ks" not in report.places:
         return quantities
     quantities["ks"] = assess_linear(ks, ks_std, scale, "Ks")
@@ -190,9 +196,7 @@ def _fitted_lighting(lighting: Lighting, report: _Report, values: Floats, std: F
 
 
 def _gauge(report: _Report) -> str:
-    if not report.strengths:
+    if report.is_absolute:
         return "absolute: the given lighting fixes the scale of Kd and Ks in each channel"
-    if report.has_known:
-        return "absolute: the known part of the lighting fixes the scale in each channel"
     which = "source irradiance" if any("/source" in name for name in report.strengths) else "ambient radiance"
     return f"relative: mean recovered {which} fixed to 1 per channel"

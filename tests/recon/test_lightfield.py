@@ -40,14 +40,18 @@ def test_normals_and_views_of_an_orthographic_picture(flat_ball):
     image = picture()
     samples = all_samples(flat_ball, FLAT, image)
     # By hand: the normal's x and y are the pixel's offset from the centre, in radii; z the rest.
-    x, y = (samples.columns + 0.5 - 31.7) / 20, -(samples.rows + 0.5 - 23.8) / 20
+    # A ball of 20 px curves within every pixel, so each is seen along 2x2 Gauss points.
+    assert_array_equal(samples.ray_sample, np.repeat(np.arange(len(samples)), 4))
+    shift = 0.5 / np.sqrt(3) * np.tile([[-1, -1], [1, -1], [-1, 1], [1, 1]], (len(samples), 1))
+    column, row = (np.column_stack([samples.columns, samples.rows])[samples.ray_sample] + 0.5 + shift).T
+    x, y = (column - 31.7) / 20, -(row - 23.8) / 20
     expected = np.column_stack([x, y, np.sqrt(1 - x**2 - y**2)])
     assert_allclose(samples.normals, expected, atol=1e-12, equal_nan=False)
     assert_allclose(samples.views, np.broadcast_to([0, 0, 1], expected.shape), atol=1e-15)
-    assert_allclose(samples.cos_exitant, expected[:, 2], atol=1e-12, equal_nan=False)
+    cosines = expected[:, 2].reshape(-1, 4).mean(axis=1)
+    assert_allclose(samples.cos_exitant, cosines, atol=1e-12, equal_nan=False)
     assert_array_equal(samples.radiance, image.radiance[samples.rows, samples.columns])
     assert_array_equal(samples.variance, image.variance[samples.rows, samples.columns])
-    assert_array_equal(samples.ray_sample, np.arange(len(samples)))
 
 
 def test_rays_of_a_perspective_picture_meet_the_sphere_where_they_came_from(ball):

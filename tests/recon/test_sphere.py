@@ -38,7 +38,8 @@ def test_several_views_give_centre_and_radius(draw, ball, model):
     # An outline of 250 points per view, each good to 0.05 px.
     assert_allclose(found.centre, truth.centre, atol=0.02 / px_per_metre, equal_nan=False)
     assert found.radius == pytest.approx(0.1, rel=2e-4)
-    assert np.max(found.residual_px) < 0.06
+    # 1.4826 median |r| overstates the RMS of errors that fill an interval evenly, by up to 1.28.
+    assert np.max(found.residual_px) < 0.08
 
 
 def test_one_view_gives_direction_and_angular_size(draw, ball):

@@ -1,0 +1,159 @@
+"""Small photo sets for end-to-end tests, and photographs in memory for the numerical ones."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from capture.camera import Camera
+from capture.decode import RadianceImage
+from capture.gantry import arc_pose
+from capture.lighting import Lighting
+from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.transfer import light_elements
+from recon.lightfield import LightField, off_terminators, sample_sphere
+from recon.sphere import Sphere
+from synthetic.integrate import reflected_radiance
+from synthetic.lighting import AreaLight, DirectionalSource, latlong_map
+from synthetic.materials import RH01_MATERIALS, Microfacet, radiometric
+from synthetic.spheres import Noise, SphereScene
+from synthetic.writer import write_photoset
+
+Floats = np.ndarray
+
+
+@pytest.fixture(scope="session")
+def small_set_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four photographs of a delrin sphere, the last one held out; 80x60 pixels."""
+    angles = np.radians([0.0, 50.0, 100.0, 150.0])
+    poses = [arc_pose(angle, np.zeros(3), [0, 0, 1], 0.6, [1, 0, 0]) for angle in angles]
+    scene = SphereScene(
+        name="small",
+        material=radiometric(RH01_MATERIALS["delrin"]),
+        area_lights=(AreaLight(np.array([-0.3, 0.8, 0.52]), np.array([1.0, 1.2, 1.4]), width_rad=0.4),),
+        sources=(DirectionalSource(np.array([0.85, -0.31, 0.42]), np.array([1.5, 1.4, 1.3])),),
+        centre=np.array([0.001, 0.0, -0.001]),
+        radius=0.02,
+        cameras=tuple(
+            Camera("PINHOLE", np.array([720.0, 720.0, 40.0, 30.0]), 80, 60, pose) for pose in poses
+        ),
+        noise=Noise(0.01, 0.001),
+        held_out=(3,),
+    )
+    folder = tmp_path_factory.mktemp("small") / "set"
+    write_photoset(scene, folder)
+    return folder
+
+
+@pytest.fixture
+def small_set(small_set_original: Path, tmp_path: Path) -> Path:
+    """A copy of the small set that a test may damage."""
+    return Path(shutil.copytree(small_set_original, tmp_path / "set"))
+
+
+def direction(azimuth_deg: float, elevation_deg: float) -> Floats:
+    """Unit vector at an azimuth from +X towards +Y and an elevation above the horizon."""
+    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
+AREA_LIGHT = AreaLight(direction(110, 40), np.array([1.5, 1.6, 1.8]), width_rad=0.35)
+# Behind the first photographs' sphere and beside the last ones': highlights from 16 to 78 degrees.
+SOURCE = DirectionalSource(direction(-20, 25), np.array([1.6, 1.5, 1.35]))
+_SPHERE = Sphere(np.zeros(3), 0.02, np.zeros((4, 4)))
+
+
+def known_lighting(
+    lights: Sequence[AreaLight] = (AREA_LIGHT,),
+    sources: Sequence[DirectionalSource] = (SOURCE,),
+    name: str = "light",
+    **recover: bool,
+) -> Lighting:
+    """What a fit is told of synthetic lights: a 64-row map of the area lights, and the sources."""
+    return Lighting(
+        name,
+        latlong_map(lights, 64) if lights else None,
+        np.array([source.direction for source in sources]).reshape(-1, 3),
+        np.array([source.irradiance for source in sources]).reshape(-1, 3),
+        **recover,
+    )
+
+
+def sphere_field(angle_deg: float, samples: int = 150, radius_px: float = 60.0, seed: int = 0) -> LightField:
+    """Samples, still black, of a sphere that a camera looks at from an angle on an arc from +X towards +Y.
+
+    At 60 px radius the normals within 63 degrees of the camera have one ray each, those beyond it four.
+    """
+    focal, side = radius_px * 0.6 / _SPHERE.radius, int(2.2 * radius_px)
+    pose = arc_pose(np.radians(angle_deg), np.zeros(3), [0, 0, 1], 0.6, [1, 0, 0])
+    camera = Camera("PINHOLE", np.array([focal, focal, side / 2, side / 2]), side, side, pose)
+    black = np.zeros((side, side, 3), np.float32)
+    image = RadianceImage(black, black, np.zeros((side, side), bool))
+    rng = np.random.default_rng([seed, int(angle_deg * 1000) % 2**31])
+    return sample_sphere(_SPHERE, camera, image, None, samples, rng)
+
+
+def photograph(
+    material: Microfacet,
+    angles_deg: Sequence[float],
+    lights: Sequence[AreaLight] = (AREA_LIGHT,),
+    sources: Sequence[DirectionalSource] = (SOURCE,),
+    told: Lighting | None = None,
+    samples: int = 150,
+) -> list[PhotoColumns]:
+    """Photographs without noise, as columns; radiance by brute-force integration over incident directions.
+
+    told : the lighting that the fit is told; the true one if None.
+    """
+    told = told or known_lighting(lights, sources)
+    elements = light_elements(told)
+    photos = []
+    for angle in angles_deg:
+        field = off_terminators(sphere_field(angle, samples), told.directions)
+        radiance = reflected_radiance(material, lights, sources, field.normals, field.views)
+        field = replace(field, radiance=field.mean_over_rays(radiance))
+        photos.append(photo_columns(told.name, elements, field))
+    return photos
+
+
+def with_radiance(photo: PhotoColumns, radiance: Floats) -> PhotoColumns:
+    """The same photograph with other radiances (n, 3)."""
+    return replace(photo, field=replace(photo.field, radiance=radiance))
+
+
+def with_noise(
+    photos: Sequence[PhotoColumns], rng: np.random.Generator, relative: float = 0.01, floor: float = 0.001
+) -> list[PhotoColumns]:
+    """Gaussian noise of two parts; `floor` as a share of each photograph's mean radiance."""
+    noisy = []
+    for photo in photos:
+        deviation = np.hypot(relative * photo.radiance, floor * photo.radiance.mean())
+        noisy.append(with_radiance(photo, photo.radiance + deviation * rng.standard_normal(deviation.shape)))
+    return noisy
+
+
+@pytest.fixture(scope="session")
+def bench() -> SimpleNamespace:
+    """The laboratory bench of the numerical tests: lights, a sphere, its photographs as columns."""
+    return SimpleNamespace(
+        area_light=AREA_LIGHT,
+        source=SOURCE,
+        direction=direction,
+        known_lighting=known_lighting,
+        sphere_field=sphere_field,
+        photograph=photograph,
+        with_radiance=with_radiance,
+        with_noise=with_noise,
+    )
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(11)

@@ -1,0 +1,236 @@
+"""The command as a user meets it: results, and one clear sentence for each thing that is wrong."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture.imagefile import read_pixels, write_exr
+from invrender.cli import DEFAULT_SAMPLES as CLI_SAMPLES
+from invrender.cli import main
+from invrender.pipeline import DEFAULT_SAMPLES
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def lightfactor(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
+    """Run the command in this process: exit status, standard output, standard error."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["lightfactor", *map(str, arguments)])
+        with pytest.raises(SystemExit) as done:
+            main()
+        out, err = capfd.readouterr()
+        return int(done.value.code or 0), out, err
+
+    return run
+
+
+def edit(folder: Path, pattern: str, replacement: str) -> None:
+    """Replace what must occur in a set's manifest."""
+    path = folder / "photoset.toml"
+    text, count = re.subn(pattern, replacement, path.read_text(), count=1)
+    assert count == 1, pattern
+    path.write_text(text)
+
+
+def test_help_is_parsed_before_anything_heavy_is_imported() -> None:
+    code = (
+        "import sys; sys.argv = ['lightfactor', '--help']\n"
+        "from invrender.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print(sorted({'numpy', 'scipy', 'cv2', 'pycolmap', 'matplotlib', 'pydantic'} & set(sys.modules)))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "process" in out
+    assert "mirrorball" in out
+    assert out.strip().endswith("[]")
+
+
+def test_the_default_in_the_help_is_the_pipelines() -> None:
+    # The command cannot import the pipeline before parsing, so it repeats this one number.
+    assert CLI_SAMPLES == DEFAULT_SAMPLES
+
+
+def test_process_writes_a_whole_result(lightfactor: Run, small_set: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code, text, err = lightfactor("process", small_set, "-o", out, "--samples", 4000)
+    assert (code, err) == (0, "")
+    result = json.loads((out / "result.json").read_text())
+    truth = json.loads((small_set / "truth.json").read_text())["brdf"]
+    brdf = result["brdf"]
+    assert brdf["model"] == "microfacet"
+    # 1% noise, three views: each number within four of its own standard deviations and within 2% (mu: 0.05).
+    for name, allowed in (("kd", 0.005), ("ks", 0.0007), ("mu", 0.05), ("sigma", 0.002)):
+        value, std = np.ravel(brdf[name]["value"]), np.ravel(brdf[name]["std"])
+        off = np.abs(value - np.ravel(truth[name]))
+        assert (off < np.minimum(4 * std, allowed)).all(), name
+        assert brdf[name]["status"] == "determined"
+    assert [photo["held_out"] for photo in result["photos"]] == [False, False, False, True]
+    # The held-out photograph is predicted to the noise (1%, and 0.1% of the mean).
+    assert result["fit"]["held_out_rms_relative"] < 0.012
+    assert sum(model["chosen"] for model in result["models"]) == 1
+    assert {"photoset.toml", "000.exr", "000_mask.png", "lighting.exr"} <= set(result["inputs"])
+    # Predictions are written for every photograph, the held-out one as well.
+    photo, predicted = (read_pixels(folder / "003.exr") for folder in (small_set, out / "predicted"))
+    inside = predicted.any(axis=2)
+    ratio = photo[inside].astype(float).sum() / predicted[inside].astype(float).sum()
+    assert ratio == pytest.approx(1, abs=2e-3)  # limb pixels included, where the model is not fitted
+    assert "sigma" in text
+    assert "report.html" in text
+
+
+def test_the_report_is_self_contained(lightfactor: Run, small_set: Path, tmp_path: Path) -> None:
+    lightfactor("process", small_set, "-o", tmp_path / "out", "--samples", 2000)
+    page = (tmp_path / "out" / "report.html").read_text()
+    # Every picture is in the file; nothing points to the network or to another file.
+    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert len(sources) == 3 + 3 * 4
+    assert all(source.startswith("data:image/") for source in sources)
+    assert "http" not in re.sub(r"data:image/[^\"]*", "", page)
+    assert "held out" in page
+    assert "rejected" in page
+
+
+def test_a_second_run_replaces_the_first(lightfactor: Run, small_set: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    lightfactor("process", small_set, "-o", out, "--samples", 2000)
+    (out / "result.json").write_text("{}")
+    code, _, _ = lightfactor("process", small_set, "-o", out, "--samples", 2000)
+    assert code == 0
+    assert json.loads((out / "result.json").read_text())["format"] == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set"]
+
+
+def black_photo(folder: Path) -> None:
+    write_exr(folder / "001.exr", np.zeros((60, 80, 3), np.float32))
+
+
+def nan_photo(folder: Path) -> None:
+    pixels = read_pixels(folder / "001.exr").astype(np.float32)
+    pixels[5, 7] = np.nan
+    write_exr(folder / "001.exr", pixels)
+
+
+def truncated_photo(folder: Path) -> None:
+    data = (folder / "001.exr").read_bytes()
+    (folder / "001.exr").write_bytes(data[: len(data) // 2])
+
+
+def other_size(folder: Path) -> None:
+    write_exr(folder / "001.exr", np.ones((30, 40, 3), np.float32))
+
+
+def saturated_photo(folder: Path) -> None:
+    import cv2
+
+    cv2.imwrite(str(folder / "white.png"), np.full((60, 80, 3), 255, np.uint8))
+    edit(folder, r'"001\.exr"', '"white.png"')
+
+
+def no_mask_and_no_sphere(folder: Path) -> None:
+    text = (folder / "photoset.toml").read_text()
+    (folder / "photoset.toml").write_text(re.sub(r"(?m)^mask = .*\n", "", text))
+    rng = np.random.default_rng(0)
+    write_exr(folder / "000.exr", rng.random((60, 80, 3)).astype(np.float32))
+
+
+def single_photo(folder: Path) -> None:
+    text = (folder / "photoset.toml").read_text()
+    head, first, *_ = text.split("[[photo]]")
+    (folder / "photoset.toml").write_text(head + "[[photo]]" + first)
+
+
+def light_below_the_horizon(folder: Path) -> None:
+    """Two photographs from one place, and the only light straight behind the sphere."""
+    head, first, *_ = (folder / "photoset.toml").read_text().split("[[photo]]")
+    (folder / "again.exr").write_bytes((folder / "000.exr").read_bytes())
+    again = first.replace('"000.exr"', '"again.exr"')
+    (folder / "photoset.toml").write_text("[[photo]]".join([head, first, again]))
+    edit(folder, r"direction = \[[^\]]*\]", "direction = [-1.0, 0.0, 0.0]")
+    edit(folder, r"(?m)^map = .*\n", "")
+
+
+def swapped_pose_convention(folder: Path) -> None:
+    import tomllib
+
+    data = tomllib.loads((folder / "photoset.toml").read_text())
+    text = (folder / "photoset.toml").read_text()
+    blocks = re.split(r"world_to_camera = \[.*?\]\s*\]", text, flags=re.DOTALL)
+    poses = [np.linalg.inv(np.array(photo["world_to_camera"])).tolist() for photo in data["photo"]]
+    (folder / "photoset.toml").write_text(
+        blocks[0] + "".join(f"world_to_camera = {p}{b}" for p, b in zip(poses, blocks[1:], strict=True))
+    )
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        pytest.param(
+            lambda f: edit(f, "maks|mask =", "maks ="), ["photoset.toml", "'maks'", "'mask'"], id="typo"
+        ),
+        pytest.param(lambda f: (f / "001.exr").unlink(), ["001.exr", "does not exist"], id="missing photo"),
+        pytest.param(truncated_photo, ["001.exr", "truncated", "Copy"], id="truncated"),
+        pytest.param(other_size, ["001.exr", "40x30", "80x60"], id="other size"),
+        pytest.param(saturated_photo, ["white.png", "saturated", "expose shorter"], id="all saturated"),
+        pytest.param(black_photo, ["001.exr", "black"], id="black"),
+        pytest.param(nan_photo, ["001.exr", "column 7, row 5"], id="not finite"),
+        pytest.param(light_below_the_horizon, ["lighting", "below the horizon", "source 1"], id="horizon"),
+        pytest.param(single_photo, ["photoset.toml", "at least two"], id="single photo"),
+        pytest.param(no_mask_and_no_sphere, ["000.exr", "no mask", "no sphere"], id="no mask, no sphere"),
+        pytest.param(swapped_pose_convention, ["camera_to_world"], id="pose convention"),
+        pytest.param(
+            lambda f: edit(f, r"\[object\]", "[object]\ntexture = true"),
+            ["[object]", "texture"],
+            id="texture",
+        ),
+        pytest.param(
+            lambda f: edit(f, r'shape = "sphere"', 'shape = "mesh"'), ["[object]", "spheres only"], id="mesh"
+        ),
+        pytest.param(
+            lambda f: edit(f, r"(?s)\[\[lighting\]\].*?(?=\n\[)", ""),
+            ["[[lighting]]", "mirror_ball"],
+            id="no light",
+        ),
+    ],
+)
+def test_bad_input_is_one_clear_sentence(
+    lightfactor: Run, small_set: Path, tmp_path: Path, damage: Callable[[Path], None], words: list[str]
+) -> None:
+    damage(small_set)
+    code, _, err = lightfactor("process", small_set, "-o", tmp_path / "out")
+    assert code == 1
+    assert err.startswith("lightfactor: error: ")
+    assert len(err.strip().splitlines()) == 1
+    for word in words:
+        assert word in err
+    # No half-written result, no leftovers beside it.
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["set"]
+
+
+def test_somebody_elses_folder_is_not_replaced(lightfactor: Run, small_set: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "thesis.tex").write_text("precious")
+    code, _, err = lightfactor("process", small_set, "-o", out)
+    assert code == 1
+    assert "thesis.tex" in err
+    assert (out / "thesis.tex").read_text() == "precious"
+
+
+def test_a_failed_run_leaves_the_earlier_result(lightfactor: Run, small_set: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    lightfactor("process", small_set, "-o", out, "--samples", 2000)
+    before = (out / "result.json").read_bytes()
+    truncated_photo(small_set)
+    code, _, _ = lightfactor("process", small_set, "-o", out)
+    assert code == 1
+    assert (out / "result.json").read_bytes() == before

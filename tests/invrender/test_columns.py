@@ -1,0 +1,45 @@
+"""Columns that hold neither mu nor sigma, against the direct prediction that knows both."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from invrender.model.columns import photo_columns
+from invrender.model.microfacet import Microfacet
+from invrender.model.predict import predict, predict_columns
+from invrender.model.transfer import light_elements
+from synthetic.materials import RH01_MATERIALS, radiometric
+
+
+@pytest.mark.parametrize(
+    "recover", [{}, {"recover_irradiance": True}, {"recover_irradiance": True, "recover_ambient": True}]
+)
+def test_prediction_through_columns_agrees_with_the_direct_one(recover: dict[str, bool], bench, rng):
+    lighting = bench.known_lighting(**recover)
+    elements = light_elements(lighting)
+    strengths = rng.uniform(0.5, 1.5, (len(elements), 3))
+    # The highlight near normal exitance, and near grazing.
+    for angle in (10.0, 150.0):
+        field = bench.sphere_field(angle, samples=600)
+        assert len(field.normals) > len(field)  # some samples have several rays
+        photo = photo_columns(lighting.name, elements, field)
+        brdfs = [radiometric(row) for row in RH01_MATERIALS.values()]
+        for truth in brdfs:
+            brdf = Microfacet(truth.kd, truth.ks, truth.mu, truth.sigma)
+            direct = predict(brdf, elements, strengths, field)
+            through = predict_columns(photo, brdf, strengths)
+            # Interpolation in sigma (1e-4 of the lobe) and the Fresnel sum (5e-4 at these indices).
+            assert np.abs(through - direct).max() < 5e-4 * direct.max()
+            assert np.sqrt(np.mean((through - direct) ** 2)) < 1e-4 * np.sqrt(np.mean(direct**2))
+
+
+def test_a_lambertian_has_no_highlight(bench):
+    lighting = bench.known_lighting()
+    elements = light_elements(lighting)
+    field = bench.sphere_field(20.0)
+    photo = photo_columns(lighting.name, elements, field)
+    matte = Microfacet(np.full(3, 0.2), np.zeros(3), None, None)
+    direct = predict(matte, elements, np.ones((1, 3)), field)
+    assert np.abs(predict_columns(photo, matte, np.ones((1, 3))) - direct).max() < 1e-6 * direct.max()  # float32
+    assert direct.max() > 0.1

@@ -1,0 +1,43 @@
+"""What the documentation says exists and works."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+from capture.photoset import load_photoset
+
+ROOT = Path(__file__).parents[1]
+
+
+def equations() -> list[tuple[str, str]]:
+    rows = re.findall(r"\| `([\w.]+)` \| `([\w/.]+)` \|", (ROOT / "docs/equations.md").read_text())
+    assert len(rows) > 10
+    return rows
+
+
+@pytest.mark.parametrize(("function", "test"), equations())
+def test_every_equation_names_a_function_and_the_test_that_holds_it(function: str, test: str) -> None:
+    module, _, name = function.rpartition(".")
+    assert callable(getattr(importlib.import_module(module), name))
+    # The test file reaches the function: by its own name, or through the command that ends in it.
+    assert name in (ROOT / test).read_text()
+
+
+def test_the_readme_opens_with_the_two_commands() -> None:
+    blocks = re.findall(r"```\n(.*?)\n```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    assert blocks[0].endswith(".venv/bin/pip install . && .venv/bin/lightfactor demo")
+    assert blocks[1].endswith('.venv/bin/pip install ".[test]" && .venv/bin/pytest')
+
+
+def test_the_readmes_manifest_is_valid(tmp_path: Path) -> None:
+    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    (tmp_path / "photoset.toml").write_text(blocks[0])
+    assert load_photoset(tmp_path).photos[0].camera.focal_px == 1600
+    (tmp_path / "photoset.toml").write_text(
+        re.sub(r"(?s)\[\[lighting\]\].*?(?=\n\[\[photo)", blocks[1], blocks[0]).replace('"room"', '"lamp 1"')
+    )
+    assert load_photoset(tmp_path).lightings[0].mirror_ball is not None
