@@ -144,7 +144,16 @@ def validated(schema: type[AnyTable], path: Path, data: dict[str, Any]) -> AnyTa
     try:
         return schema.model_validate(_with_tuples(data))
     except ValidationError as error:
-        raise ValueError("\n".join(_describe(path, data, entry) for entry in error.errors())) from error
+        # A fault that every photo repeats is said once.
+        kinds: dict[Any, list[Any]] = {}
+        for entry in error.errors():
+            place = tuple(part for part in entry["loc"] if not isinstance(part, int))
+            kinds.setdefault((entry["type"], place), []).append(entry)
+        sentences = [
+            _describe(path, data, same[0]) + (f" (and so in {len(same) - 1} more places)" if same[1:] else "")
+            for same in kinds.values()
+        ]
+        raise ValueError("\n".join(sentences)) from error
 
 
 def _with_tuples(value: Any) -> Any:

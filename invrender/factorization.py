@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from invrender.model.microfacet import Microfacet
-from invrender.solve.evidence import Rung
+from invrender.solve.evidence import HOPELESS, Rung
 from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
@@ -96,11 +96,16 @@ class Factorization:
         return "albedo" in self.quantities
 
     @property
+    def misfits(self) -> bool:
+        """Whether even the best model explains so little that no number is given."""
+        return self.model.error >= HOPELESS
+
+    @property
     def model(self) -> Rung:
         """The chosen rung."""
         return self.rungs[self.chosen]
 
     def rms(self, held_out: bool) -> float | None:
-        """RMS over photographs of their relative errors, or None where there are none of the kind."""
+        """Mean over photographs of their relative RMS, or None where there are none of the kind."""
         errors = [photo.rms for photo in self.photos if photo.held_out == held_out]
-        return float(np.sqrt(np.mean(np.square(errors)))) if errors else None
+        return float(np.mean(errors)) if errors else None

@@ -20,7 +20,7 @@ from invrender.factorization import Factorization, PhotoScore
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
-from invrender.solve.evidence import fit_strengths, ladder_steps, relative_rms
+from invrender.solve.evidence import MISFIT_REMEDY, fit_strengths, ladder_steps, outlying, relative_rms
 from invrender.solve.factorize import Solution, factorize
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField, all_samples, off_terminators, sample_sphere
@@ -33,6 +33,8 @@ Track = Callable[[Iterable[Item], str], Iterable[Item]]
 
 DEFAULT_SAMPLES = 60_000
 _MIN_SAMPLES_PER_PHOTO = 20
+# Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
+_POOR = 0.12
 _STAGES = ("capture", "recon", "invrender")
 
 
@@ -278,6 +280,19 @@ def _warnings(
     photoset: PhotoSet, solution: Solution, sphere: Sphere, lightings: Mapping[str, Lighting]
 ) -> tuple[str, ...]:
     warnings = []
+    rung = solution.rungs[solution.chosen]
+    if rung.error > _POOR:
+        warnings.append(
+            f"No model explains these photographs well: {rung.error:.0%} of the radiance (RMS) is left on unseen"
+            f" photographs. Before using any number, {MISFIT_REMEDY}."
+        )
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    for photo, wrong, error in zip(fitted, outlying(rung.photo_errors), rung.photo_errors, strict=True):
+        if wrong:
+            warnings.append(
+                f"{photo.label} is explained far worse than the others (RMS {error:.1%}, median"
+                f" {np.median(rung.photo_errors):.1%}) and counts for less: check its pose, light and mask."
+            )
     if sphere.residual_px and max(sphere.residual_px) > 0.6:
         warnings.append(
             f"The masks' outlines stray up to {max(sphere.residual_px):.1f} px from the fitted sphere;"

@@ -129,7 +129,7 @@ def _print_summary(result: Factorization) -> None:
     rows = identifiability(result)
     for row in rows:
         quantity = result.quantities.get(row["parameter"])
-        status = row["status"] if quantity else "not needed"
+        status = row["status"] if quantity or result.misfits else "not needed"
         for label, text in _lines(row["parameter"], quantity):
             table.add_row(label, text, status)
     console.print(table)

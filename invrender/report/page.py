@@ -122,6 +122,7 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
     reasons = {row["parameter"]: row for row in identifiability(result)}
     table: list[dict[str, Any]] = []
     said: dict[str, str] = {}
+    absent = "undetermined" if result.misfits else "not needed"
     for name, (symbol, unit) in _NAMES.items():
         quantity = result.quantities.get(name)
         if quantity is None and name not in reasons:
@@ -137,7 +138,7 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
                 "unit": unit,
                 "as_for": repeated,
                 "values": _values(quantity),
-                "status": "not needed" if quantity is None else quantity.status,
+                "status": quantity.status if quantity else absent,
                 "reason": row["reason"],
                 "remedy": row["remedy"],
             }

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
+from invrender.solve.clusters import patch_of
 from invrender.solve.search import LADDER, Estimate, Model, fit
 from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
 
@@ -18,6 +19,15 @@ Floats = NDArray[np.float64]
 
 # Up to this many photographs each is left out on its own; more are left out in this many groups.
 MAX_FOLDS = 20
+# Relative RMS on unseen photographs from which on no number is given; RH01 report 5 to 10% for real objects.
+HOPELESS = 0.3
+MISFIT_REMEDY = (
+    "check the light's direction and frame, the poses, the masks and the encoding (linear or srgb)"
+)
+# Standard errors of a paired difference beyond which the simpler model is clearly worse.
+_CLEARLY_WORSE = 3.0
+# A photograph with this many times the median error is taken for wrong, if there are enough to compare.
+_OUT_OF_PROPORTION, _FEWEST_TO_COMPARE = 3.0, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +37,14 @@ class Rung:
     estimate : fitted to all photographs. photo_errors : (photos,), relative RMS of each photograph as
         predicted by a fit that has not seen it (strengths of a lighting that no other photograph has
         are fitted to it, since nothing else could tell them).
+    patch_energy : (patches,), the same squared residuals, as shares of each photograph's energy, by patches
+        of the surface.
     parameters : count of fitted numbers.
     """
 
     estimate: Estimate
     photo_errors: Floats
+    patch_energy: Floats
     parameters: int
 
     @property
@@ -66,10 +79,59 @@ def climb_ladder(
     pairs = zip(photos, weights, strict=True)
     for fold, entry in zip(fold_of, parallel_map(lambda pair: photo_statistics(*pair), pairs), strict=True):
         parts[fold] = list(by_lighting([*parts[fold], entry]))
-    rungs = tuple(_evaluate(model, photos, weights, parts, fold_of, on_step) for model in LADDER)
+    patches = _Patches(photos)
+    rungs = tuple(_evaluate(model, photos, weights, parts, fold_of, patches, on_step) for model in LADDER)
+    return rungs, choose(rungs)
+
+
+def choose(rungs: Sequence[Rung]) -> int:
+    """The index of the simplest adequate rung.
+
+    Adequate is a rung whose error lies within one standard error of the best one's, and which isn't clearly
+    worse when the two are compared pairwise: photograph by photograph (so that photographs of unequal
+    quality don't hide a difference) and patch by patch of the surface (because a stain, the same in each
+    photograph, is no evidence for a model). Photographs that stand out as wrong have no say.
+    """
     best = min(rungs, key=lambda rung: rung.error)
-    limit = best.error + best.standard_error
-    return rungs, next(k for k, rung in enumerate(rungs) if rung.error <= limit)
+    trusted = ~outlying(best.photo_errors)
+    errors = best.photo_errors[trusted]
+    limit = errors.mean() + (errors.std(ddof=1) / np.sqrt(len(errors)) if len(errors) > 1 else 0.0)
+    for index, rung in enumerate(rungs):
+        within = rung.photo_errors[trusted].mean() <= limit
+        by_photo = _score(rung.photo_errors[trusted] ** 2 - errors**2)
+        by_patch = _score(rung.patch_energy - best.patch_energy)
+        if within and min(by_photo, by_patch) <= _CLEARLY_WORSE:
+            return index
+    return rungs.index(best)
+
+
+def outlying(photo_errors: Floats) -> NDArray[np.bool_]:
+    """Photographs (n,) whose error is out of all proportion to the others': wrong, rather than hard to explain."""
+    if len(photo_errors) < _FEWEST_TO_COMPARE:
+        return np.zeros(len(photo_errors), bool)
+    return photo_errors > _OUT_OF_PROPORTION * np.median(photo_errors)
+
+
+def _score(differences: Floats) -> float:
+    """Mean of differences in their standard errors; 0 where there is no difference."""
+    spread = differences.std(ddof=1) / np.sqrt(len(differences)) if len(differences) > 1 else 0.0
+    return float(differences.mean() / spread) if spread > 0 else 0.0
+
+
+class _Patches:
+    """The surface in patches: sums over them of what samples of any photograph hold."""
+
+    def __init__(self, photos: Sequence[PhotoColumns]) -> None:
+        names = [patch_of(photo.field) for photo in photos]
+        self._known = np.unique(np.concatenate(names))
+        self._index = [np.searchsorted(self._known, name) for name in names]
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def sums(self, photo: int, values: Floats) -> Floats:
+        """Sums (patches,) of values (n,) of a photograph's samples."""
+        return np.bincount(self._index[photo], values, minlength=len(self._known)).astype(float)
 
 
 def ladder_steps(photos: int) -> int:
@@ -83,10 +145,11 @@ def _evaluate(
     weights: Sequence[Floats],
     parts: Sequence[Sequence[Statistics]],
     fold_of: NDArray[np.int64],
+    patches: _Patches,
     on_step: Callable[[], None],
 ) -> Rung:
     full = fit(model, by_lighting(entry for part in parts for entry in part))
-    errors = np.empty(len(photos))
+    errors, energy = np.empty(len(photos)), np.zeros(len(patches))
     for fold in range(len(parts)):
         rest = by_lighting(entry for k, part in enumerate(parts) if k != fold for entry in part)
         trained = fit(model, rest, start=full)
@@ -97,14 +160,12 @@ def _evaluate(
                 strengths = fit_strengths(photo, weights[j], trained)
             residual = photo.radiance - predict_columns(photo, trained.brdf, strengths)
             errors[j] = relative_rms(residual, photo.radiance)
+            share = (residual**2).sum(axis=1) / max(float((photo.radiance**2).sum()), 1e-300)
+            energy += patches.sums(j, share)
         on_step()
-    free = sum(3 for light in full.strengths.values() for _ in light) if _has_free(photos) else 0
-    count = 3 + 3 * model.specular + model.specular + model.fresnel + free
-    return Rung(full, errors, count)
-
-
-def _has_free(photos: Sequence[PhotoColumns]) -> bool:
-    return any(name != "known" for photo in photos for name in photo.elements)
+    free = {(photo.lighting, name) for photo in photos for name in photo.elements if name != "known"}
+    count = 3 + 3 * model.specular + model.specular + model.fresnel + 3 * len(free)
+    return Rung(full, errors, energy, count)
 
 
 def fit_strengths(photo: PhotoColumns, weight: Floats, estimate: Estimate) -> Floats:

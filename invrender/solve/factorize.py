@@ -13,9 +13,9 @@ from capture.parallel import parallel_map
 from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
-from invrender.solve.evidence import Rung, climb_ladder
+from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, climb_ladder
 from invrender.solve.identifiability import assess_linear, assess_mu, assess_sigma
-from invrender.solve.noise import NoiseModel, fit_noise
+from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
 from invrender.solve.search import LADDER, Estimate, fit
 from invrender.solve.statistics import by_lighting, photo_statistics
 from invrender.solve.uncertainty import Parameters, covariance_of, pack
@@ -51,8 +51,9 @@ def factorize(
     even = by_lighting(parallel_map(lambda p: photo_statistics(p, np.ones_like(p.radiance)), photos))
     first = fit(LADDER[-1], even)
     predictions = [predict_columns(photo, first.brdf, first.strengths[photo.lighting]) for photo in photos]
-    noise = fit_noise(predictions, [photo.radiance - p for photo, p in zip(photos, predictions, strict=True)])
-    weights = [1 / noise.variance(prediction) for prediction in predictions]
+    residuals = [photo.radiance - p for photo, p in zip(photos, predictions, strict=True)]
+    noise = fit_noise(predictions, residuals)
+    weights = [photo_weights(noise, *pair) for pair in zip(predictions, residuals, strict=True)]
     rungs, chosen = climb_ladder(photos, weights, on_step)
     estimate = rungs[chosen].estimate
     elements = {photo.lighting: photo.elements for photo in photos}
@@ -67,7 +68,7 @@ def factorize(
         rungs=rungs,
         chosen=chosen,
         noise=noise,
-        quantities=_quantities(report, values, std, photos, lightings),
+        quantities=_unless_misfit(_quantities(report, values, std, photos, lightings), rungs[chosen].error),
         lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
         covariance=covariance[:brdf_size, :brdf_size],
         covariance_names=report.names,
@@ -172,6 +173,14 @@ def _quantities(
         mu, mu_std = block("mu")
         quantities["mu"] = assess_mu(float(mu[0]), float(mu_std[0]), photos, ks_share)
     return quantities
+
+
+def _unless_misfit(quantities: dict[str, Quantity], error: float) -> dict[str, Quantity]:
+    """The quantities, or none of them where the model explains so little that they mean nothing."""
+    if error < HOPELESS:
+        return quantities
+    reason = f"the best model leaves {error:.0%} of the radiance (RMS) unexplained, so that its numbers mean nothing"
+    return {name: Quantity(None, None, "undetermined", reason, MISFIT_REMEDY) for name in quantities}
 
 
 def _scaled(quantity: Quantity, factor: float) -> Quantity:

@@ -44,3 +44,14 @@ def fit_noise(predictions: Sequence[Floats], residuals: Sequence[Floats]) -> Noi
     scale = float(np.sqrt(np.mean(radiance**2)))
     floor = max(float(np.sqrt(solution[0])), 1e-4 * scale)
     return NoiseModel(floor, float(np.sqrt(solution[1])))
+
+
+def photo_weights(noise: NoiseModel, prediction: Floats, residual: Floats) -> Floats:
+    """Weights (n, 3) of a photograph's samples: inverse variances, smaller where the whole photograph is off.
+
+    A photograph with a wrong pose, light or mask strays from the fit by many times the noise in most of its
+    samples; it then counts for as little as that says.
+    """
+    variance = noise.variance(prediction)
+    typical = 1.4826 * float(np.median(np.abs(residual) / np.sqrt(variance)))
+    return 1 / (variance * max(typical, 1.0) ** 2)

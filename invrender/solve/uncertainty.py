@@ -18,6 +18,7 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
 from invrender.model.predict import predict_columns, transfers
+from invrender.solve.clusters import patch_of, tile_of
 from invrender.solve.search import Estimate
 
 Floats = NDArray[np.float64]
@@ -31,8 +32,6 @@ PRIOR_STD = {
 # What our own quadratures over pixels and maps leave, relative: no number is claimed to be better known.
 # Measured on noise-free renderings: 7e-4 of sigma and mu, 2e-5 of Kd.
 _NUMERICAL = 5e-4
-_TILES_ACROSS = 6
-_PATCHES_PER_UNIT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +97,8 @@ def covariance_of(
             scores += jacobian * (weight[:, channel] * residual[:, channel])[:, None]
         chi2 += float((weight * residual**2).sum())
         count += residual.size
-        tiles += list(_sum_by(_tile_of(photo), scores).values())
-        for patch, score in _sum_by(_patch_of(photo), scores).items():
+        tiles += list(_sum_by(tile_of(photo.field), scores).values())
+        for patch, score in _sum_by(patch_of(photo.field), scores).items():
             patches[patch] = patches.get(patch, 0) + score
     prior = np.zeros(size)
     for name, std in PRIOR_STD.items():
@@ -154,17 +153,6 @@ def _slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> Floats:
         for end in ends
     ]
     return (moved[1] - moved[0]) / (ends[1] - ends[0])
-
-
-def _tile_of(photo: PhotoColumns) -> NDArray[np.int64]:
-    rows, columns = photo.field.rows, photo.field.columns
-    side = max(int(np.ptp(rows)), int(np.ptp(columns)), 1) / _TILES_ACROSS
-    return ((rows - rows.min()) / side).astype(int) * 1000 + ((columns - columns.min()) / side).astype(int)
-
-
-def _patch_of(photo: PhotoColumns) -> NDArray[np.int64]:
-    cell = np.round((photo.field.sample_normals + 1) * _PATCHES_PER_UNIT).astype(int)
-    return cell @ np.array([10000, 100, 1])
 
 
 def _sum_by(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:

@@ -73,11 +73,8 @@ def test_a_smooth_map_is_the_integral_over_incident_directions(sigma: float, wor
     normals, views = surface_points(rng, np.linspace(0.15, 1, 400))
     expected = reflected_radiance(mirror_lobe(sigma), [SOFT], [], normals, views, order=40)
     found = map_transfer(latlong_map([SOFT], 128), normals, views, np.array([sigma]))[:, 0]
-    error = np.abs(found - expected) / expected.max(axis=0)
-    assert error.max() < worst
-    assert np.sqrt((error**2).mean()) < rms * np.sqrt((expected**2).mean() / expected[:, 0].max() ** 2) * 3
-    # No bias: what is left is noise of the quadrature, which averages out over samples.
-    assert abs(found.sum() / expected.sum() - 1) < rms
+    assert np.abs(found - expected).max() < worst * SOFT.radiance.max()
+    assert np.sqrt(((found - expected) ** 2).mean()) < rms * np.sqrt((expected**2).mean())
 
 
 def test_diffuse_part_of_a_map_is_its_irradiance(rng):
@@ -93,7 +90,7 @@ def test_diffuse_part_of_a_map_is_its_irradiance(rng):
 def test_uniform_light_is_a_map_of_ones_and_the_integral(sigma: float, rng):
     normals, views = surface_points(rng, np.linspace(0.15, 1, 200))
     expected = reflected_radiance(mirror_lobe(sigma), [UNIFORM], [], normals, views, order=40)[:, :1]
-    ones = LightElement("known", np.zeros((0, 3)), np.zeros((0, 1)), np.ones((16, 32, 1), np.float32))
+    ones = LightElement("known", np.zeros((0, 3)), np.zeros((0, 1)), np.ones((64, 128, 1), np.float32))
     for element in (AMBIENT, ones):
         found = specular_transfer(element, normals, views, np.array([sigma]))[:, 0]
         # Rings cut by the horizon, as above.
@@ -140,18 +137,18 @@ def test_a_tiny_bright_spot_is_a_source(size: int, rng):
     (soft,) = light_elements(Lighting("room", base, np.zeros((0, 3)), np.zeros((0, 3))))
 
     # Views whose half vector with the source is near the normal: the highlight itself.
-    normals, views = surface_points(rng, rng.uniform(0.2, 1, 30000))
+    normals, views = surface_points(rng, rng.uniform(0.5, 1, 30000))
     half = views + source.directions
     cos_half = (half * normals).sum(axis=1) / np.linalg.norm(half, axis=1)
-    bright = (cos_half > np.cos(0.2)) & (normals @ source.directions[0] > 0.1)
+    bright = (cos_half > np.cos(0.1)) & (normals @ source.directions[0] > 0.1)
     normals, views = normals[bright], views[bright]
-    assert len(normals) > 300
+    assert len(normals) > 50
     sigma = np.array([0.15])
     expected = sum(specular_transfer(part, normals, views, sigma) for part in (source, soft))
     found = specular_transfer(known, normals, views, sigma)
-    # Two pixels are 0.05 rad wide, a sixth of the lobe's 0.3: (1/6)^2 / 12 in the second order, steeper at
-    # its flanks. One pixel is a point: what is left is float32.
-    tolerance = {1: 1e-5, 2: 1.5e-2}[size]
+    # Two pixels lie 0.012 rad to either side, half vectors up to as much: (0.012 / sigma)^2 and twice that for
+    # two axes is the blur at the peak. One pixel is a point: what is left is float32.
+    tolerance = {1: 1e-5, 2: 1.3e-2}[size]
     assert np.abs(found / expected - 1).max() < tolerance
     scale = diffuse_transfer(source, normals).max(axis=0)
     lambert = diffuse_transfer(known, normals) - diffuse_transfer(soft, normals)
