@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +27,8 @@ class RadianceImage:
         exposure that the set takes as its unit.
     variance : (h, w, 3) float32, the part of the noise that the file itself tells: quantisation. Sensor
         noise comes on top and is estimated from the fit's residuals.
-    saturated : (h, w) bool, true where any channel is at the file's white level.
+    saturated : (h, w) bool, true where any channel is at the file's white level; in JPEG
+        files also within four pixels of there.
     """
 
     radiance: NDArray[np.float32]
@@ -61,10 +63,14 @@ def decode(path: Path, encoding: Encoding = "linear", exposure: float = 1.0) -> 
     linear = codes if encoding == "linear" else srgb_to_linear(codes)
     # A code stands for an interval as wide as one step; uniform in it, the variance is width^2 / 12.
     quantum = np.gradient(linear) ** 2 / 12
+    saturated = (pixels == levels).any(axis=2)
+    if path.suffix.lower() in (".jpg", ".jpeg"):
+        # Compression spreads a clipped pixel's loss over its block of 8, two blocks where colour is halved.
+        saturated = cv2.dilate(saturated.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     return RadianceImage(
         radiance=(linear / exposure).astype(np.float32)[pixels],
         variance=(quantum / exposure**2).astype(np.float32)[pixels],
-        saturated=(pixels == levels).any(axis=2),
+        saturated=saturated,
     )
 
 

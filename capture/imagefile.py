@@ -18,7 +18,7 @@ def read_pixels(path: Path) -> NDArray[np.generic]:
     because a camera model belongs to the sensor's own axes. ValueError names the file and the fault.
     """
     if not path.exists():
-        raise ValueError(f"{path}: does not exist")
+        raise ValueError(f"{path}: does not exist; check its name, and the folder that it is relative to")
     if path.is_dir():
         raise ValueError(f"{path}: is a folder, not an image file")
     return _read_exr(path) if path.suffix.lower() == ".exr" else _read_with_opencv(path)

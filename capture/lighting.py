@@ -96,7 +96,8 @@ def check_latlong(radiance: NDArray[np.floating], where: str) -> None:
     """ValueError unless a map is (H, 2H, 3), finite and not negative."""
     height = radiance.shape[0] if radiance.ndim else 0
     if height == 0 or radiance.shape != (height, 2 * height, 3):
-        raise ValueError(f"{where} has shape {radiance.shape}; a lat-long map is (H, 2H, 3)")
+        size = "x".join(str(n) for n in radiance.shape[1::-1])
+        raise ValueError(f"{where} is {size} pixels; a lat-long map is RGB and twice as wide as high")
     if not np.isfinite(radiance).all():
         raise ValueError(f"{where} holds {int((~np.isfinite(radiance)).sum())} values that are not finite")
     if (radiance < 0).any():

@@ -72,6 +72,8 @@ class Factorization:
     quantities : by name, "kd", "ks", "mu", "sigma", "albedo", "kd_normalised", "ks_normalised"; a name
         that the chosen model doesn't have is missing, and so is the albedo in a relative gauge.
     rungs, chosen : the ladder of models and the index of the chosen one.
+    noise_floor, noise_relative : what the residuals look like: sqrt(floor^2 + (relative radiance)^2).
+    structured : the part of the residuals that isn't noise, relative RMS.
     covariance, covariance_names : of the BRDF's numbers, in the order named.
     """
 
@@ -86,6 +88,7 @@ class Factorization:
     photos: tuple[PhotoScore, ...]
     noise_floor: float
     noise_relative: float
+    structured: float
     covariance: Floats
     covariance_names: tuple[str, ...]
     warnings: tuple[str, ...]

@@ -17,15 +17,15 @@ from capture.lighting import Lighting
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from invrender.factorization import Factorization, PhotoScore
+from invrender.findings import find_warnings
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
-from invrender.solve.evidence import MISFIT_REMEDY, fit_strengths, ladder_steps, outlying, relative_rms
+from invrender.solve.evidence import fit_strengths, ladder_steps, relative_rms
 from invrender.solve.factorize import Solution, factorize
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField, all_samples, off_terminators, sample_sphere
 from recon.locate import View, disk_mask, locate_sphere
-from recon.sphere import Sphere
 
 Item = TypeVar("Item")
 # track(items, description) iterates over the items and may show progress.
@@ -33,8 +33,6 @@ Track = Callable[[Iterable[Item], str], Iterable[Item]]
 
 DEFAULT_SAMPLES = 60_000
 _MIN_SAMPLES_PER_PHOTO = 20
-# Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
-_POOR = 0.12
 _STAGES = ("capture", "recon", "invrender")
 
 
@@ -150,7 +148,7 @@ def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
             for photo in photoset.photos
         }
         scores = _scores(photoset, solution, columns, strengths)
-    warnings = _warnings(photoset, solution, sphere, lightings)
+    warnings = find_warnings(photoset, solution, sphere, lightings)
     result = Factorization(
         name=photoset.name,
         gauge=solution.gauge,
@@ -163,6 +161,7 @@ def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
         photos=scores,
         noise_floor=solution.noise.floor,
         noise_relative=solution.noise.relative,
+        structured=solution.structured,
         covariance=solution.covariance,
         covariance_names=solution.covariance_names,
         warnings=warnings,
@@ -260,67 +259,19 @@ def _scores(
 ) -> tuple[PhotoScore, ...]:
     scores = []
     unseen = iter(solution.rungs[solution.chosen].photo_errors)
+    weights = iter(solution.weights)
     for photo in photoset.photos:
         entry = columns[photo.label]
         residual = entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[photo.label])
+        trust = None if photo.held_out else next(weights).trust
         scores.append(
             PhotoScore(
                 label=photo.label,
                 lighting=photo.lighting,
                 held_out=photo.held_out,
                 samples=len(entry.field),
-                rms=relative_rms(residual, entry.radiance),
+                rms=relative_rms(residual, entry.radiance, trust),
                 cross_validated=None if photo.held_out else float(next(unseen)),
             )
         )
     return tuple(scores)
-
-
-def _warnings(
-    photoset: PhotoSet, solution: Solution, sphere: Sphere, lightings: Mapping[str, Lighting]
-) -> tuple[str, ...]:
-    warnings = []
-    rung = solution.rungs[solution.chosen]
-    if rung.error > _POOR:
-        warnings.append(
-            f"No model explains these photographs well: {rung.error:.0%} of the radiance (RMS) is left on unseen"
-            f" photographs. Before using any number, {MISFIT_REMEDY}."
-        )
-    fitted = [photo for photo in photoset.photos if not photo.held_out]
-    for photo, wrong, error in zip(fitted, outlying(rung.photo_errors), rung.photo_errors, strict=True):
-        if wrong:
-            warnings.append(
-                f"{photo.label} is explained far worse than the others (RMS {error:.1%}, median"
-                f" {np.median(rung.photo_errors):.1%}) and counts for less: check its pose, light and mask."
-            )
-    if sphere.residual_px and max(sphere.residual_px) > 0.6:
-        warnings.append(
-            f"The masks' outlines stray up to {max(sphere.residual_px):.1f} px from the fitted sphere;"
-            " normals near the rim are uncertain by as much."
-        )
-    for table in photoset.lightings:
-        lighting = lightings.get(table.name)
-        if lighting is not None and table.mirror_ball and table.recover is None and lighting.recovers:
-            warnings.append(
-                f"Lighting {table.name!r}: the highlight on the mirror ball is saturated, so its direction is used"
-                " but its irradiance and a uniform ambient are fitted; expose the ball shorter to measure them."
-            )
-    negative = [
-        f"{fitted.lighting.name!r}"
-        for fitted in solution.lightings
-        if fitted.ambient is not None
-        and fitted.ambient_std is not None
-        and (fitted.ambient < -3 * fitted.ambient_std).any()
-    ]
-    if negative:
-        warnings.append(
-            f"The recovered ambient is negative beyond its error in {', '.join(negative)}: the source, the pose or the"
-            " black level is not what the model takes it for."
-        )
-    albedo = solution.quantities.get("albedo")
-    if albedo is not None and albedo.value is not None and (albedo.value > 1).any():
-        warnings.append(
-            f"The albedo is {np.round(albedo.value, 2).tolist()}, more than 1: photographs and lighting are not in"
-            " the same unit of radiance, so only the ratios of Kd and Ks are meaningful."
-        )
-    return tuple(warnings)

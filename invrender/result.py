@@ -65,6 +65,7 @@ def result_document(
             "held_out_rms_relative": result.rms(held_out=True),
             "samples": sum(photo.samples for photo in fitted),
             "photos": len(fitted),
+            "structured_rms_relative": result.structured,
             "noise": {"floor": result.noise_floor, "relative": result.noise_relative},
         },
         "photos": [

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from capture.imagefile import write_exr
 from capture.outfolder import result_folder
 from capture.photoset import PhotoSet, load_photoset
+from capture.terminal import console, track
 from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
 from invrender.report.page import ReportWriter, with_error
 from invrender.result import file_hash, identifiability, lighting_map, result_document, write_json
-
-console = Console(highlight=False)
 
 RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr")
 
@@ -63,22 +59,6 @@ def run_demo(out: Path) -> None:
             table.add_row(label, f"{expected[k]:.5g}", text, off)
     console.print(table)
     console.print(f"Photo set: {photos}", soft_wrap=True)
-
-
-def track(items: Iterable[Any], description: str) -> Iterator[Any]:
-    """Iterate with a progress bar that vanishes when done; nothing is shown where stdout is no terminal."""
-    if not console.is_terminal:
-        yield from items
-        return
-    items = list(items)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as progress:
-        yield from progress.track(items, description=description)
 
 
 def _write_result(run: Run, folder: Path) -> None:

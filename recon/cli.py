@@ -79,12 +79,9 @@ def mirrorball(
     Writes PHOTO.exr for each photo, lighting.json (everything found), lighting.toml (tables to paste into a
     photoset.toml) and mirrorball.png (a picture to check it by).
     """
-    from rich.console import Console
-    from rich.progress import track
-
     from capture.outfolder import result_folder
+    from capture.terminal import track
 
-    console = Console()
     if camera is not None and focal_px is not None:
         raise ValueError("--camera and --focal-px both give the camera: remove one of them")
     masks = _masks(photos, mask or [])
@@ -94,16 +91,14 @@ def mirrorball(
             raise ValueError(f"two photos are named {stem!r}, and so would their maps be: rename one of them")
     with result_folder(output, (*_OWN_FILES, "*.exr")) as folder:
         balls, cameras, panels = [], [], []
-        for photo, its_mask in track(
-            list(zip(photos, masks, strict=True)), "Reading mirror balls", console=console, transient=True
-        ):
+        for photo, its_mask in track(zip(photos, masks, strict=True), "Reading mirror balls"):
             ball, its_camera, drawn = _read(photo, its_mask, camera, focal_px, encoding, exposure, height)
             balls.append(ball)
             cameras.append(its_camera)
             panels.append(drawn)
         inputs = {*photos, *(path for path in masks if path is not None), *([camera] if camera else [])}
         _write(folder, photos, balls, cameras, panels, sorted(inputs))
-    _report(console, balls, output)
+    _report(balls, output)
 
 
 def _masks(photos: Sequence[Path], masks: Sequence[Path]) -> list[Path | None]:
@@ -262,12 +257,12 @@ def _snippet(photos: Sequence[Path], balls: Sequence[BallLighting]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _report(console: object, balls: Sequence[BallLighting], output: Path) -> None:
-    from rich.console import Console
+def _report(balls: Sequence[BallLighting], output: Path) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    assert isinstance(console, Console)
+    from capture.terminal import console
+
     brightest = _brightest(balls)
     table = Table(box=None, header_style="bold")
     table.add_column("photo")

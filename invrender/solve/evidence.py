@@ -12,6 +12,7 @@ from capture.parallel import parallel_map
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import patch_of
+from invrender.solve.noise import Weights
 from invrender.solve.search import LADDER, Estimate, Model, fit
 from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
 
@@ -58,14 +59,18 @@ class Rung:
         return float(self.photo_errors.std(ddof=1) / np.sqrt(len(self.photo_errors)))
 
 
-def relative_rms(residual: Floats, radiance: Floats) -> float:
-    """Root mean square of the residual over that of the radiance, all channels together."""
-    return float(np.sqrt((residual**2).sum() / max((radiance**2).sum(), 1e-300)))
+def relative_rms(residual: Floats, radiance: Floats, trust: Floats | None = None) -> float:
+    """Root mean square of the residual over that of the radiance, all channels together.
+
+    trust : (n, 3) weight of each sample, 0 to 1; None counts all alike.
+    """
+    trust = np.ones_like(residual) if trust is None else trust
+    return float(np.sqrt((trust * residual**2).sum() / max(float((trust * radiance**2).sum()), 1e-300)))
 
 
 def climb_ladder(
     photos: Sequence[PhotoColumns],
-    weights: Sequence[Floats],
+    weights: Sequence[Weights],
     on_step: Callable[[], None] = lambda: None,
 ) -> tuple[tuple[Rung, ...], int]:
     """Fit and cross-validate every model; returns the rungs and the index of the chosen one.
@@ -77,7 +82,7 @@ def climb_ladder(
     # Kept per fold and lighting, not per photograph: memory then doesn't grow with the set.
     parts: list[list[Statistics]] = [[] for _ in range(folds)]
     pairs = zip(photos, weights, strict=True)
-    for fold, entry in zip(fold_of, parallel_map(lambda pair: photo_statistics(*pair), pairs), strict=True):
+    for fold, entry in zip(fold_of, parallel_map(_statistics, pairs), strict=True):
         parts[fold] = list(by_lighting([*parts[fold], entry]))
     patches = _Patches(photos)
     rungs = tuple(_evaluate(model, photos, weights, parts, fold_of, patches, on_step) for model in LADDER)
@@ -134,6 +139,10 @@ class _Patches:
         return np.bincount(self._index[photo], values, minlength=len(self._known)).astype(float)
 
 
+def _statistics(pair: tuple[PhotoColumns, Weights]) -> Statistics:
+    return photo_statistics(pair[0], pair[1].weight)
+
+
 def ladder_steps(photos: int) -> int:
     """How often `climb_ladder` reports progress."""
     return len(LADDER) * min(photos, MAX_FOLDS)
@@ -142,7 +151,7 @@ def ladder_steps(photos: int) -> int:
 def _evaluate(
     model: Model,
     photos: Sequence[PhotoColumns],
-    weights: Sequence[Floats],
+    weights: Sequence[Weights],
     parts: Sequence[Sequence[Statistics]],
     fold_of: NDArray[np.int64],
     patches: _Patches,
@@ -157,10 +166,12 @@ def _evaluate(
             photo = photos[j]
             strengths = trained.strengths.get(photo.lighting)
             if strengths is None:
-                strengths = fit_strengths(photo, weights[j], trained)
+                strengths = fit_strengths(photo, weights[j].weight, trained)
             residual = photo.radiance - predict_columns(photo, trained.brdf, strengths)
-            errors[j] = relative_rms(residual, photo.radiance)
-            share = (residual**2).sum(axis=1) / max(float((photo.radiance**2).sum()), 1e-300)
+            trust = weights[j].trust
+            errors[j] = relative_rms(residual, photo.radiance, trust)
+            total = max(float((trust * photo.radiance**2).sum()), 1e-300)
+            share = (trust * residual**2).sum(axis=1) / total
             energy += patches.sums(j, share)
         on_step()
     free = {(photo.lighting, name) for photo in photos for name in photo.elements if name != "known"}

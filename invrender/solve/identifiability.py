@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 _PRIOR_SHARE = 0.5
 _WEAK = 0.1
 _DEGREE = 30
+# Power relative to degree 0 below which light is uniform: a coarse map's pixels alone leave as much.
+_UNIFORM = 1e-5
 
 
 def lighting_degree(lightings: Sequence[Lighting], share: float = 0.99) -> int | None:
@@ -43,7 +45,7 @@ def lighting_degree(lightings: Sequence[Lighting], share: float = 0.99) -> int |
             total += project_latlong(lighting.radiance_map, _DEGREE).mean(axis=1)
         degrees = np.repeat(np.arange(_DEGREE + 1), 2 * np.arange(_DEGREE + 1) + 1)
         power = np.bincount(degrees, total**2)[1:]
-        if power.sum() <= 0:
+        if power.sum() <= _UNIFORM * total[0] ** 2:
             continue
         reached = 1 + int(np.searchsorted(np.cumsum(power) / power.sum(), share))
         if reached >= _DEGREE:

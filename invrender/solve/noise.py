@@ -12,6 +12,8 @@ from scipy.optimize import nnls
 Floats = NDArray[np.float64]
 
 _BINS = 24
+# Deviations up to which a residual passes for noise.
+_TRUSTED = 4.0
 
 
 @dataclass(frozen=True)
@@ -46,12 +48,27 @@ def fit_noise(predictions: Sequence[Floats], residuals: Sequence[Floats]) -> Noi
     return NoiseModel(floor, float(np.sqrt(solution[1])))
 
 
-def photo_weights(noise: NoiseModel, prediction: Floats, residual: Floats) -> Floats:
-    """Weights (n, 3) of a photograph's samples: inverse variances, smaller where the whole photograph is off.
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """What each sample of a photograph counts for, (n, 3) each.
 
-    A photograph with a wrong pose, light or mask strays from the fit by many times the noise in most of its
-    samples; it then counts for as little as that says.
+    trust : 1, less for samples that stray from the fit as noise does not (dust, glare, a passing hand).
+    weight : trust over variance.
     """
-    variance = noise.variance(prediction)
-    typical = 1.4826 * float(np.median(np.abs(residual) / np.sqrt(variance)))
-    return 1 / (variance * max(typical, 1.0) ** 2)
+
+    trust: Floats
+    weight: Floats
+
+
+def photo_weights(noise: NoiseModel, prediction: Floats, residual: Floats) -> Weights:
+    """Weights of a photograph's samples from their residuals (n, 3) under a fit.
+
+    A photograph with a wrong pose, light or mask strays by many times the noise in most of its samples: its
+    variance is larger by as much. Single samples beyond four deviations lose trust with the square of
+    theirs, so that their pull fades the farther off they are.
+    """
+    deviation = np.sqrt(noise.variance(prediction))
+    typical = max(1.4826 * float(np.median(np.abs(residual) / deviation)), 1.0)
+    strays = np.abs(residual) / (deviation * typical)
+    trust = np.minimum(1, (_TRUSTED / np.maximum(strays, _TRUSTED)) ** 2)
+    return Weights(trust, trust / (deviation * typical) ** 2)

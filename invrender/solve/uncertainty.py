@@ -29,9 +29,6 @@ PRIOR_STD = {
     "mu": (MU_RANGE[1] - MU_RANGE[0]) / np.sqrt(12),
     "sigma": (SIGMA_RANGE[1] - SIGMA_RANGE[0]) / np.sqrt(12),
 }
-# What our own quadratures over pixels and maps leave, relative: no number is claimed to be better known.
-# Measured on noise-free renderings: 7e-4 of sigma and mu, 2e-5 of Kd.
-_NUMERICAL = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +76,12 @@ def covariance_of(
     estimate: Estimate,
     photos: Sequence[PhotoColumns],
     weights: Sequence[Floats],
+    systematic: float,
 ) -> Floats:
     """Covariance of reported numbers, `report(vector)`, which must not depend on the gauge.
 
-    weights : (n, 3) per photo, inverse variances. Returns (k, k).
+    weights : (n, 3) per photo, inverse variances. systematic : relative standard deviation that every number
+        has on top, because the model itself is off by as much. Returns (k, k).
     """
     size = len(parameters.vector)
     information = np.zeros((size, size))
@@ -116,7 +115,7 @@ def covariance_of(
             spread = (influence**2).sum(axis=1) * len(stacked) / (len(stacked) - 1)
             ratio = np.maximum(ratio, spread / np.maximum(np.diag(independent), 1e-300))
     root = np.sqrt(ratio)
-    return independent * np.outer(root, root) + np.diag((_NUMERICAL * report(parameters.vector)) ** 2)
+    return independent * np.outer(root, root) + np.diag((systematic * report(parameters.vector)) ** 2)
 
 
 def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -> list[Floats]:

@@ -76,10 +76,10 @@ def known_lighting(
     name: str = "light",
     **recover: bool,
 ) -> Lighting:
-    """What a fit is told of synthetic lights: a 64-row map of the area lights, and the sources."""
+    """What a fit is told of synthetic lights: a map of the area lights, and the sources."""
     return Lighting(
         name,
-        latlong_map(lights, 64) if lights else None,
+        latlong_map(lights, 128) if lights else None,
         np.array([source.direction for source in sources]).reshape(-1, 3),
         np.array([source.irradiance for source in sources]).reshape(-1, 3),
         **recover,

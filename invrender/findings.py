@@ -1,0 +1,81 @@
+"""What a user should know before using a result, in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from capture.lighting import Lighting
+from capture.photoset import PhotoSet
+from invrender.solve.evidence import MISFIT_REMEDY, outlying
+from invrender.solve.factorize import Solution
+from recon.sphere import Sphere
+
+# Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
+_POOR = 0.12
+# Structured residual, and share of stray samples, above which a warning is due.
+_STRUCTURED, _STRAYS = 0.005, 0.02
+
+
+def find_warnings(
+    photoset: PhotoSet, solution: Solution, sphere: Sphere, lightings: Mapping[str, Lighting]
+) -> tuple[str, ...]:
+    """Sentences on all that a user should know before using the numbers; empty if there is nothing."""
+    warnings = []
+    rung = solution.rungs[solution.chosen]
+    if rung.error > _POOR:
+        warnings.append(
+            f"No model explains these photographs well: {rung.error:.0%} of the radiance (RMS) is left on unseen"
+            f" photographs. Before using any number, {MISFIT_REMEDY}."
+        )
+    elif solution.structured > max(_STRUCTURED, 0.5 * solution.noise.relative):
+        warnings.append(
+            f"What is left unexplained is not only noise: {solution.structured:.1%} of the radiance (RMS) hangs"
+            " together over parts of the photographs (stains, a wrong black level or curve, light that isn't in the"
+            " model). The error bars are widened by as much, since nothing tells in which direction it pulls."
+        )
+    strays = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
+    if strays > _STRAYS:
+        warnings.append(
+            f"{strays:.1%} of the samples stray from the fit as noise does not, and count for less; look at the"
+            " difference pictures."
+        )
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    for photo, wrong, error in zip(fitted, outlying(rung.photo_errors), rung.photo_errors, strict=True):
+        if wrong:
+            warnings.append(
+                f"{photo.label} is explained far worse than the others (RMS {error:.1%}, median"
+                f" {np.median(rung.photo_errors):.1%}) and counts for less: check its pose, light and mask."
+            )
+    if sphere.residual_px and max(sphere.residual_px) > 0.6:
+        warnings.append(
+            f"The masks' outlines stray up to {max(sphere.residual_px):.1f} px from the fitted sphere;"
+            " normals near the rim are uncertain by as much."
+        )
+    for table in photoset.lightings:
+        lighting = lightings.get(table.name)
+        if lighting is not None and table.mirror_ball and table.recover is None and lighting.recovers:
+            warnings.append(
+                f"Lighting {table.name!r}: the highlight on the mirror ball is saturated, so its direction is used"
+                " but its irradiance and a uniform ambient are fitted; expose the ball shorter to measure them."
+            )
+    negative = [
+        f"{fitted.lighting.name!r}"
+        for fitted in solution.lightings
+        if fitted.ambient is not None
+        and fitted.ambient_std is not None
+        and (fitted.ambient < -3 * fitted.ambient_std).any()
+    ]
+    if negative:
+        warnings.append(
+            f"The recovered ambient is negative beyond its error in {', '.join(negative)}: the source, the pose or the"
+            " black level is not what the model takes it for."
+        )
+    albedo = solution.quantities.get("albedo")
+    if albedo is not None and albedo.value is not None and (albedo.value > 1).any():
+        warnings.append(
+            f"The albedo is {np.round(albedo.value, 2).tolist()}, more than 1: photographs and lighting are not in"
+            " the same unit of radiance, so only the ratios of Kd and Ks are meaningful."
+        )
+    return tuple(warnings)
