@@ -30,6 +30,7 @@ class Lighting:
     recover_irradiance : the sources' irradiances are unknown; so are they fitted, per channel.
     recover_ambient : a uniform radiance from all sides, unknown, is fitted; it stands in for the map.
     origin : where it comes from, for messages: "room.exr", "mirror ball chrome.0.png", ...
+    direction_std_deg : (k,), standard deviations of measured directions; None where they are given as exact.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Lighting:
     recover_irradiance: bool = False
     recover_ambient: bool = False
     origin: str = ""
+    direction_std_deg: Floats | None = None
 
     def __post_init__(self) -> None:
         directions = np.asarray(self.directions, float).reshape(-1, 3)

@@ -58,7 +58,7 @@ def find_warnings(
         if lighting is not None and table.mirror_ball and table.recover is None and lighting.recovers:
             warnings.append(
                 f"Lighting {table.name!r}: the highlight on the mirror ball is saturated, so its direction is used"
-                " but its irradiance and a uniform ambient are fitted; expose the ball shorter to measure them."
+                f" but {' and '.join(lighting.recovers)} are fitted; expose the ball shorter to measure them."
             )
     negative = [
         f"{fitted.lighting.name!r}"

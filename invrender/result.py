@@ -183,12 +183,18 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
         "directional": [
             {
                 "direction": _numbers(direction),
-                "direction_std_deg": None,
+                "direction_std_deg": None if std_deg is None else float(std_deg),
                 "irradiance": _numbers(irradiance),
                 "irradiance_std": _numbers(std),
             }
-            for direction, irradiance, std in zip(
-                lighting.directions, lighting.irradiances, entry.irradiance_std, strict=True
+            for direction, std_deg, irradiance, std in zip(
+                lighting.directions,
+                [None] * len(lighting.directions)
+                if lighting.direction_std_deg is None
+                else lighting.direction_std_deg,
+                lighting.irradiances,
+                entry.irradiance_std,
+                strict=True,
             )
         ],
         "ambient": None if entry.ambient is None else _numbers(entry.ambient),

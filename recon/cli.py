@@ -227,6 +227,8 @@ def _snippet(photos: Sequence[Path], balls: Sequence[BallLighting]) -> str:
     """The balls' lightings as tables of a photoset.toml."""
     import json
 
+    from recon.mirrorball import lighting_of_ball
+
     def vector(values: Sequence[float], digits: int) -> str:
         return "[" + ", ".join(f"{value:.{digits}g}" for value in values) + "]"
 
@@ -236,22 +238,24 @@ def _snippet(photos: Sequence[Path], balls: Sequence[BallLighting]) -> str:
         "# Maps are named relative to the photoset.toml: copy them beside it, or write their path.",
     ]
     for photo, ball in zip(photos, balls, strict=True):
-        clipped = any(source.clipped for source in ball.sources)
+        lighting = lighting_of_ball(ball, None)
         # JSON's quoting of a string is TOML's as well.
         lines += ["", "[[lighting]]", f"name = {json.dumps(photo.stem)}"]
-        if clipped:
-            lines.append(
-                "# A highlight is clipped: only directions are known; brightness is recovered in the fit."
-            )
-            lines.append('recover = ["irradiance", "ambient"]')
-        else:
+        if lighting.recovers:
+            lines.append("# A highlight is clipped, so that its brightness is recovered in the fit.")
+            lines.append(f"recover = {json.dumps(list(lighting.recovers))}")
+        if lighting.radiance_map is not None:
             if ball.clipped_share > _NOTABLE_CLIPPING:
                 lines.append(f"# Caution: {_clipping(ball)}.")
             lines.append(f"map = {json.dumps(photo.stem + '.exr')}")
         if ball.sources:
             lines.append("directional = [")
             for source in ball.sources:
-                known = "" if clipped else f", irradiance = {vector(source.irradiance.tolist(), 5)}"
+                known = (
+                    ""
+                    if lighting.recover_irradiance
+                    else f", irradiance = {vector(source.irradiance.tolist(), 5)}"
+                )
                 lines.append(f"    {{ direction = {vector(source.direction.tolist(), 6)}{known} }},")
             lines.append("]")
     return "\n".join(lines) + "\n"

@@ -36,6 +36,8 @@ _RIM_PX = 2
 _MAX_SATURATED = 0.9
 # Most samples along each side of a map pixel; beyond, they would only average the sensor's noise.
 _MAX_SUPERSAMPLING = 8
+# Mean level, in steps of the file's numbers, below which an integer photograph shows darkness, not light.
+_FEWEST_STEPS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,7 @@ class BallLighting:
     uncovered_share : share of the sphere of directions that was not seen.
     clipped_share : share of the sphere of directions, sources apart, where the photograph is saturated: the
         map is a lower bound there.
+    too_dark : all but the sources is within a few steps of the file's black, so that the map is unreliable.
     sources : brightest first.
     """
 
@@ -83,6 +86,7 @@ class BallLighting:
     coverage: Mask
     uncovered_share: float
     clipped_share: float
+    too_dark: bool
     sources: tuple[BallSource, ...]
 
     def __post_init__(self) -> None:
@@ -119,6 +123,8 @@ def ball_lighting(
     spots, filled, in_spot = find_spots(pixels)
     radiance_map, seen = _latlong(sphere, camera, filled, pixels.usable, height)
     clipped = pixels.usable & pixels.saturated & ~in_spot
+    rest = pixels.usable & ~in_spot
+    step = np.sqrt(12 * image.variance[rest].mean())
     return BallLighting(
         name=name,
         sphere=sphere,
@@ -126,6 +132,7 @@ def ball_lighting(
         coverage=seen,
         uncovered_share=max(0.0, 1 - float(pixels.solid_angles[pixels.usable].sum()) / (4 * np.pi)),
         clipped_share=float(pixels.solid_angles[clipped].sum()) / (4 * np.pi),
+        too_dark=bool(filled[rest].mean() < _FEWEST_STEPS * step),
         sources=tuple(_source(sphere, camera, spot) for spot in spots),
     )
 
@@ -135,18 +142,21 @@ def lighting_of_ball(
 ) -> Lighting:
     """The lighting that a ball shows, with what of it is left to be recovered.
 
-    recover : any of "irradiance" and "ambient"; None for what the photograph calls for, which is both if a
-        source is clipped (its brightness relative to the rest is then unknown) and nothing otherwise.
+    recover : any of "irradiance" and "ambient"; None for what the photograph calls for: nothing if no source
+        is clipped, else its irradiance, and the ambient as well if all the rest is too dark to be known.
         With "ambient", a uniform radiance that is fitted stands in for the map.
     name : of the lighting; the photograph's where none is given.
     """
     if recover is None:
-        recover = ("irradiance", "ambient") if any(source.clipped for source in ball.sources) else ()
+        recover = ()
+        if any(source.clipped for source in ball.sources):
+            recover = ("irradiance", "ambient") if ball.too_dark else ("irradiance",)
     return Lighting(
         name=ball.name if name is None else name,
         radiance_map=None if "ambient" in recover else ball.radiance_map,
         directions=np.array([source.direction for source in ball.sources]),
         irradiances=np.array([source.irradiance for source in ball.sources]),
+        direction_std_deg=np.array([source.direction_std_deg for source in ball.sources]),
         recover_irradiance="irradiance" in recover,
         recover_ambient="ambient" in recover,
         origin=f"mirror ball {ball.name}",

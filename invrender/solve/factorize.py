@@ -15,11 +15,11 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, climb_ladder, outlying
-from invrender.solve.identifiability import assess_linear, assess_mu, assess_sigma
+from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_sigma
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 from invrender.solve.search import LADDER, Estimate, fit
 from invrender.solve.statistics import by_lighting, photo_statistics
-from invrender.solve.uncertainty import Parameters, covariance_of, pack
+from invrender.solve.uncertainty import Parameters, pack, uncertainty_of
 
 Floats = NDArray[np.float64]
 
@@ -66,16 +66,15 @@ def factorize(
     parameters = pack(estimate, elements)
     report = _Report(parameters, has_known="known" in {name for names in elements.values() for name in names})
     structured = _structured(photos, weights, rungs[chosen])
-    covariance = covariance_of(
-        report,
-        parameters,
-        estimate,
-        photos,
-        [w.weight for w in weights],
-        float(np.hypot(structured, _NUMERICAL)),
-    )
+    found = uncertainty_of(report, parameters, estimate, photos, [w.weight for w in weights])
     values = report(parameters.vector)
+    # What the model itself leaves: quadratures, propagated; and whatever is structured in the residuals, of
+    # which nothing tells how it is shared among the parameters, as a share of each.
+    covariance = found.covariance + np.diag(
+        (_NUMERICAL * found.fragility) ** 2 + (np.hypot(structured, _NUMERICAL) * report.scale(values)) ** 2
+    )
     std = np.sqrt(np.diag(covariance))
+    quantities = _quantities(report, values, std, found.fragility, photos, lightings)
     brdf_size = report.places["strengths"].start
     return Solution(
         estimate=estimate,
@@ -84,7 +83,7 @@ def factorize(
         noise=noise,
         weights=tuple(weights),
         structured=structured,
-        quantities=_unless_misfit(_quantities(report, values, std, photos, lightings), rungs[chosen].error),
+        quantities=_unless_misfit(quantities, rungs[chosen].error),
         lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
         covariance=covariance[:brdf_size, :brdf_size],
         covariance_names=report.names,
@@ -149,6 +148,15 @@ class _Report:
         """Whether some known light fixes the scale of Kd and Ks."""
         return self.has_known or not self.strengths
 
+    def scale(self, values: Floats) -> Floats:
+        """What a share of each reported number means: of itself, but for Kd and Ks of their sum."""
+        result = values.copy()
+        if "ks" in self.places:
+            kd, ks = self.places["kd"], self.places["ks"]
+            result[kd] = result[ks] = values[kd] + values[ks]
+            result[self.places["kd_normalised"]] = result[self.places["ks_normalised"]] = 1.0
+        return result
+
     @property
     def names(self) -> tuple[str, ...]:
         """A name for each number before the strengths: "mu", "kd.r", ..."""
@@ -197,6 +205,7 @@ def _quantities(
     report: _Report,
     values: Floats,
     std: Floats,
+    fragility: Floats,
     photos: Sequence[PhotoColumns],
     lightings: Sequence[Lighting],
 ) -> dict[str, Quantity]:
@@ -216,11 +225,11 @@ def _quantities(
         share, share_std = block(name)
         quantities[name] = assess_linear(share, share_std, np.ones(3), name[:2].capitalize())
     ks_share = float(np.mean(values[report.places["ks_normalised"]]))
-    sigma, sigma_std = block("sigma")
-    quantities["sigma"] = assess_sigma(float(sigma[0]), float(sigma_std[0]), lightings, ks_share)
-    if "mu" in report.places:
-        mu, mu_std = block("mu")
-        quantities["mu"] = assess_mu(float(mu[0]), float(mu_std[0]), photos, ks_share)
+    places = {name: report.places[name].start for name in ("mu", "sigma") if name in report.places}
+    scalars = {name: Scalar(*(float(a[k]) for a in (values, std, fragility))) for name, k in places.items()}
+    quantities["sigma"] = assess_sigma(scalars["sigma"], lightings, ks_share)
+    if "mu" in scalars:
+        quantities["mu"] = assess_mu(scalars["mu"], photos, ks_share)
     return quantities
 
 

@@ -8,6 +8,7 @@ where they send the same signal.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ Floats = NDArray[np.float64]
 _PRIOR_SHARE = 0.5
 _WEAK = 0.1
 _DEGREE = 30
+# Relative accuracy that cameras, light and shape can be counted on for, however small the noise.
+ACCURACY = 0.005
+_FRAGILE_SHARE = 0.5
 # Power relative to degree 0 below which light is uniform: a coarse map's pixels alone leave as much.
 _UNIFORM = 1e-5
 
@@ -54,47 +58,64 @@ def lighting_degree(lightings: Sequence[Lighting], share: float = 0.99) -> int |
     return best
 
 
-def assess_mu(value: float, std: float, photos: Sequence[PhotoColumns], ks_share: float) -> Quantity:
-    """mu with its status; undetermined where the prior's width is not reduced."""
-    at_edge = not MU_RANGE[0] * 1.001 < value < MU_RANGE[1] * 0.999
-    if std < _PRIOR_SHARE * PRIOR_STD["mu"] and not at_edge:
-        return _determined(value, std, "Fresnel factor", "add photographs with highlights at grazing angles")
+@dataclass(frozen=True)
+class Scalar:
+    """mu or sigma as found: value, standard deviation, and fragility (`uncertainty.Uncertainty`)."""
+
+    value: float
+    std: float
+    fragility: float
+
+    def unknown(self, prior_std: float, bounds: tuple[float, float], ill_posed: bool = False) -> str:
+        """Why the number means nothing, in words; empty if it means something.
+
+        ill_posed : theory says that the problem is; then a model error mustn't be amplified at all.
+        """
+        if not bounds[0] * 1.001 < self.value < bounds[1] * 0.999:
+            return f"the fit runs to the edge of its range, {bounds[0]} to {bounds[1]}"
+        limit = min(_PRIOR_SHARE * prior_std, self.value)
+        # `not <` instead of `>=`: NaN is no knowledge either.
+        if not self.std < limit:
+            return f"its standard deviation is {self.std:.2g}, as wide as what was known before"
+        if ACCURACY * self.fragility >= (ACCURACY if ill_posed else _FRAGILE_SHARE) * limit:
+            return (
+                f"a model that is off by {ACCURACY:.1%} of the radiance, as any is, would move it by"
+                f" {ACCURACY * self.fragility:.2g}"
+            )
+        return ""
+
+
+def assess_mu(found: Scalar, photos: Sequence[PhotoColumns], ks_share: float) -> Quantity:
+    """mu with its status; undetermined where grazing angles don't show it."""
+    what = found.unknown(PRIOR_STD["mu"], MU_RANGE)
+    if not what:
+        return _determined(found, "add photographs with highlights at grazing angles")
     steepest = np.degrees(np.arccos(min(photo.field.cos_exitant.min() for photo in photos)))
-    what = (
-        f"the fit runs to the edge of the range {MU_RANGE}" if at_edge else f"mu is known to +-{std:.2f} only"
-    )
     return Quantity(
         None,
         None,
         "undetermined",
         f"{what}: the Fresnel factor differs between indices only at grazing exitant angles; the samples reach"
-        f" {steepest:.0f} degrees, and the specular share is {ks_share:.3f}",
+        f" {steepest:.0f} degrees, and the specular share is {ks_share:.3f} (RH01, section 6.1)",
         "add photographs in which highlights are seen at grazing angles (source nearly behind the object)",
     )
 
 
-def assess_sigma(value: float, std: float, lightings: Sequence[Lighting], ks_share: float) -> Quantity:
+def assess_sigma(found: Scalar, lightings: Sequence[Lighting], ks_share: float) -> Quantity:
     """sigma with its status; undetermined where the light has no frequencies that the lobe would take away."""
-    at_edge = not SIGMA_RANGE[0] * 1.001 < value < SIGMA_RANGE[1] * 0.999
-    if std < min(_PRIOR_SHARE * PRIOR_STD["sigma"], value) and not at_edge:
-        return _determined(value, std, "roughness", "add a photograph under a small, bright source")
     degree = lighting_degree(lightings)
-    what = (
-        f"the fit runs to the edge of the range {SIGMA_RANGE}"
-        if at_edge
-        else f"sigma is known to +-{std:.2f} only"
-    )
-    if degree is not None:
-        width = (
-            ""
-            if degree == 0
-            else f"; lobes narrower than about {1 / degree:.2f} rad pass all of it unchanged"
-        )
-        why = f"99% of the light's varying power lies in degrees up to {degree}{width} (RH01, section 5.2)"
-        remedy = "add a photograph under a small, bright source"
-    else:
+    # A lobe passes degrees up to about 1/sigma; light that ends below them does not show where.
+    ill_posed = degree is not None and degree * found.value < 1
+    what = found.unknown(PRIOR_STD["sigma"], SIGMA_RANGE, ill_posed)
+    if not what:
+        return _determined(found, "add a photograph under a small, bright source")
+    if degree is None:
         why = f"the light has high frequencies, but the specular share is only {ks_share:.3f}"
         remedy = "add photographs that show the highlight, exposed so that it is not saturated"
+    else:
+        width = f"; lobes narrower than about {1 / degree:.2f} rad pass nearly all of it" if degree else ""
+        why = f"99% of the light's varying power lies in degrees up to {degree}{width} (RH01, section 5.2)"
+        remedy = "add a photograph under a small, bright source"
     return Quantity(None, None, "undetermined", f"{what}: {why}", remedy)
 
 
@@ -121,8 +142,8 @@ def assess_linear(value: Floats, std: Floats, scale: Floats, name: str) -> Quant
     )
 
 
-def _determined(value: float, std: float, what: str, remedy: str) -> Quantity:
-    weak = std > _WEAK * value
-    reason = f"the standard deviation of the {what} is above a tenth of its value" if weak else ""
-    status: Status = "weak" if weak else "determined"
-    return Quantity(np.array([value]), np.array([std]), status, reason, remedy if weak else "")
+def _determined(found: Scalar, remedy: str) -> Quantity:
+    value, std = np.array([found.value]), np.array([found.std])
+    if found.std <= _WEAK * found.value:
+        return Quantity(value, std, "determined")
+    return Quantity(value, std, "weak", "its standard deviation is above a tenth of its value", remedy)

@@ -70,35 +70,50 @@ def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameter
     return Parameters(np.concatenate(list(blocks.values())), places)
 
 
-def covariance_of(
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How certain reported numbers are.
+
+    covariance : (k, k). fragility : (k,), the standard deviation that each number would have if the model
+        were off by its whole radiance, independently in each cluster; times a relative accuracy of the
+        model, what that accuracy allows to know.
+    """
+
+    covariance: Floats
+    fragility: Floats
+
+
+def uncertainty_of(
     report: Callable[[Floats], Floats],
     parameters: Parameters,
     estimate: Estimate,
     photos: Sequence[PhotoColumns],
     weights: Sequence[Floats],
-    systematic: float,
-) -> Floats:
-    """Covariance of reported numbers, `report(vector)`, which must not depend on the gauge.
+) -> Uncertainty:
+    """Uncertainty of reported numbers, `report(vector)`, which must not depend on the gauge.
 
-    weights : (n, 3) per photo, inverse variances. systematic : relative standard deviation that every number
-        has on top, because the model itself is off by as much. Returns (k, k).
+    weights : (n, 3) per photo, inverse variances.
     """
     size = len(parameters.vector)
     information = np.zeros((size, size))
     chi2, count = 0.0, 0
-    tiles: list[Floats] = []
-    patches: dict[int, Floats] = {}
+    by_tile: list[Floats] = []
+    by_patch: dict[int, Floats] = {}
     for photo, weight in zip(photos, weights, strict=True):
-        residual = photo.radiance - predict_columns(photo, estimate.brdf, estimate.strengths[photo.lighting])
-        scores = np.zeros((len(photo.field), size))
+        predicted = predict_columns(photo, estimate.brdf, estimate.strengths[photo.lighting])
+        residual = photo.radiance - predicted
+        # Side by side, the scores of the residuals and those of a model that is off by all its radiance.
+        scores = np.zeros((len(photo.field), 2 * size))
         for channel, jacobian in enumerate(_jacobians(photo, parameters, estimate)):
-            information += (jacobian * weight[:, channel, None]).T @ jacobian
-            scores += jacobian * (weight[:, channel] * residual[:, channel])[:, None]
+            weighted = jacobian * weight[:, channel, None]
+            information += weighted.T @ jacobian
+            scores[:, :size] += weighted * residual[:, channel, None]
+            scores[:, size:] += weighted * predicted[:, channel, None]
         chi2 += float((weight * residual**2).sum())
         count += residual.size
-        tiles += list(_sum_by(tile_of(photo.field), scores).values())
+        by_tile += list(_sum_by(tile_of(photo.field), scores).values())
         for patch, score in _sum_by(patch_of(photo.field), scores).items():
-            patches[patch] = patches.get(patch, 0) + score
+            by_patch[patch] = by_patch.get(patch, 0) + score
     prior = np.zeros(size)
     for name, std in PRIOR_STD.items():
         if name in parameters.places:
@@ -107,15 +122,17 @@ def covariance_of(
     inverse = _symmetric_pinv(information / reduced + np.diag(prior))
     derivative = _numerical_jacobian(report, parameters.vector)
     independent = derivative @ inverse @ derivative.T
-    ratio = np.ones(len(independent))
-    for clusters in (tiles, list(patches.values())):
-        stacked = np.array(clusters) / reduced
-        if len(stacked) > 1:
-            influence = derivative @ inverse @ stacked.T
-            spread = (influence**2).sum(axis=1) * len(stacked) / (len(stacked) - 1)
-            ratio = np.maximum(ratio, spread / np.maximum(np.diag(independent), 1e-300))
+    ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
+    for clusters in (np.array(by_tile), np.array(list(by_patch.values()))):
+        few = len(clusters) / max(len(clusters) - 1, 1)
+        residual_pull, model_pull = (
+            np.sqrt(few * ((derivative @ inverse @ half.T / reduced) ** 2).sum(axis=1))
+            for half in np.hsplit(clusters, 2)
+        )
+        ratio = np.maximum(ratio, residual_pull**2 / np.maximum(np.diag(independent), 1e-300))
+        fragility = np.maximum(fragility, model_pull)
     root = np.sqrt(ratio)
-    return independent * np.outer(root, root) + np.diag((systematic * report(parameters.vector)) ** 2)
+    return Uncertainty(independent * np.outer(root, root), fragility)
 
 
 def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -> list[Floats]:

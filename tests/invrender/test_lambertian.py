@@ -25,7 +25,7 @@ def test_transfer_is_as_printed():
 
 
 @pytest.mark.parametrize("l_max", [0, 2, 10])
-def test_uniform_light_of_radiance_L_gives_irradiance_pi_L(l_max: int, rng):
+def test_uniform_light_of_unit_radiance_gives_irradiance_pi(l_max: int, rng):
     normals = rng.normal(size=(20, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     coefficients = np.zeros(((l_max + 1) ** 2, 3))

@@ -62,7 +62,7 @@ def test_all_materials_in_light_of_unknown_strength(name: str, bench):
     photos = []
     truth = {}
     ambient = replace(bench.area_light, width_rad=1e6)
-    for k, angle in enumerate(ANGLES):
+    for k, angle in enumerate(ANGLES[::2]):
         strength = 1 + 0.3 * np.sin(k + np.arange(3))
         source = replace(bench.source, irradiance=strength)
         light = replace(ambient, radiance=0.1 * strength[::-1])

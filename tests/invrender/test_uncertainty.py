@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from capture.parallel import one_blas_thread
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.factorize import factorize
 from invrender.solve.noise import fit_noise, photo_weights
 from invrender.solve.search import LADDER, Estimate, fit
 from invrender.solve.statistics import by_lighting, photo_statistics
-from invrender.solve.uncertainty import Parameters, covariance_of, pack
+from invrender.solve.uncertainty import Parameters, pack, uncertainty_of
 from synthetic.materials import RH01_MATERIALS, radiometric
 
 TEFLON = radiometric(RH01_MATERIALS["teflon"])
@@ -37,7 +36,7 @@ def solve(photos: Sequence[PhotoColumns], report: Report, start: Estimate) -> tu
     estimate = fit(LADDER[-1], statistics_of(photos, weights), first)
     parameters = pack(estimate, {p.lighting: p.elements for p in photos})
     numbers = report(parameters)
-    covariance = covariance_of(numbers, parameters, estimate, photos, weights, systematic=0.0)
+    covariance = uncertainty_of(numbers, parameters, estimate, photos, weights).covariance
     assert_allclose(covariance, covariance.T, rtol=1e-9)
     return numbers(parameters.vector), np.sqrt(np.diag(covariance))
 
@@ -66,8 +65,7 @@ def free_of_the_gauge(parameters: Parameters) -> Callable[[np.ndarray], np.ndarr
 def simulate(photos, report: Report, perturb, draws: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Truth (k,), estimates and stated deviations (draws, k)."""
     start = fit(LADDER[-1], statistics_of(photos, [1 / p.radiance**2 for p in photos]))
-    with one_blas_thread():
-        runs = [solve(perturb(), report, start) for _ in range(draws)]
+    runs = [solve(perturb(), report, start) for _ in range(draws)]
     # What the fit finds without noise: it differs from the truth by our quadratures, a test of their own.
     truth = report(parameters := pack(start, {p.lighting: p.elements for p in photos}))(parameters.vector)
     return truth, np.array([run[0] for run in runs]), np.array([run[1] for run in runs])
@@ -90,7 +88,9 @@ def unknown(bench) -> list[PhotoColumns]:
         strength = 1 + 0.3 * np.sin(k + np.arange(3))
         source = replace(bench.source, irradiance=strength)
         ambient = replace(bench.area_light, width_rad=1e6, radiance=0.1 * strength[::-1])
-        told = bench.known_lighting([], [source], name=f"light {k}", recover_irradiance=True, recover_ambient=True)
+        told = bench.known_lighting(
+            [], [source], name=f"light {k}", recover_irradiance=True, recover_ambient=True
+        )
         photos += bench.photograph(TEFLON, pair, [ambient], [source], told, samples=250)
     return photos
 
@@ -121,28 +121,26 @@ def test_stated_deviations_are_the_scatter_in_light_of_unknown_strength(unknown,
 
 
 def test_stains_of_the_surface_widen_the_intervals(bench, rng):
-    known = bench.photograph(TEFLON, ANGLES[::2], samples=120)
-    clean = factorize(bench.with_noise(known, rng), [bench.known_lighting()]).quantities
-    names = ("mu", "sigma", "kd", "ks", "kd_normalised")
+    photos = bench.photograph(TEFLON, ANGLES[::2], samples=120)
+    clean = factorize(bench.with_noise(photos, rng), [bench.known_lighting()]).quantities
     truth = {"mu": TEFLON.mu, "sigma": TEFLON.sigma, "kd": TEFLON.kd, "ks": TEFLON.ks}
-    truth["kd_normalised"] = TEFLON.kd / (TEFLON.kd + TEFLON.ks)
-    covered: dict[str, list[float]] = {name: [] for name in names}
-    for _ in range(24):
-        # Cells about 0.2 rad across, whose albedo strays by 10%: they are seen alike in every photograph.
+    covered: dict[str, list[float]] = {name: [] for name in truth}
+    for _ in range(16):
+        # Cells about 0.2 rad across, whose albedo strays by 5%: they are seen alike in every photograph.
         seeds = rng.normal(size=(300, 3))
         seeds /= np.linalg.norm(seeds, axis=1, keepdims=True)
-        albedo = 0.1 * rng.standard_normal(300)
+        albedo = 0.05 * rng.standard_normal(300)
         stained = []
-        for photo in known:
+        for photo in photos:
             cell = (photo.field.sample_normals @ seeds.T).argmax(axis=1)
             matte = replace(TEFLON, ks=np.zeros(3))
             change = albedo[cell, None] * predict_columns(photo, matte, np.ones((1, 3)))
             stained.append(bench.with_radiance(photo, photo.radiance + change))
         quantities = factorize(bench.with_noise(stained, rng), [bench.known_lighting()]).quantities
-        for name in names:
-            quantity = quantities[name]
-            assert (quantity.std > 3 * clean[name].std).all(), name
-            covered[name].append(float((np.abs(quantity.value - truth[name]) < 1.96 * quantity.std).mean()))
-    # 95% of 24 draws is 22.8 +- 1.1: three deviations below. Channels stray together.
+        for name, true in truth.items():
+            found = quantities[name]
+            assert (found.std > 3 * clean[name].std).all(), name
+            covered[name].append(float((np.abs(found.value - true) < 1.96 * found.std).mean()))
     shares = {name: float(np.mean(hits)) for name, hits in covered.items()}
-    assert min(shares.values()) >= 0.8, shares
+    # 95% of 16 draws is 15.2 +- 0.9: two deviations below. Channels stray together.
+    assert min(shares.values()) >= 0.84, shares

@@ -277,9 +277,24 @@ def test_a_clipped_source_is_flagged_and_only_its_direction_used() -> None:
     assert angle_deg(source.direction, disc.axis) < 0.15  # the grown, unweighted core is off by more
     assert (source.irradiance < disc.flux).all()
     lighting = lighting_of_ball(ball, recover=None)
+    # The rest of the ball is well exposed: its map stays, and only the source's brightness is left open.
+    assert lighting.recovers == ("irradiance",)
+    assert lighting.radiance_map is not None
+    assert "ball.exr" in lighting.origin
+
+
+def test_a_room_too_dark_to_be_measured_is_recovered_as_well() -> None:
+    disc = Disc(towards(FAR, 20, 10), 2.0, np.full(3, 1e4))
+    bright, mask = photograph(FAR, disc, level=1.0)
+    # As an 8-bit file would hold it, with the room at one step above black.
+    step = np.float32(1 / 255)
+    radiance = np.where(bright.saturated[:, :, None], 1, np.where(bright.radiance > 0, step, 0)).astype(
+        np.float32
+    )
+    image = RadianceImage(radiance, np.full_like(radiance, step**2 / 12), bright.saturated)
+    lighting = lighting_of_ball(ball_lighting(image, mask, FAR, "dark.png"), recover=None)
     assert lighting.recovers == ("irradiance", "ambient")
     assert lighting.radiance_map is None
-    assert "ball.exr" in lighting.origin
 
 
 def test_what_is_recovered_can_be_chosen() -> None:

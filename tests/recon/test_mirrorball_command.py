@@ -86,8 +86,9 @@ def test_results_of_an_exposed_and_a_clipped_photograph(shots: Path) -> None:
     assert known.map == "float.exr"
     assert known.recover is None
     assert known.directional[0].irradiance == pytest.approx(exposed["sources"][0]["irradiance"], rel=1e-4)
-    assert recovered.map is None
-    assert recovered.recover == ("irradiance", "ambient")
+    assert recovered.map == "clipped.exr"
+    assert recovered.recover == ("irradiance",)
+    assert recovered.directional[0].irradiance is None
     assert recovered.directional[0].direction == pytest.approx(clipped["sources"][0]["direction"], abs=1e-5)
 
 
