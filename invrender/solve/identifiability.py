@@ -77,7 +77,7 @@ class Scalar:
         # `not <` instead of `>=`: NaN is no knowledge either.
         if not self.std < limit:
             return f"its standard deviation is {self.std:.2g}, as wide as what was known before"
-        if ACCURACY * self.fragility >= (ACCURACY if ill_posed else _FRAGILE_SHARE) * limit:
+        if not ACCURACY * self.fragility < (ACCURACY if ill_posed else _FRAGILE_SHARE) * limit:
             return (
                 f"a model that is off by {ACCURACY:.1%} of the radiance, as any is, would move it by"
                 f" {ACCURACY * self.fragility:.2g}"

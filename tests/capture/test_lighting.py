@@ -77,7 +77,12 @@ def test_a_lighting_holds_unit_directions_and_read_only_arrays():
         (None, [[0, 0, 1]], [], "'key': 1 directions but 0 irradiances"),
         (None, [[0, 0, 1]], [[1, -1, 1]], "'key': an irradiance is negative"),
         (None, [[0, 0, 1]], [[1, np.inf, 1]], "'key': an irradiance is negative or not finite"),
-        (np.ones((2, 5, 3)), [], [], r"'key': map is 5x2 pixels; a lat-long map is RGB and twice as wide as high"),
+        (
+            np.ones((2, 5, 3)),
+            [],
+            [],
+            r"'key': map is 5x2 pixels; a lat-long map is RGB and twice as wide as high",
+        ),
         (np.ones((2, 4)), [], [], r"'key': map is 4x2 pixels; a lat-long map is RGB"),
         (np.ones((0, 0, 3)), [], [], r"'key': map is 0x0 pixels"),
         (np.full((2, 4, 3), np.nan), [], [], "'key': map holds 24 values that are not finite"),

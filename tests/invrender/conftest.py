@@ -21,6 +21,7 @@ from invrender.model.transfer import light_elements
 from recon.lightfield import LightField, off_terminators, sample_sphere
 from recon.sphere import Sphere
 from synthetic.integrate import reflected_radiance
+from synthetic.demo import write_demo
 from synthetic.lighting import AreaLight, DirectionalSource, latlong_map
 from synthetic.materials import RH01_MATERIALS, Microfacet, radiometric
 from synthetic.spheres import Noise, SphereScene
@@ -165,3 +166,17 @@ def bench() -> SimpleNamespace:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(11)
+
+
+@pytest.fixture(scope="session")
+def demo_set_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demonstration's photographs."""
+    folder = tmp_path_factory.mktemp("demo") / "set"
+    write_demo(folder)
+    return folder
+
+
+@pytest.fixture
+def demo_set(demo_set_original: Path, tmp_path: Path) -> Path:
+    """A copy of the demonstration's photographs that a test may damage."""
+    return Path(shutil.copytree(demo_set_original, tmp_path / "set"))

@@ -11,15 +11,12 @@ import pytest
 
 from capture.photoset import load_photoset
 from invrender.pipeline import Run, process
-from synthetic.demo import write_demo
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, object]]:
-    folder = tmp_path_factory.mktemp("demo")
-    write_demo(folder)
-    truth = json.loads((folder / "truth.json").read_text())["brdf"]
-    return process(load_photoset(folder), samples=30_000), truth
+def demo(demo_set_original: Path) -> tuple[Run, dict[str, object]]:
+    truth = json.loads((demo_set_original / "truth.json").read_text())["brdf"]
+    return process(load_photoset(demo_set_original), samples=30_000), truth
 
 
 @pytest.mark.parametrize(

@@ -109,14 +109,14 @@ def test_stated_deviations_are_the_scatter_in_known_light(known, bench, rng):
 
 def test_stated_deviations_are_the_scatter_in_light_of_unknown_strength(unknown, bench, rng):
     truth, estimates, stated = simulate(
-        unknown, free_of_the_gauge, lambda: bench.with_noise(unknown, rng), draws=40
+        unknown, free_of_the_gauge, lambda: bench.with_noise(unknown, rng), draws=30
     )
     assert truth.shape == (2 + 3 + 18,)
     ratio = stated.mean(axis=0) / estimates.std(axis=0, ddof=1)
-    # As above with 11%, for 23 numbers at once: up to three deviations.
+    # As above with 13%, for 23 numbers at once: up to three deviations.
     assert ((ratio > 0.7) & (ratio < 1.7)).all(), ratio
     covered = coverage(truth, estimates, stated)
-    assert (covered >= 0.85).all(), covered  # 95% of 40 draws is 38 +- 1.4
+    assert (covered >= 0.83).all(), covered  # 95% of 30 draws is 28.5 +- 1.2: two and a half below
     assert covered.mean() >= 0.92
 
 

@@ -1,0 +1,94 @@
+"""What is said when photographs are not what the model takes them for."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from capture.imagefile import read_pixels, write_exr
+from capture.photoset import load_photoset
+from invrender.factorization import Factorization
+from invrender.pipeline import process
+from invrender.result import identifiability
+from synthetic.demo import demo_scene
+from synthetic.writer import write_photoset
+
+SAMPLES = 12_000
+TRUTH = {"kd": 0.243634, "ks": 0.030112, "mu": 1.78, "sigma": 0.12}
+
+
+def run(folder: Path) -> Factorization:
+    return process(load_photoset(folder), samples=SAMPLES).result
+
+
+def assert_truth_is_covered(result: Factorization) -> None:
+    for name, truth in TRUTH.items():
+        quantity = result.quantities[name]
+        assert quantity.value is not None
+        assert quantity.std is not None
+        # Four standard deviations: eight numbers a run, a dozen runs.
+        assert (np.abs(quantity.value - truth) < 4 * quantity.std).all(), name
+
+
+def test_good_photographs_need_no_words(demo_set_original: Path) -> None:
+    result = run(demo_set_original)
+    assert result.warnings == ()
+    assert result.structured < 1e-3  # 1% noise, and nothing else
+    assert_truth_is_covered(result)
+
+
+def test_a_wrong_photograph_is_named_and_does_little_harm(demo_set: Path) -> None:
+    (demo_set / "007.exr").write_bytes((demo_set / "006.exr").read_bytes())
+    result = run(demo_set)
+    (warning,) = [text for text in result.warnings if "far worse than the others" in text]
+    assert warning.startswith("007.exr")
+    assert result.model.estimate.model.name == "microfacet"
+    assert_truth_is_covered(result)
+
+
+def test_stray_pixels_fade(demo_set: Path) -> None:
+    rng = np.random.default_rng(1)
+    for path in sorted(demo_set.glob("0??.exr")):
+        pixels = read_pixels(path).astype(np.float32)
+        stray = rng.random(pixels.shape[:2]) < 0.05
+        pixels[stray] *= rng.uniform(0.2, 4.0, (stray.sum(), 1)).astype(np.float32)
+        write_exr(path, pixels)
+    result = run(demo_set)
+    assert any("stray from the fit" in text for text in result.warnings)
+    assert_truth_is_covered(result)
+
+
+def test_a_wrong_black_level_widens_the_error_bars(demo_set: Path) -> None:
+    for path in demo_set.glob("0??.exr"):
+        write_exr(path, read_pixels(path).astype(np.float32) + np.float32(0.01))
+    result = run(demo_set)
+    assert any("not only noise" in text for text in result.warnings)
+    assert_truth_is_covered(result)
+
+
+def test_a_light_from_the_wrong_side_gives_no_numbers(demo_set: Path) -> None:
+    path = demo_set / "photoset.toml"
+    x, y, z = re.search(r"direction = \[([^,]*), ([^,]*), ([^\]]*)\]", path.read_text()).groups()  # type: ignore[union-attr]
+    flipped = f"direction = [{-float(x)}, {-float(y)}, {-float(z)}]"
+    path.write_text(re.sub(r"direction = \[[^\]]*\]", flipped, path.read_text()))
+    result = run(demo_set)
+    assert result.misfits
+    assert all(quantity.value is None for quantity in result.quantities.values())
+    assert any("No model explains" in text for text in result.warnings)
+    for row in identifiability(result):
+        assert row["status"] == "undetermined"
+        assert "need no" not in row["reason"]
+        assert "direction" in row["remedy"]
+
+
+def test_soft_light_leaves_sigma_open(tmp_path: Path) -> None:
+    """Only the area light, whose power lies in degrees up to 6: below 1/sigma = 8."""
+    scene = demo_scene()
+    write_photoset(replace(scene, sources=(), cameras=scene.cameras[::3], held_out=()), tmp_path)
+    quantity = run(tmp_path).quantities["sigma"]
+    assert quantity.value is None
+    assert "degrees up to" in quantity.reason
+    assert "small, bright source" in quantity.remedy
