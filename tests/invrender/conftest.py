@@ -20,8 +20,8 @@ from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.transfer import light_elements
 from recon.lightfield import LightField, off_terminators, sample_sphere
 from recon.sphere import Sphere
-from synthetic.integrate import reflected_radiance
 from synthetic.demo import write_demo
+from synthetic.integrate import reflected_radiance
 from synthetic.lighting import AreaLight, DirectionalSource, latlong_map
 from synthetic.materials import RH01_MATERIALS, Microfacet, radiometric
 from synthetic.spheres import Noise, SphereScene
