@@ -1,13 +1,7 @@
 """Transfer: what one element of the lighting sends through the diffuse and the specular part of the BRDF.
 
 For directional sources both are closed forms [RH01, eq. 23]. For a lat-long map the diffuse part is a
-convolution [RH01, eq. 15]; the specular part is integrated exactly, without the symmetric-lobe
-approximation of eq. 20, over half-vectors h: a source at wi(h) = 2 (wo.h) h - wo gives
-
-    integral S(theta_h) L(wi(h)) (wo.h) / cos theta_o  dh     over  n.wi > 0, wo.h > 0.
-
-Rings of constant theta_h around the normal make the lobe S a weight per ring, so that all roughnesses
-share one walk through the map.
+convolution [RH01, eq. 15], the specular part an integral over half-vectors (`half_vectors`).
 """
 
 from __future__ import annotations
@@ -19,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.lighting import Lighting, latlong_directions, latlong_pixels, latlong_solid_angles
+from capture.lighting import Lighting, latlong_directions, latlong_solid_angles
+from invrender.model.half_vectors import map_transfer
 from invrender.model.microfacet import lobe
 from invrender.theory.harmonics import project_latlong
 from invrender.theory.lambertian import irradiance
@@ -27,14 +22,6 @@ from invrender.theory.lambertian import irradiance
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# Ring radii grow by this factor (its logarithm): the trapezoid rule in log theta converges exponentially
-# for a Gaussian lobe, and 0.22 leaves 1e-6; the rest of the fineness is for the map's structure.
-_LOG_STEP = 0.22
-_FIRST_RING, _LAST_RING = 0.004, 1.5
-_RAYS_PER_CHUNK = 1024
-_PAD = 2
-# Turns one ring against the next so that azimuths never line up.
-_GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 # The clamped cosine falls off as l^(-5/2): what is left beyond degree 10 is below 0.1% of a map.
 _DIFFUSE_DEGREE = 10
 # A pixel of a map is a source of its own when it holds this share of all light and stands out this far.
@@ -140,106 +127,6 @@ def specular_transfer(element: LightElement, normals: Floats, views: Floats, sig
     if element.slow_map is not None:
         result += map_transfer(element.slow_map, normals, views, sigmas)
     return result
-
-
-def map_transfer(radiance_map: Singles, normals: Floats, views: Floats, sigmas: Floats) -> Floats:
-    """The half-vector integral over a lat-long map (H, 2H, c): (m, sigmas, c) per unit of Ks F.
-
-    Each chunk of rays shifts and turns the rings at random (fixed seed), so that structure of the map
-    finer than the rings averages out over samples instead of biasing all of them alike.
-    """
-    channels = radiance_map.shape[2]
-    padded = _padded(radiance_map)
-    rng = np.random.default_rng(0)
-    result = np.empty((len(normals), len(sigmas), channels))
-    for start in range(0, len(normals), _RAYS_PER_CHUNK):
-        part = slice(start, start + _RAYS_PER_CHUNK)
-        shift, turn = rng.random(2)
-        count = int(np.ceil(np.log(_LAST_RING / _FIRST_RING) / _LOG_STEP))
-        rings = _FIRST_RING * np.exp(_LOG_STEP * (shift + np.arange(count)))
-        weights = _ring_weights(rings, sigmas)
-        used = weights.max(axis=1) > 1e-7 * weights.max()
-        frame = _Frame.of(normals[part], views[part])
-        means = np.stack(
-            [
-                _ring_mean(padded, frame, theta, 2 * np.pi * turn + _GOLDEN_ANGLE * k)
-                for k, theta in enumerate(rings[used])
-            ],
-            axis=-1,
-        )
-        result[part] = np.einsum("mck,kj->mjc", means, weights[used])
-    return result
-
-
-def _ring_weights(rings: Floats, sigmas: Floats) -> Floats:
-    """Weights (rings, sigmas) with which ring means add up to the integral over the hemisphere of h."""
-    weights = 2 * np.pi * lobe(rings[:, None], sigmas) * (np.sin(rings) * rings * _LOG_STEP)[:, None]
-    # The disc within the first ring, where the map is constant to the eye of the quadrature.
-    inner = rings[0] * np.exp(-_LOG_STEP / 2)
-    weights[0] += 1 - np.exp(-((inner / sigmas) ** 2))
-    return weights
-
-
-@dataclass(frozen=True, eq=False)
-class _Frame:
-    """Local frames of a chunk of rays, (m, 3) each, and the view in them, (m,) each; float32."""
-
-    tangent: Singles
-    bitangent: Singles
-    normal: Singles
-    view: Singles
-    along_tangent: Singles
-    along_bitangent: Singles
-    along_normal: Singles
-
-    @classmethod
-    def of(cls, normals: Floats, views: Floats) -> _Frame:
-        """Frames with an arbitrary but fixed tangent."""
-        helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-        tangent = np.cross(helper, normals)
-        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-        axes = (tangent, np.cross(normals, tangent), normals)
-        along = [(axis * views).sum(axis=1) for axis in axes]
-        return cls(*(part.astype(np.float32) for part in (*axes, views, *along)))
-
-
-def _ring_mean(padded: Singles, frame: _Frame, theta: float, turn: float) -> Singles:
-    """Mean (m, c) over azimuth of L(wi(h)) (wo.h) / cos theta_o on the ring theta_h = theta."""
-    count = 6 if theta < 0.03 else 12 if theta < 0.1 else 20
-    azimuth = turn + 2 * np.pi * np.arange(count) / count
-    unit_x, unit_y = np.array([np.cos(azimuth), np.sin(azimuth)], np.float32)
-    z = np.float32(np.cos(theta))
-    x, y = np.float32(np.sin(theta)) * unit_x, np.float32(np.sin(theta)) * unit_y
-    cos_exitant = frame.along_normal[:, None]
-    level = frame.along_tangent[:, None] * unit_x + frame.along_bitangent[:, None] * unit_y
-    toward = np.float32(np.sin(theta)) * level + cos_exitant * z
-    # n.wi is sin(2 theta) level + cos(2 theta) cos(theta_o). Where the horizon crosses a node's cell, the node
-    # counts by the share that is lit: all or nothing converges slowly (1% of a wide lobe against 0.2%).
-    sin_twice, cos_twice = np.float32(np.sin(2 * theta)), np.float32(np.cos(2 * theta))
-    sideways = frame.along_bitangent[:, None] * unit_x - frame.along_tangent[:, None] * unit_y
-    around = np.float32(2 * np.pi / count) * sin_twice * sideways
-    outward = np.float32(2 * _LOG_STEP * theta) * (cos_twice * level - sin_twice * cos_exitant)
-    cell = np.hypot(around, outward) + np.float32(1e-9)
-    lit = np.clip((sin_twice * level + cos_twice * cos_exitant) / cell + np.float32(0.5), 0, 1)
-    weight = lit * np.maximum(toward, 0) / np.maximum(cos_exitant, np.float32(1e-6))
-    twice = 2 * toward
-    incident = np.empty((*toward.shape, 3), np.float32)
-    for k in range(3):
-        half = frame.tangent[:, k, None] * x + frame.bitangent[:, k, None] * y + frame.normal[:, k, None] * z
-        incident[..., k] = twice * half - frame.view[:, k, None]
-    row, column = latlong_pixels(incident, padded.shape[0] - 2 * _PAD)
-    # OpenCV counts pixel centres at integers, so ours, at + 0.5, lie half a pixel back.
-    shift = np.float32(_PAD - 0.5)
-    values = cv2.remap(padded, column + shift, row + shift, cv2.INTER_CUBIC)
-    values = values.reshape(*toward.shape, -1)
-    return np.einsum("mp,mpc->mc", weight, values) / np.float32(count)
-
-
-def _padded(radiance_map: Singles) -> Singles:
-    """The map with two pixels more on each side: around in azimuth, across the poles in elevation."""
-    turned = np.roll(radiance_map, radiance_map.shape[1] // 2, axis=1)
-    rows = np.concatenate([turned[:_PAD][::-1], radiance_map, turned[-_PAD:][::-1]])
-    return np.pad(rows, ((0, 0), (_PAD, _PAD), (0, 0)), mode="wrap").astype(np.float32)
 
 
 @lru_cache(maxsize=4)
