@@ -64,7 +64,7 @@ def mirrorball(
         typer.Option(help="equal: all photos had one exposure. exif: divide each photo's exposure out."),
     ] = Exposure.EQUAL,
     height: Annotated[
-        int, typer.Option(min=2, help="Rows of the lat-long maps; columns are twice as many.")
+        int, typer.Option(min=2, max=4096, help="Rows of the lat-long maps; columns are twice as many.")
     ] = 64,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for the results; an earlier result is replaced.")

@@ -54,7 +54,7 @@ class _Fineness:
 _SMOOTH = _Fineness(0.22, ((0.03, 6), (0.1, 12), (np.inf, 20)))
 _ROUGH = _Fineness(0.10, ((0.03, 8), (0.06, 16), (0.12, 32), (np.inf, 48)))
 # Share of a map (RMS) that averaging over four by four pixels may take away, for it to count as smooth.
-_SMOOTH_SHARE = 0.03
+_SMOOTH_SHARE = 0.1
 
 
 def map_transfer(radiance_map: Singles, normals: Floats, views: Floats, sigmas: Floats) -> Floats:

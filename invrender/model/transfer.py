@@ -22,8 +22,8 @@ from invrender.theory.lambertian import irradiance
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# The clamped cosine falls off as l^(-5/2): what is left beyond degree 10 is below 0.1% of a map.
-_DIFFUSE_DEGREE = 10
+# The clamped cosine falls off as l^(-5/2), and the degrees of a map with bright windows hardly at all.
+_DIFFUSE_DEGREE = 24
 # A pixel of a map is a source of its own when it holds this share of all light and stands out this far.
 _SOURCE_SHARE, _SOURCE_CONTRAST, _MAX_SOURCES = 1e-3, 4.0, 64
 

@@ -87,6 +87,9 @@ class ReportWriter:
             parameters=_parameters(self._run),
             rows=self._rows,
             limit=self._limit,
+            mapped=[
+                entry.lighting.name for entry in result.lightings if entry.lighting.radiance_map is not None
+            ],
             with_error=with_error,
             median_unseen=float(
                 np.median([s.cross_validated for s in result.photos if s.cross_validated is not None])

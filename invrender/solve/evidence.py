@@ -23,7 +23,7 @@ MAX_FOLDS = 20
 # Relative RMS on unseen photographs from which on no number is given; RH01 report 5 to 10% for real objects.
 HOPELESS = 0.3
 MISFIT_REMEDY = (
-    "check the light's direction and frame, the poses, the masks and the encoding (linear or srgb)"
+    "check the light's direction and frame, the poses, masks and encoding, and if the model suits the object"
 )
 # Standard errors of a paired difference beyond which the simpler model is clearly worse.
 _CLEARLY_WORSE = 3.0
@@ -97,17 +97,22 @@ def choose(rungs: Sequence[Rung]) -> int:
     quality don't hide a difference) and patch by patch of the surface (because a stain, the same in each
     photograph, is no evidence for a model). Photographs that stand out as wrong have no say.
     """
+    return int(np.argmax(adequate(rungs)))
+
+
+def adequate(rungs: Sequence[Rung]) -> NDArray[np.bool_]:
+    """Which rungs (rungs,) the photographs don't speak against; the best one always among them."""
     best = min(rungs, key=lambda rung: rung.error)
     trusted = ~outlying(best.photo_errors)
     errors = best.photo_errors[trusted]
     limit = errors.mean() + (errors.std(ddof=1) / np.sqrt(len(errors)) if len(errors) > 1 else 0.0)
-    for index, rung in enumerate(rungs):
+    result = []
+    for rung in rungs:
         within = rung.photo_errors[trusted].mean() <= limit
         by_photo = _score(rung.photo_errors[trusted] ** 2 - errors**2)
         by_patch = _score(rung.patch_energy - best.patch_energy)
-        if within and min(by_photo, by_patch) <= _CLEARLY_WORSE:
-            return index
-    return rungs.index(best)
+        result.append(rung is best or bool(within and min(by_photo, by_patch) <= _CLEARLY_WORSE))
+    return np.array(result)
 
 
 def outlying(photo_errors: Floats) -> NDArray[np.bool_]:

@@ -14,12 +14,20 @@ from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import structured_rms
-from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, climb_ladder, outlying
-from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_sigma
+from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, climb_ladder, outlying
+from invrender.solve.identifiability import (
+    UNIFORM_LIGHT,
+    Scalar,
+    assess_linear,
+    assess_mu,
+    assess_sigma,
+    lighting_degree,
+)
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
+from invrender.solve.reported import Report
 from invrender.solve.search import LADDER, Estimate, fit
 from invrender.solve.statistics import by_lighting, photo_statistics
-from invrender.solve.uncertainty import Parameters, pack, uncertainty_of
+from invrender.solve.uncertainty import pack, uncertainty_of
 
 Floats = NDArray[np.float64]
 
@@ -61,28 +69,21 @@ def factorize(
     """
     noise, weights = _weigh(photos)
     rungs, chosen = climb_ladder(photos, weights, on_step)
-    estimate = rungs[chosen].estimate
-    elements = {photo.lighting: photo.elements for photo in photos}
-    parameters = pack(estimate, elements)
-    report = _Report(parameters, has_known="known" in {name for names in elements.values() for name in names})
-    structured = _structured(photos, weights, rungs[chosen])
-    found = uncertainty_of(report, parameters, estimate, photos, [w.weight for w in weights])
-    values = report(parameters.vector)
-    # What the model itself leaves: quadratures, propagated; and whatever is structured in the residuals, of
-    # which nothing tells how it is shared among the parameters, as a share of each.
-    covariance = found.covariance + np.diag(
-        (_NUMERICAL * found.fragility) ** 2 + (np.hypot(structured, _NUMERICAL) * report.scale(values)) ** 2
-    )
+    fitting = adequate(rungs)
+    measured = [_measure(rung, photos, weights) for rung in rungs[chosen:]]
+    report, values, fragility = measured[0].report, measured[0].values, measured[0].fragility
+    others = [other for other, fits in zip(measured[1:], fitting[chosen + 1 :], strict=True) if fits]
+    covariance = measured[0].covariance + np.diag(_disagreement(measured[0], others) ** 2)
     std = np.sqrt(np.diag(covariance))
-    quantities = _quantities(report, values, std, found.fragility, photos, lightings)
+    quantities = _quantities(report, values, std, fragility, photos, lightings)
     brdf_size = report.places["strengths"].start
     return Solution(
-        estimate=estimate,
+        estimate=rungs[chosen].estimate,
         rungs=rungs,
         chosen=chosen,
         noise=noise,
         weights=tuple(weights),
-        structured=structured,
+        structured=measured[0].structured,
         quantities=_unless_misfit(quantities, rungs[chosen].error),
         lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
         covariance=covariance[:brdf_size, :brdf_size],
@@ -108,6 +109,45 @@ def _weigh(photos: Sequence[PhotoColumns]) -> tuple[NoiseModel, list[Weights]]:
     return noise, current
 
 
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """A rung's reported numbers with their covariance; fragility as in `uncertainty.Uncertainty`."""
+
+    report: Report
+    values: Floats
+    covariance: Floats
+    fragility: Floats
+    structured: float
+
+
+def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> _Measured:
+    elements = {photo.lighting: photo.elements for photo in photos}
+    parameters = pack(rung.estimate, elements)
+    report = Report(parameters, has_known="known" in {name for names in elements.values() for name in names})
+    structured = _structured(photos, weights, rung)
+    found = uncertainty_of(report, parameters, rung.estimate, photos, [w.weight for w in weights])
+    values = report(parameters.vector)
+    # What the model itself leaves: quadratures, propagated; and whatever is structured in the residuals, of
+    # which nothing tells how it is shared among the parameters, as a share of each.
+    own = np.hypot(_NUMERICAL * found.fragility, np.hypot(structured, _NUMERICAL) * report.scale(values))
+    return _Measured(report, values, found.covariance + np.diag(own**2), found.fragility, structured)
+
+
+def _disagreement(chosen: _Measured, others: Sequence[_Measured]) -> Floats:
+    """By how much richer models that fit as well put each number elsewhere, beyond their own doubts of it.
+
+    The photographs don't speak against those models either: what they say belongs into the error bar.
+    """
+    apart = np.zeros(len(chosen.values))
+    for other in others:
+        std = np.sqrt(np.diag(other.covariance))
+        for name in chosen.report.places.keys() & other.report.places.keys():
+            mine, theirs = chosen.report.places[name], other.report.places[name]
+            difference = np.abs(chosen.values[mine] - other.values[theirs]) - 2 * std[theirs]
+            apart[mine] = np.maximum(apart[mine], difference)
+    return apart
+
+
 def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:
     """That part of the residuals which isn't noise, relative to the radiance (RMS both).
 
@@ -124,85 +164,8 @@ def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung
     return structured_rms(fields, residuals) / float(np.sqrt(np.mean(energy)))
 
 
-class _Report:
-    """The numbers that are reported, as one vector of the fitted ones, in a fixed gauge.
-
-    places : block -> slice: "mu", "sigma", "kd", "ks", "kd_normalised", "ks_normalised", "strengths".
-    """
-
-    def __init__(self, parameters: Parameters, has_known: bool) -> None:
-        self.parameters = parameters
-        self.has_known = has_known
-        self.strengths = [name for name in parameters.places if "/" in name]
-        gauged = [name for name in self.strengths if "/source" in name] or self.strengths
-        self._gauge_places = np.array([_indices(parameters, name) for name in gauged])
-        blocks = self._blocks(parameters.vector)
-        self.places: dict[str, slice] = {}
-        start = 0
-        for name, block in blocks.items():
-            self.places[name] = slice(start, start + len(block))
-            start += len(block)
-
-    @property
-    def is_absolute(self) -> bool:
-        """Whether some known light fixes the scale of Kd and Ks."""
-        return self.has_known or not self.strengths
-
-    def scale(self, values: Floats) -> Floats:
-        """What a share of each reported number means: of itself, but for Kd and Ks of their sum."""
-        result = values.copy()
-        if "ks" in self.places:
-            kd, ks = self.places["kd"], self.places["ks"]
-            result[kd] = result[ks] = values[kd] + values[ks]
-            result[self.places["kd_normalised"]] = result[self.places["ks_normalised"]] = 1.0
-        return result
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """A name for each number before the strengths: "mu", "kd.r", ..."""
-        result: list[str] = []
-        for name, place in self.places.items():
-            if name != "strengths":
-                size = place.stop - place.start
-                result += [name] if size == 1 else [f"{name}.{channel}" for channel in "rgb"]
-        return tuple(result)
-
-    def __call__(self, vector: Floats) -> Floats:
-        return np.concatenate(list(self._blocks(vector).values()))
-
-    def _blocks(self, vector: Floats) -> dict[str, Floats]:
-        parameters = self.parameters
-        brdf = parameters.brdf(vector)
-        scale = np.ones(3)
-        if not self.is_absolute:
-            scale = vector[self._gauge_places].mean(axis=0)
-        blocks = {
-            name: vector[parameters.places[name]] for name in ("mu", "sigma") if name in parameters.places
-        }
-        blocks["kd"] = brdf.kd * scale
-        total = brdf.kd + brdf.ks
-        safe = np.where(total > 0, total, 1.0)
-        if "ks" in parameters.places:
-            blocks["ks"] = brdf.ks * scale
-            blocks["kd_normalised"] = brdf.kd / safe
-            blocks["ks_normalised"] = brdf.ks / safe
-        strengths = [vector[parameters.places[name]] / scale for name in self.strengths]
-        blocks["strengths"] = np.concatenate(strengths) if strengths else np.zeros(0)
-        return blocks
-
-    def strength(self, values: Floats, name: str) -> Floats:
-        """The three numbers of a recovered strength in a vector laid out as reported."""
-        first = self.places["strengths"].start + 3 * self.strengths.index(name)
-        return values[first : first + 3]
-
-
-def _indices(parameters: Parameters, name: str) -> NDArray[np.int64]:
-    place = parameters.places[name]
-    return np.arange(place.start, place.stop)
-
-
 def _quantities(
-    report: _Report,
+    report: Report,
     values: Floats,
     std: Floats,
     fragility: Floats,
@@ -212,6 +175,9 @@ def _quantities(
     def block(name: str) -> tuple[Floats, Floats]:
         return values[report.places[name]], std[report.places[name]]
 
+    if lighting_degree(lightings) == 0:
+        unknown = Quantity(None, None, "undetermined", *UNIFORM_LIGHT)
+        return {name: unknown for name in ("kd", "ks", "sigma", "mu") if name in report.places}
     kd, kd_std = block("kd")
     ks, ks_std = block("ks") if "ks" in report.places else (np.zeros(3), np.zeros(3))
     scale = kd + ks
@@ -247,7 +213,7 @@ def _scaled(quantity: Quantity, factor: float) -> Quantity:
     return replace(quantity, value=quantity.value * factor, std=quantity.std * factor)
 
 
-def _fitted_lighting(lighting: Lighting, report: _Report, values: Floats, std: Floats) -> FittedLighting:
+def _fitted_lighting(lighting: Lighting, report: Report, values: Floats, std: Floats) -> FittedLighting:
     irradiances = lighting.irradiances.copy()
     irradiance_std = np.zeros_like(irradiances)
     if lighting.recover_irradiance:
@@ -262,7 +228,7 @@ def _fitted_lighting(lighting: Lighting, report: _Report, values: Floats, std: F
     return FittedLighting(replace(lighting, irradiances=irradiances), irradiance_std, ambient, ambient_std)
 
 
-def _gauge(report: _Report) -> str:
+def _gauge(report: Report) -> str:
     if report.is_absolute:
         return "absolute: the given lighting fixes the scale of Kd and Ks in each channel"
     which = "source irradiance" if any("/source" in name for name in report.strengths) else "ambient radiance"

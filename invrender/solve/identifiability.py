@@ -30,6 +30,11 @@ _DEGREE = 30
 # Relative accuracy that cameras, light and shape can be counted on for, however small the noise.
 ACCURACY = 0.005
 _FRAGILE_SHARE = 0.5
+# Reason and remedy where all light is the same from all sides.
+UNIFORM_LIGHT = (
+    "the light is uniform: it shows how much the object reflects in all, but not which part of it is diffuse",
+    "add a photograph under a small, bright source",
+)
 # Power relative to degree 0 below which light is uniform: a coarse map's pixels alone leave as much.
 _UNIFORM = 1e-5
 
