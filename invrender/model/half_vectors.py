@@ -60,13 +60,14 @@ _SMOOTH_SHARE = 0.1
 def map_transfer(radiance_map: Singles, normals: Floats, views: Floats, sigmas: Floats) -> Floats:
     """The half-vector integral over a lat-long map (H, 2H, c): (m, sigmas, c) per unit of Ks F.
 
-    normals, views : (m, 3) unit. Each chunk of rays shifts and turns the rings at random (fixed seed), and
-    each ring looks at a map as coarse as its nodes are apart, so that structure finer than the rings
-    averages out instead of biasing all samples alike.
+    normals, views : (m, 3) unit. Each chunk of rays shifts and turns the rings at random (fixed seed), and in
+    a map that isn't smooth each ring looks at a level as coarse as its nodes are apart, so that structure
+    finer than the rings averages out instead of biasing all samples alike.
     """
     levels = _pyramid(radiance_map)
-    fineness = _ROUGH if _is_rough(levels) else _SMOOTH
-    padded = [_padded(level) for level in levels]
+    rough = _is_rough(levels)
+    fineness = _ROUGH if rough else _SMOOTH
+    padded = [_padded(level) for level in (levels if rough else levels[:1])]
     rng = np.random.default_rng(0)
     result = np.empty((len(normals), len(sigmas), radiance_map.shape[2]))
     count = int(np.ceil(np.log(_LAST_RING / _FIRST_RING) / fineness.log_step))

@@ -101,15 +101,15 @@ def test_a_lambertian_object_has_no_specular_part(bench, rng):
     matte = Microfacet(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, 0.1)
     photos = bench.photograph(matte, ANGLES)
     flat = fit(LAMBERTIAN, statistics_of(photos))
-    assert_allclose(flat.brdf.kd, matte.kd, rtol=5e-4)  # the map's 10 degrees
+    assert_allclose(flat.brdf.kd, matte.kd, rtol=5e-4)  # the map's pixels and degrees
     assert flat.brdf.sigma is None
     assert flat.brdf.mu is None
     for photographs in (photos, bench.with_noise(photos, rng)):
         estimate = fit(DIELECTRIC, statistics_of(photographs))
         # Never below zero, where noise alone would put it half of the time. Without noise the 0.1% that the
-        # map's pixels leave are fitted by a lobe as broad as half a radian.
+        # map's pixels leave are fitted by a lobe as broad as half a radian; with it, a few standard deviations.
         assert (estimate.brdf.ks >= 0).all()
-        assert (estimate.brdf.ks < 4e-3 * estimate.brdf.kd).all()
+        assert (estimate.brdf.ks < 6e-3 * estimate.brdf.kd).all()
 
 
 def test_a_mirror_has_no_diffuse_part(bench, rng):

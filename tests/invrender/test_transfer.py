@@ -82,7 +82,7 @@ def test_diffuse_part_of_a_map_is_its_irradiance(rng):
     element = LightElement("known", np.zeros((0, 3)), np.zeros((0, 3)), latlong_map([SOFT], 64))
     expected = irradiance(SOFT, normals)[:, None] * SOFT.radiance
     found = diffuse_transfer(element, normals)
-    # Degrees beyond 10 and the map's pixels: documented as 0.1%.
+    # The map's pixels: 0.1%.
     assert_allclose(found, expected, atol=1e-3 * expected[:, 2].max(), equal_nan=False)
 
 
