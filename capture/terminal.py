@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -25,3 +27,17 @@ def track(items: Iterable[Any], description: str) -> Iterator[Any]:
     )
     with Progress(*columns, console=console, transient=True) as progress:
         yield from progress.track(items, description=description)
+
+
+def leave_cleanly_when_stopped() -> None:
+    """From here on Ctrl-C and SIGTERM end the program by way of an exception, so that temporary folders go."""
+    # Its import puts a handler of its own in place, which would end the process on the spot: import it first.
+    import pycolmap  # noqa: F401
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _stop)
+
+
+def _stop(number: int, frame: object) -> None:
+    print("\nlightfactor: stopped; nothing was written, an earlier result is untouched", file=sys.stderr)  # noqa: T201
+    raise SystemExit(128 + number)

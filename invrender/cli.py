@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -80,8 +79,6 @@ def demo(
 
 def main() -> None:
     """Run the command; what is wrong with the input is said in a sentence, without a traceback."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _stop)
     try:
         app()
     except (ValueError, OSError) as error:
@@ -89,9 +86,3 @@ def main() -> None:
             raise
         print(f"lightfactor: error: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(1)
-
-
-def _stop(number: int, frame: object) -> None:
-    """Leave on Ctrl-C or a kill by way of an exception, so that temporary folders are removed."""
-    print("\nlightfactor: stopped; nothing was written, an earlier result is untouched", file=sys.stderr)  # noqa: T201
-    raise SystemExit(128 + number)

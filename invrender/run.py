@@ -11,7 +11,7 @@ from rich.table import Table
 from capture.imagefile import write_exr
 from capture.outfolder import result_folder
 from capture.photoset import PhotoSet, load_photoset
-from capture.terminal import console, track
+from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
 from invrender.report.page import ReportWriter, with_error
@@ -22,6 +22,7 @@ RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr")
 
 def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
     """Process a photo set into a result folder and print the summary."""
+    leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     with result_folder(out, RESULT_FILES) as folder:
         run = process(photoset, samples, track)
@@ -38,6 +39,7 @@ def run_demo(out: Path) -> None:
     from synthetic.demo import write_demo
     from synthetic.writer import PHOTOSET_FILES, TRUTH_NAME
 
+    leave_cleanly_when_stopped()
     photos = out / "photos"
     with result_folder(photos, PHOTOSET_FILES) as folder:
         write_demo(folder, track)

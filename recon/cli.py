@@ -80,8 +80,9 @@ def mirrorball(
     photoset.toml) and mirrorball.png (a picture to check it by).
     """
     from capture.outfolder import result_folder
-    from capture.terminal import track
+    from capture.terminal import leave_cleanly_when_stopped, track
 
+    leave_cleanly_when_stopped()
     if camera is not None and focal_px is not None:
         raise ValueError("--camera and --focal-px both give the camera: remove one of them")
     masks = _masks(photos, mask or [])

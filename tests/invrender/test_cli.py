@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -234,3 +236,18 @@ def test_a_failed_run_leaves_the_earlier_result(lightfactor: Run, small_set: Pat
     code, _, _ = lightfactor("process", small_set, "-o", out)
     assert code == 1
     assert (out / "result.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_leaves_nothing_behind(small_set: Path, tmp_path: Path, number: signal.Signals) -> None:
+    code = "from invrender.cli import main; main()"
+    command = [sys.executable, "-c", code, "process", str(small_set), "-o", str(tmp_path / "out")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    # Once the temporary folder is there, the command is at work.
+    while process.poll() is None and not list(tmp_path.glob(".out-*")):
+        time.sleep(0.02)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + number
+    assert err.strip() == "lightfactor: stopped; nothing was written, an earlier result is untouched"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["set"]
