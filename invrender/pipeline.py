@@ -24,7 +24,7 @@ from invrender.model.transfer import LightElement, light_elements
 from invrender.solve.evidence import fit_strengths, ladder_steps, relative_rms
 from invrender.solve.factorize import Solution, factorize
 from recon.knownlight import read_lighting
-from recon.lightfield import LightField, all_samples, off_terminators, sample_sphere
+from recon.lightfield import LightField, off_terminators, sample_sphere, samples_at, sphere_pixels
 from recon.locate import View, disk_mask, locate_sphere
 
 Item = TypeVar("Item")
@@ -33,6 +33,8 @@ Track = Callable[[Iterable[Item], str], Iterable[Item]]
 
 DEFAULT_SAMPLES = 60_000
 _MIN_SAMPLES_PER_PHOTO = 20
+# Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
+_PIXELS_AT_A_TIME = 100_000
 _STAGES = ("capture", "recon", "invrender")
 
 
@@ -71,12 +73,15 @@ class Run:
 
     def _predict(self, photo: Photo) -> Prediction:
         observed = decode_photo(self.photoset, photo)
-        samples = all_samples(self.result.sphere, photo.camera, observed)
+        rows, columns = sphere_pixels(self.result.sphere, photo.camera)
         elements, strengths = self.elements[photo.lighting], self.strengths[photo.label]
         predicted = np.zeros_like(observed.radiance)
-        predicted[samples.rows, samples.columns] = predict(self.result.brdf, elements, strengths, samples)
+        for part in np.array_split(np.arange(len(rows)), len(rows) // _PIXELS_AT_A_TIME + 1):
+            pixels = rows[part], columns[part]
+            samples = samples_at(self.result.sphere, photo.camera, observed, *pixels)
+            predicted[pixels] = predict(self.result.brdf, elements, strengths, samples)
         inside = np.zeros(observed.saturated.shape, bool)
-        inside[samples.rows, samples.columns] = True
+        inside[rows, columns] = True
         return Prediction(photo, observed, predicted, inside)
 
 

@@ -109,23 +109,45 @@ def off_terminators(field: LightField, directions: Floats) -> LightField:
 
 def sphere_pixels(sphere: Sphere, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and columns of the pixels whose whole square lies on the sphere."""
-    corners = sphere_coverage(sphere, camera, shift=0.0, size=(camera.height + 1, camera.width + 1))
+    (top, left), corners = _hits_in_window(sphere, camera, shift=0.0)
     whole = corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]
     rows, columns = np.nonzero(whole)
-    return rows, columns
+    return rows + top, columns + left
 
 
-def sphere_coverage(
-    sphere: Sphere, camera: Camera, shift: float = 0.5, size: tuple[int, int] | None = None
-) -> NDArray[np.bool_]:
-    """Whether rays through the pixels' centres (`shift` = 0.5) meet the sphere, (h, w)."""
-    height, width = size or (camera.height, camera.width)
+def sphere_coverage(sphere: Sphere, camera: Camera) -> NDArray[np.bool_]:
+    """Whether rays through the pixels' centres meet the sphere, (h, w)."""
+    (top, left), hit = _hits_in_window(sphere, camera, shift=0.5)
+    result = np.zeros((camera.height, camera.width), bool)
+    result[top : top + hit.shape[0], left : left + hit.shape[1]] = hit[
+        : camera.height - top, : camera.width - left
+    ]
+    return result
+
+
+def _hits_in_window(
+    sphere: Sphere, camera: Camera, shift: float
+) -> tuple[tuple[int, int], NDArray[np.bool_]]:
+    """Which rays through pixel corners (`shift` = 0) or centres (0.5) meet the sphere, about its image only.
+
+    Returns the window's first row and column, and the hits (rows, columns) within it; corners run to the
+    far edge of the image. A photograph is much larger than its sphere, and rays are dear.
+    """
     if not camera.is_orthographic and camera.depth(sphere.centre)[0] <= sphere.radius:
-        return np.zeros((height, width), bool)  # behind the camera, or around it
-    y, x = np.mgrid[:height, :width]
-    points = np.column_stack([x.ravel(), y.ravel()]) + shift
-    hit, _ = sphere.hits(*camera.rays(points))
-    return hit.reshape(height, width)
+        return (0, 0), np.zeros((1, 1), bool)  # behind the camera, or around it
+    # Points all over the sphere, on a spiral as even as their number allows.
+    k = np.arange(600) + 0.5
+    z, azimuth = 1 - 2 * k / len(k), np.pi * (1 + np.sqrt(5)) * k
+    around = np.sqrt(1 - z**2)
+    surface = np.stack([around * np.cos(azimuth), around * np.sin(azimuth), z], axis=-1)
+    pixels = camera.project(sphere.centre + sphere.radius * surface)
+    margin = 2 + 0.05 * np.nan_to_num(np.ptp(pixels, axis=0), nan=np.inf)
+    edge = np.array([camera.width, camera.height]) + (shift == 0)
+    low = np.clip(np.nan_to_num(pixels.min(axis=0) - margin, nan=-np.inf), 0, edge).astype(int)
+    high = np.clip(np.nan_to_num(np.ceil(pixels.max(axis=0) + margin), nan=np.inf), 0, edge).astype(int)
+    y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
+    hit, _ = sphere.hits(*camera.rays(np.column_stack([x.ravel(), y.ravel()]) + shift))
+    return (int(low[1]), int(low[0])), hit.reshape(y.shape)
 
 
 def sample_sphere(
@@ -159,9 +181,14 @@ def sample_sphere(
     return _gather(sphere, camera, image, rows[keep], columns[keep], turn[keep])
 
 
-def all_samples(sphere: Sphere, camera: Camera, image: RadianceImage) -> LightField:
-    """Every pixel that lies wholly on the sphere: what a prediction is made for."""
-    rows, columns = sphere_pixels(sphere, camera)
+def samples_at(
+    sphere: Sphere,
+    camera: Camera,
+    image: RadianceImage,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+) -> LightField:
+    """The samples of given pixels that lie wholly on the sphere, usable for a fit or not."""
     _, turn = _grazing(sphere, camera, rows, columns)
     return _gather(sphere, camera, image, rows, columns, turn)
 

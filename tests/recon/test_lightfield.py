@@ -10,8 +10,8 @@ from capture.gantry import look_at
 from recon.lightfield import (
     MIN_COS_EXITANT,
     LightField,
-    all_samples,
     sample_sphere,
+    samples_at,
     sphere_coverage,
     sphere_pixels,
 )
@@ -38,7 +38,7 @@ def flat_ball(ball):
 
 def test_normals_and_views_of_an_orthographic_picture(flat_ball):
     image = picture()
-    samples = all_samples(flat_ball, FLAT, image)
+    samples = samples_at(flat_ball, FLAT, image, *sphere_pixels(flat_ball, FLAT))
     # By hand: the normal's x and y are the pixel's offset from the centre, in radii; z the rest.
     # A ball of 20 px curves within every pixel, so each is seen along 2x2 or 4x4 Gauss points.
     gauss = 0.5 / np.sqrt(3) * np.array([-1, 1])
@@ -139,7 +139,7 @@ def test_a_sphere_behind_or_around_the_camera_covers_nothing(ball):
     behind = NEAR.centre - 2 * NEAR.camera_to_world[:3, 2]
     assert not sphere_coverage(ball(behind, 0.5), NEAR).any()
     assert not sphere_coverage(ball(NEAR.centre, 0.5), NEAR).any()
-    assert len(all_samples(ball(behind, 0.5), NEAR, picture())) == 0
+    assert len(sphere_pixels(ball(behind, 0.5), NEAR)[0]) == 0
 
 
 # Small enough, and the pixels at the rim turn too much within themselves, before they are too grazing.
