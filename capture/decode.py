@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.arrays import frozen_array
+from capture.arrays import frozen_view
 from capture.exposure import relative_exposure
 from capture.imagefile import read_pixels
 from capture.manifest import RadiometryTable
@@ -43,7 +43,7 @@ class RadianceImage:
         if self.saturated.shape != self.radiance.shape[:2]:
             raise ValueError(f"saturated is {self.saturated.shape}, the image {self.radiance.shape[:2]}")
         for name, dtype in (("radiance", np.float32), ("variance", np.float32), ("saturated", np.bool_)):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype))
+            object.__setattr__(self, name, frozen_view(getattr(self, name), dtype))
 
 
 def decode(path: Path, encoding: Encoding = "linear", exposure: float = 1.0) -> RadianceImage:

@@ -11,6 +11,8 @@ import typer
 
 from recon.cli import mirrorball
 
+DEFAULT_SAMPLES = 60_000
+
 app = typer.Typer(
     name="lightfactor",
     help="Photographs of a real object in; its reflectance, the light on it, and how certain each number is, out.",
@@ -21,7 +23,23 @@ app = typer.Typer(
 )
 app.command()(mirrorball)
 
-DEFAULT_SAMPLES = 60_000
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"lightfactor {version('lightfactor')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _lightfactor(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command()
@@ -46,7 +64,7 @@ def process(
         int,
         typer.Option(
             min=1000,
-            help="Pixels of all photographs together that enter the fit, drawn evenly. More is slower, not biased.",
+            help="Pixels of all photographs together that enter the fit, drawn evenly; fewer are faster, with larger error bars.",
         ),
     ] = DEFAULT_SAMPLES,
 ) -> None:
@@ -81,6 +99,8 @@ def main() -> None:
     """Run the command; what is wrong with the input is said in a sentence, without a traceback."""
     try:
         app()
+    except BrokenPipeError:
+        sys.exit(0)  # whoever reads our output, `head` for one, has seen enough
     except (ValueError, OSError) as error:
         if os.environ.get("LIGHTFACTOR_TRACEBACK"):
             raise

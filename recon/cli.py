@@ -67,7 +67,10 @@ def mirrorball(
         int, typer.Option(min=2, max=4096, help="Rows of the lat-long maps; columns are twice as many.")
     ] = 64,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for the results; an earlier result is replaced.")
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="OUT", help="Folder for the results; an earlier result is replaced."
+        ),
     ] = Path("lighting"),
 ) -> None:
     """Read the light off photographs of a mirror (chrome) ball.

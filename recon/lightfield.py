@@ -23,6 +23,8 @@ _MAX_TURN = 0.25
 # centre; others are grids of 2-point Gauss rules. One rule in all would make 1 / cos theta_o, as the model
 # has it, 2.6% too small at cos theta_o = 0.15 on a sphere of 53 px.
 _RAYS_PER_SIDE = ((0.02, 1), (0.08, 2), (np.inf, 4))
+# Rays that are traced at once, to bound memory; and how many times the budget is looked at in choosing it.
+_RAYS_AT_A_TIME, _SPARE = 200_000, 8
 # Cosine to a source within which its disc may be cut by the horizon: a lamp of a degree's radius.
 _PENUMBRA = 0.02
 
@@ -145,9 +147,13 @@ def _hits_in_window(
     edge = np.array([camera.width, camera.height]) + (shift == 0)
     low = np.clip(np.nan_to_num(pixels.min(axis=0) - margin, nan=-np.inf), 0, edge).astype(int)
     high = np.clip(np.nan_to_num(np.ceil(pixels.max(axis=0) + margin), nan=np.inf), 0, edge).astype(int)
-    y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
-    hit, _ = sphere.hits(*camera.rays(np.column_stack([x.ravel(), y.ravel()]) + shift))
-    return (int(low[1]), int(low[0])), hit.reshape(y.shape)
+    hit = np.zeros((high[1] - low[1], high[0] - low[0]), bool)
+    band = max(_RAYS_AT_A_TIME // max(hit.shape[1], 1), 1)
+    for first in range(0, len(hit), band):
+        y, x = np.mgrid[low[1] + first : min(low[1] + first + band, high[1]), low[0] : high[0]]
+        rays = camera.rays(np.column_stack([x.ravel(), y.ravel()]) + shift)
+        hit[first : first + band] = sphere.hits(*rays)[0].reshape(y.shape)
+    return (int(low[1]), int(low[0])), hit
 
 
 def sample_sphere(
@@ -174,6 +180,9 @@ def sample_sphere(
                 inner &= padded[dy : dy + height, dx : dx + width]
         usable &= inner[rows, columns]
     rows, columns = rows[usable], columns[usable]
+    if budget is not None and len(rows) > _SPARE * budget:
+        drawn = np.sort(rng.choice(len(rows), _SPARE * budget, replace=False))
+        rows, columns = rows[drawn], columns[drawn]
     cos, turn = _grazing(sphere, camera, rows, columns)
     keep = np.flatnonzero((cos >= MIN_COS_EXITANT) & (turn <= _MAX_TURN))
     if budget is not None and len(keep) > budget:

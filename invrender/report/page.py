@@ -19,6 +19,7 @@ from invrender.report.pictures import (
     lighting_figure,
     photo_error_figure,
     residual_figure,
+    shrunk,
     tone_mapped,
     white_level,
 )
@@ -112,11 +113,12 @@ def _pictures(prediction: Prediction, limit: float) -> dict[str, Any]:
     predicted, inside = prediction.predicted[crop].astype(float), prediction.inside[crop]
     white = white_level(observed[inside])
     difference = (observed - predicted).mean(axis=2)
-    return {
-        "photograph": image_url(tone_mapped(observed, white), jpeg=True),
-        "prediction": image_url(tone_mapped(predicted, white), jpeg=True),
-        "difference": image_url(difference_picture(difference, limit * white, inside)),
+    pictures = {
+        "photograph": tone_mapped(observed, white),
+        "prediction": tone_mapped(predicted, white),
+        "difference": difference_picture(difference, limit * white, inside),
     }
+    return {name: image_url(shrunk(picture), jpeg=name != "difference") for name, picture in pictures.items()}
 
 
 def _parameters(run: Run) -> list[dict[str, Any]]:

@@ -19,6 +19,8 @@ from invrender.result import lighting_map
 
 Floats = NDArray[np.float64]
 
+# Pixels along the longer side: three pictures abreast on a wide screen, twice as fine for sharp displays.
+_PICTURE_PX = 640
 _INK, _ACCENT, _SOFT = "#24292f", "#0b6bcb", "#b9c4d0"
 
 
@@ -39,6 +41,14 @@ def difference_picture(difference: Floats, limit: float, inside: NDArray[np.bool
     colours = matplotlib.colormaps["RdBu_r"](np.clip(difference / max(limit, 1e-30) / 2 + 0.5, 0, 1))[..., :3]
     colours[~inside] = 0.93
     return np.round(colours * 255).astype(np.uint8)
+
+
+def shrunk(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture (h, w, 3) no wider or higher than a page shows it."""
+    scale = _PICTURE_PX / max(picture.shape[:2])
+    if scale >= 1:
+        return picture
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def image_url(picture: NDArray[np.uint8], jpeg: bool = False) -> str:

@@ -134,8 +134,6 @@ def test_result_is_read_only_and_checks_its_shapes():
     image = RadianceImage(zeros, zeros, np.zeros((2, 3), bool))
     with pytest.raises(ValueError, match="read-only"):
         image.radiance[0] = 1
-    zeros[0] = 1
-    assert not image.radiance.any()
     with pytest.raises(ValueError, match=r"\(2, 3, 3\) and variance \(2, 3, 1\)"):
         RadianceImage(zeros, zeros[..., :1], np.zeros((2, 3), bool))
     with pytest.raises(ValueError, match=r"saturated is \(3, 2\), the image \(2, 3\)"):

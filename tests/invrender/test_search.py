@@ -118,7 +118,9 @@ def test_a_mirror_has_no_diffuse_part(bench, rng):
         estimate = fit(METAL, statistics_of(photos))
         assert (estimate.brdf.kd >= 0).all()
         assert (estimate.brdf.kd < 2e-3 * mirror.ks).all()
-        assert_allclose(estimate.brdf.ks, mirror.ks, rtol=2e-3)
+        assert_allclose(
+            estimate.brdf.ks, mirror.ks, rtol=4e-3
+        )  # 0.1% is a standard deviation of the noisy one
 
 
 @pytest.mark.parametrize("factor", [1e-4, 40.0])
