@@ -21,7 +21,6 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
 )
-app.command()(mirrorball)
 
 
 def _print_version(wanted: bool) -> None:
@@ -42,7 +41,7 @@ def _lightfactor(
     pass
 
 
-@app.command()
+@app.command(short_help="Photo set in, BRDF with error bars and a report out.")
 def process(
     photoset: Annotated[
         Path,
@@ -64,7 +63,8 @@ def process(
         int,
         typer.Option(
             min=1000,
-            help="Pixels of all photographs together that enter the fit, drawn evenly; fewer are faster, with larger error bars.",
+            help="Pixels of all photographs together that enter the fit, drawn evenly; fewer are faster, with"
+            " larger error bars.",
         ),
     ] = DEFAULT_SAMPLES,
 ) -> None:
@@ -79,7 +79,7 @@ def process(
     run_process(photoset, out, samples)
 
 
-@app.command()
+@app.command(short_help="The whole job on a synthetic gantry sequence, truth beside estimate.")
 def demo(
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the photo set and the result.")
@@ -93,6 +93,9 @@ def demo(
     from invrender.run import run_demo
 
     run_demo(out)
+
+
+app.command(short_help="Read the light off photographs of a mirror (chrome) ball.")(mirrorball)
 
 
 def main() -> None:
