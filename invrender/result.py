@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.factorization import Factorization, FittedLighting, Quantity
-from invrender.solve.evidence import MISFIT_REMEDY
+from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
 from invrender.theory.harmonics import project_latlong, project_sources
 
 FORMAT = 1
@@ -120,8 +120,7 @@ def absence(result: Factorization, name: str) -> tuple[str, str]:
     chosen, best = result.model, min(result.rungs, key=lambda rung: rung.error)
     what = "Fresnel factor" if name == "mu" and chosen.estimate.model.specular else "specular term"
     if result.misfits:
-        misfit = f"no model explains these photographs: {chosen.error:.0%} of the radiance (RMS) is left"
-        return misfit, MISFIT_REMEDY
+        return misfit_reason(chosen.error), MISFIT_REMEDY
     change = f"{chosen.error:.2%}" if best is chosen else f"{chosen.error:.2%} against {best.error:.2%}"
     reason = (
         f"these photographs need no {what}: the error on unseen photographs is {change},"

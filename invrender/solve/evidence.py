@@ -31,6 +31,11 @@ _CLEARLY_WORSE = 3.0
 _OUT_OF_PROPORTION, _FEWEST_TO_COMPARE = 3.0, 4
 
 
+def misfit_reason(error: float) -> str:
+    """Why no number is given where the best model has this error."""
+    return f"the best model leaves {error:.0%} of the radiance (RMS) unexplained, so that its numbers mean nothing"
+
+
 @dataclass(frozen=True, eq=False)
 class Rung:
     """One model of the ladder with its evidence.

@@ -14,7 +14,15 @@ from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import structured_rms
-from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, climb_ladder, outlying
+from invrender.solve.evidence import (
+    HOPELESS,
+    MISFIT_REMEDY,
+    Rung,
+    adequate,
+    climb_ladder,
+    misfit_reason,
+    outlying,
+)
 from invrender.solve.identifiability import (
     UNIFORM_LIGHT,
     Scalar,
@@ -203,7 +211,7 @@ def _unless_misfit(quantities: dict[str, Quantity], error: float) -> dict[str, Q
     """The quantities, or none of them where the model explains so little that they mean nothing."""
     if error < HOPELESS:
         return quantities
-    reason = f"the best model leaves {error:.0%} of the radiance (RMS) unexplained, so that its numbers mean nothing"
+    reason = misfit_reason(error)
     return {name: Quantity(None, None, "undetermined", reason, MISFIT_REMEDY) for name in quantities}
 
 
