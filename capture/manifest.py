@@ -38,6 +38,14 @@ class RadiometryTable(Table):
     file: str | None = None
     exposure: Literal["equal", "exif", "manual"] = "equal"
 
+    @model_validator(mode="after")
+    def _file_for_a_response(self) -> RadiometryTable:
+        if self.file is not None and self.encoding != "response":
+            raise ValueError(
+                f"file is for encoding = 'response', but that is {self.encoding!r}: remove one of them"
+            )
+        return self
+
 
 class ObjectTable(Table):
     shape: Literal["sphere", "mesh"] = "sphere"
@@ -48,6 +56,15 @@ class ObjectTable(Table):
     mesh_to_world: Matrix4 | None = None
     align: str | None = None
     texture: bool = False
+
+    @model_validator(mode="after")
+    def _no_mesh_for_a_sphere(self) -> ObjectTable:
+        for key in ("mesh", "mesh_to_world", "align"):
+            if self.shape == "sphere" and getattr(self, key) is not None:
+                raise ValueError(
+                    f"{key} is for shape = 'mesh', but the shape is 'sphere': remove one of them"
+                )
+        return self
 
 
 class SourceTable(Table):

@@ -294,3 +294,16 @@ def test_the_psm_set_loads_and_its_photographs_are_there(data_dir, monkeypatch):
         step = np.diff(photo.camera.project([[0, 0, 0], [1, 2, 3]]), axis=0)
         assert_allclose(step, [[1, -2]], atol=1e-12)
         assert np.diff(photo.camera.depth([[0, 0, 0], [1, 2, 3]])) == -3
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ('[object]\nmesh = "cat.ply"', r"\[object\] mesh is for shape = 'mesh'"),
+        ('[radiometry]\nfile = "response.json"', r"\[radiometry\] file is for encoding = 'response'"),
+    ],
+)
+def test_a_key_that_nothing_would_read_is_refused(tmp_path, table, message):
+    (tmp_path / "photoset.toml").write_text(f'format = 1\nname = "n"\nphoto = []\n{table}\n')
+    with pytest.raises(ValueError, match=message):
+        load_photoset(tmp_path)
