@@ -57,30 +57,46 @@ _ROUGH = _Fineness(0.10, ((0.03, 8), (0.06, 16), (0.12, 32), (np.inf, 48)))
 _SMOOTH_SHARE = 0.1
 
 
-def map_transfer(radiance_map: Singles, normals: Floats, views: Floats, sigmas: Floats) -> Floats:
-    """The half-vector integral over a lat-long map (H, 2H, c): (m, sigmas, c) per unit of Ks F.
+@dataclass(frozen=True, eq=False)
+class PreparedMap:
+    """A lat-long map made ready for `map_transfer`, once for all photographs under it.
+
+    levels : the map and, unless it is smooth, its halves; (h, w, c) each, padded around.
+    """
+
+    levels: tuple[Singles, ...]
+    fineness: _Fineness
+
+    @classmethod
+    def of(cls, radiance_map: Singles) -> PreparedMap:
+        """Prepare a map (H, 2H, c)."""
+        levels = _pyramid(radiance_map)
+        if _is_rough(levels):
+            return cls(tuple(_padded(level) for level in levels), _ROUGH)
+        return cls((_padded(radiance_map),), _SMOOTH)
+
+
+def map_transfer(light: PreparedMap, normals: Floats, views: Floats, sigmas: Floats) -> Floats:
+    """The half-vector integral over a lat-long map of c channels: (m, sigmas, c) per unit of Ks F.
 
     normals, views : (m, 3) unit. Each chunk of rays shifts and turns the rings at random (fixed seed), and in
     a map that isn't smooth each ring looks at a level as coarse as its nodes are apart, so that structure
     finer than the rings averages out instead of biasing all samples alike.
     """
-    levels = _pyramid(radiance_map)
-    rough = _is_rough(levels)
-    fineness = _ROUGH if rough else _SMOOTH
-    padded = [_padded(level) for level in (levels if rough else levels[:1])]
+    log_step = light.fineness.log_step
     rng = np.random.default_rng(0)
-    result = np.empty((len(normals), len(sigmas), radiance_map.shape[2]))
-    count = int(np.ceil(np.log(_LAST_RING / _FIRST_RING) / fineness.log_step))
+    result = np.empty((len(normals), len(sigmas), light.levels[0].shape[2]))
+    count = int(np.ceil(np.log(_LAST_RING / _FIRST_RING) / log_step))
     for start in range(0, len(normals), _RAYS_PER_CHUNK):
         part = slice(start, start + _RAYS_PER_CHUNK)
         shift, turn = rng.random(2)
-        rings = _FIRST_RING * np.exp(fineness.log_step * (shift + np.arange(count)))
-        weights = _ring_weights(rings, sigmas, fineness.log_step)
+        rings = _FIRST_RING * np.exp(log_step * (shift + np.arange(count)))
+        weights = _ring_weights(rings, sigmas, log_step)
         used = weights.max(axis=1) > _NEGLIGIBLE * weights.max()
         frame = _Frame.of(normals[part], views[part])
         means = np.stack(
             [
-                _ring_mean(padded, fineness, frame, theta, 2 * np.pi * turn + _GOLDEN_ANGLE * k)
+                _ring_mean(light, frame, theta, 2 * np.pi * turn + _GOLDEN_ANGLE * k)
                 for k, theta in enumerate(rings[used])
             ],
             axis=-1,
@@ -121,11 +137,9 @@ class _Frame:
         return cls(*(part.astype(np.float32) for part in (*axes, views, *along)))
 
 
-def _ring_mean(
-    padded: Sequence[Singles], fineness: _Fineness, frame: _Frame, theta: float, turn: float
-) -> Singles:
+def _ring_mean(light: PreparedMap, frame: _Frame, theta: float, turn: float) -> Singles:
     """Mean (m, c) over azimuth of L(wi(h)) (wo.h) / cos theta_o on the ring theta_h = theta."""
-    count = fineness.nodes(theta)
+    count, log_step = light.fineness.nodes(theta), light.fineness.log_step
     azimuth = turn + 2 * np.pi * np.arange(count) / count
     unit_x, unit_y = np.array([np.cos(azimuth), np.sin(azimuth)], np.float32)
     z = np.float32(np.cos(theta))
@@ -138,7 +152,7 @@ def _ring_mean(
     sin_twice, cos_twice = np.float32(np.sin(2 * theta)), np.float32(np.cos(2 * theta))
     sideways = frame.along_bitangent[:, None] * unit_x - frame.along_tangent[:, None] * unit_y
     around = np.float32(2 * np.pi / count) * sin_twice * sideways
-    outward = np.float32(2 * fineness.log_step * theta) * (cos_twice * level - sin_twice * cos_exitant)
+    outward = np.float32(2 * log_step * theta) * (cos_twice * level - sin_twice * cos_exitant)
     cell = np.hypot(around, outward) + np.float32(1e-9)
     lit = np.clip((sin_twice * level + cos_twice * cos_exitant) / cell + np.float32(0.5), 0, 1)
     weight = lit * np.maximum(toward, 0) / np.maximum(cos_exitant, np.float32(1e-6))
@@ -148,7 +162,7 @@ def _ring_mean(
         half = frame.tangent[:, k, None] * x + frame.bitangent[:, k, None] * y + frame.normal[:, k, None] * z
         incident[..., k] = twice * half - frame.view[:, k, None]
     # Incident directions move by twice the half-vector's angle.
-    level_map = _level(padded, 2 * min(fineness.log_step * theta, 2 * np.pi * np.sin(theta) / count))
+    level_map = _level(light.levels, 2 * min(log_step * theta, 2 * np.pi * np.sin(theta) / count))
     row, column = latlong_pixels(incident, level_map.shape[0] - 2 * _PAD)
     # OpenCV counts pixel centres at integers, so ours, at + 0.5, lie half a pixel back.
     shift = np.float32(_PAD - 0.5)

@@ -7,14 +7,14 @@ convolution [RH01, eq. 15], the specular part an integral over half-vectors (`ha
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting, latlong_directions, latlong_solid_angles
-from invrender.model.half_vectors import map_transfer
+from invrender.model.half_vectors import PreparedMap, map_transfer
 from invrender.model.microfacet import lobe
 from invrender.theory.harmonics import project_latlong
 from invrender.theory.lambertian import irradiance
@@ -47,6 +47,16 @@ class LightElement:
     @property
     def channels(self) -> int:
         return self.irradiances.shape[1]
+
+    @cached_property
+    def map_coefficients(self) -> Floats | None:
+        """Harmonic coefficients of the map, ((l + 1)^2, channels), as far as diffuse reflection shows them."""
+        return None if self.slow_map is None else project_latlong(self.slow_map, _DIFFUSE_DEGREE)
+
+    @cached_property
+    def prepared_map(self) -> PreparedMap | None:
+        """The map made ready for the half-vector integral."""
+        return None if self.slow_map is None else PreparedMap.of(self.slow_map)
 
 
 def light_elements(lighting: Lighting) -> tuple[LightElement, ...]:
@@ -100,8 +110,8 @@ def diffuse_transfer(element: LightElement, normals: Floats) -> Floats:
     """Irradiance (m, channels) at unit normals (m, 3) from a unit strength of the element."""
     cos = np.maximum(normals @ element.directions.T, 0)
     result = cos @ element.irradiances + np.pi * element.uniform
-    if element.slow_map is not None:
-        result += irradiance(normals, _map_coefficients(element))
+    if element.map_coefficients is not None:
+        result += irradiance(normals, element.map_coefficients)
     return result
 
 
@@ -124,8 +134,8 @@ def specular_transfer(element: LightElement, normals: Floats, views: Floats, sig
         grid, table = _uniform_table(tuple(sigmas))
         for j in range(len(sigmas)):
             result[:, j, :] += element.uniform * np.interp(cos_exitant, grid, table[:, j])[:, None]
-    if element.slow_map is not None:
-        result += map_transfer(element.slow_map, normals, views, sigmas)
+    if element.prepared_map is not None:
+        result += map_transfer(element.prepared_map, normals, views, sigmas)
     return result
 
 
@@ -135,10 +145,5 @@ def _uniform_table(sigmas: tuple[float, ...]) -> tuple[Floats, Floats]:
     grid = np.linspace(0.04, 1.0, 193)
     views = np.stack([np.sqrt(1 - grid**2), np.zeros_like(grid), grid], axis=-1)
     normals = np.broadcast_to([0.0, 0.0, 1.0], views.shape)
-    white = np.ones((4, 8, 1), np.float32)
+    white = PreparedMap.of(np.ones((4, 8, 1), np.float32))
     return grid, map_transfer(white, normals, views, np.array(sigmas))[:, :, 0]
-
-
-def _map_coefficients(element: LightElement) -> Floats:
-    assert element.slow_map is not None
-    return project_latlong(element.slow_map, _DIFFUSE_DEGREE)

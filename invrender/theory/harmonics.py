@@ -13,6 +13,8 @@ from capture.lighting import latlong_directions, latlong_solid_angles
 
 Floats = NDArray[np.float64]
 
+_PIXELS_AT_A_TIME = 16_384
+
 
 def evaluate_harmonics(directions: ArrayLike, l_max: int) -> Floats:
     """Y_lm at directions (n, 3), unit, as (n, (l_max + 1)^2)."""
@@ -28,8 +30,15 @@ def project_latlong(radiance_map: ArrayLike, l_max: int) -> Floats:
     radiance_map = np.asarray(radiance_map, float)
     height = radiance_map.shape[0]
     weighted = radiance_map * latlong_solid_angles(height)[:, :, None]
-    basis = evaluate_harmonics(latlong_directions(height).reshape(-1, 3), l_max)
-    return basis.T @ weighted.reshape(-1, radiance_map.shape[2])
+    directions = latlong_directions(height)
+    result = np.zeros(((l_max + 1) ** 2, radiance_map.shape[2]))
+    # Band by band: all harmonics at all pixels of a 2048x1024 map would take gigabytes.
+    band = max(_PIXELS_AT_A_TIME // (2 * height), 1)
+    for first in range(0, height, band):
+        rows = slice(first, first + band)
+        basis = evaluate_harmonics(directions[rows], l_max)
+        result += basis.T @ weighted[rows].reshape(-1, radiance_map.shape[2])
+    return result
 
 
 def project_sources(directions: ArrayLike, irradiances: ArrayLike, l_max: int) -> Floats:

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting, latlong_directions, latlong_solid_angles
+from invrender.model.half_vectors import PreparedMap
 from invrender.model.microfacet import SIGMA_RANGE
 from invrender.model.transfer import (
     LightElement,
@@ -72,7 +73,7 @@ def test_a_smooth_map_is_the_integral_over_incident_directions(sigma: float, wor
     # All exitant angles that a fit uses, the most grazing and the normal view themselves.
     normals, views = surface_points(rng, np.linspace(0.15, 1, 400))
     expected = reflected_radiance(mirror_lobe(sigma), [SOFT], [], normals, views, order=40)
-    found = map_transfer(latlong_map([SOFT], 128), normals, views, np.array([sigma]))[:, 0]
+    found = map_transfer(PreparedMap.of(latlong_map([SOFT], 128)), normals, views, np.array([sigma]))[:, 0]
     assert np.abs(found - expected).max() < worst * SOFT.radiance.max()
     assert np.sqrt(((found - expected) ** 2).mean()) < rms * np.sqrt((expected**2).mean())
 
