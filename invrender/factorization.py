@@ -38,7 +38,8 @@ class Quantity:
 class FittedLighting:
     """A lighting as the fit leaves it.
 
-    lighting : with recovered irradiances filled in. irradiance_std : (k, 3), zero where given.
+    lighting : with recovered irradiances filled in. irradiance_std : (k, 3), zero where given, NaN where
+        fitted to held-out photographs only, to score them.
     ambient, ambient_std : (3,) recovered uniform radiance, or None where it was not recovered.
     """
 

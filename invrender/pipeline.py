@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,7 +16,7 @@ from capture.decode import RadianceImage, decode_photo, read_mask
 from capture.lighting import Lighting
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
-from invrender.factorization import Factorization, PhotoScore
+from invrender.factorization import Factorization, FittedLighting, PhotoScore
 from invrender.findings import find_warnings
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.predict import predict, predict_columns
@@ -145,13 +145,21 @@ def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
     with clock.on("invrender"):
         steps = iter(track(range(ladder_steps(len(fitted))), "Fitting and cross-validating"))
         next(steps)
+        # A light that only held-out photographs are under is no evidence: it is scored, not fitted.
+        seen = {photo.lighting for photo in fitted}
         solution = factorize(
-            [columns[photo.label] for photo in fitted], list(lightings.values()), lambda: next(steps, None)
+            [columns[photo.label] for photo in fitted],
+            [lighting for name, lighting in lightings.items() if name in seen],
+            lambda: next(steps, None),
         )
         strengths = {
             photo.label: _strengths(solution, columns[photo.label], photo.held_out)
             for photo in photoset.photos
         }
+        scored = []
+        for name in [name for name in lightings if name not in seen]:
+            label = next(photo.label for photo in photoset.photos if photo.lighting == name)
+            scored.append(_scored_lighting(lightings[name], elements[name], strengths[label]))
         scores = _scores(photoset, solution, columns, strengths)
     warnings = find_warnings(photoset, solution, sphere, lightings)
     result = Factorization(
@@ -160,7 +168,7 @@ def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
         sphere=sphere,
         brdf=solution.estimate.brdf,
         quantities=solution.quantities,
-        lightings=solution.lightings,
+        lightings=(*solution.lightings, *scored),
         rungs=solution.rungs,
         chosen=solution.chosen,
         photos=scores,
@@ -254,6 +262,22 @@ def _strengths(solution: Solution, photo: PhotoColumns, held_out: bool) -> NDArr
         return known
     assert held_out
     return fit_strengths(photo, 1 / solution.noise.variance(photo.radiance), solution.estimate)
+
+
+def _scored_lighting(
+    lighting: Lighting, elements: Sequence[LightElement], strengths: NDArray[np.float64]
+) -> FittedLighting:
+    """A lighting that only held-out photographs are under, with strengths fitted to score them; no error bars."""
+    irradiances, std = lighting.irradiances.copy(), np.zeros_like(lighting.irradiances)
+    ambient = None
+    for element, strength in zip(elements, strengths, strict=True):
+        if element.name.startswith("source"):
+            k = int(element.name.removeprefix("source ")) - 1
+            irradiances[k], std[k] = np.maximum(strength, 0), np.nan
+        elif element.name == "ambient":
+            ambient = strength
+    ambient_std = None if ambient is None else np.full(3, np.nan)
+    return FittedLighting(replace(lighting, irradiances=irradiances), std, ambient, ambient_std)
 
 
 def _scores(

@@ -157,9 +157,9 @@ def _values(quantity: Quantity | None) -> list[str]:
     return [with_error(value, std) for value, std in zip(quantity.value, quantity.std, strict=True)]
 
 
-def with_error(value: float, std: float) -> str:
-    """A value with its standard deviation, to the two digits of the latter that mean something."""
-    if not std > 0:
+def with_error(value: float, std: float | None) -> str:
+    """A value with its standard deviation, if it has one, to the two digits of the latter that mean something."""
+    if std is None or not std > 0:
         return f"{value:.4g}"
     digits = min(max(1 - int(np.floor(np.log10(std))), 0), 8)
     return f"{value:.{digits}f} ± {std:.{digits}f}"

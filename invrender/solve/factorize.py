@@ -183,7 +183,8 @@ def _quantities(
     def block(name: str) -> tuple[Floats, Floats]:
         return values[report.places[name]], std[report.places[name]]
 
-    if lighting_degree(lightings) == 0:
+    degree = lighting_degree(lightings)
+    if degree == 0:
         unknown = Quantity(None, None, "undetermined", *UNIFORM_LIGHT)
         return {name: unknown for name in ("kd", "ks", "sigma", "mu") if name in report.places}
     kd, kd_std = block("kd")
@@ -201,7 +202,7 @@ def _quantities(
     ks_share = float(np.mean(values[report.places["ks_normalised"]]))
     places = {name: report.places[name].start for name in ("mu", "sigma") if name in report.places}
     scalars = {name: Scalar(*(float(a[k]) for a in (values, std, fragility))) for name, k in places.items()}
-    quantities["sigma"] = assess_sigma(scalars["sigma"], lightings, ks_share)
+    quantities["sigma"] = assess_sigma(scalars["sigma"], degree, ks_share)
     if "mu" in scalars:
         quantities["mu"] = assess_mu(scalars["mu"], photos, ks_share)
     return quantities

@@ -106,9 +106,8 @@ def assess_mu(found: Scalar, photos: Sequence[PhotoColumns], ks_share: float) ->
     )
 
 
-def assess_sigma(found: Scalar, lightings: Sequence[Lighting], ks_share: float) -> Quantity:
+def assess_sigma(found: Scalar, degree: int | None, ks_share: float) -> Quantity:
     """sigma with its status; undetermined where the light has no frequencies that the lobe would take away."""
-    degree = lighting_degree(lightings)
     # A lobe passes degrees up to about 1/sigma; light that ends below them does not show where.
     ill_posed = degree is not None and degree * found.value < 1
     what = found.unknown(PRIOR_STD["sigma"], SIGMA_RANGE, ill_posed)

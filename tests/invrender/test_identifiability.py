@@ -104,12 +104,14 @@ def test_wide_posterior_leaves_mu_undetermined(std: float, fragility: float, ben
 
 @pytest.mark.parametrize(("std", "fragility"), [(0.13, 0.0), (0.001, 20.0), (np.nan, 0.0), (0.001, np.nan)])
 def test_wide_posterior_leaves_sigma_undetermined(std: float, fragility: float, bench):
-    found = assess_sigma(Scalar(0.12, std, fragility), [bench.known_lighting([SOFT], [])], 0.11)
+    found = assess_sigma(
+        Scalar(0.12, std, fragility), lighting_degree([bench.known_lighting([SOFT], [])]), 0.11
+    )
     assert (found.status, found.value, found.std) == ("undetermined", None, None)
     assert "degrees up to 2" in found.reason
     assert "small, bright source" in found.remedy
     # Where the light is good, the highlight must be too faint.
-    found = assess_sigma(Scalar(0.12, std, fragility), [bench.known_lighting([SOFT])], 0.11)
+    found = assess_sigma(Scalar(0.12, std, fragility), lighting_degree([bench.known_lighting([SOFT])]), 0.11)
     assert "specular share is only 0.110" in found.reason
     assert "highlight" in found.remedy
 
@@ -121,7 +123,7 @@ def test_a_fit_at_the_edge_of_its_range_is_no_value(bench):
         assert found.status == "undetermined"
         assert "edge of its range, 1.1 to 4" in found.reason
     for value in (*SIGMA_RANGE, np.nan):
-        found = assess_sigma(Scalar(value, 0.001, 0.0), [bench.known_lighting()], 0.11)
+        found = assess_sigma(Scalar(value, 0.001, 0.0), lighting_degree([bench.known_lighting()]), 0.11)
         assert found.status == "undetermined"
         assert "edge of its range, 0.02 to 0.7" in found.reason
 
@@ -130,7 +132,7 @@ def test_a_tenth_of_the_value_parts_weak_from_determined(bench):
     photo = bench.photograph(TEFLON, [0.0], samples=50)[0]
     for std, status in [(0.17, "determined"), (0.19, "weak")]:
         mu = assess_mu(Scalar(1.8, std, 0.0), [photo], 0.11)
-        sigma = assess_sigma(Scalar(0.18, std / 10, 0.0), [bench.known_lighting()], 0.11)
+        sigma = assess_sigma(Scalar(0.18, std / 10, 0.0), lighting_degree([bench.known_lighting()]), 0.11)
         for found, value, deviation in ((mu, 1.8, std), (sigma, 0.18, std / 10)):
             assert (found.status, found.value[0], found.std[0]) == (status, value, deviation)
             assert bool(found.reason) == bool(found.remedy) == (status == "weak")

@@ -11,6 +11,7 @@ import pytest
 
 from capture.photoset import load_photoset
 from invrender.pipeline import Run, process
+from invrender.result import result_document
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +82,32 @@ def test_scaling_the_exposure_scales_nothing_but_kd_and_ks(small_set: Path) -> N
     twice = process(load_photoset(small_set), samples=2000).result
     np.testing.assert_allclose(twice.brdf.kd, 2 * once.brdf.kd, rtol=1e-6, equal_nan=False)
     assert twice.brdf.sigma == pytest.approx(once.brdf.sigma, rel=1e-4)
+
+
+def test_a_held_out_photograph_may_have_a_light_of_its_own_to_recover(small_set: Path) -> None:
+    """Its strength can come from nowhere but itself: it is fitted to score the photograph, without an error bar."""
+    path = small_set / "photoset.toml"
+    text = path.read_text()
+    own = """
+[[lighting]]
+name = "own"
+recover = ["irradiance", "ambient"]
+directional = [{ direction = [-0.3, 0.8, 0.52] }]
+"""
+    *fitted, held_out = text.split("[[photo]]")
+    fitted = [block + 'lighting = "lighting"\n' if k else block for k, block in enumerate(fitted)]
+    path.write_text("[[photo]]".join([*fitted, held_out + 'lighting = "own"\n']) + own)
+    result = process(load_photoset(small_set), samples=2000).result
+    known, scored = result.lightings
+    assert (known.lighting.name, scored.lighting.name) == ("lighting", "own")
+    # What lights it is the area light, here taken for a source: 2 pi width^2 times its radiance, or about that.
+    np.testing.assert_allclose(scored.lighting.irradiances[0], np.array([1.0, 1.2, 1.4]), rtol=0.3)
+    assert np.isnan(scored.irradiance_std).all()
+    document = result_document(result, {"lighting": "a.exr", "own": "b.exr"}, {}, {})
+    json.dumps(document, allow_nan=False)
+    assert document["lighting"][1]["directional"][0]["irradiance_std"] == [None] * 3
+    # What is only scored is no evidence: the answer is the same as without that photograph, but for its mask,
+    # which helps to find the sphere.
+    path.write_text("[[photo]]".join(fitted))
+    alone = process(load_photoset(small_set), samples=2000).result
+    assert alone.brdf.sigma == pytest.approx(result.brdf.sigma, rel=1e-3)
