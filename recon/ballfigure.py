@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from capture.decode import RadianceImage
+from capture.decode import RadianceImage, linear_to_srgb
 from capture.lighting import latlong_pixels
 from recon.mirrorball import BallLighting
 from recon.reflection import mirroring_points
@@ -159,4 +159,4 @@ def tone_mapped(radiance: NDArray[np.floating]) -> tuple[Floats, float]:
     """
     white = float(np.percentile(radiance.max(axis=2), 99))
     gain = 1 / white if white > 0 else 1.0
-    return np.clip(np.asarray(radiance, float) * gain, 0, 1) ** (1 / 2.2), gain
+    return linear_to_srgb(np.clip(np.asarray(radiance, float) * gain, 0, 1)), gain

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 
 from capture.arrays import frozen_array
 from capture.camera import Camera
@@ -172,13 +173,7 @@ def sample_sphere(
     rows, columns = sphere_pixels(sphere, camera)
     usable = ~image.saturated[rows, columns]
     if coverage is not None:
-        padded = np.pad(coverage >= 0.999, 1, constant_values=True)
-        height, width = coverage.shape
-        inner = np.ones((height, width), bool)
-        for dy in range(3):
-            for dx in range(3):
-                inner &= padded[dy : dy + height, dx : dx + width]
-        usable &= inner[rows, columns]
+        usable &= binary_erosion(coverage >= 0.999, np.ones((3, 3)), border_value=1)[rows, columns]
     rows, columns = rows[usable], columns[usable]
     if budget is not None and len(rows) > _SPARE * budget:
         drawn = np.sort(rng.choice(len(rows), _SPARE * budget, replace=False))

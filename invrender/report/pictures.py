@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from capture.decode import linear_to_srgb
 from invrender.factorization import FittedLighting, PhotoScore
 from invrender.model.columns import PhotoColumns
 from invrender.result import lighting_map
@@ -27,8 +28,7 @@ _INK, _ACCENT, _SOFT = "#24292f", "#0b6bcb", "#b9c4d0"
 def tone_mapped(radiance: NDArray[np.floating], white: float) -> NDArray[np.uint8]:
     """Linear RGB to 8-bit sRGB, `white` shown as white."""
     linear = np.clip(np.asarray(radiance, float) / max(white, 1e-30), 0, 1)
-    curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round(curve * 255).astype(np.uint8)
+    return np.round(linear_to_srgb(linear) * 255).astype(np.uint8)
 
 
 def white_level(radiance: NDArray[np.floating]) -> float:

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.parallel import parallel_map
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import patch_of
 from invrender.solve.noise import Weights
 from invrender.solve.search import LADDER, Estimate, Model, fit
-from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
+from invrender.solve.statistics import Statistics, by_lighting, weighted_statistics
 
 Floats = NDArray[np.float64]
 
@@ -86,8 +85,7 @@ def climb_ladder(
     fold_of = np.arange(len(photos)) % folds
     # Kept per fold and lighting, not per photograph: memory then doesn't grow with the set.
     parts: list[list[Statistics]] = [[] for _ in range(folds)]
-    pairs = zip(photos, weights, strict=True)
-    for fold, entry in zip(fold_of, parallel_map(_statistics, pairs), strict=True):
+    for fold, entry in zip(fold_of, weighted_statistics(photos, [w.weight for w in weights]), strict=True):
         parts[fold] = list(by_lighting([*parts[fold], entry]))
     patches = _Patches(photos)
     rungs = tuple(_evaluate(model, photos, weights, parts, fold_of, patches, on_step) for model in LADDER)
@@ -147,10 +145,6 @@ class _Patches:
     def sums(self, photo: int, values: Floats) -> Floats:
         """Sums (patches,) of values (n,) of a photograph's samples."""
         return np.bincount(self._index[photo], values, minlength=len(self._known)).astype(float)
-
-
-def _statistics(pair: tuple[PhotoColumns, Weights]) -> Statistics:
-    return photo_statistics(pair[0], pair[1].weight)
 
 
 def ladder_steps(photos: int) -> int:

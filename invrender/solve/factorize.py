@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from capture.parallel import parallel_map
 from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
@@ -34,7 +33,7 @@ from invrender.solve.identifiability import (
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 from invrender.solve.reported import Report
 from invrender.solve.search import LADDER, Estimate, fit
-from invrender.solve.statistics import by_lighting, photo_statistics
+from invrender.solve.statistics import by_lighting, weighted_statistics
 from invrender.solve.uncertainty import pack, uncertainty_of
 
 Floats = NDArray[np.float64]
@@ -107,9 +106,7 @@ def _weigh(photos: Sequence[PhotoColumns]) -> tuple[NoiseModel, list[Weights]]:
     """
     current = [Weights(np.ones_like(photo.radiance), np.ones_like(photo.radiance)) for photo in photos]
     for _ in range(_ROUNDS):
-        pairs = zip(photos, current, strict=True)
-        statistics = by_lighting(parallel_map(lambda pair: photo_statistics(pair[0], pair[1].weight), pairs))
-        fitted = fit(LADDER[-1], statistics)
+        fitted = fit(LADDER[-1], by_lighting(weighted_statistics(photos, [w.weight for w in current])))
         predictions = [predict_columns(p, fitted.brdf, fitted.strengths[p.lighting]) for p in photos]
         residuals = [photo.radiance - p for photo, p in zip(photos, predictions, strict=True)]
         noise = fit_noise(predictions, residuals)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.parallel import parallel_map
 from invrender.model.columns import PhotoColumns
 
 Floats = NDArray[np.float64]
@@ -59,6 +60,11 @@ def photo_statistics(photo: PhotoColumns, weights: Floats) -> Statistics:
         (weights * photo.radiance**2).sum(axis=0),
         3 * count,
     )
+
+
+def weighted_statistics(photos: Sequence[PhotoColumns], weights: Sequence[Floats]) -> Iterator[Statistics]:
+    """Statistics of each photograph in turn, computed on all cores; weights (n, 3) each."""
+    return parallel_map(lambda pair: photo_statistics(*pair), zip(photos, weights, strict=True))
 
 
 def by_lighting(statistics: Iterable[Statistics]) -> tuple[Statistics, ...]:

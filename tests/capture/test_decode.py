@@ -10,7 +10,15 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from capture.camera import ORTHOGRAPHIC, Camera
-from capture.decode import RadianceImage, decode, decode_in_set, decode_photo, read_mask, srgb_to_linear
+from capture.decode import (
+    RadianceImage,
+    decode,
+    decode_in_set,
+    decode_photo,
+    linear_to_srgb,
+    read_mask,
+    srgb_to_linear,
+)
 from capture.exposure import read_exif_exposure, relative_exposure
 from capture.imagefile import read_pixels, write_exr
 from capture.manifest import ObjectTable, RadiometryTable
@@ -47,6 +55,8 @@ def test_linear_codes_are_shares_of_the_white_level(tmp_path, dtype, suffix):
 def test_srgb_curve_agrees_with_published_values(tmp_path):
     # IEC 61966-2-1: the linear piece ends at 0.04045 (0.0031308); 0.5 is 0.21404; to the printed digits.
     assert_allclose(srgb_to_linear([0, 0.04045, 0.5, 1]), [0, 0.0031308, 0.21404, 1], atol=5e-6)
+    codes = np.linspace(0, 1, 101)
+    assert_allclose(linear_to_srgb(srgb_to_linear(codes)), codes, atol=1e-6)  # the pieces meet to 1e-7
     # Both pieces agree where they meet, to the digits of the standard's constants.
     assert np.diff(srgb_to_linear([0.04045, 0.0404501]))[0] == pytest.approx(0, abs=1e-7)
     # Mid grey of an 8-bit file: code 188 is half of the white level's light, to one code's step.
