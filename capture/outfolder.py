@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import secrets
 import shutil
-import tempfile
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
+
+# Folders under their temporary names, and whether one is taking its place just now.
+_unfinished: set[Path] = set()
+_placing = threading.Lock()
 
 
 @contextmanager
@@ -19,28 +24,46 @@ def result_folder(out: Path, own: Sequence[str]) -> Iterator[Path]:
         would lose what isn't ours.
     """
     _check_replaceable(out, own)
+    temporary = out.absolute().with_name(f".{out.name}-{secrets.token_hex(4)}")
+    _unfinished.add(temporary)
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.absolute().parent))
-    except OSError as error:
-        raise ValueError(
-            f"{out}: cannot be written ({error.strerror or error}); give another folder"
-        ) from error
-    try:
-        temporary.chmod(0o755)
-        yield temporary
-        old = temporary.with_name(f"{temporary.name}-old")
-        if out.exists():
-            out.rename(old)
         try:
-            temporary.rename(out)
-        except OSError:
-            if old.exists():
-                old.rename(out)
-            raise
-        shutil.rmtree(old, ignore_errors=True)
+            temporary.mkdir(parents=True)
+        except OSError as error:
+            raise ValueError(
+                f"{out}: cannot be written ({error.strerror or error}); give another folder"
+            ) from error
+        yield temporary
+        with _placing:
+            _place(temporary, out)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+        _unfinished.discard(temporary)
+
+
+def discard_unfinished() -> bool:
+    """Remove the folders that are being written, as a program that is about to be stopped must.
+
+    False, and nothing removed, while a finished one is taking its place: that is over in a moment.
+    """
+    if not _placing.acquire(blocking=False):
+        return False
+    for folder in list(_unfinished):
+        shutil.rmtree(folder, ignore_errors=True)
+    return True
+
+
+def _place(temporary: Path, out: Path) -> None:
+    old = temporary.with_name(f"{temporary.name}-old")
+    if out.exists():
+        out.rename(old)
+    try:
+        temporary.rename(out)
+    except OSError:
+        if old.exists():
+            old.rename(out)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _check_replaceable(out: Path, own: Sequence[str]) -> None:

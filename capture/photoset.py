@@ -58,6 +58,7 @@ class PhotoSet:
     """A whole set, as the manifest gives it, with paths resolved and cameras posed.
 
     lightings : the tables of the manifest by their name; nothing of them is read yet.
+    camera_files : the camera.json files that were read.
     """
 
     name: str
@@ -66,6 +67,7 @@ class PhotoSet:
     object: ObjectTable
     lightings: tuple[LightingTable, ...]
     photos: tuple[Photo, ...]
+    camera_files: tuple[Path, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -103,6 +105,11 @@ def load_photoset(path: Path) -> PhotoSet:
         object=manifest.object,
         lightings=manifest.lighting,
         photos=photos,
+        camera_files=tuple(
+            resolve(manifest_path, table.file)
+            for table in (manifest.camera, *(photo.camera for photo in manifest.photo))
+            if table is not None and table.file is not None
+        ),
     )
 
 

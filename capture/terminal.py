@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Iterable, Iterator
@@ -9,6 +10,8 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from capture.outfolder import discard_unfinished
 
 console = Console(highlight=False)
 
@@ -30,8 +33,8 @@ def track(items: Iterable[Any], description: str) -> Iterator[Any]:
 
 
 def leave_cleanly_when_stopped() -> None:
-    """From here on Ctrl-C and SIGTERM end the program by way of an exception, so that temporary folders go."""
-    # Its import puts a handler of its own in place, which would end the process on the spot: import it first.
+    """From here on Ctrl-C and SIGTERM end the program at once, its temporary folders removed."""
+    # Its import puts a handler of its own in place: import it first.
     import pycolmap  # noqa: F401
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -39,5 +42,10 @@ def leave_cleanly_when_stopped() -> None:
 
 
 def _stop(number: int, frame: object) -> None:
+    # Not by an exception: raised within an import or a callback of a library, it may be swallowed.
+    if not discard_unfinished():
+        return
+    console.show_cursor()
     print("\nlightfactor: stopped; nothing was written, an earlier result is untouched", file=sys.stderr)  # noqa: T201
-    raise SystemExit(128 + number)
+    sys.stderr.flush()
+    os._exit(128 + number)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rich.table import Table
@@ -69,15 +70,14 @@ def _write_result(run: Run, folder: Path) -> None:
     several = len(result.lightings) > 1
     for entry in result.lightings:
         name = entry.lighting.name
-        files[name] = f"lighting-{name}.exr" if several else "lighting.exr"
+        files[name] = f"lighting-{name.replace('/', '_')}.exr" if several else "lighting.exr"
         write_exr(folder / files[name], lighting_map(entry))
     (folder / "predicted").mkdir()
     document = result_document(result, files, _input_hashes(run.photoset), run.seconds)
     report = ReportWriter(run, document)
+    names = _predicted_names([photo.label for photo in run.photoset.photos])
     for prediction in _with_progress(run):
-        name = prediction.photo.label.replace("/", "_")
-        path = folder / "predicted" / Path(name).with_suffix(".exr")
-        write_exr(path, prediction.predicted)
+        write_exr(folder / "predicted" / names[prediction.photo.label], prediction.predicted)
         report.add(prediction)
     write_json(folder / "result.json", document)
     report.write(folder / "report.html")
@@ -89,19 +89,29 @@ def _with_progress(run: Run) -> Iterator[Prediction]:
         yield next(predictions)
 
 
+def _predicted_names(labels: Sequence[str]) -> dict[str, str]:
+    """A file name for each photograph's prediction: its own with .exr for its suffix, or after it where two agree."""
+    flat = {label: label.replace("/", "_") for label in labels}
+    short = {label: Path(name).with_suffix(".exr").name for label, name in flat.items()}
+    shared = Counter(short.values())
+    return {label: short[label] if shared[short[label]] == 1 else f"{flat[label]}.exr" for label in labels}
+
+
 def _input_hashes(photoset: PhotoSet) -> dict[str, str]:
-    """Hashes of every file that the result depends on, by the name that the manifest gives it."""
-    paths = {photoset.manifest.name: photoset.manifest}
+    """Hashes of every file that the result depends on, by its place in the set's folder, or its name elsewhere."""
+    paths = [photoset.manifest, *photoset.camera_files]
     for photo in photoset.photos:
-        paths[photo.label] = photo.file
-        if photo.mask is not None:
-            paths[photo.mask.name] = photo.mask
+        paths += [photo.file] + ([photo.mask] if photo.mask else [])
     for table in photoset.lightings:
         ball = table.mirror_ball
-        for name in (table.map, ball.photo if ball else None, ball.mask if ball else None):
-            if name is not None:
-                paths[name] = photoset.resolve(name)
-    return {name: file_hash(path) for name, path in paths.items()}
+        named = (table.map, *((ball.photo, ball.mask, ball.camera and ball.camera.file) if ball else ()))
+        paths += [photoset.resolve(name) for name in named if name]
+    hashes: dict[str, str] = {}
+    for path in dict.fromkeys(paths):
+        inside = path.is_relative_to(photoset.folder)
+        name = str(path.relative_to(photoset.folder)) if inside else path.name
+        hashes[name if name not in hashes else str(path)] = file_hash(path)
+    return hashes
 
 
 def _print_summary(result: Factorization) -> None:

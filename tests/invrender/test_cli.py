@@ -112,6 +112,31 @@ def test_a_second_run_replaces_the_first(lightfactor: Run, small_set: Path, tmp_
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set"]
 
 
+def test_files_of_one_name_do_not_displace_each_other(
+    lightfactor: Run, small_set: Path, tmp_path: Path
+) -> None:
+    """A photo per folder, all named alike, and lightings whose names hold a slash."""
+    text = (small_set / "photoset.toml").read_text()
+    for k in range(4):
+        (small_set / str(k)).mkdir()
+        for kind in (".exr", "_mask.png"):
+            (small_set / f"00{k}{kind}").rename(small_set / str(k) / f"p{kind}")
+            text = text.replace(f'"00{k}{kind}"', f'"{k}/p{kind}"')
+    lamp = text[text.index("[[lighting]]") : text.index("[[photo]]")]
+    text = text.replace(lamp, lamp.replace('"lighting"', '"room/1"') + lamp.replace('"lighting"', '"room/2"'))
+    blocks = text.split("[[photo]]")
+    blocks[1:] = [f'{block}lighting = "room/{1 + k % 2}"\n' for k, block in enumerate(blocks[1:])]
+    (small_set / "photoset.toml").write_text("[[photo]]".join(blocks))
+    code, _, err = lightfactor("process", small_set, "-o", tmp_path / "out", "--samples", 2000)
+    assert (code, err) == (0, "")
+    assert sorted(path.name for path in (tmp_path / "out" / "predicted").iterdir()) == [
+        f"{k}_p.exr" for k in range(4)
+    ]
+    inputs = json.loads((tmp_path / "out" / "result.json").read_text())["inputs"]
+    assert {f"{k}/p{kind}" for k in range(4) for kind in (".exr", "_mask.png")} <= set(inputs)
+    assert {"lighting-room_1.exr", "lighting-room_2.exr"} <= {p.name for p in (tmp_path / "out").iterdir()}
+
+
 def black_photo(folder: Path) -> None:
     write_exr(folder / "001.exr", np.zeros((60, 80, 3), np.float32))
 
