@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
 
 from capture.photoset import ExposureSettings
 
@@ -34,6 +38,7 @@ def relative_exposure(
         where = "the manifest gives no exposure_s" if given else "its EXIF holds no exposure time"
         raise ValueError(
             f"{path}: {where}; write exposure_s = ... (seconds) in this photo's table"
+            " (for a bracket, give --times 1/60,1/15,...)"
             " or, if all photos had one exposure, [radiometry] exposure = 'equal'"
         )
     return settings.exposure_s * ((settings.iso or 100) / 100) / (settings.f_number or 1) ** 2
@@ -51,6 +56,41 @@ def read_exif_exposure(path: Path) -> ExposureSettings:
         return ExposureSettings()
     values = {key: _positive(tags.get(tag)) for key, tag in _EXIF_TAGS.items()}
     return ExposureSettings(**values)
+
+
+def bracket_exposures(paths: Sequence[Path], seconds: Sequence[float] | None = None) -> tuple[float, ...]:
+    """Relative exposure of each photograph of a bracket: time [s] x (ISO / 100) / f-number^2.
+
+    seconds : exposure times given by hand, one for each photo (ISO and aperture then count as constant);
+        None to read time, ISO and f-number from each file's EXIF.
+    ValueError names the photo whose exposure is missing, and says how to give it by hand.
+    """
+    if seconds is None:
+        return tuple(relative_exposure(path, "exif", ExposureSettings()) for path in paths)
+    if len(seconds) != len(paths):
+        raise ValueError(
+            f"{len(seconds)} exposure times for {len(paths)} photos: give one for each, in their order"
+        )
+    for path, time in zip(paths, seconds, strict=True):
+        if not (np.isfinite(time) and time > 0):
+            raise ValueError(f"{path}: its exposure time is given as {time} s; it must be > 0")
+    return tuple(float(time) for time in seconds)
+
+
+def read_times(text: str) -> tuple[float, ...]:
+    """Exposure times in seconds as a user writes them: "1/60, 1/15, 0.25", or the path of a file of such lines."""
+    path = Path(text)
+    if path.is_file():
+        text = path.read_text(encoding="utf-8")
+    times = []
+    for part in text.replace(",", " ").split():
+        try:
+            times.append(float(Fraction(part)))
+        except (ValueError, ZeroDivisionError) as error:
+            raise ValueError(
+                f"exposure time {part!r} is not a number of seconds such as 0.25 or 1/60 (and no file of that name)"
+            ) from error
+    return tuple(times)
 
 
 def _positive(value: Any) -> float | None:

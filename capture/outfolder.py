@@ -1,11 +1,12 @@
-"""Result folders that are whole or absent: written under a temporary name, then renamed."""
+"""Results that are whole or absent: folders and files written under a temporary name, then renamed."""
 
 from __future__ import annotations
 
+import os
 import secrets
 import shutil
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
@@ -24,21 +25,32 @@ def result_folder(out: Path, own: Sequence[str]) -> Iterator[Path]:
         would lose what isn't ours.
     """
     _check_replaceable(out, own)
-    temporary = out.absolute().with_name(f".{out.name}-{secrets.token_hex(4)}")
-    _unfinished.add(temporary)
-    try:
-        try:
-            temporary.mkdir(parents=True)
-        except OSError as error:
-            raise ValueError(
-                f"{out}: cannot be written ({error.strerror or error}); give another folder"
-            ) from error
+    with _temporary_folder(out) as temporary:
         yield temporary
         with _placing:
             _place(temporary, out)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        _unfinished.discard(temporary)
+
+
+@contextmanager
+def result_files(out: Path, beside: Sequence[str] = (), inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """A temporary folder for a result of one file, `out`, and others `beside` it, named by their endings.
+
+    Write `folder / out.name` and, for each ending such as "-figure.png", `folder / (out.stem + ending)`; they
+    take their places when the block ends without an error, `out` last. inputs : files that must not be replaced.
+    """
+    names = [*(out.stem + ending for ending in beside), out.name]
+    taken = {path.resolve() for path in inputs}
+    for name in names:
+        place = out.with_name(name)
+        if place.is_dir():
+            raise ValueError(f"{place}: is a folder; give the name of a file for the result")
+        if place.resolve() in taken:
+            raise ValueError(f"{place}: is one of the inputs and would be lost; give another name")
+    with _temporary_folder(out) as temporary:
+        yield temporary
+        with _placing:
+            for name in names:
+                os.replace(temporary / name, out.with_name(name))
 
 
 def discard_unfinished() -> bool:
@@ -51,6 +63,23 @@ def discard_unfinished() -> bool:
     for folder in list(_unfinished):
         shutil.rmtree(folder, ignore_errors=True)
     return True
+
+
+@contextmanager
+def _temporary_folder(out: Path) -> Iterator[Path]:
+    temporary = out.absolute().with_name(f".{out.name}-{secrets.token_hex(4)}")
+    _unfinished.add(temporary)
+    try:
+        try:
+            temporary.mkdir(parents=True)
+        except OSError as error:
+            raise ValueError(
+                f"{out}: cannot be written ({error.strerror or error}); give another place"
+            ) from error
+        yield temporary
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        _unfinished.discard(temporary)
 
 
 def _place(temporary: Path, out: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.camera import Camera
+from capture.documents import read_json
 from capture.gantry import arc_pose
 from capture.manifest import (
     CameraTable,
@@ -22,7 +22,6 @@ from capture.manifest import (
     PhotoTable,
     RadiometryTable,
     read_manifest,
-    validated,
 )
 
 MANIFEST_NAME = "photoset.toml"
@@ -211,17 +210,6 @@ def matrix4(rows: Matrix4, where: str) -> np.ndarray:
 
 
 def _camera_file(path: Path) -> dict[str, object]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(data, dict):
-            raise ValueError(f"{path}: is not a JSON object; camera.json holds model, params, width, height")
-        known = {key: data[key] for key in ("model", "params", "width", "height")}
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: is not valid JSON: {error}") from error
-    except KeyError as error:
-        raise ValueError(
-            f"{path}: lacks the key {error}; camera.json holds model, params, width, height"
-        ) from error
-    return validated(CameraTable, path, known).model_dump(exclude_none=True)
+    keys = ("model", "params", "width", "height")
+    table = read_json(path, CameraTable, keys, f"a camera.json holds {', '.join(keys)}")
+    return table.model_dump(exclude_none=True)

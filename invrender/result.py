@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.documents import software
 from invrender.factorization import Factorization, FittedLighting, Quantity
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
 from invrender.theory.harmonics import project_latlong, project_sources
@@ -93,7 +90,7 @@ def result_document(
         "warnings": list(result.warnings),
         "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
         "inputs": dict(inputs),
-        "software": {"lightfactor": version("lightfactor")},
+        "software": software(),
     }
 
 
@@ -140,20 +137,6 @@ def lighting_map(entry: FittedLighting) -> NDArray[np.float32]:
         return entry.lighting.radiance_map
     dark = np.zeros((_DARK_MAP_HEIGHT, 2 * _DARK_MAP_HEIGHT, 3), np.float32)
     return dark if entry.ambient is None else dark + np.maximum(entry.ambient, 0).astype(np.float32)
-
-
-def file_hash(path: Path) -> str:
-    """sha256 of a file, as results name their inputs."""
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return f"sha256:{digest.hexdigest()}"
-
-
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write JSON that refuses NaN and infinity."""
-    path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any] | None:

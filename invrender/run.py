@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from capture.documents import file_hash, write_json
 from capture.imagefile import write_exr
 from capture.outfolder import result_folder
 from capture.photoset import PhotoSet, load_photoset
@@ -16,7 +17,7 @@ from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
 from invrender.report.page import ReportWriter, with_error
-from invrender.result import file_hash, identifiability, lighting_map, result_document, write_json
+from invrender.result import identifiability, lighting_map, result_document
 
 RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr")
 

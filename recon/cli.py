@@ -166,15 +166,14 @@ def _write(
     panels: Sequence[Panel],
     inputs: Sequence[Path],
 ) -> None:
-    import json
-
+    from capture.documents import write_json
     from capture.imagefile import write_exr
     from recon.ballfigure import MAX_PANELS, ball_figure
 
     for photo, ball in zip(photos, balls, strict=True):
         write_exr(folder / f"{photo.stem}.exr", ball.radiance_map)
     result = _result(photos, balls, cameras, inputs)
-    (folder / "lighting.json").write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
+    write_json(folder / "lighting.json", result)
     (folder / "lighting.toml").write_text(_snippet(photos, balls), encoding="utf-8")
     ball_figure(panels[:MAX_PANELS], _FRAME).savefig(folder / "mirrorball.png")
 
@@ -182,13 +181,8 @@ def _write(
 def _result(
     photos: Sequence[Path], balls: Sequence[BallLighting], cameras: Sequence[Camera], inputs: Sequence[Path]
 ) -> dict[str, object]:
-    import hashlib
-    from importlib.metadata import PackageNotFoundError, version
+    from capture.documents import file_hash, software
 
-    try:
-        software = version("lightfactor")
-    except PackageNotFoundError:
-        software = "unknown"
     brightest = _brightest(balls)
     entries = []
     for photo, ball, camera in zip(photos, balls, cameras, strict=True):
@@ -216,14 +210,13 @@ def _result(
                 "camera": {"model": camera.model, "params": camera.params.tolist()},
             }
         )
-    digests = {str(path): f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" for path in inputs}
     return {
         "format": 1,
         "frame": _FRAME,
         "unit": "irradiance in the photographs' relative radiance times steradians",
         "photos": entries,
-        "inputs": digests,
-        "software": {"lightfactor": software},
+        "inputs": {str(path): file_hash(path) for path in inputs},
+        "software": software(),
     }
 
 

@@ -1,0 +1,1 @@
+"""The commands of this package, one module each; only typer is imported up there, so that --help is instant."""
