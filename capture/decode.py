@@ -2,76 +2,65 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.arrays import frozen_view
-from capture.exposure import relative_exposure
-from capture.imagefile import read_pixels
-from capture.manifest import RadiometryTable
-from capture.photoset import ExposureSettings, Photo, PhotoSet
+from capture.exposure import ExposureSettings, relative_exposure
+from capture.imagefile import read_image, read_pixels
+from capture.noise import NoiseModel, Step, estimate_noise
+from capture.photoset import Photo, PhotoSet
+from capture.radiance import Image, RadianceImage
+from capture.radiometry import Radiometry
+from capture.rawfile import is_raw, read_raw
+from capture.srgb import linear_to_srgb, srgb_to_linear  # noqa: F401
 
-Encoding = Literal["linear", "srgb"]
+if TYPE_CHECKING:
+    from capture.flatfield import FlatField
+    from capture.response import Response
 
+    Encoding = Literal["linear", "srgb"] | Response
 
-@dataclass(frozen=True, eq=False)
-class RadianceImage:
-    """What the sensor saw, linear.
-
-    radiance : (h, w, 3) float32, relative units; 1 is the white level of an integer file at the
-        exposure that the set takes as its unit.
-    variance : (h, w, 3) float32, the part of the noise that the file itself tells: quantisation. Sensor
-        noise comes on top and is estimated from the fit's residuals.
-    saturated : (h, w) bool, true where any channel is at the file's white level; in JPEG
-        files also within four pixels of there.
-    """
-
-    radiance: NDArray[np.float32]
-    variance: NDArray[np.float32]
-    saturated: NDArray[np.bool_]
-
-    def __post_init__(self) -> None:
-        if self.radiance.shape[2:] != (3,) or self.radiance.shape != self.variance.shape:
-            raise ValueError(
-                f"radiance {self.radiance.shape} and variance {self.variance.shape} must both be (h, w, 3)"
-            )
-        if self.saturated.shape != self.radiance.shape[:2]:
-            raise ValueError(f"saturated is {self.saturated.shape}, the image {self.radiance.shape[:2]}")
-        for name, dtype in (("radiance", np.float32), ("variance", np.float32), ("saturated", np.bool_)):
-            object.__setattr__(self, name, frozen_view(getattr(self, name), dtype))
+Codes = NDArray[Any]
+Floats = NDArray[np.float64]
+# JPEG compression spreads a clipped pixel's loss over its block of 8, two blocks where colour is halved.
+_JPEG_REACH = np.ones((9, 9), np.uint8)
 
 
-def decode(path: Path, encoding: Encoding = "linear", exposure: float = 1.0) -> RadianceImage:
+def decode(
+    path: Path,
+    encoding: Encoding = "linear",
+    exposure: float = 1.0,
+    *,
+    noise: NoiseModel | None = None,
+    flat_field: FlatField | None = None,
+    white_balance: NDArray[np.floating] | None = None,
+) -> RadianceImage:
     """Decode one photograph to linear radiance.
 
-    path : 8- or 16-bit PNG, JPEG or TIFF, or floats: EXR, Radiance .hdr or TIFF (always linear).
-    encoding : "linear", or "srgb" to undo the sRGB curve of integer files (IEC 61966-2-1).
+    path : camera RAW; 8- or 16-bit PNG, JPEG or TIFF; or floats: EXR, Radiance .hdr or TIFF. RAW and floats are
+        always linear.
+    encoding : of integer files: "linear", "srgb" to undo the sRGB curve (IEC 61966-2-1), or a recovered response.
     exposure : what the radiance is divided by, relative to the unit exposure, > 0.
+    noise : the sensor's read and shot noise. Without it, that of integer and RAW files is estimated from the
+        photograph itself, once its variance is asked for, and floats have none. Quantisation is added.
+    flat_field : relative illumination over the image, divided out.
+    white_balance : (3,) factors that the channels are multiplied by.
     """
-    pixels = read_pixels(path)
-    if np.issubdtype(pixels.dtype, np.floating):
-        return _decode_float(path, pixels, exposure)
-    if pixels.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f"{path}: pixels are {pixels.dtype}; 8- or 16-bit integers or floats are needed")
-    levels = 255 if pixels.dtype == np.uint8 else 65535
-    codes = np.arange(levels + 1) / levels
-    linear = codes if encoding == "linear" else srgb_to_linear(codes)
-    # A code stands for an interval as wide as one step; uniform in it, the variance is width^2 / 12.
-    quantum = np.gradient(linear) ** 2 / 12
-    saturated = (pixels == levels).any(axis=2)
-    if path.suffix.lower() in (".jpg", ".jpeg"):
-        # Compression spreads a clipped pixel's loss over its block of 8, two blocks where colour is halved.
-        saturated = cv2.dilate(saturated.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    return RadianceImage(
-        radiance=(linear / exposure).astype(np.float32)[pixels],
-        variance=(quantum / exposure**2).astype(np.float32)[pixels],
-        saturated=saturated,
-    )
+    scale = (np.ones(3) if white_balance is None else np.asarray(white_balance, float)) / exposure
+    if is_raw(path):
+        image = _decode_raw(path, noise, scale)
+    else:
+        pixels, kind = read_image(path)
+        if np.issubdtype(pixels.dtype, np.floating):
+            image = _decode_float(path, pixels, kind, noise, scale)
+        else:
+            image = _decode_integers(path, pixels, kind, encoding, noise, scale)
+    return image if flat_field is None else _flattened(path, image, flat_field)
 
 
 def decode_photo(photoset: PhotoSet, photo: Photo) -> RadianceImage:
@@ -81,15 +70,17 @@ def decode_photo(photoset: PhotoSet, photo: Photo) -> RadianceImage:
 
 
 def decode_in_set(
-    radiometry: RadiometryTable, path: Path, settings: ExposureSettings, size: tuple[int, int]
+    radiometry: Radiometry, path: Path, settings: ExposureSettings, size: tuple[int, int]
 ) -> RadianceImage:
     """Decode a photograph shot under a set's radiometry, whose camera has (height, width) `size`."""
-    if radiometry.encoding == "response":
-        raise ValueError(
-            f"{path}: [radiometry] encoding = 'response' needs a recovered response curve, which this version"
-            " cannot apply yet; convert the photographs to linear files or use 'linear' or 'srgb'"
-        )
-    image = decode(path, radiometry.encoding, relative_exposure(path, radiometry.exposure, settings))
+    image = decode(
+        path,
+        radiometry.encoding,
+        relative_exposure(path, radiometry.exposure, settings),
+        noise=radiometry.noise,
+        flat_field=radiometry.flat_field,
+        white_balance=radiometry.white_balance,
+    )
     check_size(path, image.radiance, size)
     return image
 
@@ -116,41 +107,106 @@ def check_size(path: Path, pixels: NDArray[np.generic], size: tuple[int, int]) -
         )
 
 
-def srgb_to_linear(codes: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The sRGB decoding curve (IEC 61966-2-1), codes and result in 0 to 1."""
-    codes = np.asarray(codes, float)
-    return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+def _decode_integers(
+    path: Path, pixels: Codes, kind: str, encoding: Encoding, noise: NoiseModel | None, scale: Floats
+) -> RadianceImage:
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"{path}: pixels are {pixels.dtype}; 8- or 16-bit integers or floats are needed")
+    levels = 255 if pixels.dtype == np.uint8 else 65535
+    table = _linear_table(encoding, levels)
+
+    def variance() -> Image:
+        # A code stands for an interval as wide as one step; uniform in it, the variance is width^2 / 12.
+        quantum = np.gradient(table, axis=0) ** 2 / 12
+        model = noise or _own_noise(_looked_up(pixels, table), _step_at(table.mean(axis=1)))
+        return _looked_up(pixels, (quantum + model.variance(table)) * scale**2)
+
+    dark = cv2.inRange(pixels, (0, 0, 0), (levels - 1,) * 3)  # 255 where no channel is at the white level
+    if kind == "JPEG":
+        dark = cv2.erode(dark, _JPEG_REACH)
+    return RadianceImage(_looked_up(pixels, table * scale), variance, dark == 0)
 
 
-def linear_to_srgb(linear: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The sRGB encoding curve (IEC 61966-2-1), values and result in 0 to 1; for pictures to look at."""
-    linear = np.asarray(linear, float)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+def _step_at(table: Floats) -> Callable[[NDArray[np.floating]], Floats]:
+    """The step between neighbouring codes, as a function of the linear signal."""
+    steps = np.gradient(table)
+    return lambda signal: np.interp(signal, table, steps)
 
 
-def _decode_float(path: Path, pixels: NDArray[np.generic], exposure: float) -> RadianceImage:
-    radiance = pixels.astype(np.float32) / np.float32(exposure)
-    bad = ~np.isfinite(radiance).all(axis=2)
+def _own_noise(linear: Image, step: Step) -> NoiseModel:
+    """The noise that a photograph shows of itself; none where all of it is black or saturated."""
+    try:
+        return estimate_noise(linear, step)
+    except ValueError:
+        return NoiseModel(np.zeros(3), np.zeros(3))
+
+
+def _linear_table(encoding: Encoding, levels: int) -> Floats:
+    """Linear signal (levels + 1, 3) of each code, 1 at the white level."""
+    if isinstance(encoding, str):
+        codes = np.arange(levels + 1) / levels
+        return np.repeat((codes if encoding == "linear" else srgb_to_linear(codes))[:, None], 3, axis=1)
+    return encoding.table(levels).T
+
+
+def _looked_up(pixels: Codes, table: Floats) -> Image:
+    """Each code's entry of a table (levels + 1, 3), per channel."""
+    entries = table.astype(np.float32)
+    # One table for all channels is twice as fast to look up as three.
+    same = (entries == entries[:, :1]).all()
+    lookup = np.ascontiguousarray(entries[:, 0]) if same else np.ascontiguousarray(entries[None])
+    image = np.empty(pixels.shape, np.float32)
+    return np.asarray(cv2.LUT(pixels, lookup, image))
+
+
+def _decode_raw(path: Path, noise: NoiseModel | None, scale: Floats) -> RadianceImage:
+    raw = read_raw(path)
+    model = noise or _own_noise(raw.mosaic, raw.step)
+    factor = scale.astype(np.float32)
+
+    def variance() -> Image:
+        return (model.variance(raw.linear) + np.float32(raw.step**2 / 12)) * factor**2
+
+    return RadianceImage(raw.linear * factor, variance, raw.saturated)
+
+
+def _decode_float(
+    path: Path, pixels: NDArray[np.generic], kind: str, noise: NoiseModel | None, scale: Floats
+) -> RadianceImage:
+    linear = pixels.astype(np.float32)
+    bad = ~np.isfinite(linear).all(axis=2)
     if bad.any():
         row, column = np.argwhere(bad)[0]
         raise ValueError(
             f"{path}: {int(bad.sum())} pixels are not finite (NaN or infinite), the first at column {column},"
             f" row {row}; render or export the photograph again"
         )
-    step = _float_step(path, pixels) / np.float32(exposure)
-    return RadianceImage(
-        radiance=radiance,
-        variance=np.broadcast_to(step**2 / 12, radiance.shape),
-        saturated=np.zeros(radiance.shape[:2], bool),
-    )
+    factor = scale.astype(np.float32)
+
+    def variance() -> Image:
+        own = np.broadcast_to(_float_step(kind, pixels) ** 2 / 12, linear.shape)
+        return (own if noise is None else own + noise.variance(linear)) * factor**2
+
+    return RadianceImage(linear * factor, variance, np.zeros(linear.shape[:2], bool))
 
 
-def _float_step(path: Path, pixels: NDArray[np.generic]) -> NDArray[np.float32]:
+def _float_step(kind: str, pixels: NDArray[np.generic]) -> Image:
     """The step between neighbouring stored numbers, broadcastable to the pixels; float32's counts as none."""
     if pixels.dtype == np.float16:
         return np.spacing(np.abs(pixels)).astype(np.float32)
-    if path.suffix.lower() == ".hdr":
+    if kind == "Radiance":
         # RGBE: three mantissas of 8 bits share the exponent of the brightest channel.
         _, exponent = np.frexp(pixels.max(axis=2, keepdims=True))
         return np.ldexp(np.float32(1), exponent - 8)
     return np.zeros(1, np.float32)
+
+
+def _flattened(path: Path, image: RadianceImage, flat_field: FlatField) -> RadianceImage:
+    height, width = image.saturated.shape
+    try:
+        illumination = flat_field.gain(width, height)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return RadianceImage(
+        image.radiance / illumination, lambda: image.variance / illumination**2, image.saturated
+    )

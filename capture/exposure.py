@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from capture.photoset import ExposureSettings
+from capture.rawfile import is_raw, raw_exposure
 
+ExposureSource = Literal["equal", "exif", "manual"]
 # EXIF tags (CIPA DC-008): ExposureTime, FNumber, PhotographicSensitivity.
 _EXIF_TAGS = {"exposure_s": 33434, "f_number": 33437, "iso": 34855}
 _EXIF_IFD = 34665
 
 
-def relative_exposure(
-    path: Path, source: Literal["equal", "exif", "manual"], settings: ExposureSettings
-) -> float:
+@dataclass(frozen=True)
+class ExposureSettings:
+    """What the manifest says of one photo's exposure; None where it says nothing."""
+
+    exposure_s: float | None = None
+    iso: float | None = None
+    f_number: float | None = None
+
+
+def relative_exposure(path: Path, source: ExposureSource, settings: ExposureSettings) -> float:
     """Exposure as time [s] x (ISO / 100) / f-number^2; the pixel value is proportional to it.
 
     `equal` is 1 for every photo. `manual` takes the manifest's numbers, `exif` the file's, overridden by
@@ -46,8 +55,11 @@ def relative_exposure(
 
 def read_exif_exposure(path: Path) -> ExposureSettings:
     """Exposure time in seconds, ISO and f-number from a file's EXIF; None where a tag is missing or zero."""
+    if is_raw(path):
+        return ExposureSettings(*map(_positive, raw_exposure(path)))
     from PIL import Image, UnidentifiedImageError
 
+    Image.MAX_IMAGE_PIXELS = None  # only headers are read here: there is no bomb to defuse
     try:
         with Image.open(path) as image:
             exif = image.getexif()

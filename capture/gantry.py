@@ -1,9 +1,13 @@
-"""A gantry arc as a source of camera poses."""
+"""A gantry's arc as a source of camera poses and light positions."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from capture.arrays import frozen_array
 
 Floats = NDArray[np.float64]
 
@@ -32,22 +36,51 @@ def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike) -> Floats:
     return pose
 
 
-def arc_pose(angle_rad: float, centre: ArrayLike, axis: ArrayLike, radius: float, start: ArrayLike) -> Floats:
-    """The 4x4 world_to_camera of an inward-looking camera on an arc, its image's up along the arc's axis.
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """An arc that a camera or a light travels along.
 
-    angle_rad : position on the arc, counter-clockwise about `axis`, 0 at `start`.
-    centre : (3,) metres. axis, start : (3,), any length; start is made orthogonal to the axis.
-    radius : metres.
+    centre : (3,) metres. radius : metres, > 0.
+    axis : (3,), any length; angles count counter-clockwise about it.
+    start : (3,), any length, from the centre towards angle 0; made orthogonal to the axis.
+    mount : (3, 3), the rotation from an inward-looking camera's frame, its image's up along the axis, to that of the
+        camera as it is mounted; the identity for one that looks at the centre.
+    step : angle in radians between neighbouring positions, where the arc has positions.
     """
-    middle, turn, first = np.asarray(centre, float), np.asarray(axis, float), np.asarray(start, float)
-    if np.linalg.norm(turn) == 0:
-        raise ValueError("gantry axis is the zero vector; give the direction that the arc turns about")
-    turn = turn / np.linalg.norm(turn)
-    across = first - turn * (first @ turn)
-    if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(first):
-        raise ValueError(
-            "gantry start is along the axis (or zero); give the direction to the camera at angle 0"
-        )
-    across /= np.linalg.norm(across)
-    outward = np.cos(angle_rad) * across + np.sin(angle_rad) * np.cross(turn, across)
-    return look_at(middle + radius * outward, middle, turn)
+
+    centre: Floats
+    axis: Floats
+    radius: float
+    start: Floats
+    mount: Floats = field(default_factory=lambda: np.eye(3))
+    step: float | None = None
+
+    def __post_init__(self) -> None:
+        axis, start = np.asarray(self.axis, float), np.asarray(self.start, float)
+        if np.linalg.norm(axis) == 0:
+            raise ValueError("axis is the zero vector; give the direction that the arc turns about")
+        axis = axis / np.linalg.norm(axis)
+        across = start - axis * (start @ axis)
+        if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(start):
+            raise ValueError("start is along the axis (or zero); give the direction to the arc's angle 0")
+        if not self.radius > 0:
+            raise ValueError(f"radius is {self.radius} m; it must be > 0")
+        mount = np.asarray(self.mount, float)
+        # As poses: 1e-3 admits rotations that were printed with four digits.
+        if not np.allclose(mount @ mount.T, np.eye(3), atol=1e-3) or np.linalg.det(mount) < 0:
+            raise ValueError("mount is not a rotation (its rows are not orthonormal, or it mirrors)")
+        object.__setattr__(self, "centre", frozen_array(self.centre))
+        object.__setattr__(self, "axis", frozen_array(axis))
+        object.__setattr__(self, "start", frozen_array(across / np.linalg.norm(across)))
+        object.__setattr__(self, "mount", frozen_array(mount))
+
+    def position(self, angle: float) -> Floats:
+        """The point (3,) at an angle in radians, metres."""
+        outward = np.cos(angle) * self.start + np.sin(angle) * np.cross(self.axis, self.start)
+        return np.asarray(self.centre + self.radius * outward)
+
+    def pose(self, angle: float) -> Floats:
+        """The 4x4 world_to_camera of the camera at an angle in radians."""
+        pose = look_at(self.position(angle), self.centre, self.axis)
+        pose[:3] = self.mount @ pose[:3]
+        return pose

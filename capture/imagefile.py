@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from capture.imageheader import Header, read_header
+
+# Larger images than any camera makes are taken for a decompression bomb: a small file that fills the memory.
+MAX_PIXELS = 400_000_000
 
 _DAMAGED = "cannot be decoded; it is truncated, damaged or not an image. Copy or export it again"
 
@@ -14,14 +18,51 @@ _DAMAGED = "cannot be decoded; it is truncated, damaged or not an image. Copy or
 def read_pixels(path: Path) -> NDArray[np.generic]:
     """The pixels as stored, (h, w, 3) in RGB order; uint8, uint16, float16 or float32.
 
-    Grey images are repeated over the channels, alpha is dropped, and the orientation tag is ignored
-    because a camera model belongs to the sensor's own axes. ValueError names the file and the fault.
+    PNG, JPEG, TIFF, EXR or Radiance .hdr, told by its content. Grey images are repeated over the channels, alpha is
+    dropped, and the orientation tag is ignored because a camera model belongs to the sensor's own axes. ValueError
+    names the file and the fault.
     """
+    return read_image(path)[0]
+
+
+def read_image(path: Path) -> tuple[NDArray[np.generic], str]:
+    """As `read_pixels`, with the kind of file: "PNG", "JPEG", "TIFF", "EXR" or "Radiance"."""
+    data = read_file(path)
+    kind = check_header(path, data).kind
+    if kind == "camera RAW":
+        raise ValueError(
+            f"{path}: is a camera RAW file under another ending, of which only the preview would be read;"
+            " give it its own ending back (.dng, .nef, .cr2, ...)"
+        )
+    return _read_exr(path) if kind == "EXR" else _decode_with_opencv(path, data, kind), kind
+
+
+def read_file(path: Path) -> NDArray[np.uint8]:
+    """A file's bytes; ValueError where there is no such file, or nothing in it."""
     if not path.exists():
         raise ValueError(f"{path}: does not exist; check its name, and the folder that it is relative to")
     if path.is_dir():
         raise ValueError(f"{path}: is a folder, not an image file")
-    return _read_exr(path) if path.suffix.lower() == ".exr" else _read_with_opencv(path)
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if data.size == 0:
+        raise ValueError(f"{path}: is an empty file")
+    return data
+
+
+def check_header(path: Path, data: NDArray[np.uint8]) -> Header:
+    """The header of a file's bytes; ValueError if it is no image, is cut off, or would decode to a monster."""
+    header = read_header(memoryview(data))
+    if not header.kind or not header.whole:
+        raise ValueError(f"{path}: {_DAMAGED}")
+    if header.size is not None and header.size[0] * header.size[1] > MAX_PIXELS:
+        raise ValueError(
+            f"{path}: says that it holds {header.size[0]}x{header.size[1]} pixels; more than"
+            f" {MAX_PIXELS // 1_000_000} million are refused, because no camera takes them. Cut or shrink it"
+        )
+    return header
 
 
 def write_exr(path: Path, pixels: NDArray[np.floating], half: bool = False) -> None:
@@ -37,31 +78,28 @@ def write_exr(path: Path, pixels: NDArray[np.floating], half: bool = False) -> N
         raise OSError(f"{path}: cannot be written; is the disk full?") from error
 
 
-def _read_with_opencv(path: Path) -> NDArray[np.generic]:
+def _decode_with_opencv(path: Path, data: NDArray[np.uint8], kind: str) -> NDArray[np.generic]:
     import cv2
 
-    try:
-        data = np.fromfile(path, np.uint8)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
-    if data.size == 0:
-        raise ValueError(f"{path}: is an empty file")
-    _check_png(path, data)
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    # Straight to RGB for JPEG, whose photographs are large; for 16-bit TIFF that flag mixes the channels up.
+    rgb = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(data, rgb if kind == "JPEG" else cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise ValueError(f"{path}: {_DAMAGED}") from error
     if image is None:
         raise ValueError(f"{path}: {_DAMAGED}")
-    if image.ndim == 2:
-        return np.repeat(image[:, :, None], 3, axis=2)
-    if image.shape[2] == 1:
-        return np.repeat(image, 3, axis=2)
-    return np.ascontiguousarray(image[:, :, 2::-1])
+    if kind == "JPEG":
+        return image
+    if image.ndim == 2 or image.shape[2] == 1:
+        return np.repeat(image.reshape(*image.shape[:2], 1), 3, axis=2)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.shape[2] == 3 else image[:, :, 2::-1].copy()
 
 
 def _read_exr(path: Path) -> NDArray[np.generic]:
     import OpenEXR
 
-    _check_exr(path)
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # A damaged file may open with no parts; channels() then raises.
@@ -74,39 +112,3 @@ def _read_exr(path: Path) -> NDArray[np.generic]:
         if all(name in channels for name in names):
             return np.stack([channels[name] for name in names], axis=-1)
     raise ValueError(f"{path}: holds the channels {', '.join(sorted(channels))}; R, G, B (or Y) are needed")
-
-
-def _check_png(path: Path, data: NDArray[np.uint8]) -> None:
-    if data[:4].tobytes() == b"\x89PNG" and b"IEND" not in data[-64:].tobytes():
-        raise ValueError(f"{path}: {_DAMAGED}")
-
-
-def _check_exr(path: Path) -> None:
-    """ValueError unless the file is EXR and, if of the common kind, holds every chunk that it announces.
-
-    The codec would notice as well, but prints its own complaints to the terminal.
-    """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
-    try:
-        if data[:4] != b"\x76\x2f\x31\x01":
-            raise IndexError("no EXR signature")
-        # Bit 9 tiled, 11 deep, 12 multi-part: left to the codec.
-        if int.from_bytes(data[4:8], "little") & 0x1A00:
-            return
-        position = 8
-        while data[position]:
-            for _ in range(2):  # an attribute's name and type
-                position = data.index(0, position) + 1
-            position += 4 + struct.unpack_from("<I", data, position)[0]
-        table = position + 1
-        (first,) = struct.unpack_from("<Q", data, table)
-        offsets = struct.unpack_from(f"<{(first - table) // 8}Q", data, table)
-        for offset in offsets:
-            _, size = struct.unpack_from("<iI", data, offset)
-            if not offset or offset + 8 + size > len(data):
-                raise IndexError("a chunk lies beyond the end of the file")
-    except (IndexError, ValueError, struct.error) as error:
-        raise ValueError(f"{path}: {_DAMAGED}") from error

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 Vector3 = tuple[float, float, float]
 Matrix4 = tuple[tuple[float, float, float, float], ...]
@@ -37,13 +37,27 @@ class RadiometryTable(Table):
     encoding: Literal["linear", "srgb", "response"] = "linear"
     file: str | None = None
     exposure: Literal["equal", "exif", "manual"] = "equal"
+    noise: str | None = None
+    flat_field: str | None = None
+    # "none", "camera" or three factors; a union would lose its place in error messages.
+    white_balance: Any = "none"
 
     @model_validator(mode="after")
-    def _file_for_a_response(self) -> RadiometryTable:
+    def _consistent(self) -> RadiometryTable:
         if self.file is not None and self.encoding != "response":
             raise ValueError(
                 f"file is for encoding = 'response', but that is {self.encoding!r}: remove one of them"
             )
+        factors = self.white_balance
+        numbers = isinstance(factors, tuple) and all(
+            isinstance(factor, int | float) and 0 < factor < float("inf") for factor in factors
+        )
+        if factors not in ("none", "camera") and not (numbers and len(factors) == 3):
+            raise ValueError(
+                f"white_balance is {factors!r}: give 'none', 'camera', or factors [red, green, blue] above 0"
+            )
+        if self.file is None and self.encoding == "response":
+            raise ValueError("encoding = 'response' needs file = the response.json that holds the curve")
         return self
 
 
@@ -68,18 +82,92 @@ class ObjectTable(Table):
 
 
 class SourceTable(Table):
-    direction: Vector3
+    direction: Vector3 | None = None
+    arc_angle_deg: float | None = None
     irradiance: Vector3 | None = None
 
+    @model_validator(mode="after")
+    def _one_place(self) -> SourceTable:
+        if (self.direction is None) == (self.arc_angle_deg is None):
+            raise ValueError(
+                "a source needs direction, or arc_angle_deg with a [light_arc] table: one of the two"
+            )
+        return self
 
-class MirrorBallTable(Table):
-    photo: str
+
+def _one_photo(value: Any) -> Any:
+    """One photo is a bracket of one."""
+    return (value,) if isinstance(value, str) else value
+
+
+def _one_time(value: Any) -> Any:
+    """One exposure time is a bracket's of one."""
+    if isinstance(value, tuple):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+        raise ValueError("must be seconds above 0, or an array of them")
+    return (float(value),)
+
+
+def _channels(value: Any) -> Any:
+    """A reflectance as three: one number counts for all channels."""
+    channels = value if isinstance(value, tuple) else (value,) * 3
+    numbers = [entry for entry in channels if isinstance(entry, int | float) and not isinstance(entry, bool)]
+    if len(channels) != 3 or len(numbers) != 3 or not all(0 < number <= 1 for number in numbers):
+        raise ValueError("must be one number, or [r, g, b], above 0 and at most 1")
+    return tuple(map(float, numbers))
+
+
+class BallViewTable(Table):
+    # One photo, or a bracket: from the longest exposure to the shortest, or the other way round.
+    photo: Annotated[tuple[str, ...], BeforeValidator(_one_photo)] = ()
     mask: str | None = None
+    ball: Vector3 | None = None
+    background: str | None = None
     camera: CameraTable | None = None
     world_to_camera: Matrix4 | None = None
-    exposure_s: Positive | None = None
+    exposure_s: Annotated[tuple[Positive, ...] | None, BeforeValidator(_one_time)] = None
     iso: Positive | None = None
     f_number: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self) -> BallViewTable:
+        given = [key for key in ("mask", "ball", "background") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"{given[0]} and {given[1]} both say where the ball is: remove one of them")
+        if self.exposure_s is not None and len(self.exposure_s) != len(self.photo):
+            raise ValueError(
+                f"has {len(self.exposure_s)} numbers in exposure_s for {len(self.photo)} in photo: give one for each"
+            )
+        return self
+
+
+class MirrorBallTable(BallViewTable):
+    views: tuple[BallViewTable, ...] = ()
+    reflectance: Annotated[Vector3, BeforeValidator(_channels)] = (1.0, 1.0, 1.0)
+    camera_mask_deg: Annotated[float, Field(ge=0, le=90)] = 10.0
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files that it names."""
+        named: list[str | None] = []
+        for view in self.views or (self,):
+            named += [*view.photo, view.mask, view.background, view.camera.file if view.camera else None]
+        return tuple(name for name in named if name is not None)
+
+    @model_validator(mode="after")
+    def _photo_or_views(self) -> MirrorBallTable:
+        if bool(self.photo) == bool(self.views):
+            raise ValueError(
+                "needs photo, or views = [{ photo = ..., world_to_camera = ... }, ...]: one of the two"
+            )
+        own = sorted(self.model_fields_set & set(BallViewTable.model_fields))
+        if self.views and own:
+            raise ValueError(f"{own[0]} is each view's: write it in views")
+        for number, view in enumerate(self.views, start=1):
+            if not view.photo or (len(self.views) > 1 and view.world_to_camera is None):
+                raise ValueError(f"view {number} needs photo, and world_to_camera if there are several")
+        return self
 
 
 class LightingTable(Table):
@@ -104,11 +192,26 @@ class LightingTable(Table):
         return self
 
 
-class GantryTable(Table):
+class ArcTable(Table):
     centre: Vector3 = (0.0, 0.0, 0.0)
     axis: Vector3 = (0.0, 0.0, 1.0)
-    radius: Positive
+    radius: Positive | None = None
     start: Vector3 = (1.0, 0.0, 0.0)
+    file: str | None = None
+
+    @model_validator(mode="after")
+    def _one_arc(self) -> ArcTable:
+        given = self.model_fields_set & {"centre", "axis", "radius", "start", "mount"}
+        if self.file is not None and given:
+            raise ValueError(f"file and {min(given)} both give the arc: remove one of them")
+        if self.file is None and self.radius is None:
+            raise ValueError("lacks the key 'radius' (metres), or file = the gantry.json that holds the arc")
+        return self
+
+
+class GantryTable(ArcTable):
+    mount: tuple[Vector3, Vector3, Vector3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    step_deg: float | None = None
 
 
 class PhotoTable(Table):
@@ -137,6 +240,7 @@ class Manifest(Table):
     radiometry: RadiometryTable = RadiometryTable()
     object: ObjectTable = ObjectTable()
     gantry: GantryTable | None = None
+    light_arc: ArcTable | None = None
     lighting: tuple[LightingTable, ...] = ()
     photo: tuple[PhotoTable, ...]
 
@@ -236,10 +340,12 @@ def _valid_keys(loc: tuple[Any, ...]) -> list[str]:
         "radiometry": RadiometryTable,
         "object": ObjectTable,
         "gantry": GantryTable,
+        "light_arc": ArcTable,
         "lighting": LightingTable,
         "photo": PhotoTable,
         "directional": SourceTable,
         "mirror_ball": MirrorBallTable,
+        "views": BallViewTable,
     }
     names = [part for part in loc if isinstance(part, str)]
     return list((tables[names[-1]] if names else Manifest).model_fields)

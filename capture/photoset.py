@@ -11,8 +11,10 @@ import numpy as np
 
 from capture.camera import Camera
 from capture.documents import read_json
-from capture.gantry import arc_pose
+from capture.exposure import ExposureSettings
+from capture.gantry import Arc
 from capture.manifest import (
+    ArcTable,
     CameraTable,
     GantryTable,
     LightingTable,
@@ -21,19 +23,14 @@ from capture.manifest import (
     ObjectTable,
     PhotoTable,
     RadiometryTable,
+    SourceTable,
     read_manifest,
 )
+from capture.radiometry import Radiometry, read_radiometry
 
 MANIFEST_NAME = "photoset.toml"
-
-
-@dataclass(frozen=True)
-class ExposureSettings:
-    """What the manifest says of one photo's exposure; None where it says nothing."""
-
-    exposure_s: float | None = None
-    iso: float | None = None
-    f_number: float | None = None
+_ARC_KEYS = ("centre", "axis", "radius", "start", "mount", "step_deg")
+_ARC_FILE = f"a gantry.json holds {', '.join(_ARC_KEYS)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +54,16 @@ class PhotoSet:
     """A whole set, as the manifest gives it, with paths resolved and cameras posed.
 
     lightings : the tables of the manifest by their name; nothing of them is read yet.
-    camera_files : the camera.json files that were read.
+    calibration_files : the files of cameras, radiometry and arcs that were read.
     """
 
     name: str
     manifest: Path
-    radiometry: RadiometryTable
+    radiometry: Radiometry
     object: ObjectTable
     lightings: tuple[LightingTable, ...]
     photos: tuple[Photo, ...]
-    camera_files: tuple[Path, ...] = ()
+    calibration_files: tuple[Path, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -93,23 +90,43 @@ def load_photoset(path: Path) -> PhotoSet:
                 f"{manifest_path}: two [[lighting]] tables are named {name!r}; names must differ"
             )
     labels = _labels(manifest_path, [table.file for table in manifest.photo])
-    photos = tuple(
-        _photo(manifest_path, manifest, names, table, label)
-        for table, label in zip(manifest.photo, labels, strict=True)
-    )
+    gantry = _arc(manifest_path, "gantry", manifest.gantry)
+    light_arc = _arc(manifest_path, "light_arc", manifest.light_arc)
+    photos, stops = [], 0
+    for table, label in zip(manifest.photo, labels, strict=True):
+        photos.append(_photo(manifest_path, manifest, names, gantry, table, label, stops))
+        stops += table.world_to_camera is None
+    target = np.array(manifest.object.centre or (0.0, 0.0, 0.0))
     return PhotoSet(
         name=manifest.name,
         manifest=manifest_path,
-        radiometry=manifest.radiometry,
+        radiometry=_radiometry(manifest_path, manifest.radiometry, [photo.file for photo in photos]),
         object=manifest.object,
-        lightings=manifest.lighting,
-        photos=photos,
-        camera_files=tuple(
-            resolve(manifest_path, table.file)
-            for table in (manifest.camera, *(photo.camera for photo in manifest.photo))
-            if table is not None and table.file is not None
+        lightings=tuple(
+            _with_directions(manifest_path, light_arc, target, table) for table in manifest.lighting
         ),
+        photos=tuple(photos),
+        calibration_files=_calibration_files(manifest_path, manifest),
     )
+
+
+def _radiometry(manifest: Path, table: RadiometryTable, photos: Sequence[Path]) -> Radiometry:
+    try:
+        return read_radiometry(table, lambda name: resolve(manifest, name), photos)
+    except ValueError as error:
+        raise error if str(manifest) in str(error) else ValueError(f"{manifest}: {error}") from error
+
+
+def _calibration_files(manifest_path: Path, manifest: Manifest) -> tuple[Path, ...]:
+    cameras = [manifest.camera, *(photo.camera for photo in manifest.photo)]
+    named = [
+        *(camera.file for camera in cameras if camera is not None),
+        manifest.radiometry.file,
+        manifest.radiometry.noise,
+        manifest.radiometry.flat_field,
+        *(arc.file for arc in (manifest.gantry, manifest.light_arc) if arc is not None),
+    ]
+    return tuple(resolve(manifest_path, name) for name in named if name is not None)
 
 
 def resolve(manifest: Path, path: str) -> Path:
@@ -158,7 +175,13 @@ def _labels(manifest: Path, files: list[str]) -> list[str]:
 
 
 def _photo(
-    manifest_path: Path, manifest: Manifest, lightings: list[str], table: PhotoTable, label: str
+    manifest_path: Path,
+    manifest: Manifest,
+    lightings: list[str],
+    gantry: Arc | None,
+    table: PhotoTable,
+    label: str,
+    stop: int,
 ) -> Photo:
     where = f'photo "{table.file}"'
     if table.lighting is None and len(lightings) > 1:
@@ -171,7 +194,7 @@ def _photo(
             f"{manifest_path}: {where}: lighting {table.lighting!r} is not defined;"
             f" the [[lighting]] tables are {', '.join(map(repr, lightings)) or 'none'}"
         )
-    pose = _pose(manifest_path, manifest.gantry, table, where)
+    pose = _pose(manifest_path, gantry, table, stop, where)
     return Photo(
         label=label,
         file=resolve(manifest_path, table.file),
@@ -183,22 +206,63 @@ def _photo(
     )
 
 
-def _pose(manifest: Path, gantry: GantryTable | None, table: PhotoTable, where: str) -> np.ndarray:
+def _pose(manifest: Path, gantry: Arc | None, table: PhotoTable, stop: int, where: str) -> np.ndarray:
+    """The pose of a photo; stop : how many photos before it stand on the gantry."""
     if table.world_to_camera is not None:
         return matrix4(table.world_to_camera, f"{manifest}: {where}")
-    if table.gantry_angle_deg is None:
-        raise ValueError(
-            f"{manifest}: {where} has no pose; give world_to_camera (4x4),"
-            " or gantry_angle_deg with a [gantry] table"
-        )
     if gantry is None:
-        raise ValueError(f"{manifest}: {where} has gantry_angle_deg, but there is no [gantry] table")
+        problem = "has gantry_angle_deg, but there is no [gantry] table"
+        if table.gantry_angle_deg is None:
+            problem = "has no pose; give world_to_camera (4x4), or gantry_angle_deg with a [gantry] table"
+        raise ValueError(f"{manifest}: {where} {problem}")
+    if table.gantry_angle_deg is not None:
+        return gantry.pose(np.radians(table.gantry_angle_deg))
+    if gantry.step is None:
+        raise ValueError(
+            f"{manifest}: {where} has no pose; give gantry_angle_deg, or step_deg in [gantry] if the photos"
+            " were taken at equal steps in the order listed"
+        )
+    return gantry.pose(stop * gantry.step)
+
+
+def _arc(manifest: Path, name: str, table: ArcTable | None) -> Arc | None:
+    """The arc of a [gantry] or [light_arc] table, from the file that it names or its own keys."""
+    if table is None:
+        return None
+    step = table.step_deg if isinstance(table, GantryTable) else None
+    if table.file is not None:
+        table = read_json(resolve(manifest, table.file), GantryTable, _ARC_KEYS, _ARC_FILE)
+        step = table.step_deg if step is None else step
+    mount = table.mount if isinstance(table, GantryTable) else np.eye(3)
     try:
-        return arc_pose(
-            np.radians(table.gantry_angle_deg), gantry.centre, gantry.axis, gantry.radius, gantry.start
+        return Arc(
+            centre=np.array(table.centre),
+            axis=np.array(table.axis),
+            radius=table.radius or 0.0,
+            start=np.array(table.start),
+            mount=np.array(mount),
+            step=None if step is None else float(np.radians(step)),
         )
     except ValueError as error:
-        raise ValueError(f"{manifest}: [gantry]: {error}") from error
+        raise ValueError(f"{manifest}: [{name}]: {error}") from error
+
+
+def _with_directions(
+    manifest: Path, arc: Arc | None, target: np.ndarray, table: LightingTable
+) -> LightingTable:
+    """A lighting whose sources on the light arc have the direction from the object to their place on it."""
+    sources = []
+    for source in table.directional:
+        if source.arc_angle_deg is None:
+            sources.append(source)
+            continue
+        if arc is None:
+            raise ValueError(
+                f'{manifest}: [[lighting]] "{table.name}" has arc_angle_deg, but there is no [light_arc] table'
+            )
+        direction = arc.position(np.radians(source.arc_angle_deg)) - target
+        sources.append(SourceTable(direction=tuple(direction.tolist()), irradiance=source.irradiance))
+    return table.model_copy(update={"directional": tuple(sources)})
 
 
 def matrix4(rows: Matrix4, where: str) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from capture.cli import add_commands
 from recon.cli import mirrorball
 
 DEFAULT_SAMPLES = 60_000
@@ -96,6 +97,7 @@ def demo(
 
 
 app.command(short_help="Read the light off photographs of a mirror (chrome) ball.")(mirrorball)
+add_commands(app)
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.camera import Camera
-from capture.gantry import arc_pose
+from capture.gantry import Arc
 from synthetic.lighting import AreaLight, DirectionalSource
 from synthetic.materials import RH01_MATERIALS, radiometric
 from synthetic.spheres import SphereScene
@@ -28,7 +28,8 @@ def demo_scene() -> SphereScene:
     78 degrees in the last ones, where the Fresnel factor rises: without those, mu is hardly determined.
     """
     angles = np.radians(np.linspace(_FIRST_DEG, _LAST_DEG, _PHOTOS))
-    poses = [arc_pose(angle, np.zeros(3), [0, 0, 1], _ARC_RADIUS, [1, 0, 0]) for angle in angles]
+    arc = Arc(np.zeros(3), np.array([0, 0, 1.0]), _ARC_RADIUS, np.array([1.0, 0, 0]))
+    poses = [arc.pose(angle) for angle in angles]
     # At 0.6 m a sphere of 20 mm appears 45 px in radius.
     params = np.array([1350.0, 1350.0, 80.0, 60.0, 0.0, 0.0, 0.0, 0.0])
     return SphereScene(

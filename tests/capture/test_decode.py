@@ -21,9 +21,12 @@ from capture.decode import (
 )
 from capture.exposure import read_exif_exposure, relative_exposure
 from capture.imagefile import read_pixels, write_exr
-from capture.manifest import ObjectTable, RadiometryTable
+from capture.manifest import ObjectTable
+from capture.noise import NoiseModel
 from capture.photoset import ExposureSettings, Photo, PhotoSet
+from capture.radiometry import Radiometry
 
+NO_NOISE = NoiseModel(np.zeros(3), np.zeros(3))
 FLOAT32 = 2.0**-23  # relative rounding of a float32 result
 
 
@@ -44,7 +47,7 @@ def write(path: Path, rgb: np.ndarray) -> Path:
 def test_linear_codes_are_shares_of_the_white_level(tmp_path, dtype, suffix):
     white = np.iinfo(dtype).max
     rgb = ramp(dtype)
-    image = decode(write(tmp_path / f"a{suffix}", rgb), exposure=0.25)
+    image = decode(write(tmp_path / f"a{suffix}", rgb), exposure=0.25, noise=NO_NOISE)
     assert_allclose(image.radiance, rgb / (0.25 * white), rtol=FLOAT32, equal_nan=False)
     assert_allclose(image.variance, (1 / (0.25 * white)) ** 2 / 12, rtol=1e-6, equal_nan=False)
     # Any channel at the white level saturates the pixel, and only that.
@@ -72,7 +75,7 @@ def test_variance_is_that_of_quantisation(tmp_path, encoding):
     knots = np.linspace(0, 1, 4001)
     encoded = truth if encoding == "linear" else np.interp(truth, srgb_to_linear(knots), knots)
     path = write(tmp_path / "a.png", np.round(encoded * 255).astype(np.uint8))
-    image = decode(path, encoding, exposure=0.5)
+    image = decode(path, encoding, exposure=0.5, noise=NO_NOISE)
     error = image.radiance - truth / 0.5
     for low, high in ((0.2, 0.4), (0.4, 0.6), (0.6, 0.9)):
         part = (truth >= low) & (truth < high)
@@ -154,7 +157,7 @@ def test_result_is_read_only_and_checks_its_shapes():
 
 
 def test_radiance_does_not_depend_on_the_exposure_that_caught_it(tmp_path):
-    radiometry = RadiometryTable(exposure="manual")
+    radiometry = Radiometry(exposure="manual")
     scene = np.full((4, 4, 3), 20, np.uint16)
     settings = ExposureSettings(exposure_s=0.01, iso=200, f_number=8)
     image = decode_in_set(radiometry, write(tmp_path / "a.png", scene), settings, (4, 4))
@@ -184,7 +187,7 @@ def test_exposure_is_read_from_exif_and_the_manifest_overrides_it(tmp_path, suff
     assert relative_exposure(path, "exif", settings) == pytest.approx(0.1 * 4 / 5.6**2, rel=1e-12)
     assert relative_exposure(path, "manual", settings) == 0.1
     assert relative_exposure(path, "equal", settings) == 1
-    image = decode_in_set(RadiometryTable(exposure="exif"), path, ExposureSettings(iso=100), (4, 4))
+    image = decode_in_set(Radiometry(exposure="exif"), path, ExposureSettings(iso=100), (4, 4))
     # JPEG keeps a flat grey to one code.
     assert_allclose(image.radiance, 0.2 / (0.025 / 5.6**2), rtol=1 / 50)
 
@@ -230,7 +233,7 @@ def test_a_bad_mask_is_named(tmp_path):
         read_mask(tmp_path / "m.exr", (4, 6))
 
 
-def photo_of_set(path: Path, radiometry: RadiometryTable) -> tuple[PhotoSet, Photo]:
+def photo_of_set(path: Path, radiometry: Radiometry) -> tuple[PhotoSet, Photo]:
     camera = Camera(ORTHOGRAPHIC, [], 6, 4, np.eye(4))
     photo = Photo(path.name, path, None, camera, "", ExposureSettings(exposure_s=0.5), False)
     return PhotoSet("set", path.parent / "photoset.toml", radiometry, ObjectTable(), (), (photo,)), photo
@@ -238,16 +241,14 @@ def photo_of_set(path: Path, radiometry: RadiometryTable) -> tuple[PhotoSet, Pho
 
 def test_a_photo_is_decoded_as_its_set_says(tmp_path):
     path = write(tmp_path / "a.png", np.full((4, 6, 3), 188, np.uint8))
-    photoset, photo = photo_of_set(path, RadiometryTable(encoding="srgb", exposure="manual"))
+    photoset, photo = photo_of_set(path, Radiometry(encoding="srgb", exposure="manual"))
     assert_allclose(decode_photo(photoset, photo).radiance, 0.5 / 0.5, atol=0.01)  # one code's step
 
 
 def test_a_photo_that_disagrees_with_its_set_is_named(tmp_path):
     path = write(tmp_path / "a.png", np.zeros((6, 4, 3), np.uint8))
     with pytest.raises(ValueError, match=r"a\.png: is 4x6 pixels, but its camera is 6x4"):
-        decode_photo(*photo_of_set(path, RadiometryTable()))
-    with pytest.raises(ValueError, match=r"a\.png: \[radiometry\] encoding = 'response' needs"):
-        decode_photo(*photo_of_set(path, RadiometryTable(encoding="response")))
+        decode_photo(*photo_of_set(path, Radiometry()))
 
 
 # Bad files: each is named, and the codecs keep silent.

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.camera import Camera
-from capture.gantry import arc_pose, look_at
+from capture.gantry import Arc, look_at
 
 CENTRE = np.array([0.1, -0.2, 0.3])
 AXIS = np.array([0.2, -0.3, 2.0])
@@ -15,7 +15,7 @@ START = np.array([0.5, 1.0, 0.4])  # neither unit nor orthogonal to the axis
 
 
 def camera_at(angle: float) -> Camera:
-    return Camera("PINHOLE", [500.0, 500, 320, 240], 640, 480, arc_pose(angle, CENTRE, AXIS, 0.8, START))
+    return Camera("PINHOLE", [500.0, 500, 320, 240], 640, 480, Arc(CENTRE, AXIS, 0.8, START).pose(angle))
 
 
 def test_every_camera_of_the_arc_sees_the_centre_at_its_principal_point():
@@ -59,14 +59,14 @@ def test_the_axis_points_up_in_the_image_and_the_world_is_not_mirrored():
     ],
 )
 def test_an_arc_without_a_plane_is_refused(changes, message):
-    arc = {"angle_rad": 0.3, "centre": [0, 0, 0], "axis": [0, 0, 1], "radius": 1.0, "start": [1, 0, 0]}
+    arc = {"centre": [0, 0, 0], "axis": [0, 0, 1], "radius": 1.0, "start": [1, 0, 0]}
     with pytest.raises(ValueError, match=message):
-        arc_pose(**(arc | changes))
+        Arc(**(arc | changes))
 
 
 def test_the_arcs_start_may_be_short():
-    short = arc_pose(0.3, CENTRE, AXIS, 0.8, 1e-12 * START)
-    assert_allclose(short, arc_pose(0.3, CENTRE, AXIS, 0.8, START), atol=1e-12, equal_nan=False)
+    short = Arc(CENTRE, AXIS, 0.8, 1e-12 * START).pose(0.3)
+    assert_allclose(short, Arc(CENTRE, AXIS, 0.8, START).pose(0.3), atol=1e-12, equal_nan=False)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from capture.gantry import arc_pose
+from capture.gantry import Arc
 from capture.manifest import LightingTable
 from capture.photoset import ExposureSettings, PhotoSet, load_photoset
 
@@ -169,7 +169,7 @@ def test_an_unknown_key_is_named_with_its_table_and_the_nearest_valid_key(load, 
             PINHOLE
             + "[gantry]\nradius = 1\naxis = [1, 0, 0]\n"
             + PHOTO.replace(POSE, "gantry_angle_deg = 3"),
-            "[gantry]: gantry start is along the axis",
+            "[gantry]: start is along the axis",
         ),
         (PINHOLE + PHOTO.replace(",[0,0,0,1]]", "]"), '"a.png": world_to_camera has 3 rows; it must be 4x4'),
         (PINHOLE + PHOTO.replace("[0,0,1,2]", "[0,0,1]"), "world_to_camera is too short: it lacks [2][3]"),
@@ -273,10 +273,74 @@ def test_a_bad_camera_file_is_named(load, tmp_path, content, message):
 def test_gantry_angles_are_degrees_on_the_gantrys_arc(load):
     gantry = "[gantry]\nradius = 0.7\ncentre = [0.1, 0, 0]\naxis = [0, 1, 0]\nstart = [0, 0, 1]\n"
     (photo,) = load(PINHOLE + gantry + PHOTO.replace(POSE, "gantry_angle_deg = 90\n")).photos
-    expected = arc_pose(np.pi / 2, [0.1, 0, 0], [0, 1, 0], 0.7, [0, 0, 1])
+    expected = Arc([0.1, 0, 0], [0, 1, 0], 0.7, [0, 0, 1]).pose(np.pi / 2)
     assert_allclose(photo.camera.world_to_camera, expected, atol=1e-15, equal_nan=False)
     # A quarter turn about +Y takes +Z to +X.
     assert_allclose(photo.camera.centre, [0.8, 0, 0], atol=1e-15)
+
+
+def test_photos_at_equal_steps_need_no_angles_of_their_own(load):
+    gantry = "[gantry]\nradius = 0.7\nstep_deg = 3\n"
+    photos = (
+        PHOTO.replace(POSE, "")
+        + PHOTO.replace("a.png", "b.png")
+        + PHOTO.replace("a.png", "c.png").replace(POSE, "")
+    )
+    first, _, second = load(PINHOLE + gantry + photos).photos
+    arc = Arc([0, 0, 0], [0, 0, 1], 0.7, [1, 0, 0])
+    assert_allclose(first.camera.world_to_camera, arc.pose(0), atol=1e-15)
+    # A photo with a pose of its own doesn't stand on the gantry.
+    assert_allclose(second.camera.world_to_camera, arc.pose(np.radians(3)), atol=1e-15)
+    with pytest.raises(ValueError, match=r'photo "a\.png" has no pose; give gantry_angle_deg, or step_deg'):
+        load(PINHOLE + "[gantry]\nradius = 0.7\n" + PHOTO.replace(POSE, ""))
+
+
+def test_a_calibrated_gantry_is_read_from_its_file(load, tmp_path):
+    tilt = [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]
+    arc = {"centre": [0, 0, 0.1], "axis": [0, 0, 1], "radius": 0.7, "start": [1, 0, 0], "mount": tilt}
+    (tmp_path / "gantry.json").write_text(json.dumps(arc | {"step_deg": 5, "format": 1}))
+    gantry = '[gantry]\nfile = "gantry.json"\n'
+    photoset = load(PINHOLE + gantry + PHOTO.replace(POSE, "gantry_angle_deg = 90\n"))
+    (camera,) = (photo.camera for photo in photoset.photos)
+    assert_allclose(camera.centre, [0, 0.7, 0.1], atol=1e-12)
+    # Tilted by atan(0.6 / 0.8) about its own x axis, downwards: what it looks at is below the arc's centre.
+    assert_allclose(camera.world_to_camera[2, :3], [0, -0.8, -0.6], atol=1e-12)
+    assert photoset.calibration_files == (tmp_path / "gantry.json",)
+    with pytest.raises(ValueError, match=r"\[gantry\] file and radius both give the arc"):
+        load(PINHOLE + gantry + "radius = 1\n" + PHOTO)
+    (tmp_path / "gantry.json").write_text(json.dumps(arc))
+    with pytest.raises(ValueError, match=r"gantry\.json: lacks the key 'step_deg'; a gantry\.json holds"):
+        load(PINHOLE + gantry + PHOTO)
+
+
+def test_lights_on_an_arc_have_the_direction_from_the_object_to_them(load):
+    arc = "[light_arc]\nradius = 0.9\n[object]\ncentre = [0, 0, -0.9]\n"
+    source = "{ arc_angle_deg = 90, irradiance = [1, 1, 1] }"
+    lighting = f'[[lighting]]\nname = "arc"\ndirectional = [{source}]\n'
+    (table,) = load(PINHOLE + arc + lighting + PHOTO).lightings
+    assert_allclose(table.directional[0].direction, [0, 0.9, 0.9], atol=1e-15)
+    with pytest.raises(ValueError, match=r'"arc" has arc_angle_deg, but there is no \[light_arc\] table'):
+        load(PINHOLE + lighting + PHOTO)
+    both = lighting.replace("arc_angle_deg", "direction = [0, 0, 1], arc_angle_deg")
+    with pytest.raises(ValueError, match="a source needs direction, or arc_angle_deg"):
+        load(PINHOLE + arc + both + PHOTO)
+
+
+@pytest.mark.parametrize(
+    ("radiometry", "message"),
+    [
+        ('encoding = "response"', "encoding = 'response' needs file"),
+        ('encoding = "srgb"\nfile = "r.json"', "file is for encoding = 'response'"),
+        ('white_balance = "camera"', "white_balance = 'camera', but no photo is camera RAW"),
+        ("white_balance = [1, 0, 1]", "white_balance is .1, 0, 1.: give"),
+        ('noise = "nowhere.json"', r"nowhere\.json: cannot be read"),
+        ('flat_field = "nowhere.json"', r"nowhere\.json: cannot be read"),
+        ('encoding = "response"\nfile = "nowhere.json"', r"nowhere\.json: cannot be read"),
+    ],
+)
+def test_a_radiometry_that_cannot_be_is_refused(load, radiometry, message):
+    with pytest.raises(ValueError, match=message):
+        load(PINHOLE + f"[radiometry]\n{radiometry}\n" + PHOTO)
 
 
 def test_the_psm_set_loads_and_its_photographs_are_there(data_dir, monkeypatch):

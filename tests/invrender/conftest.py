@@ -13,7 +13,7 @@ import pytest
 
 from capture.camera import Camera
 from capture.decode import RadianceImage
-from capture.gantry import arc_pose
+from capture.gantry import Arc
 from capture.lighting import Lighting
 from capture.parallel import one_blas_thread
 from invrender.model.columns import PhotoColumns, photo_columns
@@ -34,7 +34,7 @@ Floats = np.ndarray
 def small_set_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four photographs of a delrin sphere, the last one held out; 80x60 pixels."""
     angles = np.radians([0.0, 50.0, 100.0, 150.0])
-    poses = [arc_pose(angle, np.zeros(3), [0, 0, 1], 0.6, [1, 0, 0]) for angle in angles]
+    poses = [Arc(np.zeros(3), [0, 0, 1], 0.6, [1, 0, 0]).pose(angle) for angle in angles]
     scene = SphereScene(
         name="small",
         material=radiometric(RH01_MATERIALS["delrin"]),
@@ -94,7 +94,7 @@ def sphere_field(angle_deg: float, samples: int = 150, radius_px: float = 60.0, 
     At 60 px radius the normals within 63 degrees of the camera have one ray each, those beyond it four.
     """
     focal, side = radius_px * 0.6 / _SPHERE.radius, int(2.2 * radius_px)
-    pose = arc_pose(np.radians(angle_deg), np.zeros(3), [0, 0, 1], 0.6, [1, 0, 0])
+    pose = Arc(np.zeros(3), [0, 0, 1], 0.6, [1, 0, 0]).pose(np.radians(angle_deg))
     camera = Camera("PINHOLE", np.array([focal, focal, side / 2, side / 2]), side, side, pose)
     black = np.zeros((side, side, 3), np.float32)
     image = RadianceImage(black, black, np.zeros((side, side), bool))

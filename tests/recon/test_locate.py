@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import decode, read_mask
-from capture.gantry import arc_pose, look_at
+from capture.gantry import Arc, look_at
 from recon.locate import View, disk_mask, locate_sphere
 
 PARAMS = [300.0, 300, 80, 60]
@@ -24,7 +24,7 @@ MISTAKES = {
 
 def arc(count: int, degrees: float) -> list[Camera]:
     angles = np.radians(np.linspace(0, degrees, count))
-    poses = [arc_pose(angle, [0.02, 0.01, 0], [0, 0.2, 1], 1.0, [1, 0, 0]) for angle in angles]
+    poses = [Arc([0.02, 0.01, 0], [0, 0.2, 1], 1.0, [1, 0, 0]).pose(angle) for angle in angles]
     return [Camera("PINHOLE", PARAMS, 160, 120, pose) for pose in poses]
 
 

@@ -1,0 +1,23 @@
+"""The commands of this package, assembled; each lives in `capture.commands`, and only typer is imported up here."""
+
+from __future__ import annotations
+
+import typer
+
+from capture.commands.board import board
+from capture.commands.camera import camera
+from capture.commands.gantry import gantry
+
+calibrate = typer.Typer(
+    help="Calibrate a camera, a sensor or a gantry from photographs of boards, brackets and white walls.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+calibrate.command(short_help="Focal length, principal point and lens distortion, from photographs of a board.")(camera)
+calibrate.command(short_help="The arc that a camera travels along, from photographs of a board.")(gantry)
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Give the program this package's commands."""
+    app.add_typer(calibrate, name="calibrate", short_help="Calibrate cameras, sensors and gantries.")
+    app.command(short_help="A calibration board to print, true to scale.")(board)

@@ -1,0 +1,51 @@
+"""What a photograph says of the light: linear radiance, its variance, and where the sensor was saturated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.arrays import frozen_view
+
+Image = NDArray[np.float32]
+
+
+class RadianceImage:
+    """What the sensor saw, linear.
+
+    radiance : (h, w, 3) float32, relative units; 1 is the white level of an integer file at the exposure that the
+        set takes as its unit. RAW files may be slightly negative: noise about black.
+    variance : (h, w, 3) float32, of the noise: read noise, shot noise and quantisation. Given as an array, or as a
+        function that makes it at first use: many readers never ask, and it is as large as the radiance.
+    saturated : (h, w) bool, true where any channel is at the file's white level; in JPEG files also within four
+        pixels of there, in RAW files within the reach of demosaicing.
+    """
+
+    def __init__(
+        self, radiance: Image, variance: Image | Callable[[], Image], saturated: NDArray[np.bool_]
+    ) -> None:
+        self.radiance: Image = frozen_view(radiance, np.float32)
+        self.saturated: NDArray[np.bool_] = frozen_view(saturated, np.bool_)
+        self._variance = variance
+        if self.radiance.shape[2:] != (3,):
+            raise ValueError(f"radiance is {self.radiance.shape}; it must be (h, w, 3)")
+        if self.saturated.shape != self.radiance.shape[:2]:
+            raise ValueError(f"saturated is {self.saturated.shape}, the image {self.radiance.shape[:2]}")
+        if not callable(variance):
+            self._check(variance)
+
+    @cached_property
+    def variance(self) -> Image:
+        variance = self._variance() if callable(self._variance) else self._variance
+        self._check(variance)
+        view: Image = frozen_view(variance, np.float32)
+        return view
+
+    def _check(self, variance: Image) -> None:
+        if variance.shape != self.radiance.shape:
+            raise ValueError(
+                f"radiance {self.radiance.shape} and variance {variance.shape} must both be (h, w, 3)"
+            )

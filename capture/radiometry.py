@@ -1,0 +1,67 @@
+"""How the numbers in a set's files stand for light: response, noise, flat field, white balance, exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.exposure import ExposureSource
+from capture.flatfield import FlatField, read_flat_field
+from capture.manifest import RadiometryTable
+from capture.noise import NoiseModel, read_noise_model
+from capture.rawfile import camera_white_balance, is_raw
+
+if TYPE_CHECKING:
+    from capture.response import Response
+
+
+@dataclass(frozen=True, eq=False)
+class Radiometry:
+    """How all photographs of a set become radiance; the fields are as in `capture.decode.decode`."""
+
+    encoding: Literal["linear", "srgb"] | Response = "linear"
+    exposure: ExposureSource = "equal"
+    noise: NoiseModel | None = None
+    flat_field: FlatField | None = None
+    white_balance: NDArray[np.float64] | None = None
+
+
+def read_radiometry(
+    table: RadiometryTable, resolve: Callable[[str], Path], photos: Sequence[Path]
+) -> Radiometry:
+    """A manifest's [radiometry] with the calibration files that it names.
+
+    resolve : a path as the manifest writes it to one that can be opened.
+    photos : the set's; with white_balance = "camera", the first RAW file among them gives the factors for all.
+    """
+    white_balance = None
+    if table.white_balance == "camera":
+        raw = next((path for path in photos if is_raw(path)), None)
+        if raw is None:
+            raise ValueError(
+                "[radiometry] white_balance = 'camera', but no photo is camera RAW; give three factors"
+                " [red, green, blue], or 'none'"
+            )
+        white_balance = camera_white_balance(raw)
+    elif table.white_balance != "none":
+        white_balance = np.array(table.white_balance)
+    return Radiometry(
+        encoding=_encoding(table, resolve),
+        exposure=table.exposure,
+        noise=read_noise_model(resolve(table.noise)) if table.noise else None,
+        flat_field=read_flat_field(resolve(table.flat_field)) if table.flat_field else None,
+        white_balance=white_balance,
+    )
+
+
+def _encoding(table: RadiometryTable, resolve: Callable[[str], Path]) -> Literal["linear", "srgb"] | Response:
+    if table.encoding != "response" or table.file is None:
+        return "linear" if table.encoding == "linear" else "srgb"
+    from capture.response import read_response
+
+    return read_response(resolve(table.file))

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from capture.board import parse_board
+from capture.camera import Camera
+from capture.gantry import Arc
+from capture.gantrycalibration import calibrate_gantry
+from capture.photoset import load_photoset
+from invrender.cli import app
+from synthetic.boardphotos import board_photo
+
+CAMERA = Camera("RADIAL", [760.0, 320, 240, -0.1, 0.02], 640, 480, np.eye(4))
+# Looks down on the board from an arm, a little askew.
+MOUNT = Rotation.from_euler("xyz", [38, 3, 2], degrees=True).as_matrix()
+STEP_DEG = 25.0
+
+
+def arc_over(spec: str) -> Arc:
+    middle = parse_board(spec).corners.mean(axis=0)
+    return Arc(middle + [0, 0, 0.4], [0.02, -0.03, 1], 0.5, [0.3, -1, 0], MOUNT)
+
+
+@pytest.fixture(scope="module", params=["charuco:7x5:0.035:0.026", "chessboard:8x6:0.028"])
+def gantry(request, tmp_path_factory) -> tuple[str, Arc, list[Path]]:
+    """A board's spec, the arc, and photographs of the board by a camera on it, over half a turn and more."""
+    spec = request.param
+    folder = tmp_path_factory.mktemp("gantry é")
+    arc = arc_over(spec)
+    photos = []
+    for index in range(9):
+        posed = CAMERA.posed(arc.pose(np.radians(STEP_DEG * index)))
+        picture = board_photo(posed, parse_board(spec), np.random.default_rng(index), samples=3)
+        photos.append(folder / f"stop {index}.png")
+        assert cv2.imwrite(str(photos[-1]), picture)
+    return spec, arc, photos
+
+
+def test_a_gantry_is_calibrated_from_photographs_of_a_board(gantry):
+    spec, arc, photos = gantry
+    fit, left_out = calibrate_gantry(photos, spec, CAMERA)
+    assert not left_out
+    # Corners to 0.1 px at 760 px: a tenth of a millimetre; three standard deviations, which must be useful ones.
+    assert abs(fit.arc.radius - arc.radius) < 3 * fit.radius_std < 1e-3
+    assert np.degrees(abs(fit.arc.step - np.radians(STEP_DEG))) < np.degrees(3 * fit.step_std) < 0.02
+    for angle in np.radians([0, 60, 170]):
+        # 0.02 degrees and 0.3 mm: three standard deviations of what these photographs tell.
+        assert_allclose(fit.arc.pose(angle)[:3, :3], arc.pose(angle)[:3, :3], atol=4e-4, equal_nan=False)
+        assert_allclose(fit.arc.position(angle), arc.position(angle), atol=5e-4, equal_nan=False)
+
+
+def test_the_command_writes_what_a_photo_set_reads(gantry, tmp_path, capsys, monkeypatch):
+    spec, arc, photos = gantry
+    camera = {"model": "RADIAL", "params": CAMERA.params.tolist(), "width": 640, "height": 480}
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    out = tmp_path / "gantry.json"
+    monkeypatch.setattr("capture.terminal.leave_cleanly_when_stopped", lambda: None)
+    blank = tmp_path / "blank.png"
+    assert cv2.imwrite(str(blank), np.full((480, 640), 128, np.uint8))
+    command = ["calibrate", "gantry", *map(str, [*photos, blank]), "--board", spec]
+    angles = ",".join(str(30 + STEP_DEG * index) for index in range(10))
+    command += ["--camera", str(tmp_path / "camera.json"), "--angles-deg", angles, "-o", str(out)]
+    app(command, standalone_mode=False)
+    printed = capsys.readouterr().out
+    assert "Left out: blank.png" in printed
+    assert (tmp_path / "gantry-figure.png").stat().st_size > 10_000
+    assert json.loads(out.read_text())["photos"][2]["angle_deg"] == pytest.approx(80, abs=0.02)
+    manifest = (
+        f'format = 1\nname = "set"\ncamera = {{ file = "camera.json" }}\ngantry = {{ file = "{out}" }}\n'
+    )
+    (tmp_path / "photoset.toml").write_text(f'{manifest}[[photo]]\nfile = "a.png"\ngantry_angle_deg = 90\n')
+    (photo,) = load_photoset(tmp_path).photos
+    assert_allclose(photo.camera.centre, arc.position(np.radians(60)), atol=5e-4)
+
+
+def test_photographs_of_another_board_or_without_one_are_named(gantry, tmp_path):
+    spec, _, photos = gantry
+    with pytest.raises(ValueError, match="2 angles for 9 photos"):
+        calibrate_gantry(photos, spec, CAMERA, [0, 0.1])
+    blank = tmp_path / "blank.png"
+    assert cv2.imwrite(str(blank), np.full((480, 640), 128, np.uint8))
+    with pytest.raises(ValueError, match=r"board"):
+        calibrate_gantry([blank, photos[0], photos[1]], spec, CAMERA)
