@@ -6,7 +6,11 @@ import typer
 
 from capture.commands.board import board
 from capture.commands.camera import camera
+from capture.commands.flatfield import flatfield
 from capture.commands.gantry import gantry
+from capture.commands.hdr import hdr
+from capture.commands.noise import noise
+from capture.commands.response import response
 
 calibrate = typer.Typer(
     help="Calibrate a camera, a sensor or a gantry from photographs of boards, brackets and white walls.",
@@ -14,10 +18,14 @@ calibrate = typer.Typer(
     rich_markup_mode=None,
 )
 calibrate.command(short_help="Focal length, principal point and lens distortion, from photographs of a board.")(camera)
+calibrate.command(short_help="What the file's numbers stand for: the response curve, from a bracket.")(response)
+calibrate.command(short_help="Read and shot noise of the sensor, from repeated photographs.")(noise)
+calibrate.command(short_help="Vignetting, from photographs of an even surface.")(flatfield)
 calibrate.command(short_help="The arc that a camera travels along, from photographs of a board.")(gantry)
 
 
 def add_commands(app: typer.Typer) -> None:
     """Give the program this package's commands."""
+    app.command(short_help="Merge a bracket of exposures into one radiance image.")(hdr)
     app.add_typer(calibrate, name="calibrate", short_help="Calibrate cameras, sensors and gantries.")
     app.command(short_help="A calibration board to print, true to scale.")(board)

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.exposure import ExposureSettings, relative_exposure
+from capture.flatfield import FlatField
 from capture.imagefile import read_image, read_pixels
 from capture.noise import NoiseModel, Step, estimate_noise
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import Image, RadianceImage
 from capture.radiometry import Radiometry
 from capture.rawfile import is_raw, read_raw
+from capture.response import Response
 from capture.srgb import linear_to_srgb, srgb_to_linear  # noqa: F401
 
-if TYPE_CHECKING:
-    from capture.flatfield import FlatField
-    from capture.response import Response
-
-    Encoding = Literal["linear", "srgb"] | Response
-
+Encoding = Literal["linear", "srgb"] | Response
 Codes = NDArray[Any]
 Floats = NDArray[np.float64]
 # JPEG compression spreads a clipped pixel's loss over its block of 8, two blocks where colour is halved.
@@ -113,15 +110,21 @@ def _decode_integers(
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: pixels are {pixels.dtype}; 8- or 16-bit integers or floats are needed")
     levels = 255 if pixels.dtype == np.uint8 else 65535
-    table = _linear_table(encoding, levels)
+    if isinstance(encoding, Response):
+        table, curve_variance = encoding.table(levels).T, encoding.variance_table(levels).T
+        brightest = encoding.brightest(levels)
+    else:
+        codes = np.arange(levels + 1) / levels
+        table = np.repeat((codes if encoding == "linear" else srgb_to_linear(codes))[:, None], 3, axis=1)
+        curve_variance, brightest = np.zeros(1), np.full(3, levels - 1)
 
     def variance() -> Image:
         # A code stands for an interval as wide as one step; uniform in it, the variance is width^2 / 12.
         quantum = np.gradient(table, axis=0) ** 2 / 12
         model = noise or _own_noise(_looked_up(pixels, table), _step_at(table.mean(axis=1)))
-        return _looked_up(pixels, (quantum + model.variance(table)) * scale**2)
+        return _looked_up(pixels, (quantum + curve_variance + model.variance(table)) * scale**2)
 
-    dark = cv2.inRange(pixels, (0, 0, 0), (levels - 1,) * 3)  # 255 where no channel is at the white level
+    dark = cv2.inRange(pixels, (0, 0, 0), tuple(map(int, brightest)))  # 255 where no channel is saturated
     if kind == "JPEG":
         dark = cv2.erode(dark, _JPEG_REACH)
     return RadianceImage(_looked_up(pixels, table * scale), variance, dark == 0)
@@ -139,14 +142,6 @@ def _own_noise(linear: Image, step: Step) -> NoiseModel:
         return estimate_noise(linear, step)
     except ValueError:
         return NoiseModel(np.zeros(3), np.zeros(3))
-
-
-def _linear_table(encoding: Encoding, levels: int) -> Floats:
-    """Linear signal (levels + 1, 3) of each code, 1 at the white level."""
-    if isinstance(encoding, str):
-        codes = np.arange(levels + 1) / levels
-        return np.repeat((codes if encoding == "linear" else srgb_to_linear(codes))[:, None], 3, axis=1)
-    return encoding.table(levels).T
 
 
 def _looked_up(pixels: Codes, table: Floats) -> Image:

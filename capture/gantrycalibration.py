@@ -52,7 +52,7 @@ def calibrate_gantry(
             left_out.append(f"{view.name}: {missing(view, board)}")
             continue
         try:
-            pose, _, _ = board_pose(view.detection, board, camera)
+            pose, _, _ = board_pose(view.detection, camera)
         except ValueError as error:
             left_out.append(f"{view.name}: {error}")
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -65,17 +66,44 @@ def check_header(path: Path, data: NDArray[np.uint8]) -> Header:
     return header
 
 
-def write_exr(path: Path, pixels: NDArray[np.floating], half: bool = False) -> None:
-    """Write an RGB image (h, w, 3) as a ZIP-compressed EXR, float32 unless `half`."""
+def write_exr(
+    path: Path,
+    pixels: NDArray[np.floating],
+    half: bool = False,
+    layers: Mapping[str, NDArray[np.floating]] | None = None,
+) -> None:
+    """Write an RGB image (h, w, 3) as a ZIP-compressed EXR, float32 unless `half`.
+
+    layers : further channels by name, (h, w), or (h, w, 3) for name.R, name.G and name.B; always float32.
+    """
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    data = np.ascontiguousarray(pixels, dtype=np.float16 if half else np.float32)
+    channels = {"RGB": np.ascontiguousarray(pixels, dtype=np.float16 if half else np.float32)}
+    for name, layer in (layers or {}).items():
+        parts = (
+            {name: layer} if layer.ndim == 2 else {f"{name}.{c}": layer[..., i] for i, c in enumerate("RGB")}
+        )
+        channels |= {key: np.ascontiguousarray(part, dtype=np.float32) for key, part in parts.items()}
     try:
-        with OpenEXR.File(header, {"RGB": data}) as file:
+        with OpenEXR.File(header, channels) as file:
             file.write(str(path))
     except RuntimeError as error:
         raise OSError(f"{path}: cannot be written; is the disk full?") from error
+
+
+def read_exr_layers(path: Path) -> dict[str, NDArray[np.floating]]:
+    """The channels of an EXR besides R, G, B, as `write_exr` takes them: (h, w), or (h, w, 3) for name.R, .G, .B."""
+    check_header(path, read_file(path))
+    channels = _exr_channels(path)
+    layers: dict[str, NDArray[np.floating]] = {}
+    for name in channels:
+        layer, _, part = name.rpartition(".")
+        if part in ("R", "G", "B") and all(f"{layer}.{c}" in channels for c in "RGB"):
+            layers[layer] = np.stack([channels[f"{layer}.{c}"] for c in "RGB"], axis=-1)
+        elif name not in ("R", "G", "B"):
+            layers[name] = channels[name]
+    return layers
 
 
 def _decode_with_opencv(path: Path, data: NDArray[np.uint8], kind: str) -> NDArray[np.generic]:
@@ -97,15 +125,19 @@ def _decode_with_opencv(path: Path, data: NDArray[np.uint8], kind: str) -> NDArr
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.shape[2] == 3 else image[:, :, 2::-1].copy()
 
 
-def _read_exr(path: Path) -> NDArray[np.generic]:
+def _exr_channels(path: Path) -> dict[str, NDArray[np.floating]]:
     import OpenEXR
 
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # A damaged file may open with no parts; channels() then raises.
-            channels = {name: channel.pixels for name, channel in file.channels().items()}
+            return {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError) as error:
         raise ValueError(f"{path}: {_DAMAGED}") from error
+
+
+def _read_exr(path: Path) -> NDArray[np.generic]:
+    channels = _exr_channels(path)
     if "RY" in channels:
         raise ValueError(f"{path}: holds luminance and chroma (Y, RY, BY); write it as R, G, B")
     for names in (("R", "G", "B"), ("Y", "Y", "Y")):

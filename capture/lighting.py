@@ -31,6 +31,7 @@ class Lighting:
     recover_ambient : a uniform radiance from all sides, unknown, is fitted; it stands in for the map.
     origin : where it comes from, for messages: "room.exr", "mirror ball chrome.0.png", ...
     direction_std_deg : (k,), standard deviations of measured directions; None where they are given as exact.
+    warnings : what its measuring brought up, in plain words.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Lighting:
     recover_ambient: bool = False
     origin: str = ""
     direction_std_deg: Floats | None = None
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         directions = np.asarray(self.directions, float).reshape(-1, 3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,7 @@ from capture.flatfield import FlatField, read_flat_field
 from capture.manifest import RadiometryTable
 from capture.noise import NoiseModel, read_noise_model
 from capture.rawfile import camera_white_balance, is_raw
-
-if TYPE_CHECKING:
-    from capture.response import Response
+from capture.response import Response, read_response
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +60,4 @@ def read_radiometry(
 def _encoding(table: RadiometryTable, resolve: Callable[[str], Path]) -> Literal["linear", "srgb"] | Response:
     if table.encoding != "response" or table.file is None:
         return "linear" if table.encoding == "linear" else "srgb"
-    from capture.response import read_response
-
     return read_response(resolve(table.file))

@@ -104,8 +104,7 @@ def _input_hashes(photoset: PhotoSet) -> dict[str, str]:
     for photo in photoset.photos:
         paths += [photo.file] + ([photo.mask] if photo.mask else [])
     for table in photoset.lightings:
-        ball = table.mirror_ball
-        named = (table.map, *((ball.photo, ball.mask, ball.camera and ball.camera.file) if ball else ()))
+        named = (table.map, *(table.mirror_ball.files if table.mirror_ball else ()))
         paths += [photoset.resolve(name) for name in named if name]
     hashes: dict[str, str] = {}
     for path in dict.fromkeys(paths):

@@ -8,17 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.commands.options import Times
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from capture.camera import Camera
-    from recon.ballfigure import Panel
-    from recon.mirrorball import BallLighting
-
-_FRAME = "x right, y up, z towards the camera"
-# Share of all directions that may be saturated, sources apart, before it is worth a word.
-_NOTABLE_CLIPPING = 0.001
-_OWN_FILES = ("lighting.json", "lighting.toml", "mirrorball.png")
+    from recon.ballresult import Reading
 
 
 class Encoding(StrEnum):
@@ -40,10 +33,74 @@ def mirrorball(
     mask: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Image that is nonzero where the ball is: one for all photos, or one for each, in order"
-            " (repeat the option). Without it the ball must stand out bright from the background."
+            help="Image that is nonzero where the ball is: one for all views, or one for each, in order"
+            " (repeat the option). Without it, --ball and --background, the ball must stand out bright from the"
+            " background."
         ),
     ] = None,
+    ball: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y,R",
+            help="Column, row and radius of the ball in pixels, drawn by hand and refined here; one for all"
+            " views, or one for each.",
+        ),
+    ] = None,
+    background: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Photograph of the same view without the ball, to find the ball by; one for all views, or one"
+            " for each."
+        ),
+    ] = None,
+    bracket: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            help="Photos that make up one view, differently exposed, in descending or ascending order: the first so"
+            " many, then the next. Their exposures come from --times or EXIF.",
+        ),
+    ] = 1,
+    times: Times = None,
+    view_angle_deg: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEGREES",
+            help="Where a level camera stood for each view, about the vertical through the ball, counter-clockwise"
+            " from above: 0,90 if it then stood to the right of the ball. All views are merged to one lighting.",
+        ),
+    ] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            help='JSON file {"world_to_camera": [4x4, ...]} with the camera\'s pose for each view (OpenCV axes),'
+            " instead of --view-angle-deg. Only the rotations matter."
+        ),
+    ] = None,
+    register: Annotated[
+        bool,
+        typer.Option(
+            "--register",
+            help="Merge the views by turning them until they show the same room, instead of --view-angle-deg.",
+        ),
+    ] = False,
+    reflectance: Annotated[
+        str,
+        typer.Option(
+            metavar="SHARE",
+            help="The mirror's reflectance, or R,G,B: radiance is divided by it. Chrome 0.55 to 0.6, polished steel"
+            " 0.6, silvered glass 0.9. At 1 all light is too dark by it.",
+        ),
+    ] = "1",
+    camera_mask_deg: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=90.0,
+            help="Half-angle of the cone of directions that shows the camera and is left out of the maps;"
+            " 0 leaves nothing out. Compact sources in it are kept.",
+        ),
+    ] = 10.0,
     camera: Annotated[
         Path | None,
         typer.Option(help="camera.json with the calibrated camera (COLMAP model, params, width, height)."),
@@ -59,9 +116,16 @@ def mirrorball(
     encoding: Annotated[
         Encoding, typer.Option(help="What integer files hold; EXR, .hdr and float files are always linear.")
     ] = Encoding.LINEAR,
+    response: Annotated[
+        Path | None,
+        typer.Option(help="response.json with the camera's recovered response curve, instead of --encoding."),
+    ] = None,
     exposure: Annotated[
         Exposure,
-        typer.Option(help="equal: all photos had one exposure. exif: divide each photo's exposure out."),
+        typer.Option(
+            help="equal: all photos had one exposure. exif: divide each photo's exposure out. Brackets and --times"
+            " need no such choice."
+        ),
     ] = Exposure.EQUAL,
     height: Annotated[
         int, typer.Option(min=2, max=4096, help="Rows of the lat-long maps; columns are twice as many.")
@@ -75,229 +139,55 @@ def mirrorball(
 ) -> None:
     """Read the light off photographs of a mirror (chrome) ball.
 
-    Each photo gives the directions of compact sources, their irradiance, and a lat-long map of all other
+    Each view gives the directions of compact sources, their irradiance, and a lat-long map of all other
     light. Directions are in the camera's frame, drawn upright: x right, y up, z towards the camera
     (world_to_camera = diag(1, -1, -1, 1)). In the maps, row 0 is +z and column 0 is +x, turning towards +y.
 
-    Writes PHOTO.exr for each photo, lighting.json (everything found), lighting.toml (tables to paste into a
-    photoset.toml) and mirrorball.png (a picture to check it by).
+    Views are separate lightings, unless --view-angle-deg, --poses or --register says how the camera stood for
+    each: then they are merged to one, in the frame of the first view (of the poses, with --poses), in which neither
+    the camera nor what is behind the ball is missing.
+
+    Writes VIEW.exr for each view, lighting.exr if they are merged, lighting.json (everything found), lighting.toml
+    (tables to paste into a photoset.toml) and mirrorball.png (a picture to check it by).
     """
     from capture.outfolder import result_folder
-    from capture.terminal import leave_cleanly_when_stopped, track
+    from capture.terminal import leave_cleanly_when_stopped
+    from recon import ballphotos, ballresult
 
     leave_cleanly_when_stopped()
-    if camera is not None and focal_px is not None:
-        raise ValueError("--camera and --focal-px both give the camera: remove one of them")
-    masks = _masks(photos, mask or [])
-    stems = [photo.stem for photo in photos]
-    for stem in stems:
-        if stems.count(stem) > 1:
-            raise ValueError(f"two photos are named {stem!r}, and so would their maps be: rename one of them")
-    with result_folder(output, (*_OWN_FILES, "*.exr")) as folder:
-        balls, cameras, panels = [], [], []
-        for photo, its_mask in track(zip(photos, masks, strict=True), "Reading mirror balls"):
-            ball, its_camera, drawn = _read(photo, its_mask, camera, focal_px, encoding, exposure, height)
-            balls.append(ball)
-            cameras.append(its_camera)
-            panels.append(drawn)
-        inputs = {*photos, *(path for path in masks if path is not None), *([camera] if camera else [])}
-        _write(folder, photos, balls, cameras, panels, sorted(inputs))
-    _report(balls, output)
+    _one_of({"--camera": camera, "--focal-px": focal_px}, "the camera")
+    _one_of(
+        {"--view-angle-deg": view_angle_deg, "--poses": poses, "--register": register or None}, "the poses"
+    )
+    _one_of(
+        {"--mask": mask or None, "--ball": ball or None, "--background": background or None},
+        "the ball's place",
+    )
+    _one_of(
+        {"--encoding": encoding if encoding is not Encoding.LINEAR else None, "--response": response},
+        "what files hold",
+    )
+    setup = ballphotos.Setup(
+        camera=camera,
+        focal_px=focal_px,
+        encoding=encoding.value,
+        response=response,
+        exposure=exposure.value,
+        times=times,
+        reflectance=ballphotos.read_reflectance(reflectance),
+        camera_mask_deg=camera_mask_deg,
+    )
+    shots = ballphotos.group(photos, bracket, mask or [], ball or [], background or [])
+    rotations = ballphotos.view_poses(len(shots), view_angle_deg, poses)
+    with result_folder(output, ballresult.OWN_FILES) as folder:
+        reading: Reading = ballphotos.read(shots, setup, rotations, register, height)
+        given = [path for path in (camera, poses, response) if path is not None]
+        ballresult.write(folder, reading, given)
+    ballresult.report(reading, output)
 
 
-def _masks(photos: Sequence[Path], masks: Sequence[Path]) -> list[Path | None]:
-    """A mask for each photo."""
-    if len(masks) not in (0, 1, len(photos)):
-        raise ValueError(
-            f"{len(masks)} masks for {len(photos)} photos: give one for all of them, or one for each"
-        )
-    if not masks:
-        return [None] * len(photos)
-    return [*masks] if len(masks) == len(photos) else [masks[0]] * len(photos)
-
-
-def _read(
-    photo: Path,
-    mask: Path | None,
-    camera_file: Path | None,
-    focal_px: float | None,
-    encoding: Encoding,
-    exposure: Exposure,
-    height: int,
-) -> tuple[BallLighting, Camera, Panel]:
-    import numpy as np
-
-    from capture.camera import ORTHOGRAPHIC, Camera
-    from capture.decode import check_size, decode, read_mask
-    from capture.exposure import read_exif_exposure, relative_exposure
-    from capture.manifest import CameraTable
-    from capture.photoset import build_camera
-    from recon.ballfigure import panel
-    from recon.mirrorball import ball_lighting
-
-    relative = 1.0
-    if exposure is Exposure.EXIF:
-        settings = read_exif_exposure(photo)
-        if settings.exposure_s is None:
-            raise ValueError(
-                f"{photo}: its EXIF holds no exposure time; if all photos had one, use --exposure equal"
-            )
-        relative = relative_exposure(photo, "manual", settings)
-    image = decode(photo, encoding.value, relative)
-    rows, columns = size = image.saturated.shape
-    upright = np.diag([1.0, -1.0, -1.0, 1.0])
-    if camera_file is not None:
-        camera = build_camera(camera_file, (CameraTable(file=camera_file.name),), upright, "--camera")
-        check_size(photo, image.radiance, (camera.height, camera.width))
-    elif focal_px is not None:
-        params = np.array([focal_px, focal_px, columns / 2, rows / 2])
-        camera = Camera("PINHOLE", params, columns, rows, upright)
-    else:
-        camera = Camera(ORTHOGRAPHIC, np.array([]), columns, rows, upright)
-    ball = ball_lighting(image, read_mask(mask, size) if mask else None, camera, photo.name, height)
-    return ball, camera, panel(ball, image, camera)
-
-
-def _write(
-    folder: Path,
-    photos: Sequence[Path],
-    balls: Sequence[BallLighting],
-    cameras: Sequence[Camera],
-    panels: Sequence[Panel],
-    inputs: Sequence[Path],
-) -> None:
-    from capture.documents import write_json
-    from capture.imagefile import write_exr
-    from recon.ballfigure import MAX_PANELS, ball_figure
-
-    for photo, ball in zip(photos, balls, strict=True):
-        write_exr(folder / f"{photo.stem}.exr", ball.radiance_map)
-    result = _result(photos, balls, cameras, inputs)
-    write_json(folder / "lighting.json", result)
-    (folder / "lighting.toml").write_text(_snippet(photos, balls), encoding="utf-8")
-    ball_figure(panels[:MAX_PANELS], _FRAME).savefig(folder / "mirrorball.png")
-
-
-def _result(
-    photos: Sequence[Path], balls: Sequence[BallLighting], cameras: Sequence[Camera], inputs: Sequence[Path]
-) -> dict[str, object]:
-    from capture.documents import file_hash, software
-
-    brightest = _brightest(balls)
-    entries = []
-    for photo, ball, camera in zip(photos, balls, cameras, strict=True):
-        sources = [
-            {
-                "direction": source.direction.tolist(),
-                "direction_std_deg": source.direction_std_deg,
-                "angular_radius_deg": source.angular_radius_deg,
-                "irradiance": source.irradiance.tolist(),
-                "relative_irradiance": float(source.irradiance.mean()) / brightest,
-                "clipped": source.clipped,
-            }
-            for source in ball.sources
-        ]
-        entries.append(
-            {
-                "photo": str(photo),
-                "map": f"{photo.stem}.exr",
-                "sources": sources,
-                "uncovered_share": ball.uncovered_share,
-                "clipped_share": ball.clipped_share,
-                "ball_centre_px": camera.project(ball.sphere.centre[None])[0].tolist(),
-                "ball_radius_px": ball.sphere.pixel_radius(camera),
-                "outline_rms_px": ball.sphere.residual_px[0],
-                "camera": {"model": camera.model, "params": camera.params.tolist()},
-            }
-        )
-    return {
-        "format": 1,
-        "frame": _FRAME,
-        "unit": "irradiance in the photographs' relative radiance times steradians",
-        "photos": entries,
-        "inputs": {str(path): file_hash(path) for path in inputs},
-        "software": software(),
-    }
-
-
-def _snippet(photos: Sequence[Path], balls: Sequence[BallLighting]) -> str:
-    """The balls' lightings as tables of a photoset.toml."""
-    import json
-
-    from recon.mirrorball import lighting_of_ball
-
-    def vector(values: Sequence[float], digits: int) -> str:
-        return "[" + ", ".join(f"{value:.{digits}g}" for value in values) + "]"
-
-    lines = [
-        "# Light read off mirror balls: paste these tables into a photoset.toml.",
-        f"# World: {_FRAME}; if the photo set's is another, turn the directions and the maps.",
-        "# Maps are named relative to the photoset.toml: copy them beside it, or write their path.",
-    ]
-    for photo, ball in zip(photos, balls, strict=True):
-        lighting = lighting_of_ball(ball, None)
-        # JSON's quoting of a string is TOML's as well.
-        lines += ["", "[[lighting]]", f"name = {json.dumps(photo.stem)}"]
-        if lighting.recovers:
-            lines.append("# A highlight is clipped, so that its brightness is recovered in the fit.")
-            lines.append(f"recover = {json.dumps(list(lighting.recovers))}")
-        if lighting.radiance_map is not None:
-            if ball.clipped_share > _NOTABLE_CLIPPING:
-                lines.append(f"# Caution: {_clipping(ball)}.")
-            lines.append(f"map = {json.dumps(photo.stem + '.exr')}")
-        if ball.sources:
-            lines.append("directional = [")
-            for source in ball.sources:
-                known = (
-                    ""
-                    if lighting.recover_irradiance
-                    else f", irradiance = {vector(source.irradiance.tolist(), 5)}"
-                )
-                lines.append(f"    {{ direction = {vector(source.direction.tolist(), 6)}{known} }},")
-            lines.append("]")
-    return "\n".join(lines) + "\n"
-
-
-def _report(balls: Sequence[BallLighting], output: Path) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from capture.terminal import console
-
-    brightest = _brightest(balls)
-    table = Table(box=None, header_style="bold")
-    table.add_column("photo")
-    table.add_column("source direction", justify="right")
-    for heading in ("± deg", "irradiance", "clipped"):
-        table.add_column(heading, justify="right")
-    for ball in balls:
-        if not ball.sources:
-            table.add_row(escape(ball.name), "none: all light is in the map", "", "", "")
-        for number, source in enumerate(ball.sources):
-            table.add_row(
-                escape(ball.name) if number == 0 else "",
-                " ".join(f"{value:7.4f}" for value in source.direction),
-                f"{source.direction_std_deg:.2f}",
-                f"{'≥ ' if source.clipped else ''}{source.irradiance.mean() / brightest:.3f}",
-                "yes" if source.clipped else "no",
-            )
-    console.print(table)
-    console.print(f"Directions: {_FRAME}. Irradiance: relative to the brightest source of all photos.")
-    if any(source.clipped for ball in balls for source in ball.sources):
-        console.print(
-            "A clipped source's irradiance is a lower bound. To measure it, expose the ball less,"
-            " or have it recovered from the object's photographs, as lighting.toml does."
-        )
-    for ball in balls:
-        if ball.clipped_share > _NOTABLE_CLIPPING:
-            console.print(f"{escape(ball.name)}: {_clipping(ball)}; photograph the ball with less exposure.")
-    console.print(f"Wrote {escape(str(output))}/: a map (.exr) per photo, {', '.join(_OWN_FILES)}")
-
-
-def _clipping(ball: BallLighting) -> str:
-    return f"the map is saturated over {ball.clipped_share:.1%} of all directions and too dark there"
-
-
-def _brightest(balls: Sequence[BallLighting]) -> float:
-    """The largest mean irradiance of any source; 1 where there is none."""
-    return max((float(source.irradiance.mean()) for ball in balls for source in ball.sources), default=1.0)
+def _one_of(options: dict[str, object], what: str) -> None:
+    """ValueError if more than one of some options is given. what : they all give, for the message."""
+    given = [name for name, value in options.items() if value is not None]
+    if len(given) > 1:
+        raise ValueError(f"{given[0]} and {given[1]} both give {what}: remove one of them")

@@ -38,29 +38,37 @@ _MAX_PEAKS = 60
 # Narrowest skirt in pixels: an unclipped point has all its light within three pixels of its half-maximum
 # core if the lens blurs it by up to about one pixel.
 _MIN_SKIRT_PX = 3.0
+# Doubt of the share of a pixel that an edge lights, since pixels are not quite squares.
+_EDGE_SHARE = 0.05
+# Parts of the ring around a source that say something of the background under it independently: its octants.
+_INDEPENDENT = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
     """The ball's pixels with what they mirror, as images of one size (h, w).
 
-    radiance : (h, w, 3). saturated : (h, w). usable : (h, w), wholly on the ball and not at its rim.
+    radiance, variance : (h, w, 3). saturated : (h, w). usable : (h, w), wholly on the ball and not at its rim.
     directions : (h, w, 3) unit, towards the mirrored light. solid_angles : (h, w) steradians that each
-    pixel mirrors. Both are meaningful where `usable`.
+    pixel mirrors. stretch : (h, w), the largest turn of the direction in radians per pixel. All three are
+    meaningful where `usable`.
     """
 
     radiance: Floats
+    variance: Floats
     saturated: Mask
     usable: Mask
     directions: Floats
     solid_angles: Floats
+    stretch: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Spot:
     """A compact source on the ball.
 
-    direction : (3,) unit, towards the source. irradiance : (3,), on a plane that faces the source.
+    direction : (3,) unit, towards the source. irradiance, irradiance_std : (3,), on a plane that faces the
+    source, and what noise, the pixel grid and the background under it leave in doubt of it.
     angular_radius : radians, of the disc with the core's solid angle. centroid_std : radians, of the
     direction, from the pixel grid alone. clipped : has saturated pixels; the irradiance is then a lower
     bound and the radius, with the sensor's bloom in it, an upper one.
@@ -68,6 +76,7 @@ class Spot:
 
     direction: Floats
     irradiance: Floats
+    irradiance_std: Floats
     angular_radius: float
     centroid_std: float
     clipped: bool
@@ -75,6 +84,7 @@ class Spot:
     def __post_init__(self) -> None:
         object.__setattr__(self, "direction", frozen_array(self.direction))
         object.__setattr__(self, "irradiance", frozen_array(self.irradiance))
+        object.__setattr__(self, "irradiance_std", frozen_array(self.irradiance_std))
 
     @property
     def mean_irradiance(self) -> float:
@@ -94,8 +104,9 @@ def find_spots(pixels: Pixels) -> tuple[tuple[Spot, ...], Floats, Mask]:
     for core in cores:
         region, surroundings = _skirt(core, claimed & ~core, pixels.usable)
         claimed |= region
-        background = np.median(pixels.radiance[surroundings], axis=0) if surroundings.any() else np.zeros(3)
-        found.append((_measure(pixels, luminance, core, region, background), region, background))
+        ring = pixels.radiance[surroundings] if surroundings.any() else np.zeros((1, 3))
+        spot = _measure(pixels, luminance, core, region, ring)
+        found.append((spot, region, np.median(ring, axis=0)))
     found.sort(key=lambda entry: -entry[0].mean_irradiance)
     filled, in_spot = pixels.radiance.copy(), np.zeros(luminance.shape, bool)
     spots = []
@@ -177,7 +188,9 @@ def _skirt(core: Mask, others: Mask, usable: Mask) -> tuple[Mask, Mask]:
     return region, surroundings
 
 
-def _measure(pixels: Pixels, luminance: Floats, core: Mask, region: Mask, background: Floats) -> Spot:
+def _measure(pixels: Pixels, luminance: Floats, core: Mask, region: Mask, ring: Floats) -> Spot:
+    background = np.median(ring, axis=0)
+    spread = 1.4826 * np.median(np.abs(ring - background), axis=0)
     clipped = core & pixels.saturated
     solid_angle = float(pixels.solid_angles[core].sum())
     excess = (pixels.radiance[region] - background) * pixels.solid_angles[region][:, None]
@@ -189,9 +202,24 @@ def _measure(pixels: Pixels, luminance: Floats, core: Mask, region: Mask, backgr
     # are in doubt, which leaves n^(-1/4) of that.
     count = int(centre.sum())
     pixel = float(np.sqrt(pixels.solid_angles[centre].mean()))
+    irradiance = np.maximum(excess.sum(axis=0), 0.0)
+    # The same doubt of place, where solid angles change from pixel to pixel.
+    areas = pixels.solid_angles[region]
+    change = float(np.ptp(areas) / areas.mean() / max(np.sqrt(region.sum()), 1.0))
+    # What the ring varies by shows the noise as well, if the file tells less of it.
+    noise = np.maximum(pixels.variance[region], spread**2)
+    # Of the pixels at the core's edge, each is lit by a share that is known to a few percent.
+    grid = _EDGE_SHARE * np.sqrt(2 * np.sqrt(np.pi * count)) / count
+    variance = (
+        (noise * areas[:, None] ** 2).sum(axis=0)
+        + (spread * areas.sum()) ** 2 / _INDEPENDENT
+        + (irradiance * change / np.sqrt(12) * count**-0.25) ** 2
+        + (irradiance * grid) ** 2
+    )
     return Spot(
         direction=mean / np.linalg.norm(mean),
-        irradiance=np.maximum(excess.sum(axis=0), 0.0),
+        irradiance=irradiance,
+        irradiance_std=np.sqrt(variance),
         angular_radius=float(np.arccos(np.clip(1 - solid_angle / (2 * np.pi), -1, 1))),
         centroid_std=pixel / np.sqrt(12) * count**-0.25,
         clipped=bool(clipped.any()),

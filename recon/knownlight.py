@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from capture.decode import decode_in_set, read_mask
+from capture.exposure import ExposureSettings, relative_exposure
 from capture.lighting import Lighting, read_latlong
-from capture.manifest import CameraTable, LightingTable, MirrorBallTable
-from capture.photoset import ExposureSettings, Photo, PhotoSet, build_camera, matrix4
+from capture.manifest import BallViewTable, CameraTable, LightingTable, MirrorBallTable
+from capture.photoset import Photo, PhotoSet, build_camera, matrix4
+from recon.ballbracket import view_bracket
+from recon.ballview import BallView
+from recon.findball import Disk
 from recon.mirrorball import ball_lighting, lighting_of_ball
 
 
@@ -60,19 +65,52 @@ def _from_ball(photoset: PhotoSet, table: LightingTable, ball: MirrorBallTable, 
     users = [photo for photo in photoset.photos if photo.lighting == table.name]
     if not users:
         raise ValueError(f"{where}: no photo uses this lighting; remove it, or name it in a [[photo]]")
-    pose = matrix4(ball.world_to_camera, where) if ball.world_to_camera else _common_pose(users, where)
+    tables: tuple[BallViewTable, ...] = ball.views or (ball,)
+    views = [_ball_view(photoset, ball, view, users, where) for view in tables]
+    return lighting_of_ball(ball_lighting(views, views[0].name), table.recover, table.name)
+
+
+def _ball_view(
+    photoset: PhotoSet, ball: MirrorBallTable, view: BallViewTable, users: Sequence[Photo], where: str
+) -> BallView:
+    pose = matrix4(view.world_to_camera, where) if view.world_to_camera else _common_pose(users, where)
     camera = users[0].camera.posed(pose)
-    if ball.camera is not None:
+    if view.camera is not None:
         shared = CameraTable(
             model=camera.model, params=tuple(camera.params), width=camera.width, height=camera.height
         )
-        camera = build_camera(photoset.manifest, (shared, ball.camera), pose, where)
-    path = photoset.resolve(ball.photo)
+        camera = build_camera(photoset.manifest, (shared, view.camera), pose, where)
     size = (camera.height, camera.width)
-    settings = ExposureSettings(ball.exposure_s, ball.iso, ball.f_number)
-    image = decode_in_set(photoset.radiometry, path, settings, size)
-    coverage = read_mask(photoset.resolve(ball.mask), size) if ball.mask else None
-    return lighting_of_ball(ball_lighting(image, coverage, camera, ball.photo), table.recover, table.name)
+    radiometry = photoset.radiometry
+    if len(view.photo) > 1 and radiometry.exposure == "equal":
+        raise ValueError(
+            f"{where}: photo is a bracket, but [radiometry] exposure = 'equal' says that all exposures are one;"
+            " use 'exif', or 'manual' with exposure_s"
+        )
+    exposed = []
+    for index, name in enumerate(view.photo):
+        path = photoset.resolve(name)
+        seconds = view.exposure_s[index] if view.exposure_s else None
+        settings = ExposureSettings(seconds, view.iso, view.f_number)
+        exposure = relative_exposure(path, radiometry.exposure, settings)
+        exposed.append((exposure, decode_in_set(radiometry, path, settings, size)))
+    exposed.sort(key=lambda entry: -entry[0])
+    background = None
+    if view.background is not None:
+        # Its exposure is found by comparison.
+        equal = replace(radiometry, exposure="equal")
+        background = decode_in_set(equal, photoset.resolve(view.background), ExposureSettings(), size)
+    return view_bracket(
+        [image for _, image in exposed],
+        camera,
+        view.photo[0],
+        read_mask(photoset.resolve(view.mask), size) if view.mask else None,
+        background,
+        Disk(*view.ball) if view.ball else None,
+        ball.reflectance,
+        ball.camera_mask_deg,
+        [exposure for exposure, _ in exposed],
+    )[0]
 
 
 def _common_pose(users: Sequence[Photo], where: str) -> np.ndarray:

@@ -350,7 +350,7 @@ def test_the_psm_set_loads_and_its_photographs_are_there(data_dir, monkeypatch):
     for index, (photo, table) in enumerate(zip(photoset.photos, photoset.lightings, strict=True)):
         assert photo.lighting == table.name == f"light-{index}"
         assert table.mirror_ball is not None
-        ball = [photoset.resolve(table.mirror_ball.photo), photoset.resolve(table.mirror_ball.mask)]
+        ball = [photoset.resolve(table.mirror_ball.photo[0]), photoset.resolve(table.mirror_ball.mask)]
         assert [path.name for path in ball] == [f"chrome.{index}.png", "chrome.mask.png"]
         assert [photo.file.name, photo.mask.name] == [f"gray.{index}.png", "gray.mask.png"]
         assert all(path.is_file() for path in [photo.file, photo.mask, *ball])

@@ -1,0 +1,143 @@
+"""lightfactor hdr: a bracket of exposures to one linear radiance image."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from capture.commands.options import Photos, Times
+
+if TYPE_CHECKING:
+    from capture.hdr import Merge
+    from capture.hdrfiles import Bracket
+    from capture.mapcomparison import Comparison
+
+_FIGURE = "-figure.png"
+# Shares of the picture from which on a word of warning is due.
+_NOTABLE_MOTION = 0.02
+_NOTABLE_SATURATION = 0.001
+
+
+class Encoding(StrEnum):
+    """How an integer file's values stand for light."""
+
+    LINEAR = "linear"
+    SRGB = "srgb"
+
+
+def hdr(
+    images: Photos,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="EXR file to write; an earlier one is replaced.",
+            show_default=False,
+        ),
+    ],
+    response: Annotated[
+        Path | None, typer.Option(help="response.json of the camera, by `lightfactor calibrate response`.")
+    ] = None,
+    encoding: Annotated[
+        Encoding | None,
+        typer.Option(
+            help="What integer files hold, instead of --response. With neither, the response is recovered from this"
+            " bracket. RAW, EXR and .hdr are always linear.",
+            show_default=False,
+        ),
+    ] = None,
+    noise: Annotated[
+        Path | None,
+        typer.Option(help="noise.json of the sensor; without it the noise is read off the bracket itself."),
+    ] = None,
+    times: Times = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(help="EXR or .hdr of the same scene, to compare with up to one scale per channel."),
+    ] = None,
+) -> None:
+    """Merge a bracket of photographs of one scene into linear radiance.
+
+    Every photograph is weighted by the inverse of its variance, and left out where it is saturated. Radiance is the
+    linear signal (1 = white level) divided by time [s] x (ISO / 100) / f-number^2.
+
+    Writes OUT (channels R, G, B; variance.R, .G, .B in their unit squared; saturated, 1 where every photograph is)
+    and OUT's name with -figure.png.
+    """
+    from capture.exposure import bracket_exposures, read_times
+    from capture.hdr import merge
+    from capture.hdrfigure import hdr_figure
+    from capture.hdrfiles import open_bracket
+    from capture.imagefile import write_exr
+    from capture.mapcomparison import compare_maps
+    from capture.noise import read_noise_model
+    from capture.outfolder import result_files
+    from capture.terminal import leave_cleanly_when_stopped
+
+    leave_cleanly_when_stopped()
+    if response is not None and encoding is not None:
+        raise ValueError("--response and --encoding both say what the values stand for: remove one of them")
+    if len(images) < 2:
+        raise ValueError(f"{images[0]}: is one photograph only; a bracket needs two or more exposures")
+    if output.suffix.lower() != ".exr":
+        raise ValueError(f"{output}: must end in .exr, the format that holds radiance and its variance")
+    given = [path for path in (response, noise, compare) if path is not None]
+    with result_files(output, (_FIGURE,), [*images, *given]) as folder:
+        exposures = bracket_exposures(images, read_times(times) if times else None)
+        model = read_noise_model(noise) if noise else None
+        bracket = open_bracket(images, exposures, response, encoding.value if encoding else None, model)
+        merged = merge(bracket.load, exposures, stated=model is not None)
+        comparison = compare_maps(merged, compare) if compare else None
+        image = merged.image
+        layers = {"variance": image.variance, "saturated": image.saturated.astype("float32")}
+        write_exr(folder / output.name, image.radiance, layers=layers)
+        figure = hdr_figure(merged, exposures, [path.name for path in images], comparison)
+        figure.savefig(folder / (output.stem + _FIGURE))
+    _report(merged, bracket, comparison, output)
+
+
+def _report(merged: Merge, bracket: Bracket, comparison: Comparison | None, output: Path) -> None:
+    import numpy as np
+    from rich.markup import escape
+
+    from capture.terminal import console
+
+    console.print(bracket.origin)
+    for warning in bracket.warnings:
+        console.print(f"Warning: {escape(warning)}.")
+    relative = np.sqrt(merged.image.variance) / np.maximum(np.abs(merged.image.radiance), 1e-30)
+    known = relative[~merged.image.saturated]
+    if known.size:
+        console.print(
+            f"Radiance certain to {np.median(known):.2%} in the median, {np.quantile(known, 0.95):.2%} in all but 5%"
+            " of the picture"
+        )
+    saturated, moved = merged.image.saturated.mean(), merged.deviating.mean()
+    if saturated > _NOTABLE_SATURATION:
+        console.print(
+            f"Warning: {saturated:.2%} of the picture is saturated in every photograph; the radiance there is a lower"
+            " bound. Add a shorter exposure."
+        )
+    if moved > _NOTABLE_MOTION:
+        console.print(
+            f"Warning: over {moved:.1%} of the picture the photographs differ by more than noise (motion, misalignment,"
+            " changed light): white in the figure, which also says how well each photograph agrees."
+        )
+    contradicted = merged.contradicted.mean()
+    if contradicted > _NOTABLE_SATURATION:
+        console.print(
+            f"Warning: {contradicted:.2%} of the picture is saturated in a photograph but not in a longer exposure"
+            " (a border, a moving light); those values were left out."
+        )
+    if comparison is not None:
+        for name, one in zip(("red", "green", "blue"), comparison.channels, strict=True):
+            console.print(
+                f"{name}: {escape(comparison.name)} differs by {one.median:.2%} in the median, {one.quantile90:.1%} at"
+                f" the 90% quantile, after a scale of {one.scale:.4g}"
+            )
+    console.print(f"Wrote {escape(str(output))} and {escape(output.stem + _FIGURE)} beside it")

@@ -1,0 +1,261 @@
+"""Camera responses: the curve as an object, the two methods, and what their standard deviations promise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from capture.bracketcheck import check_exposures
+from capture.bracketsample import BracketSample, sample_bracket
+from capture.debevec import LogExposureSpline, solve_debevec
+from capture.documents import write_json
+from capture.mitsunaga import ExposurePolynomial
+from capture.response import Response, read_response, response_channels
+from capture.responsefit import ChannelFit, correction_basis, fit_curves
+from capture.responserecovery import believed_steps, recover_from_files, recover_response
+from synthetic.sensor import RESPONSES, Sensor, expose
+
+
+def scene(rng: np.random.Generator, height: int = 72, width: int = 96) -> np.ndarray:
+    """Smooth random radiance over about eight stops, the same in no two channels."""
+    noise = cv2.GaussianBlur(rng.normal(size=(height, width, 3)), (0, 0), 8)
+    slope = np.linspace(-2, 2, height)[:, None, None]
+    return 0.1 * np.exp2(slope + 2 * noise / noise.std(axis=(0, 1)))
+
+
+def bracket(folder: Path, sensor: Sensor, times, seed: int) -> list[Path]:
+    rng = np.random.default_rng(seed)
+    radiance = scene(rng)
+    paths = []
+    for index, time in enumerate(times):
+        paths.append(folder / f"photo {index} ä.png")
+        codes = expose(radiance, time, sensor, rng)
+        encoded, data = cv2.imencode(".png", np.ascontiguousarray(codes[..., ::-1]))
+        assert encoded
+        paths[-1].write_bytes(data.tobytes())
+    return paths
+
+
+def truth(response: str, values: np.ndarray) -> np.ndarray:
+    """Log exposure of values by the sensor's own formula, inverted on a fine grid."""
+    signal = np.concatenate([[0], np.geomspace(1e-9, 1, 400_001)])
+    return np.log(np.interp(values, RESPONSES[response](signal), signal))
+
+
+def gamma_response(gamma: float = 2.0, knots: int = 256) -> Response:
+    with np.errstate(divide="ignore"):
+        curve = gamma * np.log(np.linspace(0, 1, knots))
+    curve[:4], curve[-2:] = np.nan, np.nan
+    std = np.where(np.isfinite(curve), 0.01, np.nan)
+    return Response(np.tile(curve, (3, 1)), np.tile(std, (3, 1)), np.tile([0.0, 1.0], (3, 1)))
+
+
+# The curve as an object.
+
+
+@pytest.mark.parametrize("levels", [255, 65535])
+def test_a_curve_is_applied_where_it_is_known(levels):
+    response = gamma_response()
+    table = response.table(levels)
+    values = np.arange(levels + 1) / levels
+    known = (values >= 4 / 255) & (values <= 253 / 255)
+    # Straight in the logarithm between knots: at 4/255 the square of a half-way value is off by (1/9)^2 / 4.
+    assert_allclose(table[:, known], np.tile(values[known] ** 2, (3, 1)), rtol=0.02, equal_nan=False)
+    assert_allclose(table[:, levels * 128 // 255], (128 / 255) ** 2, rtol=1e-4, equal_nan=False)
+    # Below what is known: in proportion, and anything from darkness on; above: flagged.
+    assert_allclose(table[:, 0], 0, atol=0)
+    assert_allclose(response.variance_table(levels)[:, 0], (4 / 255) ** 4 / 12, rtol=1e-6, equal_nan=False)
+    assert_array_equal(response.brightest(levels), levels * 253 // 255)
+    assert (np.diff(table, axis=1)[:, : response.brightest(levels)[0]] > 0).all()
+
+
+def test_codes_become_light():
+    codes = np.random.default_rng(0).integers(5, 250, (4, 5, 3), np.uint8)
+    assert_allclose(gamma_response().linear(codes), (codes / 255.0) ** 2, rtol=1e-6, equal_nan=False)
+
+
+def test_a_gap_is_as_uncertain_as_it_is_wide():
+    response = gamma_response()
+    curve, std = response.log_exposure.copy(), response.log_std.copy()
+    curve[:, 100:120], std[:, 100:120] = np.nan, np.nan
+    gapped = Response(curve, std, response.clip)
+    low, high = (99 / 255) ** 2, (120 / 255) ** 2
+    assert_allclose(gapped.variance_table(255)[:, 110], (high - low) ** 2 / 12, rtol=1e-9, equal_nan=False)
+    assert_allclose(gapped.table(255)[:, 110], low + (high - low) * 11 / 21, rtol=1e-9, equal_nan=False)
+
+
+def test_a_response_survives_its_file(tmp_path):
+    response = gamma_response()
+    write_json(tmp_path / "r é.json", {"format": 1, "channels": response_channels(response)})
+    again = read_response(tmp_path / "r é.json")
+    assert_allclose(again.log_exposure, response.log_exposure, rtol=1e-6)  # seven digits; NaN where it was
+    assert_array_equal(np.isnan(again.log_std), np.isnan(response.log_std))
+    assert_array_equal(again.clip, response.clip)
+
+
+def test_a_bad_response_is_named(tmp_path):
+    channels = response_channels(gamma_response())
+    falling = {**channels["green"], "log_exposure": channels["green"]["log_exposure"][::-1]}
+    cases = (
+        ({"format": 2, "channels": channels}, "format"),
+        ({"format": 1}, "lacks the key 'channels'"),
+        ({"format": 1, "channels": {"red": channels["red"]}}, "lacks the channel 'green'"),
+        ({"format": 1, "channels": {**channels, "green": falling}}, "green: "),
+        (
+            {"format": 1, "channels": {**channels, "blue": {"log_exposure": [1]}}},
+            "channel 'blue' cannot be read",
+        ),
+    )
+    for document, message in cases:
+        write_json(tmp_path / "r.json", document)
+        with pytest.raises(ValueError, match=rf"r\.json: .*{message}"):
+            read_response(tmp_path / "r.json")
+
+
+# The methods, without noise.
+
+
+def codes_of(curve, times: np.ndarray, pixels: int = 3000) -> np.ndarray:
+    """Values (n, p) of exposures that are spread evenly in the logarithm, unquantised."""
+    log_exposure = np.random.default_rng(1).uniform(np.log(2e-3), np.log(2), (pixels, 1))
+    return np.clip(curve(np.exp(log_exposure) * times), 0, 1)
+
+
+def test_equation_3_gives_a_gamma_curve_back():
+    times = np.array([0.25, 1, 3])
+    values = codes_of(lambda exposure: exposure ** (1 / 2.2), times)
+    curve = LogExposureSpline(0, 1)
+    params = solve_debevec(curve, values, (values > 0) & (values < 1), np.log(times), smoothing=1e-6)
+    at = np.linspace(0.15, 0.95, 50)
+    found = curve.log_exposure(params, at)
+    expected = 2.2 * np.log(at)
+    # What the smoothing, small as it is, takes away at the ends.
+    assert_allclose(found - found[25], expected - expected[25], atol=0.01, equal_nan=False)
+
+
+def test_a_polynomial_of_the_right_order_is_exact():
+    # z of exposure I = (z + 2 z^3) / 3, inverted numerically.
+    grid = np.linspace(0, 1, 100_001)
+    times = np.array([0.25, 1, 3])
+    values = codes_of(lambda exposure: np.interp(exposure, (grid + 2 * grid**3) / 3, grid), times)
+    patch = np.arange(len(values)) % 50
+    sample = BracketSample(np.stack([values] * 3), patch, np.tile([0.0, 1.0], (3, 1)), 1 / 65535)
+    at = np.linspace(0.05, 0.95, 40)
+    curve = ExposurePolynomial(0, 1, 3)
+    start = curve.fitted_to(at, 1.5 * np.log(at), np.ones(40))
+    channels = [ChannelFit(curve, start, 0.0, np.full(20, 1e-3)) for _ in range(3)]
+    fitted, log_times = fit_curves(sample, np.log(times), channels, 30)
+    found = curve.log_exposure(fitted[0].params, at)
+    expected = np.log(at + 2 * at**3)
+    assert_allclose(
+        found - found[20], expected - expected[20], atol=2e-3, equal_nan=False
+    )  # the table's inversion
+    assert_allclose(log_times, np.log(times), atol=1e-3, equal_nan=False)
+
+
+def test_corrections_leave_scale_and_span_alone():
+    times = np.array([0.3, -1.0, 2.0, 0.5, 4.0])
+    basis = correction_basis(times)
+    assert basis.shape == (5, 3)
+    assert_allclose(basis.T @ basis, np.eye(3), atol=1e-12)
+    assert_allclose(basis.T @ np.stack([np.ones(5), times], axis=1), 0, atol=1e-12)
+    assert correction_basis(times[:2]).shape == (2, 0)
+
+
+# Recovery from a synthetic sensor, which counts photons.
+
+
+def test_intervals_cover_the_truth(tmp_path):
+    inside = []
+    for seed, (response, times) in enumerate(
+        [("srgb", (0.25, 1, 4)), ("film", (0.5, 1, 3)), ("gamma", (4, 0.5)), ("film", (0.2, 0.8, 2, 6))]
+    ):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        paths = bracket(folder, Sensor(response=response, bits=8), times, seed)
+        found = recover_from_files(paths, times).response
+        middle = 128
+        for channel in range(3):
+            known = np.isfinite(found.log_exposure[channel])
+            assert known.mean() > 0.7
+            error = found.log_exposure[channel, known] - truth(response, found.values[known])
+            error -= error[np.flatnonzero(known) == middle]
+            inside.append(np.mean(np.abs(error) <= 1.96 * found.log_std[channel, known]))
+    # 95% intervals; twelve curves whose errors are correlated along them: the mean scatters by some 3%.
+    assert 0.9 <= np.mean(inside) <= 1
+
+
+def test_the_order_of_the_photographs_does_not_matter(tmp_path):
+    times = (1.0, 0.25, 4.0)
+    paths = bracket(tmp_path, Sensor(response="gamma", bits=16), times, 5)
+    found = recover_from_files(paths, times)
+    again = recover_from_files(paths[::-1], times[::-1])
+    assert found.response.log_exposure.shape == (3, 1024)
+    # The same sums in another order, iterated: far below the standard deviations, 1e-3.
+    assert_allclose(again.response.log_exposure, found.response.log_exposure, atol=1e-4)
+    assert_allclose(again.stops[::-1], found.stops, atol=1e-4)
+
+
+def test_a_wrong_exposure_is_found_and_named(tmp_path):
+    true = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
+    paths = bracket(tmp_path, Sensor(response="srgb", bits=8), true * [1, 1, 1.15, 1, 1], 6)
+    recovery = recover_from_files(paths, true)
+    assert len(recovery.warnings) == 1
+    assert "photo 2 ä.png" in recovery.warnings[0]
+    # Of 15%, a fifth is taken up by the mean of the five.
+    off = recovery.stops - recovery.nominal_stops
+    assert off[2] == pytest.approx(0.8 * np.log2(1.15), abs=4 * recovery.stops_std[2] + 0.01)
+    assert [step.given for step in believed_steps(recovery)] == pytest.approx([2, 2, 2, 2])
+
+
+# What isn't a bracket.
+
+
+def sample_of(values: np.ndarray) -> BracketSample:
+    """The same values (n, p) in all channels, of 8-bit files that clip at both ends."""
+    return BracketSample(
+        np.stack([values] * 3), np.arange(len(values)) % 20, np.tile([0.0, 1.0], (3, 1)), 1 / 255
+    )
+
+
+def test_what_contradicts_itself_is_refused_by_name():
+    names = ("a.png", "b.png", "c.png")
+    times = np.log([1.0, 2.0, 4.0])
+    values = codes_of(lambda exposure: exposure**0.45, np.array([0.2, 0.4, 0.8]))
+    check_exposures(sample_of(values), times, names)
+    folded = np.where(values > 0.6, 1.2 - values, values)
+    cases = (
+        (values, np.zeros(3), r"a\.png and the others: all exposures are equal"),
+        (
+            values,
+            times[::-1],
+            r"b\.png is darker than c\.png.* 2 times as long \(and 1 more pairs\).*reversed",
+        ),
+        (folded, times, r"b\.png is darker than a\.png where values are about .*isn't monotonic"),
+        (0 * values, times, r"a\.png and the others: in red, .*nearly all of it is black"),
+        (0 * values + 1, times, r"a\.png and the others: in red, .*nearly all of it is saturated"),
+    )
+    for bad, exposures, message in cases:
+        with pytest.raises(ValueError, match=message):
+            recover_response(sample_of(bad), np.exp(exposures), names, 256)
+
+
+def test_files_that_do_not_belong_together_are_named(tmp_path):
+    paths = bracket(tmp_path, Sensor(bits=8), (0.5, 1), 7)
+    small, deep = tmp_path / "small.png", tmp_path / "deep.png"
+    codes = cv2.imread(str(paths[0]))
+    cv2.imwrite(str(small), codes[:10])
+    cv2.imwrite(str(deep), codes.astype(np.uint16))
+    rng = np.random.default_rng(0)
+    for bad, message in (
+        (small, r"small\.png: is 96x10 pixels, but .*96x72"),
+        (deep, r"deep\.png: is uint16, but"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            sample_bracket([*paths, bad], rng)
+    with pytest.raises(ValueError, match=r"photo 0 ä\.png: a bracket needs two"):
+        sample_bracket(paths[:1], rng)
