@@ -17,8 +17,12 @@ calibrate = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-calibrate.command(short_help="Focal length, principal point and lens distortion, from photographs of a board.")(camera)
-calibrate.command(short_help="What the file's numbers stand for: the response curve, from a bracket.")(response)
+calibrate.command(
+    short_help="Focal length, principal point and lens distortion, from photographs of a board."
+)(camera)
+calibrate.command(short_help="What the file's numbers stand for: the response curve, from a bracket.")(
+    response
+)
 calibrate.command(short_help="Read and shot noise of the sensor, from repeated photographs.")(noise)
 calibrate.command(short_help="Vignetting, from photographs of an even surface.")(flatfield)
 calibrate.command(short_help="The arc that a camera travels along, from photographs of a board.")(gantry)

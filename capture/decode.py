@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from capture.exposure import ExposureSettings, relative_exposure
 from capture.flatfield import FlatField
-from capture.imagefile import read_image, read_pixels
+from capture.imagefile import read_exr_layers, read_image, read_pixels
 from capture.noise import NoiseModel, Step, estimate_noise
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import Image, RadianceImage
@@ -44,7 +44,8 @@ def decode(
     encoding : of integer files: "linear", "srgb" to undo the sRGB curve (IEC 61966-2-1), or a recovered response.
     exposure : what the radiance is divided by, relative to the unit exposure, > 0.
     noise : the sensor's read and shot noise. Without it, that of integer and RAW files is estimated from the
-        photograph itself, once its variance is asked for, and floats have none. Quantisation is added.
+        photograph itself, once its variance is asked for, and floats have what an EXR states in channels
+        variance.R, .G, .B (and saturated), as merged brackets do. Quantisation is added.
     flat_field : relative illumination over the image, divided out.
     white_balance : (3,) factors that the channels are multiplied by.
     """
@@ -92,7 +93,7 @@ def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
     peak = pixels.max()
     if not peak > 0:
         raise ValueError(f"{path}: the mask is empty; it must be nonzero where the object is")
-    return pixels / peak
+    return np.asarray(pixels / peak, np.float32)
 
 
 def check_size(path: Path, pixels: NDArray[np.generic], size: tuple[int, int]) -> None:
@@ -177,12 +178,19 @@ def _decode_float(
             f" row {row}; render or export the photograph again"
         )
     factor = scale.astype(np.float32)
+    layers = read_exr_layers(path) if kind == "EXR" else {}
+    stated = layers.get("variance", np.zeros(1, np.float32)).astype(np.float32)
+    if stated.shape not in ((1,), linear.shape) or not (np.isfinite(stated) & (stated >= 0)).all():
+        raise ValueError(
+            f"{path}: its channels variance.R, .G, .B must hold variances: finite and not negative"
+        )
 
     def variance() -> Image:
-        own = np.broadcast_to(_float_step(kind, pixels) ** 2 / 12, linear.shape)
-        return (own if noise is None else own + noise.variance(linear)) * factor**2
+        own = np.broadcast_to(stated + _float_step(kind, pixels) ** 2 / 12, linear.shape)
+        return np.asarray((own if noise is None else own + noise.variance(linear)) * factor**2, np.float32)
 
-    return RadianceImage(linear * factor, variance, np.zeros(linear.shape[:2], bool))
+    clipped = layers.get("saturated", np.zeros(linear.shape[:2])) > 0
+    return RadianceImage(linear * factor, variance, clipped)
 
 
 def _float_step(kind: str, pixels: NDArray[np.generic]) -> Image:

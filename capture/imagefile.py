@@ -55,7 +55,7 @@ def read_file(path: Path) -> NDArray[np.uint8]:
 
 def check_header(path: Path, data: NDArray[np.uint8]) -> Header:
     """The header of a file's bytes; ValueError if it is no image, is cut off, or would decode to a monster."""
-    header = read_header(memoryview(data))
+    header = read_header(data.data)
     if not header.kind or not header.whole:
         raise ValueError(f"{path}: {_DAMAGED}")
     if header.size is not None and header.size[0] * header.size[1] > MAX_PIXELS:

@@ -17,6 +17,7 @@ from capture.noise import NoiseModel
 from capture.photontransfer import TransferFit, fit_transfer, tiles_of
 from capture.rawfile import is_raw, read_raw
 from capture.repeats import Frame, Repeats
+from capture.response import Response
 
 if TYPE_CHECKING:
     from capture.decode import Encoding
@@ -93,8 +94,9 @@ def read_frame(path: Path, encoding: Encoding) -> Frame:
         photosites = _photosites(path)
         if photosites is not None:
             return photosites
-    # A model without noise leaves quantisation alone in the variance.
-    image = decode(path, encoding, noise=NoiseModel(np.zeros(3), np.zeros(3)))
+    # A curve without error and a model without noise leave quantisation alone in the variance.
+    curve = encoding.exact() if isinstance(encoding, Response) else encoding
+    image = decode(path, curve, noise=NoiseModel(np.zeros(3), np.zeros(3)))
     return Frame(image.radiance, image.variance, image.saturated)
 
 

@@ -17,9 +17,9 @@ from capture.imageheader import read_header
 
 Floats = NDArray[np.float32]
 
-RAW_SUFFIXES = frozenset(
+_RAW_ENDINGS = (
     ".3fr .ari .arw .bay .cap .cr2 .cr3 .crw .dcr .dcs .dng .erf .fff .gpr .iiq .k25 .kdc .mef .mos .mrw .nef .nrw"
-    " .orf .pef .ptx .pxn .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f".split()
+    " .orf .pef .ptx .pxn .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f"
 )
 
 # The mosaic goes through LibRaw's demosaicing as 16-bit numbers: black lies here, so that noise below black is
@@ -51,7 +51,7 @@ class RawImage:
 
 def is_raw(path: Path) -> bool:
     """Whether a file is to be read as camera RAW, told by the ending of its name."""
-    return path.suffix.lower() in RAW_SUFFIXES
+    return path.suffix.lower() in _RAW_ENDINGS.split()
 
 
 def read_raw(path: Path) -> RawImage:
@@ -66,8 +66,8 @@ def read_raw(path: Path) -> RawImage:
 
     with _opened(path) as raw:
         if raw.raw_type == rawpy.RawType.Stack:  # every pixel has all its colours: nothing to demosaic
-            values = _developed(raw) / np.float32(65535)
-            return RawImage(values, (values >= 1).any(axis=2), values, step=1 / 65535)
+            values = np.asarray(_developed(raw) / 65535, np.float32)
+            return RawImage(values, values.max(axis=2) >= 1, values, step=1 / 65535)
         colours = raw.raw_colors_visible
         black = np.asarray(raw.black_level_per_channel, np.float32)
         white = float(raw.white_level)
@@ -107,13 +107,13 @@ def camera_white_balance(path: Path) -> NDArray[np.float64]:
 def _opened(path: Path) -> Iterator[Any]:
     import rawpy
 
-    if not read_header(memoryview(read_file(path))).whole:
+    if not read_header(read_file(path).data).whole:
         raise ValueError(f"{path}: is cut off: image data that it announces are missing. Copy it again")
     try:
         with rawpy.imread(str(path)) as raw:
             yield raw
     except rawpy.LibRawFileUnsupportedError as error:
-        kind = read_header(memoryview(read_file(path))).kind
+        kind = read_header(read_file(path).data).kind
         if kind in ("", "camera RAW"):
             raise ValueError(
                 f"{path}: is no camera RAW file, or damaged, or of a camera that LibRaw doesn't know"

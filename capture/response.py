@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -58,6 +58,10 @@ class Response:
     def values(self) -> Floats:
         """(n,) the values, 0 to 1, at which the curves are given."""
         return np.linspace(0, 1, self.log_exposure.shape[1])
+
+    def exact(self) -> Response:
+        """The same curve, taken to be known without error."""
+        return replace(self, log_std=np.where(np.isfinite(self.log_std), 0.0, np.nan))
 
     def determined(self, channel: int) -> tuple[float, float]:
         """The least and the largest value at which a channel's curve is known."""

@@ -55,7 +55,9 @@ def find_warnings(
         )
     for table in photoset.lightings:
         lighting = lightings.get(table.name)
-        warnings += [] if lighting is None else [f"Lighting {table.name!r}: {text}." for text in lighting.warnings]
+        warnings += (
+            [] if lighting is None else [f"Lighting {table.name!r}: {text}." for text in lighting.warnings]
+        )
         if lighting is not None and table.mirror_ball and table.recover is None and lighting.recovers:
             warnings.append(
                 f"Lighting {table.name!r}: the highlight on the mirror ball is saturated, so its direction is used"

@@ -8,17 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.commands.options import Times
+from capture.commands.options import Encoding, IntegerEncoding, ResponseFile, Times
 
 if TYPE_CHECKING:
     from recon.ballresult import Reading
-
-
-class Encoding(StrEnum):
-    """How an integer file's values stand for light."""
-
-    LINEAR = "linear"
-    SRGB = "srgb"
 
 
 class Exposure(StrEnum):
@@ -113,13 +106,8 @@ def mirrorball(
             " With neither, the ball counts as far away (orthographic).",
         ),
     ] = None,
-    encoding: Annotated[
-        Encoding, typer.Option(help="What integer files hold; EXR, .hdr and float files are always linear.")
-    ] = Encoding.LINEAR,
-    response: Annotated[
-        Path | None,
-        typer.Option(help="response.json with the camera's recovered response curve, instead of --encoding."),
-    ] = None,
+    encoding: IntegerEncoding = Encoding.LINEAR,
+    response: ResponseFile = None,
     exposure: Annotated[
         Exposure,
         typer.Option(

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.commands.options import Photos
+from capture.commands.options import Encoding, IntegerEncoding, Photos, ResponseFile, encoding_of
 
 if TYPE_CHECKING:
     from capture.flatrecovery import FlatFieldRecovery
 
 _FIGURE = "-figure.png"
-
-
-class Encoding(StrEnum):
-    """How an integer file's values stand for light."""
-
-    LINEAR = "linear"
-    SRGB = "srgb"
 
 
 def flatfield(
@@ -33,9 +25,8 @@ def flatfield(
             " ten or more photographs.",
         ),
     ] = False,
-    encoding: Annotated[
-        Encoding, typer.Option(help="What integer files hold; RAW, EXR and .hdr are always linear.")
-    ] = Encoding.LINEAR,
+    encoding: IntegerEncoding = Encoding.LINEAR,
+    response: ResponseFile = None,
     output: Annotated[
         Path,
         typer.Option("-o", "--out", metavar="OUT", help="JSON file to write; an earlier one is replaced."),
@@ -57,13 +48,14 @@ def flatfield(
     from capture.terminal import console, leave_cleanly_when_stopped
 
     leave_cleanly_when_stopped()
+    inputs = [*images, *([response] if response else [])]
     map_ending = (".exr",) if pixelwise else ()
-    with result_files(output, (_FIGURE, *map_ending), images) as folder:
+    with result_files(output, (_FIGURE, *map_ending), inputs) as folder:
         with console.status(f"Reading {len(images)} photographs"):
-            recovery = recover_flat_field(images, encoding.value, as_map=pixelwise)
+            recovery = recover_flat_field(images, encoding_of(encoding, response), as_map=pixelwise)
         map_name = output.stem + ".exr"
         document = flat_field_document(recovery, map_name)
-        write_json(folder / output.name, {**document, "inputs": input_hashes(images), "software": software()})
+        write_json(folder / output.name, {**document, "inputs": input_hashes(inputs), "software": software()})
         if pixelwise:
             tiles = recovery.tiles
             write_exr(folder / map_name, recovery.flat_field.gain(tiles.width, tiles.height))

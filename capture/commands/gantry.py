@@ -10,7 +10,7 @@ import typer
 from capture.commands.options import Photos
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from capture.arcfit import ArcFit
 
@@ -116,5 +116,5 @@ def _report(fit: ArcFit, names: Sequence[str], left_out: Sequence[str], output: 
     console.print(f"Wrote {escape(str(output))} and {escape(output.stem)}-figure.png")
 
 
-def _vector(values: Sequence[float], digits: int) -> str:
+def _vector(values: Iterable[float], digits: int) -> str:
     return " ".join(f"{value:.{digits}f}" for value in values)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.commands.options import Photos, Times
+from capture.commands.options import Encoding, Photos, Times
 
 if TYPE_CHECKING:
     from capture.hdr import Merge
@@ -19,13 +18,6 @@ _FIGURE = "-figure.png"
 # Shares of the picture from which on a word of warning is due.
 _NOTABLE_MOTION = 0.02
 _NOTABLE_SATURATION = 0.001
-
-
-class Encoding(StrEnum):
-    """How an integer file's values stand for light."""
-
-    LINEAR = "linear"
-    SRGB = "srgb"
 
 
 def hdr(

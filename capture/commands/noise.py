@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.commands.options import Photos
+from capture.commands.options import Encoding, IntegerEncoding, Photos, ResponseFile, encoding_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,18 +17,10 @@ if TYPE_CHECKING:
 _FIGURE = "-figure.png"
 
 
-class Encoding(StrEnum):
-    """How an integer file's values stand for light."""
-
-    LINEAR = "linear"
-    SRGB = "srgb"
-
-
 def noise(
     images: Photos,
-    encoding: Annotated[
-        Encoding, typer.Option(help="What integer files hold; RAW, EXR and .hdr are always linear.")
-    ] = Encoding.LINEAR,
+    encoding: IntegerEncoding = Encoding.LINEAR,
+    response: ResponseFile = None,
     output: Annotated[
         Path,
         typer.Option("-o", "--out", metavar="OUT", help="JSON file to write; an earlier one is replaced."),
@@ -51,9 +42,10 @@ def noise(
     from capture.terminal import leave_cleanly_when_stopped, track
 
     leave_cleanly_when_stopped()
-    with result_files(output, (_FIGURE,), images) as folder:
-        recovery = recover_noise(track(images, "Comparing photographs"), encoding.value)
-        document = {**noise_document(recovery), "inputs": input_hashes(images), "software": software()}
+    inputs = [*images, *([response] if response else [])]
+    with result_files(output, (_FIGURE,), inputs) as folder:
+        recovery = recover_noise(track(images, "Comparing photographs"), encoding_of(encoding, response))
+        document = {**noise_document(recovery), "inputs": input_hashes(inputs), "software": software()}
         write_json(folder / output.name, document)
         noise_figure(recovery).savefig(folder / (output.stem + _FIGURE))
     _report(recovery, output)

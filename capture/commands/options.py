@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from capture.decode import Encoding as DecodeEncoding
+
+
+class Encoding(StrEnum):
+    """How an integer file's values stand for light."""
+
+    LINEAR = "linear"
+    SRGB = "srgb"
+
 
 Times = Annotated[
     str | None,
@@ -15,4 +27,22 @@ Times = Annotated[
         " Without it they are read from each file's EXIF (time, ISO and f-number).",
     ),
 ]
+IntegerEncoding = Annotated[
+    Encoding, typer.Option(help="What integer files hold; RAW, EXR and .hdr are always linear.")
+]
+ResponseFile = Annotated[
+    Path | None,
+    typer.Option(
+        help="response.json of the camera, from 'lightfactor calibrate response', instead of --encoding."
+    ),
+]
 Photos = Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photographs.", show_default=False)]
+
+
+def encoding_of(encoding: Encoding, response: Path | None) -> DecodeEncoding:
+    """What --encoding and --response say together, as `capture.decode.decode` takes it."""
+    if response is not None:
+        from capture.response import read_response
+
+        return read_response(response)
+    return encoding.value

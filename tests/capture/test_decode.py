@@ -20,11 +20,13 @@ from capture.decode import (
     srgb_to_linear,
 )
 from capture.exposure import read_exif_exposure, relative_exposure
+from capture.flatfield import FlatFieldMap
 from capture.imagefile import read_pixels, write_exr
 from capture.manifest import ObjectTable
 from capture.noise import NoiseModel
 from capture.photoset import ExposureSettings, Photo, PhotoSet
 from capture.radiometry import Radiometry
+from capture.response import Response
 
 NO_NOISE = NoiseModel(np.zeros(3), np.zeros(3))
 FLOAT32 = 2.0**-23  # relative rounding of a float32 result
@@ -151,6 +153,50 @@ def test_result_is_read_only_and_checks_its_shapes():
         RadianceImage(zeros, zeros[..., :1], np.zeros((2, 3), bool))
     with pytest.raises(ValueError, match=r"saturated is \(3, 2\), the image \(2, 3\)"):
         RadianceImage(zeros, zeros, np.zeros((3, 2), bool))
+
+
+def test_what_a_merged_bracket_states_of_its_errors_is_kept(tmp_path):
+    rng = np.random.default_rng(5)
+    radiance, variance = rng.random((2, 4, 5, 3)).astype(np.float32)
+    saturated = rng.random((4, 5)) > 0.5
+    write_exr(tmp_path / "a.exr", radiance, layers={"variance": variance, "saturated": saturated * 1.0})
+    image = decode(tmp_path / "a.exr", exposure=0.5)
+    assert_allclose(image.variance, variance / 0.25, rtol=2 * FLOAT32, equal_nan=False)
+    assert_array_equal(image.saturated, saturated)
+    write_exr(tmp_path / "a.exr", radiance, layers={"variance": -variance})
+    with pytest.raises(ValueError, match=r"a\.exr: its channels variance\.R, \.G, \.B must hold variances"):
+        decode(tmp_path / "a.exr")
+
+
+def test_noise_flat_field_and_white_balance_act_on_the_sensors_signal(tmp_path):
+    rgb = np.random.default_rng(6).integers(0, 65535, (4, 6, 3)).astype(np.uint16)
+    path = write(tmp_path / "a.png", rgb)
+    noise = NoiseModel(np.array([0.01, 0.02, 0.03]), np.array([1e-3, 2e-3, 3e-3]))
+    illumination = np.linspace(0.5, 1, 72).reshape(4, 6, 3).astype(np.float32)
+    flat_field = FlatFieldMap(illumination, np.zeros(3))
+    balance = np.array([2.0, 1.0, 1.5])
+    image = decode(path, exposure=0.25, noise=noise, flat_field=flat_field, white_balance=balance)
+    signal = rgb / 65535
+    factor = balance / 0.25 / illumination
+    assert_allclose(image.radiance, signal * factor, rtol=4 * FLOAT32, equal_nan=False)
+    expected = noise.read_std**2 + noise.shot * signal + 1 / 65535**2 / 12
+    assert_allclose(image.variance, expected * factor**2, rtol=1e-5, equal_nan=False)
+    assert_array_equal(image.saturated, (rgb == 65535).any(axis=2))
+    with pytest.raises(ValueError, match=r"b\.png: .*4x6"):
+        decode(write(tmp_path / "b.png", rgb.transpose(1, 0, 2).copy()), flat_field=flat_field)
+
+
+def test_a_recovered_response_is_undone_and_what_it_leaves_open_is_saturated(tmp_path):
+    values = np.linspace(0, 1, 256)
+    curve = np.log(np.maximum(np.stack([values**2.2, values**1.8, values**2.0]), 1e-12))
+    curve[:, 250:] = np.nan
+    response = Response(curve, np.where(np.isfinite(curve), 0.0, np.nan), np.array([[-1.0, 2.0]] * 3))
+    rgb = np.random.default_rng(7).integers(1, 256, (30, 40, 3)).astype(np.uint8)
+    image = decode(write(tmp_path / "a.png", rgb), response, noise=NO_NOISE)
+    assert_array_equal(image.saturated, (rgb >= 250).any(axis=2))
+    known = ~image.saturated
+    expected = (rgb / 255) ** np.array([2.2, 1.8, 2.0])
+    assert_allclose(image.radiance[known], expected[known], rtol=1e-6, equal_nan=False)
 
 
 # Exposure.

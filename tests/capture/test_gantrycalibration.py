@@ -25,7 +25,7 @@ STEP_DEG = 25.0
 
 def arc_over(spec: str) -> Arc:
     middle = parse_board(spec).corners.mean(axis=0)
-    return Arc(middle + [0, 0, 0.4], [0.02, -0.03, 1], 0.5, [0.3, -1, 0], MOUNT)
+    return Arc(middle + np.array([0, 0, 0.4]), [0.02, -0.03, 1], 0.5, [0.3, -1, 0], MOUNT)
 
 
 @pytest.fixture(scope="module", params=["charuco:7x5:0.035:0.026", "chessboard:8x6:0.028"])
