@@ -12,13 +12,20 @@ from typing import Any
 _HOME = {
     "Board": "board",
     "Camera": "camera",
+    "board_pose": "boardpose",
     "calibrate_camera": "intrinsics",
-    "decode": "decode",
-    "fit_flat_field": "flatfield",
+    "calibrate_gantry": "gantrycalibration",
+    "detect_board": "boardsearch",
     "load_photoset": "photoset",
     "merge": "hdr",
-    "recover_noise": "noise",
-    "recover_response": "response",
+    "open_bracket": "hdrfiles",
+    "parse_board": "board",
+    "read_flat_field": "flatfield",
+    "read_noise_model": "noise",
+    "read_response": "response",
+    "recover_flat_field": "flatrecovery",
+    "recover_noise": "noiserecovery",
+    "recover_response": "responserecovery",
 }
 __all__ = list(_HOME)
 

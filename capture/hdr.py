@@ -20,6 +20,8 @@ _TELLING = 0.3
 # Static pixels scatter beyond this once in a hundred thousand.
 _UNLIKELY = 1e-5
 _OUTLIER = 5.0
+# Standard deviations above black at which a photograph shows a pixel.
+_SHOWS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,8 @@ def merge(load: Load, exposures: Sequence[float], stated: bool = False) -> Merge
         that the bracket shows where its photographs overlap, and by what they state only if they don't.
 
     The weight of a pixel is exposure^2 over the variance of the signal that a first, unweighted estimate predicts:
-    a variance that follows the noisy pixel itself would give dark errors more weight than bright ones.
+    a variance that follows the noisy pixel itself would give dark errors more weight than bright ones. Of exposures
+    too short to show a pixel only the longest counts.
     """
     times = np.asarray(exposures, float)
     first = _first_pass(load, times)
@@ -86,7 +89,11 @@ def merge(load: Load, exposures: Sequence[float], stated: bool = False) -> Merge
         image, valid = load(index)
         # What is saturated in a shorter exposure than one in which it isn't is no light of the scene's.
         valid = valid & ~(~valid & (first.most_valid > 1.001 * time)).any(axis=2, keepdims=True)
-        weight = valid * (np.float32(time**2) / noise.at(radiance * np.float32(time)))
+        signal = radiance * np.float32(time)
+        variance = noise.at(signal)
+        # Noise is clipped at black: exposures too short to show a pixel would make it too bright on average.
+        valid = valid & ((signal > _SHOWS * np.sqrt(variance)) | (first.most_valid <= 1.001 * time))
+        weight = valid * (np.float32(time**2) / variance)
         off = image.radiance - radiance
         weight_sum += weight
         pull += weight * off

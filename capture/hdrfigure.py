@@ -77,6 +77,7 @@ def _picture(axis: Any, image: Any, title: str, stride: int, norm: Any = None, c
     axis.set_title(title, fontsize=8)
     axis.tick_params(labelsize=6)
     axis.set_xlabel("column (pixels)", fontsize=7)
+    axis.set_ylabel("row (pixels)", fontsize=7)
     return shown
 
 

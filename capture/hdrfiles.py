@@ -63,9 +63,9 @@ def open_bracket(
     elif encoding is not None:
         origin = f"Values count as {encoding}."
     else:
-        from capture.responserecovery import recover_from_files
+        from capture.responserecovery import recover_response
 
-        recovery = recover_from_files(paths, exposures)
+        recovery = recover_response(paths, exposures)
         curve, warnings = recovery.response, recovery.warnings
         origin = (
             f"Values became linear by the response that this bracket shows ({recovery.methods[0].name}, predicts values"

@@ -29,7 +29,7 @@ def response_figure(recovery: Recovery, names: Sequence[str]) -> Any:
         axis.set_xticks(range(len(order)), labels, rotation=60, ha="right", fontsize=7)
         axis.set_xlabel("photograph, least exposed first", fontsize=8)
     for axis in (curves, deviations, residuals, exposures):
-        axis.tick_params(axis="y", labelsize=7)
+        axis.tick_params(axis="y", which="both", labelsize=7)
         axis.grid(alpha=0.25)
     for axis in (curves, deviations):
         axis.tick_params(axis="x", labelsize=7)
@@ -59,7 +59,7 @@ def _draw_curves(axis: Any, recovery: Recovery) -> None:
         axis.axvspan(
             255 * high, 259, ymin=index / 3, ymax=(index + 1) / 3, color=COLOURS[name], alpha=0.12, lw=0
         )
-    axis.set_ylabel("log2 exposure (stops below white)", fontsize=8)
+    axis.set_ylabel("log2 exposure (stops; the middle as in sRGB)", fontsize=8)
     axis.set_title("curve ± 2 standard deviations; shaded at the ends: undetermined", fontsize=9)
     axis.legend(fontsize=8, loc="lower right")
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from capture.bracketcheck import check_exposures
 from capture.bracketsample import BracketSample, sample_bracket
+from capture.exposure import bracket_exposures
 from capture.parallel import one_blas_thread
 from capture.response import Response, response_channels
 from capture.responsechoice import Method, as_good, candidates, prediction_errors
@@ -50,7 +51,7 @@ class Recovery:
         return f"exposure certain to {np.median(std):.2%} in the median, {std.max():.1%} at worst"
 
 
-def recover_response(
+def recover_from_sample(
     sample: BracketSample, exposures: Sequence[float], names: Sequence[str], knots: int
 ) -> Recovery:
     """Recover the response from a sampled bracket with known exposures.
@@ -95,7 +96,8 @@ def _response(
             for other in fits[1:]:
                 rival = other.channels[index]
                 off = rival.curve.log_exposure(rival.params, values[at]) - g
-                systematic.append((off - np.median(off)) / 2)  # as good a place is half-way
+                # As good a place is half-way.
+                systematic.append((off - np.median(off)) / 2)
             std = np.sqrt(std**2 + np.sum(np.square(systematic), axis=0))
             sure = std < _MAX_STD
             gauge = np.log(srgb_to_linear(np.array(values[at[middle]]))) - g[middle]
@@ -218,11 +220,16 @@ def believed_steps(recovery: Recovery) -> list[Step]:
     return steps
 
 
-def recover_from_files(paths: Sequence[Path], exposures: Sequence[float]) -> Recovery:
-    """Recover the response from the photographs of a bracket; 256 knots for 8 bits, 1024 for 16."""
+def recover_response(paths: Sequence[Path], exposures: Sequence[float] | None = None) -> Recovery:
+    """Recover the response from the photographs of a bracket; 256 knots for 8 bits, 1024 for 16.
+
+    exposures : relative ones, such as seconds, one per photograph; None to read them from EXIF.
+    ValueError names what is wrong: with the files, the exposures, or what they show.
+    """
+    exposures = bracket_exposures(paths, exposures)
     sample = sample_bracket(paths, np.random.default_rng(0))
     knots = 256 if sample.step > 1 / 256 else 1024
-    return recover_response(sample, exposures, [str(path) for path in paths], knots)
+    return recover_from_sample(sample, exposures, [str(path) for path in paths], knots)
 
 
 def recovery_document(recovery: Recovery, paths: Sequence[Path]) -> dict[str, object]:

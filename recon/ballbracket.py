@@ -88,12 +88,7 @@ def _merged(images: Sequence[RadianceImage], exposures: Sequence[float]) -> Radi
 
     def load(index: int) -> tuple[RadianceImage, NDArray[np.bool_]]:
         image = images[index]
-        valid = (
-            ~image.saturated[..., None] & _above_noise(images[0], image)
-            if index
-            else ~image.saturated[..., None]
-        )
-        return image, np.broadcast_to(valid, image.radiance.shape)
+        return image, np.broadcast_to(~image.saturated[..., None], image.radiance.shape)
 
     return merge(load, exposures).image
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -41,3 +43,18 @@ def test_the_readmes_manifest_is_valid(tmp_path: Path) -> None:
         re.sub(r"(?s)\[\[lighting\]\].*?(?=\n\[\[photo)", blocks[1], blocks[0]).replace('"room"', '"lamp 1"')
     )
     assert load_photoset(tmp_path).lightings[0].mirror_ball is not None
+
+
+def test_the_calibration_script_runs_and_comes_near_the_truth(tmp_path: Path) -> None:
+    script = ROOT / "docs/calibration.py"
+    run = subprocess.run([sys.executable, script, tmp_path / "é"], capture_output=True, text=True, check=True)
+    focal = re.search(r"focal length ([\d.]+) \+- ([\d.]+) px, in truth ([\d.]+)", run.stdout)
+    assert focal is not None
+    value, std, truth = map(float, focal.groups())
+    assert abs(value - truth) < 3 * std < 6
+    grey = re.search(r"middle grey ([\d.]+)%, in truth ([\d.]+)%", run.stdout)
+    assert grey is not None
+    assert float(grey[1]) == pytest.approx(float(grey[2]), rel=0.1)  # the curve's slope is known to a few per cent
+    errors = re.search(r"([\d.]+) \(RMS", run.stdout)
+    assert errors is not None
+    assert 0.8 < float(errors[1]) < 1.4

@@ -37,13 +37,13 @@ def response(
     from capture.exposure import bracket_exposures, read_times
     from capture.outfolder import result_files
     from capture.responsefigure import response_figure
-    from capture.responserecovery import recover_from_files, recovery_document
+    from capture.responserecovery import recover_response, recovery_document
     from capture.terminal import leave_cleanly_when_stopped
 
     leave_cleanly_when_stopped()
     with result_files(output, (_FIGURE,), images) as folder:
         exposures = bracket_exposures(images, read_times(times) if times else None)
-        recovery = recover_from_files(images, exposures)
+        recovery = recover_response(images, exposures)
         document = {
             **recovery_document(recovery, images),
             "inputs": input_hashes(images),

@@ -28,7 +28,7 @@ def scene() -> np.ndarray:
     )
 
 
-def loader(radiance: np.ndarray, times, seed: int = 0, change=None):
+def loader(radiance: np.ndarray, times, seed: int = 0, change=None, shot: float = SHOT):
     """Photographs of a linear sensor, as floats: noise that has the same draws each time one is loaded."""
 
     def load(index: int):
@@ -36,9 +36,9 @@ def loader(radiance: np.ndarray, times, seed: int = 0, change=None):
         signal = radiance * times[index]
         if change is not None:
             signal = change(index, signal)
-        noisy = signal + rng.normal(size=signal.shape) * np.sqrt(READ**2 + SHOT * signal)
+        noisy = signal + rng.normal(size=signal.shape) * np.sqrt(READ**2 + shot * signal)
         valid = noisy < 1
-        variance = (READ**2 + SHOT * np.maximum(noisy, 0)) / times[index] ** 2
+        variance = (READ**2 + shot * np.maximum(noisy, 0)) / times[index] ** 2
         shown = np.minimum(noisy, 1) / times[index]
         return RadianceImage(shown, variance.astype(np.float32), ~valid.all(axis=2)), valid
 
@@ -64,6 +64,15 @@ def test_a_merge_is_unbiased_and_as_certain_as_it_says(stated):
             )  # the variance is interpolated between its levels
 
 
+def test_weights_do_not_follow_the_noise():
+    # Noise of a quarter of the signal: weights from the noisy values would be off by as much of its deviation.
+    truth = np.broadcast_to(np.geomspace(0.02, 0.4, SIZE[1])[None, :, None], (*SIZE, 3))
+    merged = merge(loader(truth, (0.5, 1.0), shot=5e-3), (0.5, 1.0))
+    scaled = (merged.image.radiance - truth) / np.sqrt(5e-3 * truth / 1.5)
+    # 57,600 numbers: the mean is known to 0.004.
+    assert abs(scaled.mean()) < 0.03
+
+
 def test_the_variance_is_that_of_the_best_weights():
     truth = 0.1 * scene() / scene().max() + 0.01
     merged = merge(loader(truth, TIMES), TIMES)
@@ -84,10 +93,30 @@ def test_saturation_is_masked_and_a_lower_bound():
     bound = merged.image.radiance[beyond]
     assert (bound <= 1 / min(TIMES) * (1 + 1e-6)).all()
     assert (bound <= truth[beyond] * 1.1).all()
-    # As many as see it unsaturated in every channel, away from the edge.
-    clear = np.abs(truth.max(axis=2)[..., None] * TIMES - 1).min(axis=2) > 0.1
-    count = (truth.max(axis=2)[..., None] * np.array(TIMES) < 1).sum(axis=2)
+    # As many as see it in every channel, neither saturated nor lost in noise; away from the edges of both.
+    signal = truth[..., None] * np.array(TIMES)
+    shown = signal / np.sqrt(READ**2 + SHOT * signal)
+    clear = ((np.abs(signal - 1) > 0.1) & (np.abs(np.log(shown / 3)) > 0.5)).all(axis=(2, 3))
+    valid = signal < 1
+    longest = np.where(valid, TIMES, 0).max(axis=3, keepdims=True)
+    count = (valid & ((shown > 3) | (np.array(TIMES) == longest))).sum(axis=3).min(axis=2)
     assert_array_equal(merged.count[clear], count[clear])
+    assert len(np.unique(count[clear])) == 4
+
+
+def test_darkness_that_is_clipped_at_black_does_not_become_brighter():
+    truth = np.broadcast_to(np.geomspace(0.004, 1, SIZE[1])[None, :, None], (*SIZE, 3))
+    times = 0.25 ** np.arange(5)
+    clipped = loader(truth, times)
+
+    def load(index: int):
+        image, valid = clipped(index)
+        return RadianceImage(np.maximum(image.radiance, 0), image.variance, image.saturated), valid
+
+    ratio = merge(load, times).image.radiance / truth
+    # Two standard deviations above black in the longest exposure: 2400 pixels x 3 in a band know the mean to 0.3%.
+    for band in np.array_split(np.arange(SIZE[1]), 8):
+        assert ratio[:, band].mean() == pytest.approx(1, abs=0.012)
 
 
 def test_what_moves_is_flagged_and_only_that():

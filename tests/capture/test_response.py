@@ -16,7 +16,7 @@ from capture.documents import write_json
 from capture.mitsunaga import ExposurePolynomial
 from capture.response import Response, read_response, response_channels
 from capture.responsefit import ChannelFit, correction_basis, fit_curves
-from capture.responserecovery import believed_steps, recover_from_files, recover_response
+from capture.responserecovery import believed_steps, recover_from_sample, recover_response
 from synthetic.sensor import RESPONSES, Sensor, expose
 
 
@@ -177,7 +177,7 @@ def test_intervals_cover_the_truth(tmp_path):
         folder = tmp_path / str(seed)
         folder.mkdir()
         paths = bracket(folder, Sensor(response=response, bits=8), times, seed)
-        found = recover_from_files(paths, times).response
+        found = recover_response(paths, times).response
         middle = 128
         for channel in range(3):
             known = np.isfinite(found.log_exposure[channel])
@@ -192,8 +192,8 @@ def test_intervals_cover_the_truth(tmp_path):
 def test_the_order_of_the_photographs_does_not_matter(tmp_path):
     times = (1.0, 0.25, 4.0)
     paths = bracket(tmp_path, Sensor(response="gamma", bits=16), times, 5)
-    found = recover_from_files(paths, times)
-    again = recover_from_files(paths[::-1], times[::-1])
+    found = recover_response(paths, times)
+    again = recover_response(paths[::-1], times[::-1])
     assert found.response.log_exposure.shape == (3, 1024)
     # The same sums in another order, iterated: far below the standard deviations, 1e-3.
     assert_allclose(again.response.log_exposure, found.response.log_exposure, atol=1e-4)
@@ -203,7 +203,7 @@ def test_the_order_of_the_photographs_does_not_matter(tmp_path):
 def test_a_wrong_exposure_is_found_and_named(tmp_path):
     true = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
     paths = bracket(tmp_path, Sensor(response="srgb", bits=8), true * [1, 1, 1.15, 1, 1], 6)
-    recovery = recover_from_files(paths, true)
+    recovery = recover_response(paths, true)
     assert len(recovery.warnings) == 1
     assert "photo 2 ä.png" in recovery.warnings[0]
     # Of 15%, a fifth is taken up by the mean of the five.
@@ -241,7 +241,7 @@ def test_what_contradicts_itself_is_refused_by_name():
     )
     for bad, exposures, message in cases:
         with pytest.raises(ValueError, match=message):
-            recover_response(sample_of(bad), np.exp(exposures), names, 256)
+            recover_from_sample(sample_of(bad), np.exp(exposures), names, 256)
 
 
 def test_files_that_do_not_belong_together_are_named(tmp_path):
