@@ -92,8 +92,11 @@ def check_board(views: Sequence[BoardView], board: Board) -> None:
 def view_of_file(path: Path, board: Board, name: str | None = None) -> BoardView:
     """What a photograph on disk shows of a board; name : for messages, the file's if not given."""
     from capture.imagefile import read_pixels
+    from capture.imageheader import is_raw
+    from capture.rawfile import read_raw
 
-    return board_view(read_pixels(path), board, name or path.name)
+    image = read_raw(path).linear if is_raw(path) else read_pixels(path)
+    return board_view(image, board, name or path.name)
 
 
 def _enough(detection: Detection) -> Detection | None:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from capture.exposure import ExposureSettings, relative_exposure
 from capture.flatfield import FlatField
 from capture.imagefile import read_exr_layers, read_image, read_pixels
+from capture.imageheader import is_raw
 from capture.noise import NoiseModel, Step, estimate_noise
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import Image, RadianceImage
 from capture.radiometry import Radiometry
-from capture.rawfile import is_raw, read_raw
+from capture.rawfile import read_raw
 from capture.response import Response
 from capture.srgb import linear_to_srgb, srgb_to_linear  # noqa: F401
 

@@ -10,7 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from capture.rawfile import is_raw, raw_exposure
+from capture.imageheader import is_raw
+from capture.rawfile import raw_exposure
 
 ExposureSource = Literal["equal", "exif", "manual"]
 # EXIF tags (CIPA DC-008): ExposureTime, FNumber, PhotographicSensitivity.

@@ -12,8 +12,8 @@ import numpy as np
 from capture.decode import decode
 from capture.hdr import Load
 from capture.imagefile import read_image
+from capture.imageheader import is_raw
 from capture.noise import NoiseModel
-from capture.rawfile import is_raw
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

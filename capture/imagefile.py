@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.imageheader import Header, read_header
+from capture.imageheader import Header, is_raw, read_header
 
 # Larger images than any camera makes are taken for a decompression bomb: a small file that fills the memory.
 MAX_PIXELS = 400_000_000
@@ -31,6 +31,10 @@ def read_image(path: Path) -> tuple[NDArray[np.generic], str]:
     data = read_file(path)
     kind = check_header(path, data).kind
     if kind == "camera RAW":
+        if is_raw(path):
+            raise ValueError(
+                f"{path}: is a camera RAW file; an ordinary image is needed here (PNG, TIFF, EXR, ...)"
+            )
         raise ValueError(
             f"{path}: is a camera RAW file under another ending, of which only the preview would be read;"
             " give it its own ending back (.dng, .nef, .cr2, ...)"

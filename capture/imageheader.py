@@ -5,9 +5,14 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
+from pathlib import Path
 
 from capture.tiff import tiff_summary
 
+_RAW_ENDINGS = (
+    ".3fr .ari .arw .bay .cap .cr2 .cr3 .crw .dcr .dcs .dng .erf .fff .gpr .iiq .k25 .kdc .mef .mos .mrw .nef .nrw"
+    " .orf .pef .ptx .pxn .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f"
+)
 # JPEG markers that start a frame and hold its size: SOF0 to SOF15 without DHT, JPG and DAC.
 _FRAME_STARTS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _EXR_SIGNATURE = b"\x76\x2f\x31\x01"
@@ -27,6 +32,11 @@ class Header:
     kind: str
     size: tuple[int, int] | None = None
     whole: bool = True
+
+
+def is_raw(path: Path) -> bool:
+    """Whether a file is to be read as camera RAW, told by the ending of its name."""
+    return path.suffix.lower() in _RAW_ENDINGS.split()
 
 
 def read_header(data: memoryview) -> Header:

@@ -1,4 +1,4 @@
-"""Camera response as a polynomial: Mitsunaga and Nayar, "Radiometric self calibration" (CVPR 1999), eq. 5."""
+"""Camera response as a polynomial: Mitsunaga and Nayar, "Radiometric self calibration" (CVPR 1999)."""
 
 from __future__ import annotations
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_array
 from capture.decode import decode
 from capture.exposure import ExposureSettings, read_exif_exposure
+from capture.imageheader import is_raw
 from capture.noise import NoiseModel
 from capture.photontransfer import TransferFit, fit_transfer, tiles_of
-from capture.rawfile import is_raw, read_raw
+from capture.rawfile import read_raw
 from capture.repeats import Frame, Repeats
 from capture.response import Response
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from capture.exposure import ExposureSource
 from capture.flatfield import FlatField, read_flat_field
+from capture.imageheader import is_raw
 from capture.manifest import RadiometryTable
 from capture.noise import NoiseModel, read_noise_model
-from capture.rawfile import camera_white_balance, is_raw
+from capture.rawfile import camera_white_balance
 from capture.response import Response, read_response
 
 

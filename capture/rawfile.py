@@ -17,11 +17,6 @@ from capture.imageheader import read_header
 
 Floats = NDArray[np.float32]
 
-_RAW_ENDINGS = (
-    ".3fr .ari .arw .bay .cap .cr2 .cr3 .crw .dcr .dcs .dng .erf .fff .gpr .iiq .k25 .kdc .mef .mos .mrw .nef .nrw"
-    " .orf .pef .ptx .pxn .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f"
-)
-
 # The mosaic goes through LibRaw's demosaicing as 16-bit numbers: black lies here, so that noise below black is
 # kept and dark pixels stay unbiased (LibRaw would clip it), and white here.
 _BLACK, _WHITE = 4096, 60000
@@ -47,11 +42,6 @@ class RawImage:
     saturated: NDArray[np.bool_]
     mosaic: Floats
     step: float
-
-
-def is_raw(path: Path) -> bool:
-    """Whether a file is to be read as camera RAW, told by the ending of its name."""
-    return path.suffix.lower() in _RAW_ENDINGS.split()
 
 
 def read_raw(path: Path) -> RawImage:

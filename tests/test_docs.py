@@ -54,7 +54,9 @@ def test_the_calibration_script_runs_and_comes_near_the_truth(tmp_path: Path) ->
     assert abs(value - truth) < 3 * std < 6
     grey = re.search(r"middle grey ([\d.]+)%, in truth ([\d.]+)%", run.stdout)
     assert grey is not None
-    assert float(grey[1]) == pytest.approx(float(grey[2]), rel=0.1)  # the curve's slope is known to a few per cent
+    assert float(grey[1]) == pytest.approx(
+        float(grey[2]), rel=0.1
+    )  # the curve's slope is known to a few per cent
     errors = re.search(r"([\d.]+) \(RMS", run.stdout)
     assert errors is not None
     assert 0.8 < float(errors[1]) < 1.4
