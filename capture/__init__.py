@@ -10,22 +10,22 @@ from typing import Any
 
 # Loaded at first use, so that importing one part does not wait for all libraries.
 _HOME = {
-    "Board": "board",
+    "Board": "boards.board",
     "Camera": "camera",
-    "board_pose": "boardpose",
-    "calibrate_camera": "intrinsics",
-    "calibrate_gantry": "gantrycalibration",
-    "detect_board": "boardsearch",
+    "board_pose": "boards.boardpose",
+    "calibrate_camera": "lens.intrinsics",
+    "calibrate_gantry": "arc.gantrycalibration",
+    "detect_board": "boards.boardsearch",
     "load_photoset": "photoset",
-    "merge": "hdr",
-    "open_bracket": "hdrfiles",
-    "parse_board": "board",
-    "read_flat_field": "flatfield",
-    "read_noise_model": "noise",
-    "read_response": "response",
-    "recover_flat_field": "flatrecovery",
-    "recover_noise": "noiserecovery",
-    "recover_response": "responserecovery",
+    "merge": "bracket.hdr",
+    "open_bracket": "bracket.hdrfiles",
+    "parse_board": "boards.board",
+    "read_flat_field": "sensor.flatfield",
+    "read_noise_model": "sensor.noise",
+    "read_response": "bracket.response",
+    "recover_flat_field": "sensor.flatrecovery",
+    "recover_noise": "sensor.noiserecovery",
+    "recover_response": "bracket.responserecovery",
 }
 __all__ = list(_HOME)
 

@@ -10,16 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.bracket.response import Response
 from capture.exposure import ExposureSettings, relative_exposure
-from capture.flatfield import FlatField
-from capture.imagefile import read_exr_layers, read_image, read_pixels
-from capture.imageheader import is_raw
-from capture.noise import NoiseModel, Step, estimate_noise
+from capture.files.imagefile import read_exr_layers, read_image, read_pixels
+from capture.files.imageheader import is_raw
+from capture.files.rawfile import read_raw
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import Image, RadianceImage
 from capture.radiometry import Radiometry
-from capture.rawfile import read_raw
-from capture.response import Response
+from capture.sensor.flatfield import FlatField
+from capture.sensor.noise import NoiseModel, Step, estimate_noise
 from capture.srgb import linear_to_srgb, srgb_to_linear  # noqa: F401
 
 Encoding = Literal["linear", "srgb"] | Response

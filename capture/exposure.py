@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from capture.imageheader import is_raw
-from capture.rawfile import raw_exposure
+from capture.files.imageheader import is_raw
+from capture.files.rawfile import raw_exposure
 
 ExposureSource = Literal["equal", "exif", "manual"]
 # EXIF tags (CIPA DC-008): ExposureTime, FNumber, PhotographicSensitivity.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from capture.imagefile import read_pixels
+from capture.files.imagefile import read_pixels
 
 Floats = NDArray[np.float64]
 AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.arc.gantry import Arc
 from capture.camera import Camera
-from capture.documents import read_json
 from capture.exposure import ExposureSettings
-from capture.gantry import Arc
+from capture.files.documents import read_json
 from capture.manifest import (
     ArcTable,
     CameraTable,

@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.bracket.response import Response, read_response
 from capture.exposure import ExposureSource
-from capture.flatfield import FlatField, read_flat_field
-from capture.imageheader import is_raw
+from capture.files.imageheader import is_raw
+from capture.files.rawfile import camera_white_balance
 from capture.manifest import RadiometryTable
-from capture.noise import NoiseModel, read_noise_model
-from capture.rawfile import camera_white_balance
-from capture.response import Response, read_response
+from capture.sensor.flatfield import FlatField, read_flat_field
+from capture.sensor.noise import NoiseModel, read_noise_model
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from capture.outfolder import discard_unfinished
+from capture.files.outfolder import discard_unfinished
 
 console = Console(highlight=False)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.documents import software
+from capture.files.documents import software
 from invrender.factorization import Factorization, FittedLighting, Quantity
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
 from invrender.theory.harmonics import project_latlong, project_sources

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from rich.table import Table
 
-from capture.documents import file_hash, write_json
-from capture.imagefile import write_exr
-from capture.outfolder import result_folder
+from capture.files.documents import file_hash, write_json
+from capture.files.imagefile import write_exr
+from capture.files.outfolder import result_folder
 from capture.photoset import PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.factorization import Factorization, Quantity

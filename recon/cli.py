@@ -11,7 +11,7 @@ import typer
 from capture.commands.options import Encoding, IntegerEncoding, ResponseFile, Times
 
 if TYPE_CHECKING:
-    from recon.ballresult import Reading
+    from recon.ball.ballresult import Reading
 
 
 class Exposure(StrEnum):
@@ -138,9 +138,9 @@ def mirrorball(
     Writes VIEW.exr for each view, lighting.exr if they are merged, lighting.json (everything found), lighting.toml
     (tables to paste into a photoset.toml) and mirrorball.png (a picture to check it by).
     """
-    from capture.outfolder import result_folder
+    from capture.files.outfolder import result_folder
     from capture.terminal import leave_cleanly_when_stopped
-    from recon import ballphotos, ballresult
+    from recon.ball import ballphotos, ballresult
 
     leave_cleanly_when_stopped()
     _one_of({"--camera": camera, "--focal-px": focal_px}, "the camera")

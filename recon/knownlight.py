@@ -12,10 +12,10 @@ from capture.exposure import ExposureSettings, relative_exposure
 from capture.lighting import Lighting, read_latlong
 from capture.manifest import BallViewTable, CameraTable, LightingTable, MirrorBallTable
 from capture.photoset import Photo, PhotoSet, build_camera, matrix4
-from recon.ballbracket import view_bracket
-from recon.ballview import BallView
-from recon.findball import Disk
-from recon.mirrorball import ball_lighting, lighting_of_ball
+from recon.ball.ballbracket import view_bracket
+from recon.ball.ballview import BallView
+from recon.ball.findball import Disk
+from recon.ball.mirrorball import ball_lighting, lighting_of_ball
 
 
 def read_lighting(photoset: PhotoSet, table: LightingTable) -> Lighting:

@@ -12,7 +12,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from capture.board import Board, charuco_board
+from capture.boards.board import Board, charuco_board
 from capture.camera import Camera
 
 Floats = NDArray[np.float64]

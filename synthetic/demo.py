@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.arc.gantry import Arc
 from capture.camera import Camera
-from capture.gantry import Arc
 from synthetic.lighting import AreaLight, DirectionalSource
 from synthetic.materials import RH01_MATERIALS, radiometric
 from synthetic.spheres import SphereScene

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.imagefile import write_exr
+from capture.files.imagefile import write_exr
 from capture.photoset import MANIFEST_NAME
 from synthetic.lighting import latlong_map
 from synthetic.spheres import SphereScene, render

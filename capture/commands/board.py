@@ -57,9 +57,9 @@ def board(
     """
     from rich.markup import escape
 
-    from capture.board import parse_board
-    from capture.boardprint import board_figure
-    from capture.outfolder import result_files
+    from capture.boards.board import parse_board
+    from capture.boards.boardprint import board_figure
+    from capture.files.outfolder import result_files
     from capture.terminal import console, leave_cleanly_when_stopped
 
     leave_cleanly_when_stopped()

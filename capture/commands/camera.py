@@ -12,7 +12,7 @@ from capture.commands.options import Photos
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from capture.intrinsics import CameraCalibration
+    from capture.lens.intrinsics import CameraCalibration
 
 
 def camera(
@@ -38,11 +38,11 @@ def camera(
     uncertainty, to be named in a photoset.toml as [camera] file = "camera.json", and beside it OUT-figure.png to check
     it by. Pixels count from the picture's corner: the centre of the first one is (0.5, 0.5).
     """
-    from capture.board import parse_board
-    from capture.documents import write_json
-    from capture.intrinsics import calibrate_camera
-    from capture.intrinsicsfigure import intrinsics_figure
-    from capture.outfolder import result_files
+    from capture.boards.board import parse_board
+    from capture.files.documents import write_json
+    from capture.files.outfolder import result_files
+    from capture.lens.intrinsics import calibrate_camera
+    from capture.lens.intrinsicsfigure import intrinsics_figure
     from capture.terminal import leave_cleanly_when_stopped, track
 
     leave_cleanly_when_stopped()
@@ -58,8 +58,8 @@ def camera(
 
 def camera_document(calibration: CameraCalibration, photos: Sequence[Path]) -> dict[str, Any]:
     """What a camera.json holds."""
-    from capture.documents import input_hashes, software
-    from capture.lensladder import best_rung
+    from capture.files.documents import input_hashes, software
+    from capture.lens.lensladder import best_rung
 
     best = best_rung(calibration.ladder)
     ladder = []

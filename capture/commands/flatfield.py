@@ -10,7 +10,7 @@ import typer
 from capture.commands.options import Encoding, IntegerEncoding, Photos, ResponseFile, encoding_of
 
 if TYPE_CHECKING:
-    from capture.flatrecovery import FlatFieldRecovery
+    from capture.sensor.flatrecovery import FlatFieldRecovery
 
 _FIGURE = "-figure.png"
 
@@ -40,11 +40,11 @@ def flatfield(
 
     Writes OUT, OUT's name with -figure.png, and with --map OUT's name with .exr (the illumination, RGB).
     """
-    from capture.documents import input_hashes, software, write_json
-    from capture.flatfieldfigure import flat_field_figure
-    from capture.flatrecovery import flat_field_document, recover_flat_field
-    from capture.imagefile import write_exr
-    from capture.outfolder import result_files
+    from capture.files.documents import input_hashes, software, write_json
+    from capture.files.imagefile import write_exr
+    from capture.files.outfolder import result_files
+    from capture.sensor.flatfieldfigure import flat_field_figure
+    from capture.sensor.flatrecovery import flat_field_document, recover_flat_field
     from capture.terminal import console, leave_cleanly_when_stopped
 
     leave_cleanly_when_stopped()
@@ -67,7 +67,7 @@ def _report(recovery: FlatFieldRecovery, output: Path) -> None:
     import numpy as np
     from rich.markup import escape
 
-    from capture.flatfield import FlatFieldMap
+    from capture.sensor.flatfield import FlatFieldMap
     from capture.terminal import console
 
     tiles, model = recovery.tiles, recovery.fit.model

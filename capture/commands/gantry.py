@@ -12,7 +12,7 @@ from capture.commands.options import Photos
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from capture.arcfit import ArcFit
+    from capture.arc.arcfit import ArcFit
 
 
 def gantry(
@@ -53,11 +53,11 @@ def gantry(
     """
     import numpy as np
 
-    from capture.arcfigure import arc_figure
-    from capture.documents import input_hashes, software, write_json
-    from capture.gantrycalibration import calibrate_gantry, gantry_document
+    from capture.arc.arcfigure import arc_figure
+    from capture.arc.gantrycalibration import calibrate_gantry, gantry_document
+    from capture.files.documents import input_hashes, software, write_json
+    from capture.files.outfolder import result_files
     from capture.manifest import CameraTable
-    from capture.outfolder import result_files
     from capture.photoset import build_camera
     from capture.terminal import leave_cleanly_when_stopped, track
 

@@ -10,9 +10,9 @@ import typer
 from capture.commands.options import Encoding, Photos, Times
 
 if TYPE_CHECKING:
-    from capture.hdr import Merge
-    from capture.hdrfiles import Bracket
-    from capture.mapcomparison import Comparison
+    from capture.bracket.hdr import Merge
+    from capture.bracket.hdrfiles import Bracket
+    from capture.bracket.mapcomparison import Comparison
 
 _FIGURE = "-figure.png"
 # Shares of the picture from which on a word of warning is due.
@@ -61,14 +61,14 @@ def hdr(
     Writes OUT (channels R, G, B; variance.R, .G, .B in their unit squared; saturated, 1 where every photograph is)
     and OUT's name with -figure.png.
     """
+    from capture.bracket.hdr import merge
+    from capture.bracket.hdrfigure import hdr_figure
+    from capture.bracket.hdrfiles import open_bracket
+    from capture.bracket.mapcomparison import compare_maps
     from capture.exposure import bracket_exposures, read_times
-    from capture.hdr import merge
-    from capture.hdrfigure import hdr_figure
-    from capture.hdrfiles import open_bracket
-    from capture.imagefile import write_exr
-    from capture.mapcomparison import compare_maps
-    from capture.noise import read_noise_model
-    from capture.outfolder import result_files
+    from capture.files.imagefile import write_exr
+    from capture.files.outfolder import result_files
+    from capture.sensor.noise import read_noise_model
     from capture.terminal import leave_cleanly_when_stopped
 
     leave_cleanly_when_stopped()

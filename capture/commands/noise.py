@@ -12,7 +12,7 @@ from capture.commands.options import Encoding, IntegerEncoding, Photos, Response
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from capture.noiserecovery import Estimate, NoiseRecovery
+    from capture.sensor.noiserecovery import Estimate, NoiseRecovery
 
 _FIGURE = "-figure.png"
 
@@ -35,10 +35,10 @@ def noise(
     Writes OUT (numbers with standard deviations; read noise and full well in electrons) and OUT's name with
     -figure.png (variance against signal).
     """
-    from capture.documents import input_hashes, software, write_json
-    from capture.noisefigure import noise_figure
-    from capture.noiserecovery import noise_document, recover_noise
-    from capture.outfolder import result_files
+    from capture.files.documents import input_hashes, software, write_json
+    from capture.files.outfolder import result_files
+    from capture.sensor.noisefigure import noise_figure
+    from capture.sensor.noiserecovery import noise_document, recover_noise
     from capture.terminal import leave_cleanly_when_stopped, track
 
     leave_cleanly_when_stopped()
@@ -55,7 +55,7 @@ def _report(recovery: NoiseRecovery, output: Path) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from capture.noiserecovery import CHANNELS
+    from capture.sensor.noiserecovery import CHANNELS
     from capture.terminal import console
 
     rows: list[tuple[str, Sequence[Estimate]]] = [

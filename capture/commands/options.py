@@ -42,7 +42,7 @@ Photos = Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photogr
 def encoding_of(encoding: Encoding, response: Path | None) -> DecodeEncoding:
     """What --encoding and --response say together, as `capture.decode.decode` takes it."""
     if response is not None:
-        from capture.response import read_response
+        from capture.bracket.response import read_response
 
         return read_response(response)
     return encoding.value

@@ -10,7 +10,7 @@ import typer
 from capture.commands.options import Photos, Times
 
 if TYPE_CHECKING:
-    from capture.responserecovery import Recovery
+    from capture.bracket.responserecovery import Recovery
 
 _FIGURE = "-figure.png"
 
@@ -33,11 +33,11 @@ def response(
     Writes OUT (per channel the natural logarithm of the exposure at 256 values, 1024 for 16-bit files, with
     standard deviations, and the exposures that the pictures speak for) and OUT's name with -figure.png.
     """
-    from capture.documents import input_hashes, software, write_json
+    from capture.bracket.responsefigure import response_figure
+    from capture.bracket.responserecovery import recover_response, recovery_document
     from capture.exposure import bracket_exposures, read_times
-    from capture.outfolder import result_files
-    from capture.responsefigure import response_figure
-    from capture.responserecovery import recover_response, recovery_document
+    from capture.files.documents import input_hashes, software, write_json
+    from capture.files.outfolder import result_files
     from capture.terminal import leave_cleanly_when_stopped
 
     leave_cleanly_when_stopped()
@@ -59,7 +59,7 @@ def _report(recovery: Recovery, images: list[Path], output: Path) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from capture.responserecovery import believed_steps
+    from capture.bracket.responserecovery import believed_steps
     from capture.terminal import console
 
     for place, method in enumerate(recovery.methods):

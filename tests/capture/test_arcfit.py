@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from capture.arcfit import ArcView, fit_arc
+from capture.arc.arcfit import ArcView, fit_arc
+from capture.arc.gantry import Arc
 from capture.camera import Camera
-from capture.gantry import Arc
 
 CAMERA = Camera("RADIAL", [1500.0, 640, 480, -0.1, 0.02], 1280, 960, np.eye(4))
 CORNERS = np.stack(np.meshgrid(np.arange(8) * 0.025, np.arange(6) * -0.025, [0.0]), -1).reshape(-1, 3)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from capture.board import Board, charuco_board, parse_board
-from capture.boardpose import board_pose
-from capture.boardprint import PAPERS, board_figure
-from capture.boardsearch import board_view, check_board, detect_board
+from capture.boards.board import Board, charuco_board, parse_board
+from capture.boards.boardpose import board_pose
+from capture.boards.boardprint import PAPERS, board_figure
+from capture.boards.boardsearch import board_view, check_board, detect_board
 from capture.camera import Camera
 from synthetic.boardphotos import board_photo, board_poses
 

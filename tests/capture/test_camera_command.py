@@ -12,7 +12,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from capture.board import parse_board
+from capture.boards.board import parse_board
 from capture.camera import Camera
 from capture.commands.board import board
 from capture.commands.camera import camera

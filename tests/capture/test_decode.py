@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from capture.bracket.response import Response
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import (
     RadianceImage,
@@ -20,13 +21,12 @@ from capture.decode import (
     srgb_to_linear,
 )
 from capture.exposure import read_exif_exposure, relative_exposure
-from capture.flatfield import FlatFieldMap
-from capture.imagefile import read_pixels, write_exr
+from capture.files.imagefile import read_pixels, write_exr
 from capture.manifest import ObjectTable
-from capture.noise import NoiseModel
 from capture.photoset import ExposureSettings, Photo, PhotoSet
 from capture.radiometry import Radiometry
-from capture.response import Response
+from capture.sensor.flatfield import FlatFieldMap
+from capture.sensor.noise import NoiseModel
 
 NO_NOISE = NoiseModel(np.zeros(3), np.zeros(3))
 FLOAT32 = 2.0**-23  # relative rounding of a float32 result

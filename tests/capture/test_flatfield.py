@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from capture.documents import write_json
-from capture.flatfield import FlatFieldMap, RadialFlatField, half_diagonal, read_flat_field
-from capture.flatrecovery import flat_field_document, recover_flat_field
-from capture.imagefile import write_exr
+from capture.files.documents import write_json
+from capture.files.imagefile import write_exr
+from capture.sensor.flatfield import FlatFieldMap, RadialFlatField, half_diagonal, read_flat_field
+from capture.sensor.flatrecovery import flat_field_document, recover_flat_field
 from synthetic.sensor import Sensor, expose, vignetting
 
 WIDTH, HEIGHT = 240, 160

@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from capture.commands.flatfield import flatfield
-from capture.flatfield import read_flat_field
+from capture.sensor.flatfield import read_flat_field
 from synthetic.sensor import Sensor, expose, vignetting
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.arc.gantry import Arc, look_at
 from capture.camera import Camera
-from capture.gantry import Arc, look_at
 
 CENTRE = np.array([0.1, -0.2, 0.3])
 AXIS = np.array([0.2, -0.3, 2.0])

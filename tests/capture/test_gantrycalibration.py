@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from capture.board import parse_board
+from capture.arc.gantry import Arc
+from capture.arc.gantrycalibration import calibrate_gantry
+from capture.boards.board import parse_board
 from capture.camera import Camera
-from capture.gantry import Arc
-from capture.gantrycalibration import calibrate_gantry
 from capture.photoset import load_photoset
 from invrender.cli import app
 from synthetic.boardphotos import board_photo

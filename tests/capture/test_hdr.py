@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from capture.bracket.hdr import LevelNoise, merge
+from capture.bracket.hdrfiles import open_bracket
+from capture.bracket.mapcomparison import compare_maps
 from capture.exposure import read_times
-from capture.hdr import LevelNoise, merge
-from capture.hdrfiles import open_bracket
-from capture.imagefile import read_exr_layers, read_pixels, write_exr
-from capture.mapcomparison import compare_maps
+from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
 from capture.radiance import RadianceImage
 
 SIZE = (120, 160)

@@ -11,9 +11,9 @@ from PIL import Image
 
 from capture.decode import decode
 from capture.exposure import read_exif_exposure
-from capture.imagefile import MAX_PIXELS, read_pixels, write_exr
-from capture.imageheader import Header, read_header
-from capture.tiff import tiff_summary
+from capture.files.imagefile import MAX_PIXELS, read_pixels, write_exr
+from capture.files.imageheader import Header, read_header
+from capture.files.tiff import tiff_summary
 
 
 def header_of(path: Path) -> Header:

@@ -9,13 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from capture.board import Detection, parse_board
-from capture.boardsearch import BoardView, check_sizes, detect_board
+from capture.boards.board import Detection, parse_board
+from capture.boards.boardsearch import BoardView, check_sizes, detect_board
 from capture.camera import Camera
-from capture.distortion import LADDER, PARAM_NAMES, folds_at, picture_grid
-from capture.intrinsics import calibrate_camera, calibrate_detections
-from capture.intrinsicserror import statistical_covariance
-from capture.lensfit import LensFit, fit_lens, lens_information, pose_jacobian, pose_matrix, view_of
+from capture.lens.distortion import LADDER, PARAM_NAMES, folds_at, picture_grid
+from capture.lens.intrinsics import calibrate_camera, calibrate_detections
+from capture.lens.intrinsicserror import statistical_covariance
+from capture.lens.lensfit import LensFit, fit_lens, lens_information, pose_jacobian, pose_matrix, view_of
 from synthetic.boardphotos import board_photo, board_poses
 
 BOARD = parse_board("chessboard:9x6:0.025")

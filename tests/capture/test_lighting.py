@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from capture.imagefile import write_exr
+from capture.files.imagefile import write_exr
 from capture.lighting import (
     Lighting,
     check_latlong,

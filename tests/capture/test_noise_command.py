@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from capture.commands.noise import noise
-from capture.noise import read_noise_model
+from capture.sensor.noise import read_noise_model
 from synthetic.sensor import Sensor, expose
 
 

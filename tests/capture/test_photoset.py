@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from capture.gantry import Arc
+from capture.arc.gantry import Arc
 from capture.manifest import LightingTable
 from capture.photoset import ExposureSettings, PhotoSet, load_photoset
 

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from capture.decode import decode
 from capture.exposure import ExposureSettings, read_exif_exposure
-from capture.imageheader import is_raw
-from capture.noise import NoiseModel
-from capture.rawfile import camera_white_balance, read_raw
+from capture.files.imageheader import is_raw
+from capture.files.rawfile import camera_white_balance, read_raw
+from capture.sensor.noise import NoiseModel
 from synthetic.dng import write_dng
 
 NO_NOISE = NoiseModel(np.zeros(3), np.zeros(3))

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from capture.bracketcheck import check_exposures
-from capture.bracketsample import BracketSample, sample_bracket
-from capture.debevec import LogExposureSpline, solve_debevec
-from capture.documents import write_json
-from capture.mitsunaga import ExposurePolynomial
-from capture.response import Response, read_response, response_channels
-from capture.responsefit import ChannelFit, correction_basis, fit_curves
-from capture.responserecovery import believed_steps, recover_from_sample, recover_response
+from capture.bracket.bracketcheck import check_exposures
+from capture.bracket.bracketsample import BracketSample, sample_bracket
+from capture.bracket.debevec import LogExposureSpline, solve_debevec
+from capture.bracket.mitsunaga import ExposurePolynomial
+from capture.bracket.response import Response, read_response, response_channels
+from capture.bracket.responsefit import ChannelFit, correction_basis, fit_curves
+from capture.bracket.responserecovery import believed_steps, recover_from_sample, recover_response
+from capture.files.documents import write_json
 from synthetic.sensor import RESPONSES, Sensor, expose
 
 

@@ -11,10 +11,10 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from capture.bracket.response import read_response
 from capture.commands.hdr import hdr
 from capture.commands.response import response
-from capture.imagefile import read_exr_layers, read_pixels, write_exr
-from capture.response import read_response
+from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
 from synthetic.sensor import Sensor, expose
 
 TIMES = (1.0, 0.25, 4.0)

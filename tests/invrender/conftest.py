@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.decode import RadianceImage
-from capture.gantry import Arc
 from capture.lighting import Lighting
 from capture.parallel import one_blas_thread
 from invrender.model.columns import PhotoColumns, photo_columns

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.imagefile import read_pixels, write_exr
+from capture.files.imagefile import read_pixels, write_exr
 from invrender.cli import DEFAULT_SAMPLES as CLI_SAMPLES
 from invrender.cli import main
 from invrender.pipeline import DEFAULT_SAMPLES

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture.imagefile import read_pixels, write_exr
+from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import load_photoset
 from invrender.factorization import Factorization
 from invrender.pipeline import process

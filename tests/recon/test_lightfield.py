@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import RadianceImage
-from capture.gantry import look_at
 from recon.lightfield import (
     MIN_COS_EXITANT,
     LightField,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.arc.gantry import Arc, look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import decode, read_mask
-from capture.gantry import Arc, look_at
 from recon.locate import View, disk_mask, locate_sphere
 
 PARAMS = [300.0, 300, 80, 60]

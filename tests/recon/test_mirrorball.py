@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.decode import RadianceImage, decode, read_mask
-from capture.gantry import look_at
 from capture.lighting import latlong_directions, latlong_solid_angles
-from recon.ballbracket import view_bracket
-from recon.findball import find_ball
-from recon.mirrorball import BallLighting, lighting_of_ball
-from recon.mirrorball import ball_lighting as merged_lighting
-from recon.reflection import mirrored_directions, mirroring_points, solid_angles
+from recon.ball.ballbracket import view_bracket
+from recon.ball.findball import find_ball
+from recon.ball.mirrorball import BallLighting, lighting_of_ball
+from recon.ball.mirrorball import ball_lighting as merged_lighting
+from recon.ball.reflection import mirrored_directions, mirroring_points, solid_angles
 from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]

@@ -16,7 +16,7 @@ import typer
 from PIL import Image
 from typer.testing import CliRunner
 
-from capture.imagefile import read_pixels, write_exr
+from capture.files.imagefile import read_pixels, write_exr
 from capture.lighting import Lighting, read_latlong
 from capture.manifest import LightingTable
 from capture.photoset import load_photoset

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from capture.camera import Camera
 from capture.decode import RadianceImage, decode
 from capture.lighting import latlong_directions, latlong_solid_angles
-from recon.ballbracket import view_bracket
-from recon.ballcircle import Disk
-from recon.ballregister import registered
-from recon.ballview import BallView
-from recon.findball import find_ball
-from recon.mirrorball import ball_lighting
+from recon.ball.ballbracket import view_bracket
+from recon.ball.ballcircle import Disk
+from recon.ball.ballregister import registered
+from recon.ball.ballview import BallView
+from recon.ball.findball import find_ball
+from recon.ball.mirrorball import ball_lighting
 
 Floats = NDArray[np.float64]
 Room = Callable[[Floats], Floats]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import read_mask
-from capture.gantry import look_at
 from recon.sphere import Sphere, fit_sphere
 
 PSM_POSE = np.diag([1.0, -1, -1, 1])

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from capture.arc.gantry import look_at
 from capture.camera import Camera
-from capture.gantry import look_at
 from synthetic.lighting import AreaLight, DirectionalSource
 from synthetic.materials import Microfacet
 from synthetic.spheres import Noise, SphereScene, expose

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.arc.gantry import look_at
 from capture.camera import Camera
-from capture.gantry import look_at
 from synthetic.demo import demo_scene
 from synthetic.lighting import AreaLight, DirectionalSource
 from synthetic.materials import Microfacet

@@ -1,0 +1,1 @@
+"""Cameras and lights that travel along an arc."""

@@ -1,0 +1,1 @@
+"""Calibration boards: what is printed on them, and finding it in photographs."""

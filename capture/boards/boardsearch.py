@@ -1,0 +1,191 @@
+"""Boards in photographs: files in, detections out, and a plain word where a board isn't as it was said to be."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.boards.board import Board, Detection, aruco_dictionary
+from capture.boards.charuco import charuco_detection, markers_seen
+from capture.boards.chessboard import chessboard_detection, ends_inside, exceeds, find_chessboard
+
+# Fewer corners than these leave a view's own pose hardly determined.
+MIN_CORNERS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """What one photograph shows of the board.
+
+    detection : None where the board wasn't found.
+    grid : for a chessboard, the size of the grid that was seen, and whether it ends within the picture.
+    markers : for a charuco board that wasn't found, the dictionary that fits what was seen and the markers' numbers.
+    """
+
+    name: str
+    size: tuple[int, int]
+    detection: Detection | None
+    grid: tuple[int, int] | None = None
+    grid_ends_inside: bool = False
+    markers: tuple[str, tuple[int, ...]] | None = None
+
+
+def detect_board(image: NDArray[np.generic], board: Board) -> Detection | None:
+    """The corners of a board in one photograph; None where it isn't found, or is of another size.
+
+    image : (h, w) or (h, w, 3) RGB; uint8 as it is, otherwise scaled so that the brightest pixels are white.
+    Where only a part of a chessboard is seen, `Detection.located` is false: see there.
+    """
+    return board_view(image, board, "image").detection
+
+
+def board_view(image: NDArray[np.generic], board: Board, name: str) -> BoardView:
+    """What a photograph shows of a board, for a search over many photographs; image as for `detect_board`."""
+    grey = _grey(image)
+    size = (grey.shape[1], grey.shape[0])
+    if board.kind == "charuco":
+        detection = charuco_detection(grey, board)
+        if detection is None or len(detection.cells) < MIN_CORNERS:
+            return BoardView(name, size, None, markers=_marker_report(grey, board))
+        return BoardView(name, size, detection)
+    grid = find_chessboard(grey, board)
+    if grid is None:
+        return BoardView(name, size, None)
+    detection = None if exceeds(grid, board) else _enough(chessboard_detection(grey, grid, board))
+    return BoardView(name, size, detection, grid.size, ends_inside(grid, size))
+
+
+def check_board(views: Sequence[BoardView], board: Board) -> None:
+    """ValueError if the photographs show another board than was said: it tells what was seen."""
+    if board.kind == "charuco":
+        _check_charuco(views, board)
+        return
+    sizes = [(max(view.grid), min(view.grid)) for view in views if view.grid is not None]
+    said = (max(board.corner_counts), min(board.corner_counts))
+    # A smaller grid is another board only where the picture would have shown more of it.
+    other = [
+        (max(view.grid), min(view.grid))
+        for view in views
+        if view.grid is not None
+        and (view.grid_ends_inside or max(view.grid) > said[0] or min(view.grid) > said[1])
+    ]
+    other = [size for size in other if size != said]
+    if not other:
+        return
+    size, _ = Counter(other).most_common(1)[0]
+    count, whole = sizes.count(size), sizes.count(said)
+    # One view may be misread, or its board half covered; several that agree are no accident.
+    if count > whole and (count > 1 or len(sizes) == 1):
+        squares = "; inner corners are counted, not squares" if size == (said[0] - 1, said[1] - 1) else ""
+        raise ValueError(
+            f"--board {board.spec}: {size[0]}x{size[1]} inner corners were seen in {count} of {len(views)} photos,"
+            f" {said[0]}x{said[1]} in {whole}{squares}; say chessboard:{size[0]}x{size[1]}:SIDE if that is the board,"
+            " or leave out photos of other boards"
+        )
+
+
+def view_of_file(path: Path, board: Board, name: str | None = None) -> BoardView:
+    """What a photograph on disk shows of a board; name : for messages, the file's if not given."""
+    from capture.files.imagefile import read_pixels
+    from capture.files.imageheader import is_raw
+    from capture.files.rawfile import read_raw
+
+    image = read_raw(path).linear if is_raw(path) else read_pixels(path)
+    return board_view(image, board, name or path.name)
+
+
+def _enough(detection: Detection) -> Detection | None:
+    return detection if len(detection.cells) >= MIN_CORNERS else None
+
+
+def _grey(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Grey levels to look for corners in: only where edges run matters, not how bright they are."""
+    import cv2
+
+    pixels = np.asarray(image)
+    if pixels.ndim not in (2, 3) or (pixels.ndim == 3 and pixels.shape[2] != 3):
+        raise ValueError(f"an image has shape {pixels.shape}; it must be (h, w) or (h, w, 3)")
+    if pixels.dtype != np.uint8:
+        values = np.nan_to_num(pixels.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+        white = float(np.percentile(values, 99.5))
+        if not white > 0:
+            return np.zeros(pixels.shape[:2], np.uint8)
+        # The square root spreads dark tones as cameras' own files do.
+        pixels = np.round(255 * np.sqrt(np.clip(values / white, 0, 1))).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels, np.uint8)
+
+
+def _marker_report(grey: NDArray[np.uint8], board: Board) -> tuple[str, tuple[int, ...]] | None:
+    """The dictionary whose markers a photograph shows, and their numbers; the board's own if any of them is seen."""
+    import cv2
+
+    own = str(board.dictionary)
+    large = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
+    names = [own, *(name for name in (*large, "DICT_APRILTAG_36h11") if hasattr(cv2.aruco, name))]
+    best: tuple[str, tuple[int, ...]] | None = None
+    for name in names:
+        numbers = markers_seen(grey, aruco_dictionary(name))
+        # A few markers of a large dictionary may be chance readings of something else.
+        if len(numbers) >= (2 if name == own else 4) and (best is None or len(numbers) > len(best[1])):
+            best = (name, tuple(int(number) for number in numbers))
+            if name == own and len(numbers) >= 4:
+                break
+    return best
+
+
+def _check_charuco(views: Sequence[BoardView], board: Board) -> None:
+    found = sum(view.detection is not None for view in views)
+    seen = [view.markers for view in views if view.markers is not None]
+    if len(seen) <= found:
+        return
+    name, count = Counter(name for name, _ in seen).most_common(1)[0]
+    numbers = sorted({number for other, each in seen if other == name for number in each})
+    needed = board.columns * board.rows // 2
+    if name == board.dictionary:
+        why = (
+            f"their numbers go up to {numbers[-1]}, where this board's end at {needed - 1}"
+            if numbers[-1] >= needed
+            else f"not in the places of a board of {board.columns}x{board.rows} squares; are columns and rows swapped?"
+        )
+    else:
+        why = f"none of {board.dictionary}; name that dictionary if it is the board's"
+    raise ValueError(
+        f"--board {board.spec}: markers {numbers[0]} to {numbers[-1]} of {name} were seen in {count} of"
+        f" {len(views)} photos, {why}"
+    )
+
+
+def missing(view: BoardView, board: Board) -> str:
+    """Why a photograph shows no usable board, in words."""
+    if view.grid is not None and (np.sort(view.grid) > np.sort(board.corner_counts)).any():
+        return f"{view.grid[0]}x{view.grid[1]} corners were seen, more than the board has"
+    if view.grid is not None:
+        return f"fewer than {MIN_CORNERS} of the board's corners are sharp and inside the picture"
+    if view.markers is not None:
+        return f"{len(view.markers[1])} markers were seen, but fewer than {MIN_CORNERS} corners between them"
+    return "the board was not found: is it in the picture, sharp, evenly lit, and not covered?"
+
+
+def check_sizes(views: Sequence[BoardView]) -> None:
+    """ValueError unless all photographs have one size in pixels."""
+    sizes = Counter(view.size for view in views)
+    if len(sizes) == 1:
+        return
+    (usual, count), *others = sizes.most_common()
+    odd = [view for view in views if view.size != usual]
+    turned = all(size == usual[::-1] for size, _ in others)
+    remedy = (
+        "some were turned to portrait; use the files as the camera wrote them"
+        if turned
+        else "use photos of one camera at one resolution, not cropped"
+    )
+    shown = ", ".join(f"{view.name} {view.size[0]}x{view.size[1]}" for view in odd[:3])
+    raise ValueError(
+        f"photos differ in size: {count} of {len(views)} are {usual[0]}x{usual[1]} pixels, but {shown}"
+        f"{', ...' if len(odd) > 3 else ''}; {remedy}"
+    )

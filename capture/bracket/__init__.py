@@ -1,0 +1,1 @@
+"""Brackets of exposures: the response curve that they show, and their merge."""

@@ -1,0 +1,147 @@
+"""Samples of a bracket's codes: the same pixels in every photograph, spread over the picture and over the codes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.arrays import frozen_array
+from capture.files.imagefile import read_pixels
+
+Floats = NDArray[np.float64]
+# Observations per channel that a fit is given; more cost time and tell little.
+_OBSERVATIONS = 60_000
+_MAX_PIXELS = 12_000
+# The picture is divided into this many patches each way: errors within a patch count as correlated.
+_PATCHES = 16
+_STRATA = 64
+
+
+@dataclass(frozen=True, eq=False)
+class BracketSample:
+    """Codes of the same pixels in every photograph of a bracket.
+
+    values : (3, n, p) float64, channel, pixel, photograph; share of the file's top code, 0 to 1.
+    patch : (n,) intp, which patch of the picture a pixel lies in.
+    clip : (3, 2) float64, the values at which a channel clips below and above; outside 0 to 1 where it doesn't.
+    step : the distance between neighbouring codes, 1/255 or 1/65535.
+    """
+
+    values: Floats
+    patch: NDArray[np.intp]
+    clip: Floats
+    step: float
+
+    def __post_init__(self) -> None:
+        for name in ("values", "clip"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        object.__setattr__(self, "patch", frozen_array(self.patch, np.intp))
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(3, n, p), where a code is neither clipped below nor above."""
+        low, high = self.clip[:, 0, None, None], self.clip[:, 1, None, None]
+        return (self.values > low) & (self.values < high)
+
+    def part(self, pixels: NDArray[np.bool_]) -> BracketSample:
+        """The sample reduced to some pixels, a mask (n,)."""
+        return BracketSample(self.values[:, pixels], self.patch[pixels], self.clip, self.step)
+
+
+def sample_bracket(paths: Sequence[Path], rng: np.random.Generator) -> BracketSample:
+    """Read a bracket of 8- or 16-bit files twice and sample it; memory doesn't grow with their number.
+
+    Pixels are drawn evenly over the brightness of the scene (so that every code is seen), from the half with the
+    smaller gradients, where a slight misalignment does least. A pixel's own code has no part in its gradient:
+    choosing by it would choose the noise. ValueError names a file whose size or depth differs, or which isn't
+    integer.
+    """
+    if len(paths) < 2:
+        raise ValueError(
+            f"{paths[0] if paths else 'no photograph'}: a bracket needs two or more photographs of one scene"
+            " with different exposures"
+        )
+    first = _read_codes(paths[0])
+    histogram = np.zeros((3, _top(first) + 1), np.int64)
+    brightness = np.zeros(first.shape[:2], np.float32)
+    gradient = np.zeros(first.shape[:2], np.float32)
+    for path in paths:
+        pixels = _read_codes(path, first, paths[0])
+        for channel in range(3):
+            histogram[channel] += np.bincount(pixels[..., channel].ravel(), minlength=histogram.shape[1])
+        mean = pixels.astype(np.float32).mean(axis=2)
+        brightness += mean
+        gradient += np.hypot(cv2.Sobel(mean, cv2.CV_32F, 1, 0), cv2.Sobel(mean, cv2.CV_32F, 0, 1))
+    clip = np.array([_clip_values(counts) for counts in histogram])
+    count = min(_MAX_PIXELS, _OBSERVATIONS // len(paths))
+    chosen = _spread(brightness.ravel(), gradient.ravel(), count, rng)
+    top = float(_top(first))
+    values = np.stack([_read_codes(path, first, paths[0]).reshape(-1, 3)[chosen] for path in paths], axis=-1)
+    rows, columns = np.divmod(chosen, first.shape[1])
+    patch = (rows * _PATCHES // first.shape[0]) * _PATCHES + columns * _PATCHES // first.shape[1]
+    return BracketSample(values.transpose(1, 0, 2) / top, patch, clip, 1 / top)
+
+
+def _top(pixels: NDArray[np.generic]) -> int:
+    return 255 if pixels.dtype == np.uint8 else 65535
+
+
+def _read_codes(
+    path: Path, like: NDArray[np.generic] | None = None, like_path: Path | None = None
+) -> NDArray[np.generic]:
+    pixels = read_pixels(path)
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise ValueError(
+            f"{path}: holds {pixels.dtype} numbers, which are linear already; a response is recovered from 8- or"
+            " 16-bit photographs"
+        )
+    if like is not None and pixels.shape != like.shape:
+        raise ValueError(
+            f"{path}: is {pixels.shape[1]}x{pixels.shape[0]} pixels, but {like_path} is"
+            f" {like.shape[1]}x{like.shape[0]}; a bracket's photographs must be of one size"
+        )
+    if like is not None and pixels.dtype != like.dtype:
+        raise ValueError(
+            f"{path}: is {pixels.dtype}, but {like_path} is {like.dtype}; a bracket's files must be of one depth"
+        )
+    return pixels
+
+
+def _clip_values(counts: NDArray[np.int64]) -> tuple[float, float]:
+    """The values at which codes pile up below and above, from their counts; -1 and 2 where nothing clips."""
+    codes = np.flatnonzero(counts)
+    top = len(counts) - 1
+    # As wide as a few codes of 8 bits.
+    near = max(1, 4 * (top + 1) // 256)
+
+    def piled(code: int, side: slice) -> bool:
+        return bool(counts[code] > 4 * max(counts[side].max(initial=0), 4))
+
+    low, high = int(codes[0]), int(codes[-1])
+    clips_below = low < top / 2 and (low == 0 or piled(low, slice(low + 1, low + 1 + near)))
+    clips_above = high > top / 2 and (high == top or piled(high, slice(max(high - near, 0), high)))
+    return (low / top if clips_below else -1.0), (high / top if clips_above else 2.0)
+
+
+def _spread(
+    brightness: NDArray[np.float32], gradient: NDArray[np.float32], count: int, rng: np.random.Generator
+) -> NDArray[np.intp]:
+    """Indices of at most `count` pixels, evenly over brightness, in each stratum from the flatter half."""
+    if len(brightness) <= count:
+        return np.arange(len(brightness))
+    low, high = float(brightness.min()), float(brightness.max())
+    stratum = ((brightness - low) * (_STRATA / max(high - low, 1e-9))).astype(int).clip(0, _STRATA - 1)
+    members = [np.flatnonzero(stratum == index) for index in range(_STRATA)]
+    flat = [one[gradient[one] <= np.median(gradient[one])] if len(one) > 8 else one for one in members]
+    # The same number from each stratum, and what small strata leave is shared among the others.
+    left, chosen = count, []
+    for position, one in enumerate(sorted(flat, key=len)):
+        share = min(len(one), left // (_STRATA - position))
+        chosen.append(rng.choice(one, share, replace=False))
+        left -= share
+    return np.sort(np.concatenate(chosen))

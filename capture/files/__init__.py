@@ -1,0 +1,1 @@
+"""Files: images, RAW, JSON documents, and results that are whole or absent."""

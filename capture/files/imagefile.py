@@ -1,0 +1,150 @@
+"""Image files to arrays and back: no radiometry here, only bytes, shapes and clear errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.files.imageheader import Header, is_raw, read_header
+
+# Larger images than any camera makes are taken for a decompression bomb: a small file that fills the memory.
+MAX_PIXELS = 400_000_000
+
+_DAMAGED = "cannot be decoded; it is truncated, damaged or not an image. Copy or export it again"
+
+
+def read_pixels(path: Path) -> NDArray[np.generic]:
+    """The pixels as stored, (h, w, 3) in RGB order; uint8, uint16, float16 or float32.
+
+    PNG, JPEG, TIFF, EXR or Radiance .hdr, told by its content. Grey images are repeated over the channels, alpha is
+    dropped, and the orientation tag is ignored because a camera model belongs to the sensor's own axes. ValueError
+    names the file and the fault.
+    """
+    return read_image(path)[0]
+
+
+def read_image(path: Path) -> tuple[NDArray[np.generic], str]:
+    """As `read_pixels`, with the kind of file: "PNG", "JPEG", "TIFF", "EXR" or "Radiance"."""
+    data = read_file(path)
+    kind = check_header(path, data).kind
+    if kind == "camera RAW":
+        if is_raw(path):
+            raise ValueError(
+                f"{path}: is a camera RAW file; an ordinary image is needed here (PNG, TIFF, EXR, ...)"
+            )
+        raise ValueError(
+            f"{path}: is a camera RAW file under another ending, of which only the preview would be read;"
+            " give it its own ending back (.dng, .nef, .cr2, ...)"
+        )
+    return _read_exr(path) if kind == "EXR" else _decode_with_opencv(path, data, kind), kind
+
+
+def read_file(path: Path) -> NDArray[np.uint8]:
+    """A file's bytes; ValueError where there is no such file, or nothing in it."""
+    if not path.exists():
+        raise ValueError(f"{path}: does not exist; check its name, and the folder that it is relative to")
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder, not an image file")
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if data.size == 0:
+        raise ValueError(f"{path}: is an empty file")
+    return data
+
+
+def check_header(path: Path, data: NDArray[np.uint8]) -> Header:
+    """The header of a file's bytes; ValueError if it is no image, is cut off, or would decode to a monster."""
+    header = read_header(data.data)
+    if not header.kind or not header.whole:
+        raise ValueError(f"{path}: {_DAMAGED}")
+    if header.size is not None and header.size[0] * header.size[1] > MAX_PIXELS:
+        raise ValueError(
+            f"{path}: says that it holds {header.size[0]}x{header.size[1]} pixels; more than"
+            f" {MAX_PIXELS // 1_000_000} million are refused, because no camera takes them. Cut or shrink it"
+        )
+    return header
+
+
+def write_exr(
+    path: Path,
+    pixels: NDArray[np.floating],
+    half: bool = False,
+    layers: Mapping[str, NDArray[np.floating]] | None = None,
+) -> None:
+    """Write an RGB image (h, w, 3) as a ZIP-compressed EXR, float32 unless `half`.
+
+    layers : further channels by name, (h, w), or (h, w, 3) for name.R, name.G and name.B; always float32.
+    """
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    channels = {"RGB": np.ascontiguousarray(pixels, dtype=np.float16 if half else np.float32)}
+    for name, layer in (layers or {}).items():
+        parts = (
+            {name: layer} if layer.ndim == 2 else {f"{name}.{c}": layer[..., i] for i, c in enumerate("RGB")}
+        )
+        channels |= {key: np.ascontiguousarray(part, dtype=np.float32) for key, part in parts.items()}
+    try:
+        with OpenEXR.File(header, channels) as file:
+            file.write(str(path))
+    except RuntimeError as error:
+        raise OSError(f"{path}: cannot be written; is the disk full?") from error
+
+
+def read_exr_layers(path: Path) -> dict[str, NDArray[np.floating]]:
+    """The channels of an EXR besides R, G, B, as `write_exr` takes them: (h, w), or (h, w, 3) for name.R, .G, .B."""
+    check_header(path, read_file(path))
+    channels = _exr_channels(path)
+    layers: dict[str, NDArray[np.floating]] = {}
+    for name in channels:
+        layer, _, part = name.rpartition(".")
+        if part in ("R", "G", "B") and all(f"{layer}.{c}" in channels for c in "RGB"):
+            layers[layer] = np.stack([channels[f"{layer}.{c}"] for c in "RGB"], axis=-1)
+        elif name not in ("R", "G", "B"):
+            layers[name] = channels[name]
+    return layers
+
+
+def _decode_with_opencv(path: Path, data: NDArray[np.uint8], kind: str) -> NDArray[np.generic]:
+    import cv2
+
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it
+    # Straight to RGB for JPEG, whose photographs are large; for 16-bit TIFF that flag mixes the channels up.
+    rgb = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(data, rgb if kind == "JPEG" else cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise ValueError(f"{path}: {_DAMAGED}") from error
+    if image is None:
+        raise ValueError(f"{path}: {_DAMAGED}")
+    if kind == "JPEG":
+        return image
+    if image.ndim == 2 or image.shape[2] == 1:
+        return np.repeat(image.reshape(*image.shape[:2], 1), 3, axis=2)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.shape[2] == 3 else image[:, :, 2::-1].copy()
+
+
+def _exr_channels(path: Path) -> dict[str, NDArray[np.floating]]:
+    import OpenEXR
+
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            # A damaged file may open with no parts; channels() then raises.
+            return {name: channel.pixels for name, channel in file.channels().items()}
+    except (RuntimeError, ValueError) as error:
+        raise ValueError(f"{path}: {_DAMAGED}") from error
+
+
+def _read_exr(path: Path) -> NDArray[np.generic]:
+    channels = _exr_channels(path)
+    if "RY" in channels:
+        raise ValueError(f"{path}: holds luminance and chroma (Y, RY, BY); write it as R, G, B")
+    for names in (("R", "G", "B"), ("Y", "Y", "Y")):
+        if all(name in channels for name in names):
+            return np.stack([channels[name] for name in names], axis=-1)
+    raise ValueError(f"{path}: holds the channels {', '.join(sorted(channels))}; R, G, B (or Y) are needed")

@@ -1,0 +1,1 @@
+"""Camera intrinsics from photographs of boards."""

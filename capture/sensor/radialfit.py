@@ -1,0 +1,294 @@
+"""Vignetting as a radial polynomial, fitted to flat-field photographs: the simplest that predicts unseen parts.
+
+The light on a wall is never quite even: each photograph may have a linear gradient of its own. A gradient and a
+shift of the vignetting's centre look alike in one photograph, which is why the camera should be turned between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import one_blas_thread
+from capture.sensor.flatfield import ORDERS, RadialFlatField, half_diagonal
+from capture.sensor.flattiles import FlatTiles
+
+Floats = NDArray[np.float64]
+
+_NUMBERS = 2 + 3 * ORDERS
+_FOLDS = 5
+# Gradients that are let go beyond this over half the diagonal are no lamp's.
+_WIDE_GRADIENT = 0.5
+# An outlier is this many deviations off its neighbourhood.
+_OUTLYING = 5.0
+
+
+@dataclass(frozen=True)
+class RadialModel:
+    """One candidate: how many orders, the centre free or the image's, coefficients per channel or shared, and a
+    linear gradient of the light in each photograph or none."""
+
+    order: int
+    free_centre: bool
+    per_channel: bool
+    gradient: bool
+
+    @property
+    def basis(self) -> Floats:
+        """(17, k): centre and coefficients of all channels from the fitted numbers."""
+        columns = []
+        if self.free_centre:
+            columns += [np.eye(_NUMBERS)[0], np.eye(_NUMBERS)[1]]
+        for power in range(self.order):
+            rows = np.eye(_NUMBERS)[[2 + ORDERS * channel + power for channel in range(3)]]
+            columns += list(rows) if self.per_channel else [rows.sum(axis=0)]
+        return np.array(columns).T
+
+
+@dataclass(frozen=True, eq=False)
+class RadialFit:
+    """A candidate's fit. numbers : (17,) centre, in half diagonals from the image centre, and coefficients.
+
+    held_out : (t,) mean squared error of the logarithm on each tile, predicted from the others, in units of its
+    variance. gradients : (p, 2) relative change of the light per half diagonal. residual : (p, t, 3) of the logarithm.
+    """
+
+    model: RadialModel
+    numbers: Floats
+    covariance: Floats
+    gradients: Floats
+    residual: Floats
+    structured: Floats
+    held_out: Floats
+
+
+def fit_radial(tiles: FlatTiles) -> tuple[RadialFit, list[RadialFit]]:
+    """The chosen fit, and all candidates: of the highest order with each kind of centre, channels and light, then of
+    each order with the kind that was chosen.
+
+    Chosen is the simplest whose held-out error isn't clearly above the best one's: by one standard error of the
+    difference, tile by tile. What the best one says otherwise is added to the covariance.
+    """
+    photos = len(tiles.signal)
+    richest = RadialModel(ORDERS, photos > 1, True, True)
+    with one_blas_thread():
+        # Outliers, noise and misfit are those that even the richest model leaves, for all candidates alike.
+        spread, wide = tiles.relative_std, _WIDE_GRADIENT
+        for _ in range(3):
+            _, gradients, residual, *_ = _solve(tiles, richest, spread, wide)
+            spread = _spread(tiles, residual)
+            if photos > 1:
+                # Gradients of the light are around zero: that is what tells them from a shifted centre.
+                wide = float(
+                    np.clip(np.sqrt(np.mean(gradients**2) * photos / (photos - 1)), 1e-5, _WIDE_GRADIENT)
+                )
+        fits = [_fit(tiles, model, spread, wide) for model in _richest(photos)]
+        kind = _simplest(fits)[0].model
+        fits += [_fit(tiles, replace(kind, order=order), spread, wide) for order in range(1, ORDERS)]
+    fit, best = _simplest(fits)
+    otherwise = best.numbers - fit.numbers
+    return replace(fit, covariance=fit.covariance + np.outer(otherwise, otherwise)), fits
+
+
+def flat_field_of(fit: RadialFit, tiles: FlatTiles) -> RadialFlatField:
+    """The fit as a flat field, in pixels."""
+    scale = np.ones(_NUMBERS)
+    scale[:2] = half_diagonal(tiles.width, tiles.height)
+    numbers = fit.numbers * scale
+    return RadialFlatField(
+        tiles.width,
+        tiles.height,
+        numbers[:2] + np.array([tiles.width / 2, tiles.height / 2]),
+        numbers[2:].reshape(3, ORDERS),
+        fit.covariance * np.outer(scale, scale),
+        fit.structured,
+    )
+
+
+def _richest(photos: int) -> Iterator[RadialModel]:
+    for free, per_channel, gradient in product((False, True), repeat=3):
+        # One photograph can't tell a shifted centre from a gradient.
+        if not (photos == 1 and free and gradient):
+            yield RadialModel(ORDERS, free, per_channel, gradient)
+
+
+def _simplest(fits: Sequence[RadialFit]) -> tuple[RadialFit, RadialFit]:
+    """The simplest fit that isn't clearly worse than the best, and the best."""
+    best = min(fits, key=lambda fit: float(fit.held_out.mean()))
+    for fit in sorted(fits, key=lambda fit: fit.model.basis.shape[1] + fit.model.gradient):
+        excess = fit.held_out - best.held_out
+        if excess.mean() <= excess.std() / np.sqrt(len(excess)):
+            return fit, best
+    return best, best
+
+
+def _fit(tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float) -> RadialFit:
+    numbers, gradients, residual, derivatives = _solve(tiles, model, spread, wide)
+    derivatives = derivatives.weighted(1 / spread)
+    target = residual / spread
+    normal, _ = derivatives.normal(target)
+    inverse = np.linalg.inv(normal + derivatives.prior(wide))
+    k = model.basis.shape[1]
+    # The sandwich over neighbourhoods, for misfit is alike in neighbours and in all photographs.
+    scores = derivatives.scores(target)
+    blocks = np.zeros((tiles.block.max() + 1, scores.shape[1]))
+    np.add.at(blocks, tiles.block, scores)
+    robust = (inverse @ (blocks.T @ blocks) @ inverse)[:k, :k]
+    plain = inverse[:k, :k]
+    scale = max(1.0, float(np.trace(np.linalg.solve(plain, robust))) / k)
+    excess = np.mean(np.where(np.isfinite(spread), residual**2 - tiles.relative_std**2, 0), axis=(0, 1))
+    return RadialFit(
+        model,
+        numbers,
+        model.basis @ (plain * scale) @ model.basis.T,
+        gradients,
+        residual,
+        np.sqrt(np.maximum(excess, 0)),
+        _held_out(tiles, derivatives, target, wide),
+    )
+
+
+def _held_out(tiles: FlatTiles, derivatives: _Derivatives, target: Floats, wide: float) -> Floats:
+    """Each tile's squared error when its fold of neighbourhoods is left out, by one step from the full fit."""
+    full = derivatives.normal(target)[0] + derivatives.prior(wide)
+    error = np.empty(target.shape[1])
+    fold = (tiles.block * 2 + tiles.block // 7) % _FOLDS
+    for number in range(_FOLDS):
+        out = fold == number
+        part = derivatives.at(out)
+        lost, slope = part.normal(target[:, out])
+        # The full fit has no slope of its own beside its prior's: what is left is what the fold contributed.
+        change = np.asarray(np.linalg.solve(full - lost, -slope), float)
+        error[out] = ((target[:, out] - part.predict(change)) ** 2).mean(axis=(0, 2))
+    return error
+
+
+def _spread(tiles: FlatTiles, residual: Floats) -> Floats:
+    """Standard deviation of each tile's logarithm: its noise, and what no model explains; infinite for outliers.
+
+    An outlier (dust, a mark on the wall) differs from its neighbourhood; where the model as such doesn't fit,
+    neighbours agree.
+    """
+    import cv2
+
+    grid = residual.reshape(len(residual), *tiles.grid, 3).astype(np.float32)
+    smooth = np.array([[cv2.medianBlur(photo[..., c].copy(), 5) for c in range(3)] for photo in grid])
+    local = np.abs(grid - np.moveaxis(smooth, 1, -1)).reshape(residual.shape)
+    scale = 1.4826 * np.median(local, axis=1, keepdims=True)
+    outlier = local > _OUTLYING * np.maximum(scale, tiles.relative_std)
+    misfit = np.mean(np.where(outlier, 0, residual**2 - tiles.relative_std**2))
+    return np.where(outlier, np.inf, np.sqrt(tiles.relative_std**2 + max(float(misfit), 0)))
+
+
+def _solve(
+    tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float
+) -> tuple[Floats, Floats, Floats, _Derivatives]:
+    """Gauss-Newton, the gradients being around zero with deviation `wide`.
+
+    Returns numbers (17,), gradients (p, 2), the residual (p, t, 3) and the derivatives of the logarithm.
+    """
+    basis = model.basis
+    k, photos = basis.shape[1], len(tiles.signal)
+    measured = np.log(tiles.signal)
+    fitted, gradients = np.zeros(k), np.zeros((photos, 2))
+    levels = np.median(measured, axis=1)
+    for _ in range(20):
+        predicted, derivatives = _log_model(tiles, basis @ fitted, gradients, model)
+        residual = measured - levels[:, None] - predicted
+        normal, slope = derivatives.weighted(1 / spread).normal(residual / spread)
+        prior = derivatives.prior(wide)
+        own = np.concatenate([levels * 0, gradients], axis=1) if model.gradient else levels * 0
+        slope -= prior @ np.concatenate([fitted * 0, own.ravel()])
+        change = np.linalg.solve(normal + prior + 1e-12 * np.eye(len(slope)), slope)
+        fitted = fitted + change[:k]
+        own = change[k:].reshape(photos, -1)
+        levels = levels + own[:, :3]
+        if model.gradient:
+            gradients = np.clip(gradients + own[:, 3:], -0.9, 0.9)
+        if np.abs(change).max() < 1e-8:
+            break
+    predicted, derivatives = _log_model(tiles, basis @ fitted, gradients, model)
+    return basis @ fitted, gradients, measured - levels[:, None] - predicted, derivatives
+
+
+def _log_model(
+    tiles: FlatTiles, numbers: Floats, gradients: Floats, model: RadialModel
+) -> tuple[Floats, _Derivatives]:
+    """The logarithm of each tile's mean (p, t, 3) at level 1, and its derivatives."""
+    photos, count = len(gradients), len(tiles.position)
+    offset = tiles.position - numbers[:2]
+    squares = (offset**2).sum(axis=-1)[..., None]
+    orders = np.arange(1, ORDERS + 1)
+    powers = squares**orders
+    a = numbers[2:].reshape(3, ORDERS)
+    lens = np.maximum(1 + powers @ a.T, 1e-3)  # (t, 4, 3)
+    inward = -2 * squares ** (orders - 1) @ (orders * a).T  # (t, 4, 3)
+    light = np.maximum(1 + np.einsum("tgi,pi->ptg", tiles.position, gradients), 0.05)  # (p, t, 4)
+    seen = np.einsum("ptg,tgc->ptc", light, lens)
+    full = np.zeros((photos, count, 3, _NUMBERS))
+    full[..., :2] = np.einsum("ptg,tgc,tgi->ptci", light, inward, offset, optimize=True)
+    moments = np.einsum("ptg,tgk->ptk", light, powers)
+    for channel in range(3):
+        full[:, :, channel, 2 + ORDERS * channel : 2 + ORDERS * (channel + 1)] = moments
+    own = np.broadcast_to(np.eye(3), (photos, count, 3, 3))
+    if model.gradient:
+        towards = np.einsum("tgi,tgc->tci", tiles.position, lens)
+        own = np.concatenate([own, towards / seen[..., None]], axis=-1)
+    return np.log(seen / 4), _Derivatives((full / seen[..., None]) @ model.basis, own)
+
+
+@dataclass(frozen=True, eq=False)
+class _Derivatives:
+    """Derivatives of each tile's logarithm: shared (p, t, 3, k) by the fitted numbers, own (p, t, 3, 3 or 5) by the
+    photograph's levels and gradient. Numbers are ordered shared first, then photograph by photograph."""
+
+    shared: Floats
+    own: Floats
+
+    def weighted(self, weight: Floats) -> _Derivatives:
+        return _Derivatives(self.shared * weight[..., None], self.own * weight[..., None])
+
+    def at(self, tiles: NDArray[np.bool_]) -> _Derivatives:
+        return _Derivatives(self.shared[:, tiles], self.own[:, tiles])
+
+    def normal(self, target: Floats) -> tuple[Floats, Floats]:
+        """The normal matrix and its right side: an arrow, since photographs share nothing but the lens."""
+        k, blocks = self.shared.shape[-1], self._blocks()
+        matrix, vector = np.zeros((blocks[-1].stop,) * 2), np.zeros(blocks[-1].stop)
+        for shared, own, aim, block in zip(self.shared, self.own, target, blocks, strict=True):
+            lens, photo, aims = shared.reshape(-1, k), own.reshape(-1, own.shape[-1]), aim.ravel()
+            matrix[:k, :k] += lens.T @ lens
+            matrix[:k, block] = lens.T @ photo
+            matrix[block, :k] = matrix[:k, block].T
+            matrix[block, block] = photo.T @ photo
+            vector[:k] += lens.T @ aims
+            vector[block] = photo.T @ aims
+        return matrix, vector
+
+    def prior(self, wide: float) -> Floats:
+        """The inverse variance of the gradients on the normal matrix's diagonal."""
+        blocks = self._blocks()
+        diagonal = np.zeros(blocks[-1].stop)
+        for block in blocks:
+            diagonal[block.start + 3 : block.stop] = wide**-2
+        return np.diag(diagonal)
+
+    def scores(self, target: Floats) -> Floats:
+        """(t, k + ...): what each tile contributes to the right side."""
+        shared = np.einsum("ptci,ptc->ti", self.shared, target, optimize=True)
+        own = np.einsum("ptci,ptc->tpi", self.own, target, optimize=True)
+        return np.concatenate([shared, own.reshape(len(own), -1)], axis=1)
+
+    def predict(self, change: Floats) -> Floats:
+        """The change (p, t, 3) of the logarithm for a change of the numbers."""
+        k = self.shared.shape[-1]
+        own = np.einsum("ptci,pi->ptc", self.own, change[k:].reshape(len(self.own), -1))
+        return np.asarray(self.shared @ change[:k] + own)
+
+    def _blocks(self) -> list[slice]:
+        k, size = self.shared.shape[-1], self.own.shape[-1]
+        return [slice(k + size * photo, k + size * (photo + 1)) for photo in range(len(self.own))]

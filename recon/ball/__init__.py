@@ -1,0 +1,1 @@
+"""Light read off photographs of mirror balls."""
