@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from capture.bracket.response import Response
 from capture.exposure import ExposureSettings, relative_exposure
-from capture.files.imagefile import read_exr_layers, read_image, read_pixels
+from capture.files.imagefile import read_exr_layers, read_image, read_pixels, rgbe_step
 from capture.files.imageheader import is_raw
 from capture.files.rawfile import read_raw
 from capture.photoset import Photo, PhotoSet
@@ -199,9 +199,7 @@ def _float_step(kind: str, pixels: NDArray[np.generic]) -> Image:
     if pixels.dtype == np.float16:
         return np.spacing(np.abs(pixels)).astype(np.float32)
     if kind == "Radiance":
-        # RGBE: three mantissas of 8 bits share the exponent of the brightest channel.
-        _, exponent = np.frexp(pixels.max(axis=2, keepdims=True))
-        return np.ldexp(np.float32(1), exponent - 8)
+        return rgbe_step(pixels)
     return np.zeros(1, np.float32)
 
 

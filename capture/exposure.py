@@ -16,6 +16,8 @@ from capture.files.rawfile import raw_exposure
 ExposureSource = Literal["equal", "exif", "manual"]
 # EXIF tags (CIPA DC-008): ExposureTime, FNumber, PhotographicSensitivity.
 _EXIF_TAGS = {"exposure_s": 33434, "f_number": 33437, "iso": 34855}
+# ShutterSpeedValue and ApertureValue, which some files hold instead: APEX units, -log2(time) and 2 log2(f-number).
+_APEX_TIME, _APEX_APERTURE = 37377, 37378
 _EXIF_IFD = 34665
 
 
@@ -27,6 +29,12 @@ class ExposureSettings:
     iso: float | None = None
     f_number: float | None = None
 
+    def completed(self, other: ExposureSettings) -> ExposureSettings:
+        """These settings, with what is missing from others."""
+        return ExposureSettings(
+            self.exposure_s or other.exposure_s, self.iso or other.iso, self.f_number or other.f_number
+        )
+
 
 def relative_exposure(path: Path, source: ExposureSource, settings: ExposureSettings) -> float:
     """Exposure as time [s] x (ISO / 100) / f-number^2; the pixel value is proportional to it.
@@ -37,12 +45,7 @@ def relative_exposure(path: Path, source: ExposureSource, settings: ExposureSett
     if source == "equal":
         return 1.0
     if source == "exif":
-        found = read_exif_exposure(path)
-        settings = ExposureSettings(
-            settings.exposure_s or found.exposure_s,
-            settings.iso or found.iso,
-            settings.f_number or found.f_number,
-        )
+        settings = settings.completed(read_exif_exposure(path))
     if settings.exposure_s is None:
         given = source == "manual"
         where = "the manifest gives no exposure_s" if given else "its EXIF holds no exposure time"
@@ -68,6 +71,8 @@ def read_exif_exposure(path: Path) -> ExposureSettings:
     except (OSError, UnidentifiedImageError):
         return ExposureSettings()
     values = {key: _positive(tags.get(tag)) for key, tag in _EXIF_TAGS.items()}
+    values["exposure_s"] = values["exposure_s"] or _power_of_two(tags.get(_APEX_TIME), -1.0)
+    values["f_number"] = values["f_number"] or _power_of_two(tags.get(_APEX_APERTURE), 0.5)
     return ExposureSettings(**values)
 
 
@@ -79,7 +84,11 @@ def bracket_exposures(paths: Sequence[Path], seconds: Sequence[float] | None = N
     ValueError names the photo whose exposure is missing, and says how to give it by hand.
     """
     if seconds is None:
-        return tuple(relative_exposure(path, "exif", ExposureSettings()) for path in paths)
+        found = [read_exif_exposure(path) for path in paths]
+        check_alike(paths, found)
+        return tuple(
+            relative_exposure(path, "exif", settings) for path, settings in zip(paths, found, strict=True)
+        )
     if len(seconds) != len(paths):
         raise ValueError(
             f"{len(seconds)} exposure times for {len(paths)} photos: give one for each, in their order"
@@ -88,6 +97,18 @@ def bracket_exposures(paths: Sequence[Path], seconds: Sequence[float] | None = N
         if not (np.isfinite(time) and time > 0):
             raise ValueError(f"{path}: its exposure time is given as {time} s; it must be > 0")
     return tuple(float(time) for time in seconds)
+
+
+def check_alike(paths: Sequence[Path], settings: Sequence[ExposureSettings]) -> None:
+    """ValueError if ISO or f-number are known of some photographs but not of others: a missing one isn't 100, or 1."""
+    for key, name in (("iso", "ISO"), ("f_number", "f-number")):
+        known = [getattr(one, key) is not None for one in settings]
+        if any(known) and not all(known):
+            without, having = paths[known.index(False)], paths[known.index(True)]
+            raise ValueError(
+                f"{without}: its {name} is not known, but that of {having.name} is; write {key} = ... in this photo's"
+                " table (for a bracket of one aperture and ISO, give --times)"
+            )
 
 
 def read_times(text: str) -> tuple[float, ...]:
@@ -104,6 +125,13 @@ def read_times(text: str) -> tuple[float, ...]:
                 f"exposure time {part!r} is not a number of seconds such as 0.25 or 1/60 (and no file of that name)"
             ) from error
     return tuple(times)
+
+
+def _power_of_two(apex: Any, factor: float) -> float | None:
+    try:
+        return float(2.0 ** (factor * float(apex)))
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return None
 
 
 def _positive(value: Any) -> float | None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from capture.arc.gantry import Arc
 from capture.camera import Camera
-from capture.exposure import ExposureSettings
+from capture.exposure import ExposureSettings, check_alike, read_exif_exposure
 from capture.files.documents import read_json
 from capture.manifest import (
     ArcTable,
@@ -96,6 +96,8 @@ def load_photoset(path: Path) -> PhotoSet:
     for table, label in zip(manifest.photo, labels, strict=True):
         photos.append(_photo(manifest_path, manifest, names, gantry, table, label, stops))
         stops += table.world_to_camera is None
+    if manifest.radiometry.exposure != "equal":
+        _check_exposures(manifest_path, manifest, photos)
     target = np.array(manifest.object.centre or (0.0, 0.0, 0.0))
     return PhotoSet(
         name=manifest.name,
@@ -115,6 +117,21 @@ def _radiometry(manifest: Path, table: RadiometryTable, photos: Sequence[Path]) 
         return read_radiometry(table, lambda name: resolve(manifest, name), photos)
     except ValueError as error:
         raise error if str(manifest) in str(error) else ValueError(f"{manifest}: {error}") from error
+
+
+def _check_exposures(manifest_path: Path, manifest: Manifest, photos: Sequence[Photo]) -> None:
+    """ValueError if ISO or f-number are known of some photos only, mirror balls' among them."""
+    shots = [(photo.file, photo.exposure) for photo in photos]
+    for table in manifest.lighting:
+        for view in (table.mirror_ball.views or (table.mirror_ball,)) if table.mirror_ball else ():
+            given = ExposureSettings(None, view.iso, view.f_number)
+            shots += [(resolve(manifest_path, name), given) for name in view.photo]
+    shots = [
+        (path, given) for path, given in shots if path.is_file()
+    ]  # a missing file is named when it is read
+    if manifest.radiometry.exposure == "exif":
+        shots = [(path, given.completed(read_exif_exposure(path))) for path, given in shots]
+    check_alike([path for path, _ in shots], [given for _, given in shots])
 
 
 def _calibration_files(manifest_path: Path, manifest: Manifest) -> tuple[Path, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,8 @@ class Merge:
     deviating : (h, w) bool, where photographs differ by more than noise: what moved, or is misaligned.
     contradicted : (h, w) bool, saturated in a photograph but not in one with a longer exposure: no light does that,
         but borders of scans and moving lights do.
+    factors : (p - 1,) how many times as bright each photograph is as the next shorter one, exposures divided out, in
+        the median; shortest first. 1 if exposures and encoding are what they were taken for.
     """
 
     image: RadianceImage
@@ -63,6 +66,7 @@ class Merge:
     chi_square: Floats
     deviating: NDArray[np.bool_]
     contradicted: NDArray[np.bool_]
+    factors: Floats
 
 
 def merge(load: Load, exposures: Sequence[float], stated: bool = False) -> Merge:
@@ -102,17 +106,22 @@ def merge(load: Load, exposures: Sequence[float], stated: bool = False) -> Merge
         longest = np.maximum(longest, valid.any(axis=2) * np.float32(time))
     seen = weight_sum > 0
     safe = np.where(seen, weight_sum, 1)
+    spread = square - pull**2 / safe
+    deviating = _unlikely(spread, count)
+    # Photographs that differ by more than noise leave that much more open.
+    excess = np.where(deviating[..., None], np.maximum(spread / np.maximum(count - 1.0, 1), 1), 1)
     return Merge(
         image=RadianceImage(
             np.where(seen, radiance + pull / safe, radiance),
-            np.where(seen, 1 / safe, radiance**2).astype(np.float32),
+            np.where(seen, excess / safe, radiance**2).astype(np.float32),
             np.asarray(~seen.all(axis=2)),
         ),
         count=count.min(axis=2),
         longest=longest,
         noise=noise,
         chi_square=_scatter(first, times, noise),
-        deviating=_unlikely(square - pull**2 / safe, count),
+        deviating=deviating,
+        factors=_factors(first, times),
         contradicted=first.contradicted,
     )
 
@@ -127,6 +136,19 @@ def _scatter(first: _First, times: Floats, noise: LevelNoise) -> Floats:
     compared = (weight > 0) & (others > 0)
     counts = compared.sum(axis=(1, 2))
     return np.where(counts, (scaled * compared).sum(axis=(1, 2)) / np.maximum(counts, 1), np.nan)
+
+
+def _factors(first: _First, times: Floats) -> Floats:
+    order = np.argsort(times)
+    factors = []
+    for short, long in pairwise(order.tolist()):
+        both = first.valid[short] & first.valid[long] & (first.signals[short] > 0) & (first.signals[long] > 0)
+        one, other = first.signals[short][both], first.signals[long][both]
+        # The brighter half, as the longer and so less noisy one sees it.
+        bright = other >= np.median(other) if other.size else both[both]
+        ratio = other[bright] / one[bright] * (times[short] / times[long])
+        factors.append(float(np.median(ratio)) if ratio.size >= _FEWEST else 1.0)
+    return np.array(factors)
 
 
 def _weighted(first: _First, times: Floats, noise: LevelNoise) -> tuple[Floats, Floats]:
@@ -253,9 +275,13 @@ def _binned(
             pooled = values[known]
             medians[:] = max(float(pooled.mean()) if pooled.size else 0.0, 1e-12 * float(grid[-1]) ** 2)
             good[:] = True
-        variance[channel] = np.exp(
-            np.interp(np.arange(len(grid)), np.flatnonzero(good), np.log(medians[good]))
-        ) * np.maximum(grid / grid[good][-1], 1)
+        curve = np.exp(np.interp(np.arange(len(grid)), np.flatnonzero(good), np.log(medians[good])))
+        # Near black noise is clipped and looks smaller than it is: there it counts as it is where signals show.
+        hidden = np.flatnonzero(grid**2 <= _SHOWS**2 * curve)
+        if hidden.size:
+            darkest = min(int(hidden[-1]) + 1, len(grid) - 1)
+            curve[:darkest] = np.maximum(curve[:darkest], curve[darkest])
+        variance[channel] = curve * np.maximum(grid / grid[good][-1], 1)
     return LevelNoise(grid, variance)
 
 

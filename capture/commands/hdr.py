@@ -10,6 +10,8 @@ import typer
 from capture.commands.options import Encoding, Photos, Times
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from capture.bracket.hdr import Merge
     from capture.bracket.hdrfiles import Bracket
     from capture.bracket.mapcomparison import Comparison
@@ -18,6 +20,8 @@ _FIGURE = "-figure.png"
 # Shares of the picture from which on a word of warning is due.
 _NOTABLE_MOTION = 0.02
 _NOTABLE_SATURATION = 0.001
+# Brightness of one photograph over another's, exposures divided out, from which on.
+_NOTABLE_FACTOR = 1.1
 
 
 def hdr(
@@ -58,7 +62,8 @@ def hdr(
     Every photograph is weighted by the inverse of its variance, and left out where it is saturated. Radiance is the
     linear signal (1 = white level) divided by time [s] x (ISO / 100) / f-number^2.
 
-    Writes OUT (channels R, G, B; variance.R, .G, .B in their unit squared; saturated, 1 where every photograph is)
+    Writes OUT (channels R, G, B; variance.R, .G, .B in their unit squared; saturated, 1 where every photograph is;
+    deviating, 1 where they differ by more than noise)
     and OUT's name with -figure.png.
     """
     from capture.bracket.hdr import merge
@@ -66,7 +71,7 @@ def hdr(
     from capture.bracket.hdrfiles import open_bracket
     from capture.bracket.mapcomparison import compare_maps
     from capture.exposure import bracket_exposures, read_times
-    from capture.files.imagefile import write_exr
+    from capture.files.imagefile import read_file, write_exr
     from capture.files.outfolder import result_files
     from capture.sensor.noise import read_noise_model
     from capture.terminal import leave_cleanly_when_stopped
@@ -75,6 +80,7 @@ def hdr(
     if response is not None and encoding is not None:
         raise ValueError("--response and --encoding both say what the values stand for: remove one of them")
     if len(images) < 2:
+        read_file(images[0])  # if it doesn't exist, that is the fault
         raise ValueError(f"{images[0]}: is one photograph only; a bracket needs two or more exposures")
     if output.suffix.lower() != ".exr":
         raise ValueError(f"{output}: must end in .exr, the format that holds radiance and its variance")
@@ -86,14 +92,25 @@ def hdr(
         merged = merge(bracket.load, exposures, stated=model is not None)
         comparison = compare_maps(merged, compare) if compare else None
         image = merged.image
-        layers = {"variance": image.variance, "saturated": image.saturated.astype("float32")}
+        layers = {
+            "variance": image.variance,
+            "saturated": image.saturated.astype("float32"),
+            "deviating": merged.deviating.astype("float32"),
+        }
         write_exr(folder / output.name, image.radiance, layers=layers)
         figure = hdr_figure(merged, exposures, [path.name for path in images], comparison)
         figure.savefig(folder / (output.stem + _FIGURE))
-    _report(merged, bracket, comparison, output)
+    _report(merged, bracket, [path.name for path in images], exposures, comparison, output)
 
 
-def _report(merged: Merge, bracket: Bracket, comparison: Comparison | None, output: Path) -> None:
+def _report(
+    merged: Merge,
+    bracket: Bracket,
+    names: Sequence[str],
+    exposures: Sequence[float],
+    comparison: Comparison | None,
+    output: Path,
+) -> None:
     import numpy as np
     from rich.markup import escape
 
@@ -102,13 +119,23 @@ def _report(merged: Merge, bracket: Bracket, comparison: Comparison | None, outp
     console.print(bracket.origin)
     for warning in bracket.warnings:
         console.print(f"Warning: {escape(warning)}.")
-    relative = np.sqrt(merged.image.variance) / np.maximum(np.abs(merged.image.radiance), 1e-30)
-    known = relative[~merged.image.saturated]
-    if known.size:
+    radiance, std = merged.image.radiance, np.sqrt(merged.image.variance)
+    shown = (radiance > std) & ~merged.image.saturated[..., None]
+    if shown.any():
+        relative = std[shown] / radiance[shown]
         console.print(
-            f"Radiance certain to {np.median(known):.2%} in the median, {np.quantile(known, 0.95):.2%} in all but 5%"
-            " of the picture"
+            f"Radiance certain to {np.median(relative):.2%} in the median, {np.quantile(relative, 0.95):.2%} in all but"
+            " 5% of the picture"
+            + ("" if shown.mean() > 0.99 else f"; {1 - shown.mean():.0%} is saturated or lost in noise")
         )
+    order = np.argsort(exposures)
+    for factor, short, long in zip(merged.factors, order[:-1], order[1:], strict=True):
+        if max(factor, 1 / factor) > _NOTABLE_FACTOR:
+            console.print(
+                f"Warning: {escape(names[long])} is {factor:.2f} times as bright as {escape(names[short])}, exposures"
+                " divided out, and should be once: check exposure, ISO and aperture of both, and what the files hold"
+                " (--encoding, --response)."
+            )
     saturated, moved = merged.image.saturated.mean(), merged.deviating.mean()
     if saturated > _NOTABLE_SATURATION:
         console.print(

@@ -70,6 +70,12 @@ def check_header(path: Path, data: NDArray[np.uint8]) -> Header:
     return header
 
 
+def rgbe_step(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
+    """The step (h, w, 1) between neighbouring numbers of a Radiance file, whose three mantissas share an exponent."""
+    _, exponent = np.frexp(pixels.max(axis=2, keepdims=True))
+    return np.ldexp(np.float32(1), exponent - 8)
+
+
 def write_exr(
     path: Path,
     pixels: NDArray[np.floating],
@@ -124,6 +130,9 @@ def _decode_with_opencv(path: Path, data: NDArray[np.uint8], kind: str) -> NDArr
         raise ValueError(f"{path}: {_DAMAGED}")
     if kind == "JPEG":
         return image
+    if kind == "Radiance":
+        # Writers cut mantissas off (Ward, Real Pixels, 1991): a number stands for the middle of its step.
+        image = np.where(image.max(axis=2, keepdims=True) > 0, image + rgbe_step(image) / 2, image)
     if image.ndim == 2 or image.shape[2] == 1:
         return np.repeat(image.reshape(*image.shape[:2], 1), 3, axis=2)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.shape[2] == 3 else image[:, :, 2::-1].copy()

@@ -22,9 +22,11 @@ Floats = NDArray[np.float32]
 _BLACK, _WHITE = 4096, 60000
 # Bilinear demosaicing looks one photosite far: a clipped one spoils its neighbours to that distance.
 _DEMOSAIC_REACH = 1
-# Photosites on the two highest codes, beside those on the next four, that betray a clip level below the white level
-# that the file states; never below three quarters of it, where a plain bright wall would do the same.
-_PILE_CODES, _PILE_RATIO, _PILE_COUNT, _PILE_LEVEL = 2, 10, 50, 0.75
+# Photosites within the highest 0.2% of the range, beside those in the next 0.4%, that betray a clip level below the
+# white level that the file states; never below three quarters of it, where a plain bright wall may do the same.
+_PILE_SHARE, _PILE_RATIO, _PILE_COUNT, _PILE_LEVEL = 0.002, 10, 50, 0.75
+# Hot photosites, above the clip level of all others.
+_STRAYS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +80,13 @@ def read_raw(path: Path) -> RawImage:
 
 def raw_exposure(path: Path) -> tuple[float, float, float]:
     """Exposure time in seconds, ISO and f-number as LibRaw finds them; 0 where the file doesn't tell."""
-    with _opened(path) as raw:
+    with _opened(path, unpack=False) as raw:
         return raw.other.shutter_speed, raw.other.iso_speed, raw.other.aperture
 
 
 def camera_white_balance(path: Path) -> NDArray[np.float64]:
     """The camera's white balance as shot: factors (3,) for red, green and blue, green being 1."""
-    with _opened(path) as raw:
+    with _opened(path, unpack=False) as raw:
         factors = np.array(raw.camera_whitebalance[:3], float)
     if not (factors > 0).all():
         raise ValueError(
@@ -94,13 +96,17 @@ def camera_white_balance(path: Path) -> NDArray[np.float64]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(path: Path, unpack: bool = True) -> Iterator[Any]:
+    """A RAW file; `unpack` for its pixels as well as what it says of them."""
     import rawpy
 
     if not read_header(read_file(path).data).whole:
         raise ValueError(f"{path}: is cut off: image data that it announces are missing. Copy it again")
     try:
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.RawPy() as raw:
+            raw.open_file(str(path))
+            if unpack:
+                raw.unpack()
             yield raw
     except rawpy.LibRawFileUnsupportedError as error:
         kind = read_header(read_file(path).data).kind
@@ -142,9 +148,9 @@ def _pile_up(values: Floats, white: float) -> float:
 
     Some cameras clip earlier at some ISO settings than their files say.
     """
-    top = float(values.max())
-    clip = top - _PILE_CODES + 1
+    top = float(np.partition(values.ravel(), -_STRAYS)[-_STRAYS])
+    clip = top - _PILE_SHARE * white
     at_top = int((values >= clip).sum())
-    below = int((values >= clip - 2 * _PILE_CODES).sum()) - at_top
+    below = int((values >= clip - 2 * _PILE_SHARE * white).sum()) - at_top
     piled = top > _PILE_LEVEL * white and at_top > max(_PILE_COUNT, _PILE_RATIO * below)
     return clip if piled else np.inf

@@ -96,9 +96,15 @@ def read_frame(path: Path, encoding: Encoding) -> Frame:
         if photosites is not None:
             return photosites
     # A curve without error and a model without noise leave quantisation alone in the variance.
-    curve = encoding.exact() if isinstance(encoding, Response) else encoding
-    image = decode(path, curve, noise=NoiseModel(np.zeros(3), np.zeros(3)))
-    return Frame(image.radiance, image.variance, image.saturated)
+    silent = NoiseModel(np.zeros(3), np.zeros(3))
+    if not isinstance(encoding, Response):
+        image = decode(path, encoding, noise=silent)
+        return Frame(image.radiance, image.variance, image.saturated)
+    image = decode(path, encoding.exact(), noise=silent)
+    known = [np.flatnonzero(np.isfinite(curve))[0] for curve in encoding.log_exposure]
+    return Frame(
+        image.radiance, image.variance, image.saturated, np.exp(encoding.log_exposure[np.arange(3), known])
+    )
 
 
 def recover_noise(photos: Iterable[Path], encoding: Encoding = "linear") -> NoiseRecovery:

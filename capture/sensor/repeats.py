@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,13 @@ class Frame:
     """One decoded photograph.
 
     signal : (h, w, 3) float32, linear, 1 at the file's white level. quantisation : (h, w, 3) float32, variance.
-    saturated : (h, w) bool.
+    saturated : (h, w) bool. floor : (3,) the signal of each channel below which it isn't known what codes stand for.
     """
 
     signal: NDArray[np.float32]
     quantisation: NDArray[np.float32]
     saturated: NDArray[np.bool_]
+    floor: Floats = field(default_factory=lambda: np.full(3, -np.inf))
 
 
 class Repeats:
@@ -86,21 +87,26 @@ def _relative_gain(
 
 
 def _clipping(frame: Frame) -> tuple[Floats, Floats]:
-    """The signals (3,), (3,) at which each channel is clipped, infinite where it isn't: there values pile up."""
-    floor, ceiling = np.full(3, -np.inf), np.full(3, np.inf)
+    """The signals (3,), (3,) at which each channel is clipped, infinite where it isn't.
+
+    Values pile up there, or the lowest is exactly black: a file that holds no values below it cuts noise off, however
+    few pixels reach it. RAW goes below black.
+    """
+    floor, ceiling = frame.floor.copy(), np.full(3, np.inf)
     for channel in range(3):
         values = frame.signal[..., channel]
         low, high = values.min(), values.max()
-        if _piles_up(values, low, np.min(values, where=values > low, initial=np.inf)):
-            floor[channel] = low
+        if low == 0 or _piles_up(values, low, np.min(values, where=values > low, initial=np.inf)):
+            floor[channel] = max(floor[channel], low)
         if _piles_up(values, high, np.max(values, where=values < high, initial=-np.inf)):
             ceiling[channel] = high
     return floor, ceiling
 
 
 def _piles_up(values: NDArray[np.float32], end: np.floating, next_to_it: np.floating) -> bool:
+    """Whether a histogram ends abruptly: one that runs out smoothly falls faster than by half where it counts 20."""
     at_end = np.count_nonzero(values == end)
-    return bool(at_end > 20 and at_end > 2 * np.count_nonzero(values == next_to_it))
+    return bool(at_end > 20 and 2 * at_end > np.count_nonzero(values == next_to_it))
 
 
 def _coarseness(frame: Frame) -> float:

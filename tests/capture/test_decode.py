@@ -20,7 +20,7 @@ from capture.decode import (
     read_mask,
     srgb_to_linear,
 )
-from capture.exposure import read_exif_exposure, relative_exposure
+from capture.exposure import bracket_exposures, read_exif_exposure, relative_exposure
 from capture.files.imagefile import read_pixels, write_exr
 from capture.manifest import ObjectTable
 from capture.photoset import ExposureSettings, Photo, PhotoSet
@@ -155,6 +155,16 @@ def test_result_is_read_only_and_checks_its_shapes():
         RadianceImage(zeros, zeros, np.zeros((3, 2), bool))
 
 
+def test_radiance_files_are_unbiased_in_their_darkest_channel_too(tmp_path):
+    rng = np.random.default_rng(9)
+    truth = (rng.uniform(0.5, 1, (300, 400, 1)) * np.array([1, 0.3, 0.03])).astype(np.float32)
+    image = decode(write(tmp_path / "a.hdr", truth))
+    # Half a step is 0.002; the darkest channel covers four steps, of which the first and last only in part.
+    assert_allclose((image.radiance - truth).mean(axis=(0, 1)), 0, atol=1e-4)
+    z = (image.radiance - truth) / np.sqrt(image.variance)
+    assert z.std() == pytest.approx(1, abs=0.02)
+
+
 def test_what_a_merged_bracket_states_of_its_errors_is_kept(tmp_path):
     rng = np.random.default_rng(5)
     radiance, variance = rng.random((2, 4, 5, 3)).astype(np.float32)
@@ -236,6 +246,27 @@ def test_exposure_is_read_from_exif_and_the_manifest_overrides_it(tmp_path, suff
     image = decode_in_set(Radiometry(exposure="exif"), path, ExposureSettings(iso=100), (4, 4))
     # JPEG keeps a flat grey to one code.
     assert_allclose(image.radiance, 0.2 / (0.025 / 5.6**2), rtol=1 / 50)
+
+
+def test_exposure_in_apex_units_is_read(tmp_path):
+    exif = Image.Exif()
+    exif.get_ifd(34665).update({37377: IFDRational(6, 1), 37378: IFDRational(5, 1)})
+    exif[34665] = 0
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(tmp_path / "a.jpg", exif=exif)
+    found = read_exif_exposure(tmp_path / "a.jpg")
+    assert (found.exposure_s, found.f_number) == (1 / 64, pytest.approx(2**2.5))
+
+
+def test_what_is_known_of_some_photographs_only_is_refused(tmp_path):
+    both = {"exposure_s": IFDRational(1, 40), "iso": 400}
+    paths = [save_with_exif(tmp_path / f"{name}.jpg", **both) for name in "ab"]
+    assert bracket_exposures(paths) == (0.1, 0.1)
+    paths.append(save_with_exif(tmp_path / "c.jpg", exposure_s=IFDRational(1, 10)))
+    with pytest.raises(
+        ValueError, match=r"c\.jpg: its ISO is not known, but that of a\.jpg is; write iso = "
+    ):
+        bracket_exposures(paths)
+    assert bracket_exposures(paths, (1, 2, 4)) == (1, 2, 4)
 
 
 def test_exposures_of_real_photographs(data_dir):

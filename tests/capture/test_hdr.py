@@ -113,10 +113,13 @@ def test_darkness_that_is_clipped_at_black_does_not_become_brighter():
         image, valid = clipped(index)
         return RadianceImage(np.maximum(image.radiance, 0), image.variance, image.saturated), valid
 
-    ratio = merge(load, times).image.radiance / truth
+    image = merge(load, times).image
+    ratio, scaled = image.radiance / truth, (image.radiance - truth) / np.sqrt(image.variance)
     # Two standard deviations above black in the longest exposure: 2400 pixels x 3 in a band know the mean to 0.3%.
     for band in np.array_split(np.arange(SIZE[1]), 8):
         assert ratio[:, band].mean() == pytest.approx(1, abs=0.012)
+        # Clipping only takes noise away; the variance is that of what isn't clipped.
+        assert 0.7 < scaled[:, band].std() < 1.1
 
 
 def test_what_moves_is_flagged_and_only_that():
@@ -132,6 +135,16 @@ def test_what_moves_is_flagged_and_only_that():
     assert merged.deviating[moved].mean() > 0.95
     assert merged.deviating[~moved].mean() < 1e-3
     assert merged.chi_square.max() > 1.5
+    # The truth there is anybody's guess; the variance says so.
+    off = (merged.image.radiance - truth)[moved] / np.sqrt(merged.image.variance[moved])
+    assert np.sqrt(np.mean(off**2)) < 2
+
+
+def test_an_exposure_that_is_given_wrongly_is_told_by_how_much():
+    truth = 0.1 * scene() / scene().max() + 0.01
+    merged = merge(loader(truth, TIMES, change=lambda index, signal: signal * (1 if index else 4)), TIMES)
+    # The shortest exposure is four times as bright as it should be, so the next is a quarter of it.
+    assert merged.factors == pytest.approx([0.25, 1], rel=0.02)
 
 
 def test_a_border_that_no_light_explains_is_left_out():
