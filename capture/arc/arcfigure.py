@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.arc.arcfit import ArcFit
+from capture.arc.gantrycalibration import GantryCalibration
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Floats = NDArray[np.float64]
 
-def arc_figure(fit: ArcFit, names: Sequence[str], nominal: Sequence[float] | None) -> Figure:
-    """Figure of an arc, seen along its axis, and of the residuals of its photographs.
 
-    names : of the photographs. nominal : angles in radians as the gantry shows them, if it does.
-    """
+def arc_figure(found: GantryCalibration) -> Figure:
+    """Figure of an arc, seen along its axis, and of the residuals of its photographs."""
     from matplotlib.figure import Figure
+
+    fit, names, nominal = found.fit, found.names, found.nominal
 
     figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
     left, upper, lower = figure.subplot_mosaic(
@@ -69,11 +71,11 @@ def _draw_arc(axes: Axes, fit: ArcFit) -> None:
     axes.legend(loc="lower left", fontsize=8)
 
 
-def _draw_angles(axes: Axes, fit: ArcFit, nominal: Sequence[float] | None) -> None:
+def _draw_angles(axes: Axes, fit: ArcFit, nominal: Floats | None) -> None:
     numbers = np.arange(len(fit.angles))
     reference, what = np.polynomial.Polynomial.fit(numbers, fit.angles, 1)(numbers), "equal steps"
-    if nominal is not None and len(nominal) == len(fit.angles):
-        reference, what = np.asarray(nominal), "the gantry's own reading"
+    if nominal is not None:
+        reference, what = nominal, "the gantry's own reading"
     axes.axhline(0, color="0.8", zorder=0)
     deviation, std = np.degrees(fit.angles - reference), np.degrees(fit.angle_std)
     axes.errorbar(numbers, deviation, 2 * std, fmt="o", capsize=3)

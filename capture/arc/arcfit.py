@@ -9,7 +9,7 @@ before a turntable is the same thing, seen from the table.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,13 +24,15 @@ from capture.camera import Camera
 
 Floats = NDArray[np.float64]
 
-_FEWEST_PHOTOS = 3
+FEWEST_PHOTOS = 3
 # An arc shorter than this hardly tells its axis from a straight rail.
 _SHORTEST_ARC_DEG = 5.0
 # Standard deviation of the axis beyond which it counts as undetermined.
 _WORST_AXIS_DEG = 5.0
 # Probability of a scatter as wide as found, below which steps count as unequal.
 _UNEQUAL = 1e-3
+# Photographs that are left out in turn, the worst ones, to find one that doesn't fit.
+_SUSPECTS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,31 +78,81 @@ class ArcFit:
     free_rms_px: Floats
 
 
-def fit_arc(views: Sequence[ArcView], camera: Camera, nominal: Sequence[float] | None = None) -> ArcFit:
+def fit_arc(
+    views: Sequence[ArcView],
+    camera: Camera,
+    nominal: Sequence[float] | Floats | None = None,
+    camera_covariance: Floats | None = None,
+) -> ArcFit:
     """Fit an arc to photographs of a board, taken in the order of travel, less than half a turn apart.
 
     camera : the calibrated camera, its pose ignored. nominal : angles in radians as the gantry shows them, one per
         photo; only their zero and their sense are used. Without them the first photo is at zero, and the axis is
         taken so that angles grow in the order of the photos.
-    Standard deviations are clustered by photograph, since the corners of one share their errors; they hold the
-    camera's parameters for exact. ValueError says why photographs don't determine an arc.
+    camera_covariance : (k, k) of the camera's parameters; None if they are exact.
+    Standard deviations are clustered by photograph, since the corners of one share their errors. ValueError says why
+    photographs don't determine an arc.
     """
-    if len(views) < _FEWEST_PHOTOS:
-        raise ValueError(f"the board is seen in {len(views)} photos; an arc needs {_FEWEST_PHOTOS} at least")
+    if len(views) < FEWEST_PHOTOS:
+        raise ValueError(f"the board is seen in {len(views)} photos; an arc needs {FEWEST_PHOTOS} at least")
     if nominal is not None and len(nominal) != len(views):
         raise ValueError(f"{len(nominal)} angles for {len(views)} photos: give one for each, in their order")
-    start = _start(views)
-    solution = least_squares(_residuals, start, args=(views, camera), x_scale="jac", method="lm")
+    solution = _solved(views, camera, _start(views))
     parameters = solution.x
-    angles = np.concatenate([[0.0], parameters[_POSE_AND_AXIS:]])
+    angles = _unpack(parameters)[3]
     if np.degrees(np.ptp(angles)) < _SHORTEST_ARC_DEG:
         raise ValueError(
             f"the photos span an arc of {np.degrees(np.ptp(angles)):.1f} degrees; its axis is undetermined."
             f" Photograph the board over {_SHORTEST_ARC_DEG:.0f} degrees at least, better over 60"
         )
     covariance = _clustered_covariance(solution, views, camera)
-    reference = np.arange(len(views), dtype=float) if nominal is None else np.asarray(nominal, float)
-    return _report(views, camera, parameters, covariance, reference, nominal is not None)
+    if camera_covariance is not None:
+        covariance = covariance + _of_the_camera(parameters, views, camera, camera_covariance)
+    return _report(
+        views, camera, parameters, covariance, None if nominal is None else np.asarray(nominal, float)
+    )
+
+
+def strays(views: Sequence[ArcView], camera: Camera) -> dict[int, float]:
+    """The photographs, by their places, that don't fit the arc of the others, and by how many pixels (RMS).
+
+    Where the arc explains the photographs much worse than poses of their own, one is left out after the other, as
+    long as that halves what is left; never more than a third of them.
+    """
+    kept, found = list(range(len(views))), dict[int, float]()
+    while len(kept) > max(FEWEST_PHOTOS, len(views) - len(views) // 3):
+        part = [views[place] for place in kept]
+        solution = _solved(part, camera, _start(part))
+        errors = _rms_by_view(solution.fun, part)
+        if _root_mean_square(errors) < 2 * _root_mean_square(_free_rms(part, camera)):
+            break
+        without: list[tuple[float, int]] = []
+        for place in np.argsort(errors)[::-1][:_SUSPECTS].tolist():
+            rest = part[:place] + part[place + 1 :]
+            left = _root_mean_square(_rms_by_view(_solved(rest, camera, _start(rest)).fun, rest))
+            without.append((left, place))
+        left, worst = min(without)
+        if left > 0.5 * _root_mean_square(errors):
+            break
+        found[kept.pop(worst)] = float(errors[worst])
+    return found
+
+
+def _solved(views: Sequence[ArcView], camera: Camera, start: Floats) -> Any:
+    return least_squares(_residuals, start, args=(views, camera), x_scale="jac", method="lm")
+
+
+def _of_the_camera(
+    parameters: Floats, views: Sequence[ArcView], camera: Camera, covariance: Floats
+) -> Floats:
+    """Covariance of the arc's parameters that the camera's brings: each of its principal axes moves the solution."""
+    values, vectors = np.linalg.eigh(covariance)
+    moves = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value > 1e-12 * values[-1]:
+            other = replace(camera, params=camera.params + np.sqrt(value) * vector)
+            moves.append(_solved(views, other, parameters).x - parameters)
+    return np.asarray(np.transpose(moves) @ np.array(moves))
 
 
 # Parameters: rotation vector and translation of the first pose (6), the axis' direction as a rotation vector of +Z
@@ -216,13 +268,14 @@ def _report(
     camera: Camera,
     parameters: Floats,
     covariance: Floats,
-    reference: Floats,
-    given: bool,
+    nominal: Floats | None,
 ) -> ArcFit:
     """The arc in the user's terms, with standard deviations by the derivative of each number."""
     _, _, _, angles = _unpack(parameters)
-    sense = _sense(angles, reference) if given else np.sign(angles[-1] - angles[0])
-    zero = reference[0] if given else 0.0
+    if nominal is None:
+        sense, zero = np.sign(angles[-1] - angles[0]), 0.0
+    else:
+        sense, zero = _sense(angles, nominal), nominal[0]
     arc = _arc(parameters, sense, zero)
     derived = _derivative(lambda p: _numbers(_arc(p, sense, zero), arc), parameters)
     variance = np.diag(derived @ covariance @ derived.T)
@@ -234,12 +287,15 @@ def _report(
             " board over a longer arc, and larger in the picture"
         )
     angle_covariance = covariance[_POSE_AND_AXIS:, _POSE_AND_AXIS:]
-    step, step_std = (None, None) if given else _equal_step(sense * angles, angle_covariance)
-    residuals = _residuals(parameters, views, camera)
-    ends = np.cumsum([2 * len(view.points) for view in views])[:-1]
+    step, step_std = None, None
+    if nominal is None or np.allclose(np.diff(nominal), nominal[1] - nominal[0], atol=1e-9):
+        step, step_std = _equal_step(sense * angles, angle_covariance)
+    placed = sense * angles + zero
+    if nominal is not None:
+        placed = nominal + np.angle(np.exp(1j * (placed - nominal)))  # whole turns as the gantry counts them
     return ArcFit(
         arc=Arc(arc.centre, arc.axis, arc.radius, arc.start, arc.mount, step),
-        angles=sense * angles + zero,
+        angles=placed,
         angle_std=np.concatenate([[0.0], np.sqrt(np.diag(angle_covariance))]),
         centre_std=np.sqrt(variance[:3]),
         radius_std=float(np.sqrt(variance[3])),
@@ -247,14 +303,23 @@ def _report(
         start_std=float(np.sqrt(variance[7:10].sum() / 2)),
         mount_std=float(np.sqrt(variance[10:].sum() / 3)),
         step_std=step_std,
-        rms_px=np.array([_rms(part) for part in np.split(residuals, ends)]),
-        free_rms_px=np.array(
-            [
-                _rms((camera.posed(view.world_to_camera).project(view.points) - view.pixels).ravel())
-                for view in views
-            ]
-        ),
+        rms_px=_rms_by_view(_residuals(parameters, views, camera), views),
+        free_rms_px=_free_rms(views, camera),
     )
+
+
+def _rms_by_view(residuals: Floats, views: Sequence[ArcView]) -> Floats:
+    ends = np.cumsum([2 * len(view.points) for view in views])[:-1]
+    return np.array([_rms(part) for part in np.split(residuals, ends)])
+
+
+def _free_rms(views: Sequence[ArcView], camera: Camera) -> Floats:
+    errors = [camera.posed(view.world_to_camera).project(view.points) - view.pixels for view in views]
+    return np.array([_rms(error.ravel()) for error in errors])
+
+
+def _root_mean_square(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _sense(angles: Floats, reference: Floats) -> float:

@@ -144,8 +144,8 @@ def _factors(first: _First, times: Floats) -> Floats:
     for short, long in pairwise(order.tolist()):
         both = first.valid[short] & first.valid[long] & (first.signals[short] > 0) & (first.signals[long] > 0)
         one, other = first.signals[short][both], first.signals[long][both]
-        # The brighter half, as the longer and so less noisy one sees it.
-        bright = other >= np.median(other) if other.size else both[both]
+        # Bright ones: at their edge noise chooses, but few lie there.
+        bright = other >= 0.5 * np.quantile(other, 0.99) if other.size else both[both]
         ratio = other[bright] / one[bright] * (times[short] / times[long])
         factors.append(float(np.median(ratio)) if ratio.size >= _FEWEST else 1.0)
     return np.array(factors)

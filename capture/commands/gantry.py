@@ -10,9 +10,12 @@ import typer
 from capture.commands.options import Photos
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
-    from capture.arc.arcfit import ArcFit
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from capture.arc.gantrycalibration import GantryCalibration
 
 
 def gantry(
@@ -62,18 +65,31 @@ def gantry(
     from capture.terminal import leave_cleanly_when_stopped, track
 
     leave_cleanly_when_stopped()
+    if output.suffix.lower() != ".json":
+        raise ValueError(f"{output}: must end in .json")
     lens = build_camera(camera, (CameraTable(file=camera.name),), np.eye(4), "--camera")
-    angles = None if angles_deg is None else [np.radians(angle) for angle in _numbers(angles_deg)]
+    angles = None if angles_deg is None else [float(np.radians(angle)) for angle in _numbers(angles_deg)]
     inputs = [*photos, camera]
     with result_files(output, ["-figure.png"], inputs) as folder:
-        fit, left_out = calibrate_gantry(photos, board, lens, angles, track)
-        names = [
-            photo.name for photo in photos if not any(text.startswith(f"{photo.name}: ") for text in left_out)
-        ]
-        document = gantry_document(fit, names) | {"board": board, "left_out": list(left_out)}
+        found = calibrate_gantry(photos, board, lens, angles, *_errors_of(camera), track)
+        document = gantry_document(found) | {"board": board}
         write_json(folder / output.name, document | {"inputs": input_hashes(inputs), "software": software()})
-        arc_figure(fit, names, angles).savefig(folder / f"{output.stem}-figure.png")
-    _report(fit, names, left_out, output)
+        arc_figure(found).savefig(folder / f"{output.stem}-figure.png")
+    _report(found, output)
+
+
+def _errors_of(camera: Path) -> tuple[NDArray[np.float64] | None, float | None]:
+    """Covariance of the parameters and RMS in pixels that a camera.json states, None where it doesn't."""
+    import json
+
+    import numpy as np
+
+    data = json.loads(camera.read_text(encoding="utf-8"))
+    try:
+        covariance = np.array(data["covariance"], float).reshape((len(data["params"]),) * 2)
+        return covariance, float(data["rms_px"]["fitted"])
+    except (KeyError, TypeError, ValueError):  # written by hand, or by another program
+        return None, None
 
 
 def _numbers(text: str) -> list[float]:
@@ -83,18 +99,19 @@ def _numbers(text: str) -> list[float]:
         raise ValueError(f"--angles-deg {text!r} is not a list of numbers such as 0,3,6") from error
 
 
-def _report(fit: ArcFit, names: Sequence[str], left_out: Sequence[str], output: Path) -> None:
+def _report(found: GantryCalibration, output: Path) -> None:
     import numpy as np
     from rich.markup import escape
     from rich.table import Table
 
     from capture.terminal import console
 
-    for sentence in left_out:
+    for sentence in found.left_out:
         console.print(f"Left out: {escape(sentence)}")
+    fit = found.fit
     arc = fit.arc
     table = Table(box=None, show_header=False)
-    step = "unequal, see the file" if arc.step is None else f"{np.degrees(arc.step):.4f} deg"
+    step = "unequal: angles are in the file" if arc.step is None else f"{np.degrees(arc.step):.4f} deg"
     rows = [
         ("radius", f"{arc.radius * 1000:.2f} mm", f"{fit.radius_std * 1000:.2f} mm"),
         ("centre", _vector(arc.centre * 1000, 2) + " mm", _vector(fit.centre_std * 1000, 2) + " mm"),
@@ -105,14 +122,20 @@ def _report(fit: ArcFit, names: Sequence[str], left_out: Sequence[str], output: 
     for name, value, std in rows:
         table.add_row(name, value, f"± {std}" if std else "")
     console.print(table)
-    on_arc, free = np.sqrt(np.mean(fit.rms_px**2)), np.sqrt(np.mean(fit.free_rms_px**2))
-    console.print(f"{len(names)} photos: corners lie {on_arc:.3f} px (RMS) from where the arc puts them;")
+    on_arc, free = (np.sqrt(np.mean(rms**2)) for rms in (fit.rms_px, fit.free_rms_px))
+    console.print(
+        f"{len(found.names)} photos: corners lie {on_arc:.3f} px (RMS) from where the arc puts them;"
+    )
     console.print(f"with a free pose for each photo they would lie {free:.3f} px off.")
-    if on_arc > 2 * free:
+    if found.deviation is not None:
+        off = np.degrees(found.deviation)
+        worst = int(np.argmax(np.abs(off)))
         console.print(
-            "The camera doesn't keep to an arc: the board moved, the arm bends, or photos are out of order."
-            " The standard deviations allow for it; if they are too large, give each photo a pose of its own."
+            f"The gantry's angles are {np.sqrt(np.mean(off**2)):.3f} degrees (RMS) off,"
+            f" {escape(found.names[worst])} most: {off[worst]:+.3f}."
         )
+    for warning in found.warnings:
+        console.print(f"Warning: {escape(warning)}.")
     console.print(f"Wrote {escape(str(output))} and {escape(output.stem)}-figure.png")
 
 

@@ -45,8 +45,10 @@ def gantry(request, tmp_path_factory) -> tuple[str, Arc, list[Path]]:
 
 def test_a_gantry_is_calibrated_from_photographs_of_a_board(gantry):
     spec, arc, photos = gantry
-    fit, left_out = calibrate_gantry(photos, spec, CAMERA)
-    assert not left_out
+    found = calibrate_gantry(photos, spec, CAMERA)
+    assert not found.left_out
+    assert not found.warnings
+    fit = found.fit
     # Corners to 0.1 px at 760 px: a tenth of a millimetre; three standard deviations, which must be useful ones.
     assert abs(fit.arc.radius - arc.radius) < 3 * fit.radius_std < 1e-3
     assert np.degrees(abs(fit.arc.step - np.radians(STEP_DEG))) < np.degrees(3 * fit.step_std) < 0.02
@@ -80,11 +82,67 @@ def test_the_command_writes_what_a_photo_set_reads(gantry, tmp_path, capsys, mon
     assert_allclose(photo.camera.centre, arc.position(np.radians(60)), atol=5e-4)
 
 
+def test_a_photograph_that_does_not_fit_is_left_out_and_named(gantry, tmp_path):
+    spec, arc, photos = gantry
+    moved = arc.pose(np.radians(STEP_DEG * 3))
+    moved[:3, 3] += moved[:3, :3] @ [0.01, 0.004, 0]
+    picture = board_photo(CAMERA.posed(moved), parse_board(spec), np.random.default_rng(9), samples=3)
+    nudged = tmp_path / "nudged.png"
+    assert cv2.imwrite(str(nudged), picture)
+    found = calibrate_gantry([*photos[:3], nudged, *photos[4:]], spec, CAMERA)
+    assert len(found.left_out) == 1
+    assert "nudged.png: doesn't fit the arc of the others" in found.left_out[0]
+    assert abs(found.fit.arc.radius - arc.radius) < 3 * found.fit.radius_std < 1e-3
+
+
+def test_another_camera_is_refused_or_told(gantry):
+    spec, _, photos = gantry
+    other = Camera("RADIAL", [380.0, 320, 240, -0.1, 0.02], 640, 480, np.eye(4))
+    with pytest.raises(ValueError, match=r"px \(RMS\) from where this camera can see them from anywhere"):
+        calibrate_gantry(photos[:5], spec, other)
+
+
+def test_the_cameras_own_uncertainty_is_carried_along(gantry):
+    spec, _, photos = gantry
+    exact = calibrate_gantry(photos[:5], spec, CAMERA).fit
+    covariance = np.diag([4.0, 0, 0, 0, 0])  # two pixels of focal length
+    fit = calibrate_gantry(photos[:5], spec, CAMERA, camera_covariance=covariance).fit
+    # To first order the distance goes with the focal length: 2 / 760 of it, less on the radius, by the arm's slope.
+    moved = Camera("RADIAL", [762.0, 320, 240, -0.1, 0.02], 640, 480, np.eye(4))
+    shift = abs(calibrate_gantry(photos[:5], spec, moved).fit.arc.radius - exact.arc.radius)
+    assert fit.radius_std == pytest.approx(np.hypot(exact.radius_std, shift), rel=0.05)
+
+
+def test_the_gantrys_own_angles_are_checked(gantry):
+    spec, _, photos = gantry
+    right = np.radians(STEP_DEG * np.arange(5))
+    found = calibrate_gantry(photos[:5], spec, CAMERA, list(right))
+    assert found.fit.arc.step is not None
+    slipped = right + np.radians([0, 0, 0.6, 0, 0])
+    assert "stop 2.png was taken at" in calibrate_gantry(photos[:5], spec, CAMERA, list(slipped)).warnings[0]
+    with pytest.raises(
+        ValueError, match=r"stop . ?.*\.png was taken at .* degrees, not at the .* that was given"
+    ):
+        calibrate_gantry(photos[:5], spec, CAMERA, list(right[[0, 2, 1, 3, 4]]))
+    for bad in ([0, np.nan, 1, 2, 3], [1] * 5):
+        with pytest.raises(ValueError, match="must be finite and differ"):
+            calibrate_gantry(photos[:5], spec, CAMERA, bad)
+
+
 def test_photographs_of_another_board_or_without_one_are_named(gantry, tmp_path):
     spec, _, photos = gantry
     with pytest.raises(ValueError, match="2 angles for 9 photos"):
         calibrate_gantry(photos, spec, CAMERA, [0, 0.1])
+    with pytest.raises(ValueError, match=r"stop 0\.png: is given twice"):
+        calibrate_gantry([*photos, photos[0]], spec, CAMERA)
     blank = tmp_path / "blank.png"
     assert cv2.imwrite(str(blank), np.full((480, 640), 128, np.uint8))
-    with pytest.raises(ValueError, match=r"board"):
+    with pytest.raises(
+        ValueError, match=r"2 photos show the board, and an arc needs 3; left out: blank\.png"
+    ):
         calibrate_gantry([blank, photos[0], photos[1]], spec, CAMERA)
+    larger = Camera("RADIAL", [760.0, 320, 240, -0.1, 0.02], 800, 600, np.eye(4))
+    with pytest.raises(
+        ValueError, match=r"left out: stop 0\.png: the photo has 640x480 pixels, its camera 800x600"
+    ):
+        calibrate_gantry(photos, spec, larger)
