@@ -10,12 +10,30 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.boards.board import Board, Detection, aruco_dictionary
-from capture.boards.charuco import charuco_detection, markers_seen
+from capture.boards.board import Board, Detection
+from capture.boards.charuco import charuco_detection, find_markers, misplaced, search_picture
+from capture.boards.checkergrid import find_grid
 from capture.boards.chessboard import chessboard_detection, ends_inside, exceeds, find_chessboard
 
 # Fewer corners than these leave a view's own pose hardly determined.
 MIN_CORNERS = 8
+# How far the markers' side may be from what was said: paper bleeds, and outlines are good to a pixel or so.
+_MAX_MARKER_MISFIT = 0.08
+# Small dictionaries begin the large ones of their kind, so that these find the markers of all.
+_DICTIONARIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
+_APRILTAGS = "DICT_APRILTAG_36h11"
+
+
+@dataclass(frozen=True)
+class MarkerReport:
+    """Markers in a photograph whose board wasn't found.
+
+    dictionary, numbers : those that fit most of what was seen. misplaced : whether they lie elsewhere than on the board.
+    """
+
+    dictionary: str
+    numbers: tuple[int, ...]
+    misplaced: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +41,10 @@ class BoardView:
     """What one photograph shows of the board.
 
     detection : None where the board wasn't found.
-    grid : for a chessboard, the size of the grid that was seen, and whether it ends within the picture.
-    markers : for a charuco board that wasn't found, the dictionary that fits what was seen and the markers' numbers.
+    grid : size of the chessboard that was seen, and whether it ends within the picture; on a charuco board only where
+        no markers were.
+    markers : where the board wasn't found, the markers that were seen.
+    marker_share : for a charuco board that was found, its markers' side over its squares'; None if too small to tell.
     """
 
     name: str
@@ -32,7 +52,8 @@ class BoardView:
     detection: Detection | None
     grid: tuple[int, int] | None = None
     grid_ends_inside: bool = False
-    markers: tuple[str, tuple[int, ...]] | None = None
+    markers: MarkerReport | None = None
+    marker_share: float | None = None
 
 
 def detect_board(image: NDArray[np.generic], board: Board) -> Detection | None:
@@ -49,22 +70,30 @@ def board_view(image: NDArray[np.generic], board: Board, name: str) -> BoardView
     grey = _grey(image)
     size = (grey.shape[1], grey.shape[0])
     if board.kind == "charuco":
-        detection = charuco_detection(grey, board)
-        if detection is None or len(detection.cells) < MIN_CORNERS:
-            return BoardView(name, size, None, markers=_marker_report(grey, board))
-        return BoardView(name, size, detection)
+        found, share = charuco_detection(grey, board)
+        detection = None if found is None else _enough(found)
+        if detection is not None:
+            return BoardView(name, size, detection, marker_share=share)
+        markers = _marker_report(grey, board)
+        grid = find_grid(search_picture(grey)) if markers is None else None
+        return BoardView(name, size, None, None if grid is None else grid.size, markers=markers)
     grid = find_chessboard(grey, board)
+    detection = (
+        None if grid is None or exceeds(grid, board) else _enough(chessboard_detection(grey, grid, board))
+    )
+    markers = _marker_report(grey, board) if detection is None else None
     if grid is None:
-        return BoardView(name, size, None)
-    detection = None if exceeds(grid, board) else _enough(chessboard_detection(grey, grid, board))
-    return BoardView(name, size, detection, grid.size, ends_inside(grid, size))
+        return BoardView(name, size, None, markers=markers)
+    return BoardView(name, size, detection, grid.size, ends_inside(grid, size), markers)
 
 
 def check_board(views: Sequence[BoardView], board: Board) -> None:
     """ValueError if the photographs show another board than was said: it tells what was seen."""
     if board.kind == "charuco":
         _check_charuco(views, board)
+        _check_marker_side(views, board)
         return
+    _check_plain(views, board)
     sizes = [(max(view.grid), min(view.grid)) for view in views if view.grid is not None]
     said = (max(board.corner_counts), min(board.corner_counts))
     # A smaller grid is another board only where the picture would have shown more of it.
@@ -120,54 +149,107 @@ def _grey(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels, np.uint8)
 
 
-def _marker_report(grey: NDArray[np.uint8], board: Board) -> tuple[str, tuple[int, ...]] | None:
+def _marker_report(grey: NDArray[np.uint8], board: Board) -> MarkerReport | None:
     """The dictionary whose markers a photograph shows, and their numbers; the board's own if any of them is seen."""
-    import cv2
-
-    own = str(board.dictionary)
-    large = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
-    names = [own, *(name for name in (*large, "DICT_APRILTAG_36h11") if hasattr(cv2.aruco, name))]
-    best: tuple[str, tuple[int, ...]] | None = None
+    picture = search_picture(grey)
+    own = board.dictionary
+    names = [*_DICTIONARIES, _APRILTAGS] if own is None else [own, *_DICTIONARIES, _APRILTAGS]
+    best: MarkerReport | None = None
     for name in names:
-        numbers = markers_seen(grey, aruco_dictionary(name))
+        markers = find_markers(picture, name)
+        numbers = tuple(int(number) for number in np.unique(markers.numbers))
         # A few markers of a large dictionary may be chance readings of something else.
-        if len(numbers) >= (2 if name == own else 4) and (best is None or len(numbers) > len(best[1])):
-            best = (name, tuple(int(number) for number in numbers))
+        if len(numbers) >= (2 if name == own else 4) and (best is None or len(numbers) > len(best.numbers)):
+            ours = name == own and numbers[-1] < _marker_count(board)
+            best = MarkerReport(name, numbers, misplaced=ours and misplaced(markers, board))
             if name == own and len(numbers) >= 4:
                 break
     return best
 
 
+def _marker_count(board: Board) -> int:
+    return board.columns * board.rows // 2
+
+
 def _check_charuco(views: Sequence[BoardView], board: Board) -> None:
+    """ValueError if more photographs contradict the board than show it; markers cut off or covered don't."""
     found = sum(view.detection is not None for view in views)
-    seen = [view.markers for view in views if view.markers is not None]
-    if len(seen) <= found:
-        return
-    name, count = Counter(name for name, _ in seen).most_common(1)[0]
-    numbers = sorted({number for other, each in seen if other == name for number in each})
-    needed = board.columns * board.rows // 2
-    if name == board.dictionary:
-        why = (
-            f"their numbers go up to {numbers[-1]}, where this board's end at {needed - 1}"
-            if numbers[-1] >= needed
-            else f"not in the places of a board of {board.columns}x{board.rows} squares; are columns and rows swapped?"
+    needed = _marker_count(board)
+    contrary = [
+        view.markers
+        for view in views
+        if view.markers is not None
+        and (
+            view.markers.dictionary != board.dictionary
+            or view.markers.misplaced
+            or view.markers.numbers[-1] >= needed
         )
-    else:
-        why = f"none of {board.dictionary}; name that dictionary if it is the board's"
-    raise ValueError(
-        f"--board {board.spec}: markers {numbers[0]} to {numbers[-1]} of {name} were seen in {count} of"
-        f" {len(views)} photos, {why}"
-    )
+    ]
+    if len(contrary) > found:
+        name, count = Counter(markers.dictionary for markers in contrary).most_common(1)[0]
+        numbers = sorted({n for markers in contrary if markers.dictionary == name for n in markers.numbers})
+        if name != board.dictionary:
+            why = f"none of {board.dictionary}; name that dictionary if it is the board's"
+        elif numbers[-1] >= needed:
+            why = f"their numbers go up to {numbers[-1]}, where this board's end at {needed - 1}"
+        else:
+            why = (
+                f"not in the places of a board of {board.columns}x{board.rows} squares; are columns and rows swapped?"
+            )
+        raise ValueError(
+            f"--board {board.spec}: markers {numbers[0]} to {numbers[-1]} of {name} were seen in {count} of"
+            f" {len(views)} photos, {why}"
+        )
+    grids = [(max(view.grid), min(view.grid)) for view in views if view.grid is not None]
+    if len(grids) > max(found, 1):
+        size, _ = Counter(grids).most_common(1)[0]
+        raise ValueError(
+            f"--board {board.spec}: a chessboard without readable markers was seen in {len(grids)} of {len(views)}"
+            f" photos; say chessboard:{size[0]}x{size[1]}:SIDE if it has none"
+        )
+
+
+def _check_marker_side(views: Sequence[BoardView], board: Board) -> None:
+    """ValueError if the markers aren't as large as was said."""
+    shares = [view.marker_share for view in views if view.marker_share is not None]
+    if not shares or board.marker is None:
+        return
+    seen, said = float(np.median(shares)), board.marker / board.square
+    if abs(seen / said - 1) > _MAX_MARKER_MISFIT:
+        raise ValueError(
+            f"--board {board.spec}: markers are {seen:.2f} times as wide as squares in {len(shares)} photos, not"
+            f" {said:.2f} times; measure both: with squares of {board.square:.4g} m it would be"
+            f" charuco:{board.columns}x{board.rows}:{board.square:.4g}:{seen * board.square:.2g}:{board.dictionary}"
+        )
+
+
+def _check_plain(views: Sequence[BoardView], board: Board) -> None:
+    """ValueError if more photographs show markers than the chessboard, which has none."""
+    marked = [view.markers for view in views if view.markers is not None]
+    if len(marked) > max(sum(view.detection is not None for view in views), 1):
+        name, _ = Counter(markers.dictionary for markers in marked).most_common(1)[0]
+        raise ValueError(
+            f"--board {board.spec}: markers of {name} were seen in {len(marked)} of {len(views)} photos, which a"
+            f" chessboard doesn't have; say charuco:COLUMNSxROWS:SQUARE:MARKER:{name} (counting squares) if that is"
+            " the board"
+        )
 
 
 def missing(view: BoardView, board: Board) -> str:
     """Why a photograph shows no usable board, in words."""
+    if board.kind == "charuco" and view.markers is not None:
+        count, name = len(view.markers.numbers), view.markers.dictionary
+        if name != board.dictionary or view.markers.misplaced:
+            return f"{count} markers of {name} were seen, but not this board"
+        return f"{count} markers were seen, but fewer than {MIN_CORNERS} sharp and whole corners between them"
+    if board.kind == "charuco" and view.grid is not None:
+        return f"a chessboard of {view.grid[0]}x{view.grid[1]} corners was seen, but no markers that can be read"
+    if view.markers is not None:
+        return f"{len(view.markers.numbers)} markers of {view.markers.dictionary} were seen: is it a charuco board?"
     if view.grid is not None and (np.sort(view.grid) > np.sort(board.corner_counts)).any():
         return f"{view.grid[0]}x{view.grid[1]} corners were seen, more than the board has"
     if view.grid is not None:
         return f"fewer than {MIN_CORNERS} of the board's corners are sharp and inside the picture"
-    if view.markers is not None:
-        return f"{len(view.markers[1])} markers were seen, but fewer than {MIN_CORNERS} corners between them"
     return "the board was not found: is it in the picture, sharp, evenly lit, and not covered?"
 
 

@@ -82,11 +82,11 @@ def measured(
     clearance = clearances(cells, points)
     useful = np.isfinite(clearance)
     clearance = np.where(useful, clearance, 10.0)
-    coarse = refined(grey, points, _half_windows(clearance, WINDOW_SHARE, margin))
+    coarse = refined(grey, points, half_windows(clearance, WINDOW_SHARE, margin))
     clearance = np.where(useful, clearances(cells, coarse), 10.0)
-    reach = _half_windows(clearance, WINDOW_SHARE, margin)
+    reach = half_windows(clearance, WINDOW_SHARE, margin)
     chosen = refined(grey, coarse, reach)
-    smaller, larger = (_half_windows(clearance, share, margin) for share in OTHER_SHARES)
+    smaller, larger = (half_windows(clearance, share, margin) for share in OTHER_SHARES)
     windows = (np.maximum(np.minimum(smaller, reach - 1), _MIN_HALF_WINDOW), np.maximum(larger, reach + 1))
     others = np.array([refined(grey, coarse, window) for window in windows])
     size = np.array([grey.shape[1], grey.shape[0]])
@@ -96,7 +96,8 @@ def measured(
     return chosen + HALF_PIXEL, others + HALF_PIXEL, useful & inside & agree
 
 
-def _half_windows(clearance: Floats, share: float, margin: float) -> NDArray[np.int64]:
+def half_windows(clearance: Floats, share: float, margin: float) -> NDArray[np.int64]:
+    """Half sides (n,) of the windows for a share of the clearance, in pixels; margin : `Board.corner_margin`."""
     # Squares with markers in them are plain only up to the margin.
     widest = min(share, _MARGIN_SHARE * margin * share / WINDOW_SHARE)
     return np.maximum(np.round(widest * clearance), _MIN_HALF_WINDOW).astype(np.int64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from capture.files.imagefile import read_pixels
+from capture.files.imagefile import read_image
 
 Floats = NDArray[np.float64]
 # Observations per channel that a fit is given; more cost time and tell little.
@@ -20,6 +20,11 @@ _MAX_PIXELS = 12_000
 # The picture is divided into this many patches each way: errors within a patch count as correlated.
 _PATCHES = 16
 _STRATA = 64
+# JPEG compression spreads a clipped pixel's loss over its block of 8, two blocks where colour is halved.
+_JPEG_REACH = np.ones((9, 9), np.uint8)
+# JPEG rounds noise of up to about this away, a standard deviation in shares of the top code: what is left to see
+# of a photograph's noise doesn't tell how large it was when the codes were made.
+_JPEG_HIDES = 1.5 / 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,30 +32,31 @@ class BracketSample:
     """Codes of the same pixels in every photograph of a bracket.
 
     values : (3, n, p) float64, channel, pixel, photograph; share of the file's top code, 0 to 1.
+    usable : (3, n, p) bool, where a code is neither clipped below nor above, nor spoilt by a clipped neighbour.
     patch : (n,) intp, which patch of the picture a pixel lies in.
     clip : (3, 2) float64, the values at which a channel clips below and above; outside 0 to 1 where it doesn't.
     step : the distance between neighbouring codes, 1/255 or 1/65535.
+    hidden_noise : standard deviation, share of the top code, of noise that compression may have removed; 0 for none.
     """
 
     values: Floats
+    usable: NDArray[np.bool_]
     patch: NDArray[np.intp]
     clip: Floats
     step: float
+    hidden_noise: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("values", "clip"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
         object.__setattr__(self, "patch", frozen_array(self.patch, np.intp))
-
-    @property
-    def usable(self) -> NDArray[np.bool_]:
-        """(3, n, p), where a code is neither clipped below nor above."""
-        low, high = self.clip[:, 0, None, None], self.clip[:, 1, None, None]
-        return (self.values > low) & (self.values < high)
+        object.__setattr__(self, "usable", frozen_array(self.usable, np.bool_))
 
     def part(self, pixels: NDArray[np.bool_]) -> BracketSample:
         """The sample reduced to some pixels, a mask (n,)."""
-        return BracketSample(self.values[:, pixels], self.patch[pixels], self.clip, self.step)
+        return replace(
+            self, values=self.values[:, pixels], usable=self.usable[:, pixels], patch=self.patch[pixels]
+        )
 
 
 def sample_bracket(paths: Sequence[Path], rng: np.random.Generator) -> BracketSample:
@@ -66,12 +72,12 @@ def sample_bracket(paths: Sequence[Path], rng: np.random.Generator) -> BracketSa
             f"{paths[0] if paths else 'no photograph'}: a bracket needs two or more photographs of one scene"
             " with different exposures"
         )
-    first = _read_codes(paths[0])
+    first, _ = _read_codes(paths[0])
     histogram = np.zeros((3, _top(first) + 1), np.int64)
     brightness = np.zeros(first.shape[:2], np.float32)
     gradient = np.zeros(first.shape[:2], np.float32)
     for path in paths:
-        pixels = _read_codes(path, first, paths[0])
+        pixels, _ = _read_codes(path, first, paths[0])
         for channel in range(3):
             histogram[channel] += np.bincount(pixels[..., channel].ravel(), minlength=histogram.shape[1])
         mean = pixels.astype(np.float32).mean(axis=2)
@@ -81,10 +87,31 @@ def sample_bracket(paths: Sequence[Path], rng: np.random.Generator) -> BracketSa
     count = min(_MAX_PIXELS, _OBSERVATIONS // len(paths))
     chosen = _spread(brightness.ravel(), gradient.ravel(), count, rng)
     top = float(_top(first))
-    values = np.stack([_read_codes(path, first, paths[0]).reshape(-1, 3)[chosen] for path in paths], axis=-1)
+    values, usable, kinds = [], [], set()
+    for path in paths:
+        pixels, kind = _read_codes(path, first, paths[0])
+        kinds.add(kind)
+        values.append(pixels.reshape(-1, 3)[chosen] / top)
+        usable.append(_inside(pixels, clip * top, kind).reshape(-1, 3)[chosen])
     rows, columns = np.divmod(chosen, first.shape[1])
     patch = (rows * _PATCHES // first.shape[0]) * _PATCHES + columns * _PATCHES // first.shape[1]
-    return BracketSample(values.transpose(1, 0, 2) / top, patch, clip, 1 / top)
+    return BracketSample(
+        values=np.stack(values, axis=-1).transpose(1, 0, 2),
+        usable=np.stack(usable, axis=-1).transpose(1, 0, 2),
+        patch=patch,
+        clip=clip,
+        step=1 / top,
+        hidden_noise=_JPEG_HIDES if "JPEG" in kinds else 0.0,
+    )
+
+
+def _inside(pixels: NDArray[np.generic], clip: Floats, kind: str) -> NDArray[np.bool_]:
+    """(h, w, 3), where codes lie between the clipping codes, and in a JPEG no neighbour is saturated in any channel."""
+    inside = (pixels > clip[:, 0]) & (pixels < clip[:, 1])
+    if kind == "JPEG":
+        whole = (pixels < clip[:, 1]).all(axis=2).astype(np.uint8)
+        inside &= (cv2.erode(whole, _JPEG_REACH) > 0)[..., None]
+    return np.asarray(inside)
 
 
 def _top(pixels: NDArray[np.generic]) -> int:
@@ -93,8 +120,8 @@ def _top(pixels: NDArray[np.generic]) -> int:
 
 def _read_codes(
     path: Path, like: NDArray[np.generic] | None = None, like_path: Path | None = None
-) -> NDArray[np.generic]:
-    pixels = read_pixels(path)
+) -> tuple[NDArray[np.generic], str]:
+    pixels, kind = read_image(path)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(
             f"{path}: holds {pixels.dtype} numbers, which are linear already; a response is recovered from 8- or"
@@ -109,7 +136,7 @@ def _read_codes(
         raise ValueError(
             f"{path}: is {pixels.dtype}, but {like_path} is {like.dtype}; a bracket's files must be of one depth"
         )
-    return pixels
+    return pixels, kind
 
 
 def _clip_values(counts: NDArray[np.int64]) -> tuple[float, float]:

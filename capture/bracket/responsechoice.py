@@ -19,6 +19,9 @@ _SMOOTHING = 10.0 ** np.arange(5, 1.75, -0.5)
 # One in so many patches of the picture is kept out of the fits that are compared.
 _HELD_OUT = 5
 _START_NOISE = 1 / 255
+# What moved is looked for by curves of these smoothings, one after the other: off by so many standard deviations.
+_ROUGH = (1e5, 3e3)
+_MOVED = 5.0
 # A prediction better by less than this share is no reason for a less smooth curve: exposures a constant ratio apart
 # leave waves of that period in it all but free, and they grow where nothing holds them.
 _NEGLIGIBLE = 0.002
@@ -68,6 +71,23 @@ def candidates(sample: BracketSample, nominal: Floats) -> list[Candidate]:
     return sorted(both, key=lambda one: not as_good(one, best))
 
 
+def still_pixels(sample: BracketSample, nominal: Floats) -> NDArray[np.bool_]:
+    """(n,), where no photograph shows something else than the others do: what moved tells nothing of the response.
+
+    Judged, in all channels together, by curves that are fitted robustly to all.
+    """
+    channels, log_times = tuple(_first_fit(sample, index, nominal) for index in range(3)), nominal
+    for smoothing in _ROUGH:
+        channels = tuple(replace(channel, smoothing=smoothing) for channel in channels)
+        channels, log_times = fit_curves(sample, nominal, channels, _TRIAL_ITERATIONS)
+    still = np.ones(len(sample.patch), bool)
+    for channel, values, usable in zip(channels, sample.values, sample.usable, strict=True):
+        left = residuals(channel, values, usable, log_times)
+        expected = channel.noise_std(left.values) * np.sqrt(np.maximum(1 - left.leverage, 0.05))
+        still &= (np.abs(left.error) < _MOVED * np.maximum(expected, sample.step)).all(axis=1)
+    return still
+
+
 def _start(sample: BracketSample, index: int) -> LogExposureSpline:
     values = sample.values[index][sample.usable[index]]
     low = max(sample.clip[index, 0], float(values.min()) - sample.step)
@@ -75,19 +95,17 @@ def _start(sample: BracketSample, index: int) -> LogExposureSpline:
     return LogExposureSpline(low, high)
 
 
+def _first_fit(sample: BracketSample, index: int, nominal: Floats) -> ChannelFit:
+    curve = _start(sample, index)
+    params = solve_debevec(curve, sample.values[index], sample.usable[index], nominal)
+    return ChannelFit(curve, params, float(_SMOOTHING[0]), np.full(20, _START_NOISE))
+
+
 def _best_spline(training: BracketSample, test: BracketSample, nominal: Floats) -> Candidate:
     """Debevec and Malik's curve: the stiffest whose prediction is within a standard error of the best (or 0.2%),
     then half a decade softer, so that stiffness biases it by less than its standard deviation (Hall, Ann. Stat.
     1992)."""
-    channels = tuple(
-        ChannelFit(
-            curve := _start(training, index),
-            solve_debevec(curve, training.values[index], training.usable[index], nominal),
-            float(_SMOOTHING[0]),
-            np.full(20, _START_NOISE),
-        )
-        for index in range(3)
-    )
+    channels = tuple(_first_fit(training, index, nominal) for index in range(3))
     tried, scores = [], []
     for smoothing in _SMOOTHING:
         channels = tuple(replace(channel, smoothing=float(smoothing)) for channel in channels)

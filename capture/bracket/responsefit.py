@@ -25,8 +25,11 @@ from capture.bracket.bracketsample import BracketSample
 
 Floats = NDArray[np.float64]
 # Nominal exposures are taken to be right to this, one standard deviation of the log: shutters rarely are better.
-EXPOSURE_STD = 0.05
+EXPOSURE_STD = 0.03
 _NOISE_BINS = 20
+# Noise of a code is no larger than this share of the range: what looks so is a scene that moved, or a curve that is
+# still far off; and it would leave no code that noise doesn't carry into clipping.
+_MOST_NOISE = 1 / 24
 _ITERATIONS = 6
 # Residuals beyond this many standard deviations lose weight with their square.
 _OUTLIER = 4.0
@@ -167,7 +170,13 @@ def residuals(channel: ChannelFit, values: Floats, usable: NDArray[np.bool_], lo
         total = weight.sum(axis=1, keepdims=True)
         seen = total > 0
         log_exposure = g + slope * (values - predicted) - log_times
-        x = np.where(seen, (weight * log_exposure).sum(axis=1, keepdims=True) / np.where(seen, total, 1), 0)
+        if iteration:
+            x = np.where(
+                seen, (weight * log_exposure).sum(axis=1, keepdims=True) / np.where(seen, total, 1), 0
+            )
+        else:
+            # One photograph in which something else stood there doesn't pull a median.
+            x = _weighted_median(log_exposure, weight)
         predicted = np.clip(np.where(seen, channel.values_at(x + log_times), values), *inner)
         leverage = weight / np.where(seen, total, 1)
         error = values - predicted
@@ -177,6 +186,16 @@ def residuals(channel: ChannelFit, values: Floats, usable: NDArray[np.bool_], lo
     weight = np.where((weight > 0).sum(axis=1, keepdims=True) > 1, weight, 0)
     slope = np.where(weight > 0, slope, 0)
     return Residuals(predicted, slope, np.where(weight > 0, error, 0), weight, leverage, x)
+
+
+def _weighted_median(values: Floats, weight: Floats) -> Floats:
+    """Medians over the photographs, (n, 1); values and weights (n, p). Half-way between the middle two if even."""
+    order = np.argsort(values, axis=1)
+    values, weight = np.take_along_axis(values, order, 1), np.take_along_axis(weight, order, 1)
+    share = np.cumsum(weight, axis=1) / np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    lower = np.argmax(share >= 0.5 - 1e-9, axis=1)[:, None]
+    upper = np.argmax(share > 0.5 + 1e-9, axis=1)[:, None]
+    return (np.take_along_axis(values, lower, 1) + np.take_along_axis(values, upper, 1)) / 2
 
 
 def _taper(values: Floats, std: Floats, curve: Curve) -> Floats:
@@ -209,7 +228,8 @@ def _noise(channel: ChannelFit, left: Residuals, step: float) -> Floats:
     for one in np.unique(bins):
         here = size[bins == one]
         noise[one] = (len(here) * np.median(here) + few * overall) / (len(here) + few)
-    return np.maximum(noise, step / np.sqrt(12))
+    most = _MOST_NOISE * (channel.curve.high - channel.curve.low)
+    return np.clip(noise, min(step / np.sqrt(12), most), most)
 
 
 @dataclass(frozen=True, eq=False)

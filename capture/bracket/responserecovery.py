@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from capture.bracket.bracketcheck import check_exposures
 from capture.bracket.bracketsample import BracketSample, sample_bracket
 from capture.bracket.response import Response, response_channels
-from capture.bracket.responsechoice import Method, as_good, candidates, prediction_errors
+from capture.bracket.responsechoice import Method, as_good, candidates, prediction_errors, still_pixels
 from capture.bracket.responsefit import BracketFit, ChannelFit, fit_bracket, residuals
 from capture.exposure import bracket_exposures
 from capture.parallel import one_blas_thread
@@ -63,6 +63,7 @@ def recover_from_sample(
     nominal = np.log(np.asarray(exposures, float))
     check_exposures(sample, nominal, names)
     with one_blas_thread():
+        sample = sample.part(still_pixels(sample, nominal))
         found = candidates(sample, nominal)
         rivals = [one for one in found if as_good(one, found[0])]
         fits = [fit_bracket(sample, nominal, one.channels) for one in rivals]

@@ -21,7 +21,7 @@ _FIGURE = "-figure.png"
 _NOTABLE_MOTION = 0.02
 _NOTABLE_SATURATION = 0.001
 # Brightness of one photograph over another's, exposures divided out, from which on.
-_NOTABLE_FACTOR = 1.1
+_NOTABLE_FACTOR = 1.15
 
 
 def hdr(

@@ -23,17 +23,19 @@ _DOUBT = 0.2
 _DEAD = 8.0
 
 
-def fit_map(images: Iterable[RadianceImage], radial: RadialFlatField, gradients: Floats) -> FlatFieldMap:
+def fit_map(
+    images: Iterable[RadianceImage], radial: RadialFlatField, gradients: Floats, light_covariance: Floats
+) -> FlatFieldMap:
     """A map of the illumination.
 
     images : the flat-field photographs. radial : fitted to them: only what departs from it is smoothed, so that
-    smoothing bends nothing at the borders. gradients : (p, 2) of the light in each, which are divided out.
+    smoothing bends nothing at the borders. gradients : (p, 2) of the light in each, which are divided out;
+    light_covariance : (2, 2) of their mean, which bends the map where it is off.
 
     What departs is split into bands of detail, and each is weakened to the share that detail has of its energy in the
     neighbourhood: a local Wiener filter (Lee, "Digital image enhancement and noise filtering by use of local
     statistics", 1980), whose error is that share of the noise. The noise is that between two halves of the
-    photographs; of a single one, what most of its pixels have, grain of the sensor included. The deviation
-    holds as well how gradients average out where photographs were turned at random; a single one's is not in it.
+    photographs; of a single one, what most of its pixels have, grain of the sensor included.
     """
     halves = [np.zeros((radial.height, radial.width, 3), np.float32) for _ in range(2)]
     counts = [0, 0]
@@ -44,10 +46,11 @@ def fit_map(images: Iterable[RadianceImage], radial: RadialFlatField, gradients:
         counts[number % 2] += 1
     parts = [_without_dead(half / count) for half, count in zip(halves, counts, strict=True) if count]
     detail, relative_std = _without_noise(parts, counts, np.sqrt(lens))
-    if len(gradients) > 1:
-        # The mean of the gradients is told from the lens only by chance having turned them; over the image the mean
-        # square of a coordinate in half diagonals, both axes together, is 1/3.
-        relative_std = np.sqrt(relative_std**2 + np.mean(gradients**2) / (len(gradients) - 1) / 3)
+    # Coordinates in half diagonals, uniform over the image, have these mean squares.
+    axes = np.array([radial.width, radial.height]) ** 2 / (
+        12 * half_diagonal(radial.width, radial.height) ** 2
+    )
+    relative_std = np.sqrt(relative_std**2 + axes @ np.diag(light_covariance))
     illumination = detail * lens
     side = max(radial.width // 32, 3)
     brightest = cv2.blur(illumination, (side, side)).max(axis=(0, 1))

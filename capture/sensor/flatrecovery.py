@@ -61,7 +61,9 @@ def recover_flat_field(
     radial = flat_field_of(fit, tiles)
     flat_field: FlatField = radial
     if as_map:
-        flat_field = fit_map((image for _, image in _read(photos, encoding)), radial, fit.gradients)
+        flat_field = fit_map(
+            (image for _, image in _read(photos, encoding)), radial, fit.gradients, fit.light_covariance
+        )
     else:
         try:
             radial.gain(radial.width, radial.height)

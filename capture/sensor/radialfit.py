@@ -1,7 +1,9 @@
 """Vignetting as a radial polynomial, fitted to flat-field photographs: the simplest that predicts unseen parts.
 
 The light on a wall is never quite even: each photograph may have a linear gradient of its own. A gradient and a
-shift of the vignetting's centre look alike in one photograph, which is why the camera should be turned between them.
+shift of the vignetting's centre look alike in one photograph, up to terms of third order, which is why the camera
+should be turned between them. Where it wasn't, neither is taken to be absent because the other explains the
+photograph: both are fitted, within what is usual of lamps and lenses, and the intervals hold what that leaves open.
 """
 
 from __future__ import annotations
@@ -23,6 +25,12 @@ _NUMBERS = 2 + 3 * ORDERS
 _FOLDS = 5
 # Gradients that are let go beyond this over half the diagonal are no lamp's.
 _WIDE_GRADIENT = 0.5
+# A wall's light changes by about this much over half the diagonal, where no turned camera tells.
+_USUAL_GRADIENT = 0.03
+# Lenses are centred to about this part of half the diagonal.
+_USUAL_CENTRE = 0.1
+# Gradients that scatter by less than this part of their mean are one gradient: the camera was never turned.
+_ALIKE = 0.3
 # An outlier is this many deviations off its neighbourhood.
 _OUTLYING = 5.0
 
@@ -54,16 +62,23 @@ class RadialFit:
     """A candidate's fit. numbers : (17,) centre, in half diagonals from the image centre, and coefficients.
 
     held_out : (t,) mean squared error of the logarithm on each tile, predicted from the others, in units of its
-    variance. gradients : (p, 2) relative change of the light per half diagonal. residual : (p, t, 3) of the logarithm.
+    variance. gradients : (p, 2) relative change of the light per half diagonal; light_covariance : (2, 2) of their mean.
+    residual : (p, t, 3) of the logarithm.
     """
 
     model: RadialModel
     numbers: Floats
     covariance: Floats
     gradients: Floats
+    light_covariance: Floats
     residual: Floats
     structured: Floats
     held_out: Floats
+
+    @property
+    def centre_known(self) -> bool:
+        """Whether the photographs tell more of the centre than is known of any lens."""
+        return bool((np.diag(self.covariance)[:2] < (_USUAL_CENTRE / 2) ** 2).all())
 
 
 def fit_radial(tiles: FlatTiles) -> tuple[RadialFit, list[RadialFit]]:
@@ -71,27 +86,33 @@ def fit_radial(tiles: FlatTiles) -> tuple[RadialFit, list[RadialFit]]:
     each order with the kind that was chosen.
 
     Chosen is the simplest whose held-out error isn't clearly above the best one's: by one standard error of the
-    difference, tile by tile. What the best one says otherwise is added to the covariance.
+    difference, tile by tile. What the best one says otherwise is added to the covariance. One photograph, or several
+    whose gradients agree, the camera never turned, have the centre free and the gradient too: the light then is
+    taken to change by 3% over half the diagonal (standard deviation), and the centre to be a tenth of it off.
     """
     photos = len(tiles.signal)
-    richest = RadialModel(ORDERS, photos > 1, True, True)
+    richest = RadialModel(ORDERS, True, True, True)
     with one_blas_thread():
         # Outliers, noise and misfit are those that even the richest model leaves, for all candidates alike.
-        spread, wide = tiles.relative_std, _WIDE_GRADIENT
+        spread, wide, turned = tiles.relative_std, _WIDE_GRADIENT, False
         for _ in range(3):
             _, gradients, residual, *_ = _solve(tiles, richest, spread, wide)
             spread = _spread(tiles, residual)
-            if photos > 1:
-                # Gradients of the light are around zero: that is what tells them from a shifted centre.
-                wide = float(
-                    np.clip(np.sqrt(np.mean(gradients**2) * photos / (photos - 1)), 1e-5, _WIDE_GRADIENT)
-                )
-        fits = [_fit(tiles, model, spread, wide) for model in _richest(photos)]
+            turned = _turned(gradients)
+            # Gradients of the light are around zero: that is what tells them from a shifted centre.
+            around_zero = np.sqrt(np.mean(gradients**2) * photos / max(photos - 1, 1))
+            wide = float(np.clip(around_zero, 1e-5, _WIDE_GRADIENT)) if turned else _USUAL_GRADIENT
+        fits = [_fit(tiles, model, spread, wide) for model in _richest(turned)]
         kind = _simplest(fits)[0].model
         fits += [_fit(tiles, replace(kind, order=order), spread, wide) for order in range(1, ORDERS)]
     fit, best = _simplest(fits)
     otherwise = best.numbers - fit.numbers
-    return replace(fit, covariance=fit.covariance + np.outer(otherwise, otherwise)), fits
+    light = (best.gradients - fit.gradients).mean(axis=0)
+    return replace(
+        fit,
+        covariance=fit.covariance + np.outer(otherwise, otherwise),
+        light_covariance=fit.light_covariance + np.outer(light, light),
+    ), fits
 
 
 def flat_field_of(fit: RadialFit, tiles: FlatTiles) -> RadialFlatField:
@@ -109,10 +130,16 @@ def flat_field_of(fit: RadialFit, tiles: FlatTiles) -> RadialFlatField:
     )
 
 
-def _richest(photos: int) -> Iterator[RadialModel]:
+def _turned(gradients: Floats) -> bool:
+    """Whether the light's gradients (p, 2) differ from photograph to photograph, as they do if the camera is turned."""
+    mean = gradients.mean(axis=0)
+    scatter = np.sqrt(np.mean(np.sum((gradients - mean) ** 2, axis=1)))
+    return len(gradients) > 1 and bool(scatter > _ALIKE * np.linalg.norm(mean))
+
+
+def _richest(turned: bool) -> Iterator[RadialModel]:
     for free, per_channel, gradient in product((False, True), repeat=3):
-        # One photograph can't tell a shifted centre from a gradient.
-        if not (photos == 1 and free and gradient):
+        if turned or (free and gradient):
             yield RadialModel(ORDERS, free, per_channel, gradient)
 
 
@@ -131,7 +158,7 @@ def _fit(tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float) -> R
     derivatives = derivatives.weighted(1 / spread)
     target = residual / spread
     normal, _ = derivatives.normal(target)
-    inverse = np.linalg.inv(normal + derivatives.prior(wide))
+    inverse = np.linalg.inv(normal + derivatives.prior(model, wide))
     k = model.basis.shape[1]
     # The sandwich over neighbourhoods, for misfit is alike in neighbours and in all photographs.
     scores = derivatives.scores(target)
@@ -140,21 +167,23 @@ def _fit(tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float) -> R
     robust = (inverse @ (blocks.T @ blocks) @ inverse)[:k, :k]
     plain = inverse[:k, :k]
     scale = max(1.0, float(np.trace(np.linalg.solve(plain, robust))) / k)
+    light = derivatives.mean_gradient
     excess = np.mean(np.where(np.isfinite(spread), residual**2 - tiles.relative_std**2, 0), axis=(0, 1))
     return RadialFit(
         model,
         numbers,
         model.basis @ (plain * scale) @ model.basis.T,
         gradients,
+        scale * light @ inverse @ light.T,
         residual,
         np.sqrt(np.maximum(excess, 0)),
-        _held_out(tiles, derivatives, target, wide),
+        _held_out(tiles, derivatives, target, derivatives.prior(model, wide)),
     )
 
 
-def _held_out(tiles: FlatTiles, derivatives: _Derivatives, target: Floats, wide: float) -> Floats:
+def _held_out(tiles: FlatTiles, derivatives: _Derivatives, target: Floats, prior: Floats) -> Floats:
     """Each tile's squared error when its fold of neighbourhoods is left out, by one step from the full fit."""
-    full = derivatives.normal(target)[0] + derivatives.prior(wide)
+    full = derivatives.normal(target)[0] + prior
     error = np.empty(target.shape[1])
     fold = (tiles.block * 2 + tiles.block // 7) % _FOLDS
     for number in range(_FOLDS):
@@ -200,9 +229,9 @@ def _solve(
         predicted, derivatives = _log_model(tiles, basis @ fitted, gradients, model)
         residual = measured - levels[:, None] - predicted
         normal, slope = derivatives.weighted(1 / spread).normal(residual / spread)
-        prior = derivatives.prior(wide)
+        prior = derivatives.prior(model, wide)
         own = np.concatenate([levels * 0, gradients], axis=1) if model.gradient else levels * 0
-        slope -= prior @ np.concatenate([fitted * 0, own.ravel()])
+        slope -= prior @ np.concatenate([fitted, own.ravel()])
         change = np.linalg.solve(normal + prior + 1e-12 * np.eye(len(slope)), slope)
         fitted = fitted + change[:k]
         own = change[k:].reshape(photos, -1)
@@ -269,13 +298,24 @@ class _Derivatives:
             vector[block] = photo.T @ aims
         return matrix, vector
 
-    def prior(self, wide: float) -> Floats:
-        """The inverse variance of the gradients on the normal matrix's diagonal."""
+    def prior(self, model: RadialModel, wide: float) -> Floats:
+        """The inverse variance of centre and gradients, both around zero, on the normal matrix's diagonal."""
         blocks = self._blocks()
         diagonal = np.zeros(blocks[-1].stop)
+        diagonal[: 2 * model.free_centre] = _USUAL_CENTRE**-2
         for block in blocks:
             diagonal[block.start + 3 : block.stop] = wide**-2
         return np.diag(diagonal)
+
+    @property
+    def mean_gradient(self) -> Floats:
+        """(2, k + ...): the mean of the photographs' gradients from the numbers; 0 where none were fitted."""
+        blocks = self._blocks()
+        rows = np.zeros((2, blocks[-1].stop))
+        for block in blocks:
+            columns = np.arange(block.start + 3, block.stop)
+            rows[np.arange(len(columns)), columns] = 1 / len(blocks)
+        return rows
 
     def scores(self, target: Floats) -> Floats:
         """(t, k + ...): what each tile contributes to the right side."""
