@@ -1,28 +1,20 @@
-"""The schema of `photoset.toml`, and errors that name the key, what is wrong and the nearest valid key."""
+"""The schema of `photoset.toml`."""
 
 from __future__ import annotations
 
-import difflib
-import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
+
+from capture.files.tables import Table, validated
 
 Vector3 = tuple[float, float, float]
 Matrix4 = tuple[tuple[float, float, float, float], ...]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 # What of a lighting isn't known and is recovered with the BRDF.
 Recoverable = Literal["irradiance", "ambient"]
-
-
-class Table(BaseModel):
-    # Strict: "320" is not 320 and "no" is not true; a wrong type is an error, never a conversion.
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-
-
-AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 class CameraTable(Table):
@@ -258,94 +250,3 @@ def read_manifest(path: Path) -> Manifest:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: is not valid TOML: {error}") from error
     return validated(Manifest, path, data)
-
-
-def validated(schema: type[AnyTable], path: Path, data: dict[str, Any]) -> AnyTable:
-    """The data of a TOML or JSON file as a table; ValueError names file, key and remedy."""
-    try:
-        return schema.model_validate(_with_tuples(data))
-    except ValidationError as error:
-        # A fault that every photo repeats is said once.
-        kinds: dict[Any, list[Any]] = {}
-        for entry in error.errors():
-            place = tuple(part for part in entry["loc"] if not isinstance(part, int))
-            kinds.setdefault((entry["type"], place), []).append(entry)
-        sentences = [
-            _describe(path, data, same[0]) + (f" (and so in {len(same) - 1} more places)" if same[1:] else "")
-            for same in kinds.values()
-        ]
-        raise ValueError("\n".join(sentences)) from error
-
-
-def _with_tuples(value: Any) -> Any:
-    """The same data with its lists as tuples, which is what a strict schema of frozen tables holds."""
-    if isinstance(value, dict):
-        return {key: _with_tuples(entry) for key, entry in value.items()}
-    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
-
-
-def _describe(path: Path, data: dict[str, Any], error: Any) -> str:
-    loc = tuple(error["loc"])
-    if error["type"] == "value_error":
-        return f"{path}: {_table_name(data, loc)} {error['msg'].removeprefix('Value error, ')}"
-    # The key that the user wrote, and the place within its array, if it has one: centre[2].
-    last = max(i for i, part in enumerate(loc) if isinstance(part, str))
-    key = str(loc[last])
-    place = "".join(f"[{index}]" for index in loc[last + 1 :])
-    where = f"{path}: {_table_name(data, loc[:last])}"
-    if error["type"] == "extra_forbidden":
-        valid = _valid_keys(loc[:last])
-        near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"valid keys are {', '.join(sorted(valid))}"
-        return f"{where} has an unknown key {key!r}; {hint}"
-    if error["type"] == "missing":
-        what = f"key {key} is too short: it lacks {place}" if place else f"lacks the key {key!r}"
-        return f"{where} {what}"
-    value: Any = data
-    for part in loc:
-        value = value[part]
-    message = error["msg"][:1].lower() + error["msg"][1:]
-    if isinstance(value, dict) and error["type"] == "tuple_type":
-        message = f"write its head with double brackets, [[{key}]]"
-    # In the words of TOML, not of the schema's library.
-    message = re.sub(r"valid dictionary or instance of \w+", "table", message).replace("tuple", "array")
-    return f"{where} key {key}{place} is {_short(value)}: {message}"
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _dotted(loc: tuple[Any, ...]) -> str:
-    return ".".join(str(part) for part in loc)
-
-
-def _table_name(data: dict[str, Any], loc: tuple[Any, ...]) -> str:
-    """`[[photo]] 3 ("007.exr")` for ("photo", 2): tables are counted from 1, with the name a user knows."""
-    if not loc:
-        return "the top level"
-    if len(loc) >= 2 and loc[0] in ("photo", "lighting") and isinstance(loc[1], int):
-        entry = data[loc[0]][loc[1]]
-        label = entry.get("file", entry.get("name", "")) if isinstance(entry, dict) else ""
-        inner = f" {_dotted(loc[2:])}" if len(loc) > 2 else ""
-        return f'[[{loc[0]}]] {loc[1] + 1} ("{label}"){inner}'
-    return f"[{_dotted(loc)}]"
-
-
-def _valid_keys(loc: tuple[Any, ...]) -> list[str]:
-    """Keys of the table at `loc`, found by walking the schema."""
-    tables: dict[str, type[Table]] = {
-        "camera": CameraTable,
-        "radiometry": RadiometryTable,
-        "object": ObjectTable,
-        "gantry": GantryTable,
-        "light_arc": ArcTable,
-        "lighting": LightingTable,
-        "photo": PhotoTable,
-        "directional": SourceTable,
-        "mirror_ball": MirrorBallTable,
-        "views": BallViewTable,
-    }
-    names = [part for part in loc if isinstance(part, str)]
-    return list((tables[names[-1]] if names else Manifest).model_fields)

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from capture.manifest import AnyTable, validated
+from capture.files.tables import AnyTable, validated
 
 
 def file_hash(path: Path) -> str:

@@ -27,11 +27,13 @@ class Header:
     kind : "PNG", "JPEG", "TIFF", "EXR", "Radiance", "camera RAW", or "" if none of these.
     size : (width, height) in pixels, or None where the header doesn't tell.
     whole : False if the file ends before its data do, as far as its structure tells.
+    lossy : JPEG-compressed, in a TIFF as well: what a pixel lost lies in its whole block.
     """
 
     kind: str
     size: tuple[int, int] | None = None
     whole: bool = True
+    lossy: bool = False
 
 
 def is_raw(path: Path) -> bool:
@@ -45,7 +47,7 @@ def read_header(data: memoryview) -> Header:
     if start.startswith(b"\x89PNG"):
         return _png(data)
     if start.startswith(b"\xff\xd8"):
-        return Header("JPEG", _jpeg_size(data))
+        return Header("JPEG", _jpeg_size(data), lossy=True)
     if start.startswith(_EXR_SIGNATURE):
         return _exr(data)
     if start.startswith(b"#?"):
@@ -55,7 +57,7 @@ def read_header(data: memoryview) -> Header:
     tiff = tiff_summary(data)
     if tiff is None:
         return Header("")
-    return Header("camera RAW" if tiff.camera_raw else "TIFF", tiff.size, tiff.whole)
+    return Header("camera RAW" if tiff.camera_raw else "TIFF", tiff.size, tiff.whole, tiff.lossy)
 
 
 def _png(data: memoryview) -> Header:

@@ -6,11 +6,13 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-_SUBFILE, _WIDTH, _HEIGHT, _SUB_IFDS, _DNG_VERSION = 254, 256, 257, 330, 50706
+_SUBFILE, _WIDTH, _HEIGHT, _COMPRESSION, _SUB_IFDS, _DNG_VERSION = 254, 256, 257, 259, 330, 50706
 # Where image data lie: offsets and byte counts of strips, tiles, and old-style JPEG streams.
 _DATA = ((273, 279), (324, 325), (513, 514))
-_WANTED = {_SUBFILE, _WIDTH, _HEIGHT, _SUB_IFDS, _DNG_VERSION, *(tag for pair in _DATA for tag in pair)}
+_WANTED = {_SUBFILE, _WIDTH, _HEIGHT, _COMPRESSION, _SUB_IFDS, _DNG_VERSION}
+_WANTED |= {tag for pair in _DATA for tag in pair}
 _FORMATS = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}
+_JPEG = (6, 7)  # of Compression: old-style, and as in TIFF's technical note 2
 _REDUCED = 1  # bit of NewSubfileType: a smaller copy of another image in the file
 _MOST_DIRECTORIES = 64  # a damaged file may chain its directories in a circle
 
@@ -24,11 +26,13 @@ class TiffSummary:
     size : (width, height) of the first image, or None.
     whole : all image data that are announced lie within the file.
     camera_raw : the first image is a preview of a RAW image in the same file, or the file says that it is DNG.
+    lossy : the first image is JPEG-compressed.
     """
 
     size: tuple[int, int] | None
     whole: bool
     camera_raw: bool
+    lossy: bool = False
 
 
 def tiff_summary(data: bytes | memoryview) -> TiffSummary | None:
@@ -51,7 +55,8 @@ def tiff_summary(data: bytes | memoryview) -> TiffSummary | None:
     first: Directory = directories[0] if directories else {}
     preview = bool(first.get(_SUBFILE, (0,))[0] & _REDUCED) and _SUB_IFDS in first
     size = (first[_WIDTH][0], first[_HEIGHT][0]) if _WIDTH in first and _HEIGHT in first else None
-    return TiffSummary(size, whole, preview or _DNG_VERSION in first)
+    lossy = first.get(_COMPRESSION, (1,))[0] in _JPEG
+    return TiffSummary(size, whole, preview or _DNG_VERSION in first, lossy)
 
 
 def _directories(data: bytes | memoryview, order: str) -> Iterator[Directory]:
