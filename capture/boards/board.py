@@ -29,6 +29,8 @@ _EXAMPLES = (
     " or charuco:7x5:0.030:0.022:DICT_5X5_100 (columns x rows of squares, square and marker side in metres,"
     " dictionary)"
 )
+# A square of so many metres isn't printed; a millimetre-sized one isn't seen.
+_MILLIMETRES = 5.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,11 @@ class Board:
             )
         if not (np.isfinite(self.square) and self.square > 0):
             raise ValueError(f"square side is {self.square} m; it must be > 0")
+        if self.square >= _MILLIMETRES:
+            raise ValueError(
+                f"square side is {self.square:g} m; sides are in metres, and this looks like millimetres:"
+                f" {self.square / 1000:g}"
+            )
         if self.kind == "chessboard":
             if self.marker is not None or self.dictionary is not None:
                 raise ValueError("a chessboard has neither markers nor a dictionary; leave them out")

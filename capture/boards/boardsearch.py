@@ -28,7 +28,7 @@ _APRILTAGS = "DICT_APRILTAG_36h11"
 class MarkerReport:
     """Markers in a photograph whose board wasn't found.
 
-    dictionary, numbers : those that fit most of what was seen. misplaced : whether they lie elsewhere than on the board.
+    dictionary, numbers : those that fit most of what was seen. misplaced : whether they contradict the board's layout.
     """
 
     dictionary: str
@@ -129,7 +129,14 @@ def view_of_file(path: Path, board: Board, name: str | None = None) -> BoardView
 
 
 def _enough(detection: Detection) -> Detection | None:
-    return detection if len(detection.cells) >= MIN_CORNERS else None
+    """The detection if either half of its corners, every other one, gives a pose for the other half to be judged by."""
+    if len(detection.cells) < MIN_CORNERS:
+        return None
+    half = detection.cells.sum(axis=1) % 2 == 0
+    for cells in (detection.cells[half], detection.cells[~half]):
+        if len(cells) < MIN_CORNERS // 2 or np.linalg.matrix_rank(cells - cells.mean(axis=0)) < 2:
+            return None
+    return detection
 
 
 def _grey(image: NDArray[np.generic]) -> NDArray[np.uint8]:
@@ -193,9 +200,7 @@ def _check_charuco(views: Sequence[BoardView], board: Board) -> None:
         elif numbers[-1] >= needed:
             why = f"their numbers go up to {numbers[-1]}, where this board's end at {needed - 1}"
         else:
-            why = (
-                f"not in the places of a board of {board.columns}x{board.rows} squares; are columns and rows swapped?"
-            )
+            why = f"not in the places of a board of {board.columns}x{board.rows} squares; are columns and rows swapped?"
         raise ValueError(
             f"--board {board.spec}: markers {numbers[0]} to {numbers[-1]} of {name} were seen in {count} of"
             f" {len(views)} photos, {why}"
@@ -243,7 +248,9 @@ def missing(view: BoardView, board: Board) -> str:
             return f"{count} markers of {name} were seen, but not this board"
         return f"{count} markers were seen, but fewer than {MIN_CORNERS} sharp and whole corners between them"
     if board.kind == "charuco" and view.grid is not None:
-        return f"a chessboard of {view.grid[0]}x{view.grid[1]} corners was seen, but no markers that can be read"
+        return (
+            f"a chessboard of {view.grid[0]}x{view.grid[1]} corners was seen, but no markers that can be read"
+        )
     if view.markers is not None:
         return f"{len(view.markers.numbers)} markers of {view.markers.dictionary} were seen: is it a charuco board?"
     if view.grid is not None and (np.sort(view.grid) > np.sort(board.corner_counts)).any():

@@ -20,7 +20,7 @@ _SMALL = 1000
 # Share of the corners that should be in the picture at which the search ends.
 _ENOUGH = 0.9
 # Windows beside markers are a few pixels wide: where they disagree by more, a finger or glare reaches into one.
-_MAX_SPREAD_PX = 0.5
+_MAX_SPREAD_PX = 0.75
 # A marker's outline is good to about a pixel; smaller ones don't tell their side over the square's.
 _MIN_MARKER_PX = 25.0
 # How many squares a marker may lie off the plane of the others, and how many markers may, before the board is another.

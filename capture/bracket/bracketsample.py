@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from capture.arrays import frozen_array
 from capture.files.imagefile import read_image
 
 Floats = NDArray[np.float64]
+Codes = NDArray[Any]
 # Observations per channel that a fit is given; more cost time and tell little.
 _OBSERVATIONS = 60_000
 _MAX_PIXELS = 12_000
@@ -105,22 +107,20 @@ def sample_bracket(paths: Sequence[Path], rng: np.random.Generator) -> BracketSa
     )
 
 
-def _inside(pixels: NDArray[np.generic], clip: Floats, kind: str) -> NDArray[np.bool_]:
+def _inside(pixels: Codes, clip: Floats, kind: str) -> NDArray[np.bool_]:
     """(h, w, 3), where codes lie between the clipping codes, and in a JPEG no neighbour is saturated in any channel."""
     inside = (pixels > clip[:, 0]) & (pixels < clip[:, 1])
     if kind == "JPEG":
-        whole = (pixels < clip[:, 1]).all(axis=2).astype(np.uint8)
+        whole = np.asarray((pixels < clip[:, 1]).all(axis=2), np.uint8)
         inside &= (cv2.erode(whole, _JPEG_REACH) > 0)[..., None]
     return np.asarray(inside)
 
 
-def _top(pixels: NDArray[np.generic]) -> int:
+def _top(pixels: Codes) -> int:
     return 255 if pixels.dtype == np.uint8 else 65535
 
 
-def _read_codes(
-    path: Path, like: NDArray[np.generic] | None = None, like_path: Path | None = None
-) -> tuple[NDArray[np.generic], str]:
+def _read_codes(path: Path, like: Codes | None = None, like_path: Path | None = None) -> tuple[Codes, str]:
     pixels, kind = read_image(path)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from capture.files.documents import read_json
-from capture.manifest import Table
+from capture.files.tables import Table
 
 Floats = NDArray[np.float64]
 CHANNELS = ("red", "green", "blue")

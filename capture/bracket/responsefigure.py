@@ -90,4 +90,4 @@ def _draw_exposures(axis: Any, recovery: Recovery, order: Any) -> None:
     limit = max(1.2 * float(np.abs(off).max(initial=0) + 1.96 * recovery.stops_std.max(initial=0)), 0.05)
     axis.set_ylim(-limit, limit)
     axis.set_ylabel("believed - given exposure (stops)", fontsize=8)
-    axis.set_title("exposures, 95% intervals (span kept as given)", fontsize=9)
+    axis.set_title("exposures, 95% intervals; they widen with the span's uncertainty", fontsize=9)

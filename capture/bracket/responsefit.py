@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from capture.bracket.bracketsample import BracketSample
 
 Floats = NDArray[np.float64]
-# Nominal exposures are taken to be right to this, one standard deviation of the log: shutters rarely are better.
-EXPOSURE_STD = 0.03
+# Nominal exposures are taken to be right to this, one standard deviation of the log: rounding alone (1/60 for 1/64)
+# makes 0.03, and shutters have errors of their own.
+EXPOSURE_STD = 0.04
 _NOISE_BINS = 20
 # Noise of a code is no larger than this share of the range: what looks so is a scene that moved, or a curve that is
 # still far off; and it would leave no code that noise doesn't carry into clipping.
@@ -33,6 +34,10 @@ _MOST_NOISE = 1 / 24
 _ITERATIONS = 6
 # Residuals beyond this many standard deviations lose weight with their square.
 _OUTLIER = 4.0
+
+
+class NothingComparableError(Exception):
+    """By the curves and exposures so far no sample of a channel is seen well in two photographs."""
 
 
 class Curve(Protocol):
@@ -255,6 +260,8 @@ def _system(
     for index, channel in enumerate(channels):
         left = residuals_of[index]
         rows = np.flatnonzero(left.weight.ravel() > 0)
+        if not rows.size:
+            raise NothingComparableError
         pixel, photo = np.divmod(rows, p)
         weight = left.weight.ravel()[rows]
         jacobian = csr_array(channel.curve.jacobian(channel.params, left.values.ravel()[rows]))

@@ -13,7 +13,14 @@ from capture.bracket.bracketcheck import check_exposures
 from capture.bracket.bracketsample import BracketSample, sample_bracket
 from capture.bracket.response import Response, response_channels
 from capture.bracket.responsechoice import Method, as_good, candidates, prediction_errors, still_pixels
-from capture.bracket.responsefit import BracketFit, ChannelFit, fit_bracket, residuals
+from capture.bracket.responsefit import (
+    EXPOSURE_STD,
+    BracketFit,
+    ChannelFit,
+    NothingComparableError,
+    fit_bracket,
+    residuals,
+)
 from capture.exposure import bracket_exposures
 from capture.parallel import one_blas_thread
 from capture.srgb import srgb_to_linear
@@ -23,6 +30,9 @@ Floats = NDArray[np.float64]
 _MAX_STD = 0.3
 # A knot is determined if samples lie within this share of the range, on both sides of it.
 _MAX_GAP = 0.02
+# What moves in more than half of the picture may as well be what doesn't.
+_LEAST_STILL = 0.5
+_MUCH_MOVED = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +40,10 @@ class Recovery:
     """A response and what is believed with it.
 
     methods : the chosen one first. stops : (p,) believed log2 exposures about their mean, stops_std : (p,) their
-    standard deviations; nominal_stops : (p,) as given. noise : (3, bins) standard deviation of a code (share of the
+    standard deviations; nominal_stops : (p,) as given. exponent_std : standard deviation of the common power of
+    curve and exposures, which no bracket tells and the given span fixes; the response's log_std and the
+    exposures' covariance hold it. moved : share of the sampled picture that was left out because photographs differ
+    there by more than noise. noise : (3, bins) standard deviation of a code (share of the
     top code) at evenly spaced values. residual : (3, p) mean absolute error of predicted codes, in 1/255, by photo.
     """
 
@@ -40,6 +53,8 @@ class Recovery:
     stops_std: Floats
     nominal_stops: Floats
     stops_covariance: Floats
+    exponent_std: float
+    moved: float
     noise: Floats
     residual: Floats
     warnings: tuple[str, ...]
@@ -63,20 +78,36 @@ def recover_from_sample(
     nominal = np.log(np.asarray(exposures, float))
     check_exposures(sample, nominal, names)
     with one_blas_thread():
-        sample = sample.part(still_pixels(sample, nominal))
-        found = candidates(sample, nominal)
-        rivals = [one for one in found if as_good(one, found[0])]
-        fits = [fit_bracket(sample, nominal, one.channels) for one in rivals]
-    response = _response(sample, fits, knots, names)
+        try:
+            still = still_pixels(sample, nominal)
+            _check_still(still, names)
+            sample = sample.part(still)
+            found = candidates(sample, nominal)
+            rivals = [one for one in found if as_good(one, found[0])]
+            fits = [fit_bracket(sample, nominal, one.channels) for one in rivals]
+        except NothingComparableError as error:
+            raise ValueError(
+                f"{names[0]} and the others: no response makes two of the photographs show one exposure; check the"
+                " exposures that are given, and that the photographs show one static scene"
+            ) from error
     methods = tuple(one.method for one in found)
-    return _recovery(sample, fits[0], response, methods, nominal, names)
+    return _recovery(sample, fits, knots, methods, nominal, names, 1 - float(still.mean()))
+
+
+def _check_still(still: NDArray[np.bool_], names: Sequence[str]) -> None:
+    if still.mean() < _LEAST_STILL:
+        raise ValueError(
+            f"{names[0]} and the others: over {1 - still.mean():.0%} of the picture, photographs differ by more than"
+            " their exposures and noise; check the exposures that are given, and photograph a static scene from a"
+            " tripod, with fixed focus, aperture and white balance"
+        )
 
 
 def _response(
-    sample: BracketSample, fits: Sequence[BracketFit], knots: int, names: Sequence[str]
+    sample: BracketSample, fits: Sequence[BracketFit], exponent_std: float, knots: int, names: Sequence[str]
 ) -> Response:
     """Curves and standard deviations at the knots, the scale fixed at the middle. fits : the chosen one first, then
-    any that predicts as well: where it lies is part of what isn't known."""
+    any that predicts as well: where it lies is part of what isn't known. exponent_std : that of the common power."""
     values = np.linspace(0, 1, knots)
     log_exposure, log_std = np.full((3, knots), np.nan), np.full((3, knots), np.nan)
     offset = 0
@@ -93,7 +124,7 @@ def _response(
             std = np.maximum(
                 _std(rows - rows[middle], fits[0], place), _std(rows - rows.mean(axis=0), fits[0], place)
             )
-            systematic = [_curvature_bias(channel, values[at])]
+            systematic = [_curvature_bias(channel, values[at], sample.hidden_noise)]
             for other in fits[1:]:
                 rival = other.channels[index]
                 off = rival.curve.log_exposure(rival.params, values[at]) - g
@@ -103,7 +134,7 @@ def _response(
             sure = std < _MAX_STD
             gauge = np.log(srgb_to_linear(np.array(values[at[middle]]))) - g[middle]
             log_exposure[index, at[sure]] = (g + gauge)[sure]
-            log_std[index, at[sure]] = std[sure]
+            log_std[index, at[sure]] = np.hypot(std, exponent_std * (g - g[middle]))[sure]
         if np.isfinite(log_exposure[index]).sum() < 2:
             raise ValueError(
                 f"{names[0]} and the others: the {('red', 'green', 'blue')[index]} channel of the bracket determines"
@@ -112,10 +143,22 @@ def _response(
     return Response(log_exposure, log_std, sample.clip)
 
 
-def _curvature_bias(channel: ChannelFit, values: Floats) -> Floats:
+def _curvature_bias(channel: ChannelFit, values: Floats, hidden_noise: float) -> Floats:
     """How far noise ahead of a curved response shifts the mean log exposure of a code: g'' sigma^2 / 2."""
     grid, _, slope = channel.table
-    return np.interp(values, grid, np.gradient(slope, grid)) * channel.noise_std(values) ** 2 / 2
+    noise = np.maximum(channel.noise_std(values), hidden_noise)
+    return np.interp(values, grid, np.gradient(slope, grid)) * noise**2 / 2
+
+
+def _exponent_std(log_times: Floats, nominal: Floats) -> float:
+    """Standard deviation of the common power, which the span of the given exposures fixes, (p,) logarithms each.
+
+    Errors of the given exposures, independent with a standard deviation s, move the slope of a straight line through
+    them by s / ||nominal - mean||. s is `EXPOSURE_STD`, or what the exposures scatter about that line if larger.
+    """
+    freedom = len(nominal) - 2
+    scatter = np.sqrt(((log_times - nominal) ** 2).sum() / freedom) if freedom > 0 else 0.0
+    return max(EXPOSURE_STD, float(scatter)) / float(np.linalg.norm(nominal - nominal.mean()))
 
 
 def _std(rows: Floats, fit: BracketFit, place: slice) -> Floats:
@@ -144,12 +187,15 @@ def _seen(sample: BracketSample, fit: BracketFit, index: int, values: Floats) ->
 
 def _recovery(
     sample: BracketSample,
-    fit: BracketFit,
-    response: Response,
+    fits: Sequence[BracketFit],
+    knots: int,
     methods: tuple[Method, ...],
     nominal: Floats,
     names: Sequence[str],
+    moved: float,
 ) -> Recovery:
+    fit = fits[0]
+    exponent_std = _exponent_std(fit.log_times, nominal)
     free = fit.influence.shape[1] - fit.corrections.shape[1]
     place = slice(free, None)
     covariance = np.zeros((len(nominal), len(nominal)))
@@ -163,17 +209,26 @@ def _recovery(
     )
     stops = (fit.log_times - fit.log_times.mean()) / np.log(2)
     nominal_stops = (nominal - nominal.mean()) / np.log(2)
-    std = np.sqrt(np.diag(covariance)) / np.log(2)
+    # A common power changes no differences from what is given: these warn, whatever the power.
+    warnings = _exposure_warnings(stops, nominal_stops, np.sqrt(np.diag(covariance)) / np.log(2), names)
+    if moved > _MUCH_MOVED:
+        warnings.append(
+            f"{moved:.0%} of the picture was left out, because photographs differ there by more than noise; what is"
+            " left may be biased: photograph a static scene from a tripod"
+        )
+    stops_covariance = covariance / np.log(2) ** 2 + exponent_std**2 * np.outer(nominal_stops, nominal_stops)
     return Recovery(
-        response=response,
+        response=_response(sample, fits, exponent_std, knots, names),
         methods=methods,
         stops=stops,
-        stops_std=std,
+        stops_std=np.sqrt(np.diag(stops_covariance)),
         nominal_stops=nominal_stops,
-        stops_covariance=covariance / np.log(2) ** 2,
+        stops_covariance=stops_covariance,
+        exponent_std=exponent_std,
+        moved=moved,
         noise=np.array([channel.noise for channel in fit.channels]),
         residual=residual,
-        warnings=tuple(_exposure_warnings(stops, nominal_stops, std, names)),
+        warnings=tuple(warnings),
     )
 
 
@@ -191,7 +246,7 @@ def _exposure_warnings(stops: Floats, nominal: Floats, std: Floats, names: Seque
         if abs(off) > 1.96 * uncertainty and abs(2**off - 1) > 0.05:
             warnings.append(
                 f"{name}: its exposure looks {2**off - 1:+.0%} off from what is given, relative to the others;"
-                " check its time, or let the believed exposures be used"
+                " the curve allows for it, but radiance is divided by the exposure that is given: check its time"
             )
     return warnings
 
@@ -255,10 +310,11 @@ def recovery_document(recovery: Recovery, paths: Sequence[Path]) -> dict[str, ob
     return {
         "format": 1,
         "gauge": "the scale of each channel is free: the determined value nearest to 128/255 has sRGB's exposure there;"
-        " exposures are believed up to a common factor and a common power, and keep the span that was given",
+        " exposures are believed up to a common factor and a common power, and keep the span that was given;"
+        " exponent_std is the power's standard deviation, part of log_std and of the exposures' std",
         "unit": "natural logarithm of the exposure; value k / (n - 1) at index k of n",
         "undetermined": "null: values that no well exposed sample showed twice, or whose log exposure is uncertain"
-        f" by more than {_MAX_STD}; photograph a scene with more brightnesses, or add exposures",
+        f" by more than {_MAX_STD} whatever the power; photograph a scene with more brightnesses, or add exposures",
         "channels": response_channels(recovery.response),
         "methods": [
             {"name": one.name, "detail": one.detail, "residual_255": one.residual, "chosen": place == 0}
@@ -275,6 +331,8 @@ def recovery_document(recovery: Recovery, paths: Sequence[Path]) -> dict[str, ob
             }
             for step in believed_steps(recovery)
         ],
+        "exponent_std": recovery.exponent_std,
+        "moved": recovery.moved,
         "noise_255": (255 * recovery.noise).tolist(),
         "warnings": list(recovery.warnings),
     }

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-
-class BoardKind(StrEnum):
-    """What is printed."""
-
-    CHARUCO = "charuco"
-    CHESSBOARD = "chessboard"
+_KINDS = ("charuco", "chessboard")
 
 
 def board(
     kind: Annotated[
-        BoardKind,
+        str,
         typer.Argument(
+            metavar="charuco|chessboard",
             help="charuco: squares with markers in them, any part of which will do. chessboard: plain squares.",
             show_default=False,
         ),
@@ -55,6 +50,8 @@ def board(
     Print it at 100 %, check the ruler beneath it, and glue it onto something flat and stiff. The text to pass to
     `lightfactor calibrate camera --board` stands beneath the board.
     """
+    from difflib import get_close_matches
+
     from rich.markup import escape
 
     from capture.boards.board import parse_board
@@ -63,10 +60,14 @@ def board(
     from capture.terminal import console, leave_cleanly_when_stopped
 
     leave_cleanly_when_stopped()
+    if kind not in _KINDS:
+        near = get_close_matches(kind, _KINDS, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"say {' or '.join(_KINDS)}"
+        raise ValueError(f"{kind!r} is no kind of board; {hint}")
     if output.suffix.lower() != ".pdf":
         raise ValueError(f"{output}: a board is written as PDF; give a name that ends in .pdf")
-    parts = [kind.value, size, f"{square_mm / 1000:.7g}"]
-    if kind is BoardKind.CHESSBOARD:
+    parts = [kind, size, f"{square_mm / 1000:.7g}"]
+    if kind == "chessboard":
         for option, value in (("--marker-mm", marker_mm), ("--dictionary", dictionary)):
             if value is not None:
                 raise ValueError(

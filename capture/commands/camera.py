@@ -120,7 +120,7 @@ def _ladder_table(calibration: CameraCalibration) -> Any:
 
     table = Table(box=None, header_style="bold")
     for heading in ("lens model", "fitted (px)", "held out (px)", ""):
-        table.add_column(heading, justify="right" if "px" in heading else "left")
+        table.add_column(heading, justify="right" if "px" in heading else "left", no_wrap=True)
     for rung in calibration.ladder:
         fitted = "" if rung.fit is None else f"{rung.fit.rms:.3f}"
         held_out = "" if rung.held_out_rms is None else f"{rung.held_out_rms:.3f}"
@@ -162,6 +162,7 @@ def _report(calibration: CameraCalibration, output: Path) -> None:
         soft_wrap=True,
     )
     for warning in calibration.warnings:
-        console.print(f"Note: {escape(warning)}.", soft_wrap=True)
+        end = "" if warning.endswith(("?", ".")) else "."
+        console.print(f"Note: {escape(warning)}{end}", soft_wrap=True)
     figure = output.with_name(f"{output.stem}-figure.png")
     console.print(f"Wrote {escape(str(output))} and {escape(str(figure))}", soft_wrap=True)

@@ -77,7 +77,10 @@ def _report(recovery: FlatFieldRecovery, output: Path) -> None:
     for name, value, its_std in zip(("red", "green", "blue"), gain, std, strict=True):
         console.print(f"Illumination in the corners, {name}: {value:.4f} ± {its_std:.1g}")
     radial = recovery.radial
-    if model.free_centre:
+    if recovery.undetermined:
+        entry = recovery.undetermined[0]
+        console.print(f"Centre: undetermined: {entry['reason']}; {entry['remedy']}")
+    elif model.free_centre:
         x_std, y_std = np.sqrt(np.diag(radial.covariance)[:2])
         console.print(
             f"Centre: ({radial.centre[0]:.1f} ± {x_std:.1g}, {radial.centre[1]:.1f} ± {y_std:.1g}) px"

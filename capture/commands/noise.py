@@ -83,6 +83,8 @@ def _report(recovery: NoiseRecovery, output: Path) -> None:
     moved = max(fit.moved_share for fit in recovery.fits)
     if moved > 0.01:
         console.print(f"{moved:.1%} of the scene changed by more than noise and was left out.")
+    for warning in recovery.warnings:
+        console.print(f"{warning}.")
     console.print(f"Wrote {escape(str(output))} and {escape(output.stem + _FIGURE)} beside it")
 
 

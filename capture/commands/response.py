@@ -79,8 +79,14 @@ def _report(recovery: Recovery, images: list[Path], output: Path) -> None:
         )
     console.print(table)
     console.print(
-        "Ratios are believed up to one common power, which no bracket tells from the curve: the span is as given."
+        "Ratios and curve are believed up to one common power, which no bracket tells from the curve: the span is as"
+        f" given, certain to {recovery.exponent_std:.1%} if exposures are set as exactly as shutters do it or as these"
+        " scatter. The standard deviations hold it."
     )
+    if recovery.moved > 0.01:
+        console.print(
+            f"Left out: {recovery.moved:.0%} of the picture, where something moved or is misaligned."
+        )
     for index, name in enumerate(("red", "green", "blue")):
         low, high = recovery.response.determined(index)
         console.print(

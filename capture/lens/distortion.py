@@ -95,7 +95,7 @@ LADDER = (
     LensModel("SIMPLE_RADIAL", "SIMPLE_RADIAL", ("k1",)),
     LensModel("RADIAL", "RADIAL", ("k1", "k2")),
     LensModel("OPENCV", "OPENCV", ("k1", "k2", "p1", "p2")),
-    LensModel("FULL_OPENCV, k4 = k5 = k6 = 0", "FULL_OPENCV", ("k1", "k2", "p1", "p2", "k3")),
+    LensModel("FULL_OPENCV, k1-k3", "FULL_OPENCV", ("k1", "k2", "p1", "p2", "k3")),
     LensModel("FULL_OPENCV", "FULL_OPENCV", _OPENCV_ORDER),
 )
 

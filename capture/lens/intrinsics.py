@@ -14,10 +14,16 @@ from capture.boards.board import Board, Detection, parse_board
 from capture.boards.boardsearch import check_board, check_sizes, missing, view_of_file
 from capture.camera import Camera
 from capture.lens import intrinsicschecks as checks
+from capture.lens.boardshape import board_shape
 from capture.lens.distortion import PARAM_NAMES, LensModel
-from capture.lens.intrinsicserror import model_shift, shift_covariance, statistical_covariance, window_shifts
+from capture.lens.intrinsicserror import (
+    model_covariance,
+    shift_covariance,
+    statistical_covariance,
+    window_shifts,
+)
 from capture.lens.lensfit import rms, view_of
-from capture.lens.lensladder import Rung, best_rung, climb
+from capture.lens.lensladder import Rung, climb
 from capture.lens.viewoutliers import MIN_VIEWS, outliers
 
 Floats = NDArray[np.float64]
@@ -48,7 +54,8 @@ class CameraCalibration:
     lens : the chosen lens model. params : COLMAP's, pixels; the centre of the first one is (0.5, 0.5).
     width, height : pixels.
     covariance : (p, p) of the parameters, zero where the lens model leaves one at zero; the sum of what the scatter of
-        the residuals says (`statistical_covariance`) and of how much corner windows and lens models move them.
+        the residuals says (`statistical_covariance`) and of how much corner windows, lens models and, where residuals
+        show one, an uneven board move them.
     window_shifts : (k, p), how the parameters move with smaller and with larger corner windows.
     views : all photographs, those included that weren't used.
     rms, held_out_rms : pixels, over all corners; the latter in views that the lens was not fitted to.
@@ -122,9 +129,12 @@ def calibrate_camera(
     for path in paths:
         if paths.count(path) > 1:
             raise ValueError(f"{path}: is given twice; every photo may count once")
+        if path.is_dir():
+            raise ValueError(f"{path}: is a folder; give the photos in it")
     if len(paths) < MIN_VIEWS:
+        given = "1 photo is" if len(paths) == 1 else f"{len(paths)} photos are"
         raise ValueError(
-            f"{len(paths)} photos are too few, {MIN_VIEWS} are the least and 10 to 20 are good; {checks.TILT_REMEDY}"
+            f"{given} too few, {MIN_VIEWS} are the least and 10 to 20 are good; {checks.TILT_REMEDY}"
         )
     names = [path.name for path in paths]
     if len(set(names)) < len(names):
@@ -164,13 +174,15 @@ def calibrate_detections(
     chosen = next((rung for rung in rungs if rung.chosen), None)
     if chosen is None or chosen.fit is None or chosen.squares is None:
         raise checks.no_model(rungs)
-    fit, best = chosen.fit, best_rung(rungs).fit
-    assert best is not None
+    fit = chosen.fit
     counts = np.array([len(view.points) for view in views])
     held_out_rms = float(np.sqrt((chosen.squares * counts).sum() / counts.sum()))
     statistical = statistical_covariance(views, fit)
     shifts = window_shifts(kept, fit)
-    covariance = statistical + shift_covariance(shifts) + shift_covariance(model_shift(fit, best))
+    shape = board_shape(views, [detection.located for detection in kept], fit)
+    covariance = statistical + shift_covariance(shifts) + model_covariance(rungs, chosen)
+    if shape is not None:
+        covariance = covariance + shift_covariance(shape.shift[None])
     focal = np.array([name.startswith("f") for name in PARAM_NAMES[fit.lens.model]]) / (
         1 if fit.lens.one_focal else 2
     )
@@ -184,7 +196,7 @@ def calibrate_detections(
     nothing = np.empty((0, 2))
     entries = [ViewFit(name, nothing, nothing, dropped=why) for name, why in lost.items()]
     for k, (error, limit) in off.items():
-        why = f"outlier: its corners are {error:.2f} px RMS off, limit {limit:.2f}"
+        why = f"outlier: its corners are {error:.3f} px RMS off, limit {limit:.3f}"
         entries.append(ViewFit(names[k], nothing, nothing, rms=error, dropped=why))
     for k, view, residual, square in zip(used, views, fit.residuals, chosen.squares, strict=True):
         entries.append(
@@ -200,10 +212,11 @@ def calibrate_detections(
     aspect = 1.0 if fit.lens.one_focal else float(fit.params[0] / fit.params[1])
     warnings = [f"{view.name}: {view.dropped}" for view in entries if view.dropped is not None]
     warnings += [
-        f"{view.name}: {view.corners_dropped} corners don't fit and were left out"
+        f"{view.name}: corners left out because they don't fit: {view.corners_dropped}"
         for view in entries
         if view.corners_dropped
     ]
+    warnings += checks.misfit_notes(fit, shape, board, kept)
     warnings += checks.advice(spread, focal_std / fit.camera.focal_px, reach, aspect, len(views))
     return CameraCalibration(
         board=board,

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.boards.board import Board, Detection
 from capture.camera import Camera
+from capture.lens.boardshape import BoardShape
 from capture.lens.lensfit import LensFit
 from capture.lens.lensladder import Rung
 
@@ -22,6 +24,10 @@ ADVISED_FOCAL_STD = 0.01
 # Half pixels at 640x480; a lens model that leaves this share of the diagonal has not found the lens.
 MAX_RMS_SHARE = 1 / 800
 ADVISED_REACH = 0.7
+# Corner windows of other sizes move corners by about half of what these miss their predictions by, if all is noise.
+ADVISED_MISFIT = 5.0
+# A square of a metre or more is usually one that was counted in other units.
+LARGE_SQUARE = 1.0
 # Times the picture's longer side: from beyond any fisheye to beyond any telephoto lens.
 FOCAL_RANGE = (0.15, 50.0)
 
@@ -125,6 +131,34 @@ def no_model(rungs: Sequence[Rung]) -> ValueError:
         )
     faults = "; ".join(f"{rung.lens.name}: {rung.fault}" for rung in rungs)
     return ValueError(f"the calibration failed: no lens model can be used ({faults}); {TILT_REMEDY}")
+
+
+def misfit_notes(
+    fit: LensFit, shape: BoardShape | None, board: Board, detections: Sequence[Detection]
+) -> list[str]:
+    """Warnings on residuals that are no noise, and on a board whose sides are hardly in metres."""
+    found = []
+    if shape is not None:
+        found.append(
+            f"residuals repeat from photo to photo on the board: it is bent or badly printed, by about"
+            f" {shape.bend / board.square:.2g} of a square's side; with that allowed for, RMS would be"
+            f" {shape.left * fit.rms:.3f} px instead of {fit.rms:.3f}. Error bars are widened by what it does; use a"
+            " flat, stiff board for better ones"
+        )
+    differences = np.concatenate([each.other_points - each.points for each in detections], axis=1)
+    spread = float(np.median(np.linalg.norm(differences, axis=2), axis=1).max())
+    if shape is None and fit.rms > max(ADVISED_MISFIT * spread, 0.1):
+        found.append(
+            f"corners miss their predictions by {fit.rms:.2f} px RMS, {fit.rms / max(spread, 1e-9):.0f} times as much"
+            " as corner windows of other sizes move them: this is no noise. Is the board flat, did nothing move while"
+            " the shutter was open, and are the photos as the camera wrote them?"
+        )
+    if board.square >= LARGE_SQUARE:
+        found.append(
+            f"squares of {board.square:g} m were said: sides are in metres; lens parameters don't depend"
+            " on them, poses do"
+        )
+    return found
 
 
 def advice(spread: float, focal_share: float, reach: float, aspect: float, views: int) -> list[str]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from capture.boards.board import Detection
 from capture.lens.distortion import PARAM_NAMES, LensModel
 from capture.lens.lensfit import LensFit, View, fit_lens, full_covariance, lens_information, view_of
+from capture.lens.lensladder import Rung
 
 Floats = NDArray[np.float64]
 
@@ -47,14 +48,47 @@ def shift_covariance(shifts: Floats) -> Floats:
     return np.asarray(shifts.T @ shifts / max(len(shifts), 1))
 
 
-def model_shift(fit: LensFit, other: LensFit) -> Floats:
-    """How focal length and principal point differ, (1, p), in a lens model that fits as well.
+def model_covariance(rungs: Sequence[Rung], chosen: Rung) -> Floats:
+    """Covariance (p, p) of what the choice of the lens model does to the chosen one's parameters.
 
-    Coefficients of distortion mean different things in different models; their entries are zero.
+    Every parameter's deviation is the largest shift to a rival: a usable model whose held-out error lies within two
+    standard errors (or 1 %) of the chosen one's, and OPENCV whenever it is the richer one, since a principal point is
+    told from a decentred lens by little and leaving its coefficients out is no evidence that they are zero.
+    """
+    assert chosen.fit is not None
+    usable = [rung for rung in rungs if rung.fault is None and rung is not chosen]
+    shifts = [
+        _model_shift(chosen.fit, rung.fit)
+        for rung in usable
+        if rung.fit is not None and (_within_two_errors(rung, chosen) or _adds_decentring(rung, chosen))
+    ]
+    if not shifts:
+        return np.zeros((len(chosen.fit.params),) * 2)
+    outer = np.array(shifts).T @ np.array(shifts)
+    # Rivals agree on how parameters go together; the sum over them is brought down to the largest.
+    down = np.abs(shifts).max(axis=0) / np.maximum(np.sqrt(np.diag(outer)), 1e-300)
+    return np.asarray(outer * np.outer(down, down))
+
+
+def _within_two_errors(rung: Rung, chosen: Rung) -> bool:
+    mean, error = rung.excess(chosen)
+    return abs(mean) <= max(2 * error, chosen.negligible)
+
+
+def _adds_decentring(rung: Rung, chosen: Rung) -> bool:
+    return rung.lens.model == "OPENCV" and "p1" not in chosen.lens.free
+
+
+def _model_shift(fit: LensFit, other: LensFit) -> Floats:
+    """How the parameters differ, (p,), in another lens model.
+
+    Coefficients of distortion mean different things where the other one has more of them; their entries are then zero.
     """
     here, there = _common(fit.lens, fit.params), _common(other.lens, other.params)
     names = PARAM_NAMES[fit.lens.model]
-    return np.array([[there[name] - here[name] if name in here else 0.0 for name in names]])
+    pinhole = ("f", "fx", "fy", "cx", "cy")
+    nested = set(other.lens.free) <= set(fit.lens.free)
+    return np.array([there[name] - here[name] if name in pinhole or nested else 0.0 for name in names])
 
 
 def _common(lens: LensModel, params: Floats) -> dict[str, float]:
@@ -62,4 +96,4 @@ def _common(lens: LensModel, params: Floats) -> dict[str, float]:
     if "f" in values:
         values |= {"fx": values["f"], "fy": values["f"]}
     values["f"] = (values["fx"] + values["fy"]) / 2
-    return {name: values[name] for name in ("f", "fx", "fy", "cx", "cy")}
+    return dict.fromkeys(PARAM_NAMES["FULL_OPENCV"], 0.0) | values

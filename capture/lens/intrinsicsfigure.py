@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.figures import printable
 from capture.lens.distortion import displacement, picture_grid
 from capture.lens.intrinsics import CameraCalibration
 
@@ -137,11 +138,13 @@ def _draw_views(axis: Any, calibration: CameraCalibration) -> None:
     else:
         axis.set_xlabel("photo, by name")
     axis.set_ylabel("RMS (pixels)")
-    axis.set_title("each photo: bar fitted, dash held out, red outlier (not used)", fontsize=9)
+    absent = len(calibration.views) - len(shown)
+    without = "" if absent == 0 else f"\nnot shown: {absent} in which the board wasn't found"
+    axis.set_title(f"each photo: bar fitted, dash held out, red outlier (not used){without}", fontsize=9)
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= 18 else f"{name[:8]}…{name[-9:]}"
+    return printable(name if len(name) <= 18 else f"{name[:8]}…{name[-9:]}")
 
 
 def _round_number(value: float) -> float:

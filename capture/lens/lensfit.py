@@ -219,6 +219,11 @@ def pose_jacobian(view: View, lens: LensModel, params: Floats, pose: Floats) -> 
     return predicted, np.hstack([of_pose[:, :3] @ to_turn, of_pose[:, 3:]]), of_lens
 
 
+def derivatives(view: View, lens: LensModel, params: Floats, pose: Floats) -> tuple[Floats, Floats]:
+    """Derivatives of a view's predictions by OpenCV's pose (2n, 6), turn then shift, and by the fitted parameters."""
+    return _project(lens, params, pose, view.board_points)[1:]
+
+
 def _left_jacobian(turn: Floats) -> Floats:
     """The matrix that takes a change of a rotation vector to the small turn it amounts to, applied afterwards."""
     angle = float(np.linalg.norm(turn))

@@ -45,6 +45,11 @@ class Rung:
         """Root mean square over views, pixels."""
         return None if self.squares is None else float(np.sqrt(self.squares.mean()))
 
+    @property
+    def negligible(self) -> float:
+        """By how much a squared held-out error may be above this one's and still be as good in practice, px^2."""
+        return max(_NEGLIGIBLE * (self.held_out_rms or 0.0) ** 2, _NEGLIGIBLE_PX**2)
+
     def excess(self, best: Rung) -> tuple[float, float]:
         """Mean over views by how much the squared error is above the best rung's, and its standard error."""
         assert self.squares is not None
@@ -69,8 +74,7 @@ def climb(views: Sequence[View], size: tuple[int, int]) -> tuple[Rung, ...]:
     best = best_rung(rungs)
     for rung in usable:
         mean, error = rung.excess(best)
-        negligible = max(_NEGLIGIBLE * (best.held_out_rms or 0.0) ** 2, _NEGLIGIBLE_PX**2)
-        if rung is best or mean <= max(error, negligible):
+        if rung is best or mean <= max(error, best.negligible):
             break
     return tuple(Rung(each.lens, each.fit, each.squares, each.fault, chosen=each is rung) for each in rungs)
 
@@ -104,11 +108,11 @@ def _only_folding_fits(rungs: Sequence[Rung], usable: Sequence[Rung]) -> bool:
 def _rung(views: Sequence[View], size: tuple[int, int], lens: LensModel, below: LensFit | None) -> Rung:
     evidence = sum(2 * len(view.points) - 6 for view in views)
     if evidence < _MIN_EVIDENCE * len(lens.fitted):
-        return Rung(lens, None, None, "too few corners for its parameters")
+        return Rung(lens, None, None, "too few corners for it")
     try:
         fit = best_fit(views, size, lens, below)
         if lens_information(views, fit).condition > _MAX_CONDITION:
-            return Rung(lens, fit, None, "its parameters can't be told apart in these photos")
+            return Rung(lens, fit, None, "parameters can't be told")
         squares = _held_out_squares(views, fit)
     except ValueError as error:
         return Rung(lens, None, None, str(error))

@@ -13,9 +13,11 @@ from capture.lens.lensfit import LensFit, View, fit_lens, rms
 Floats = NDArray[np.float64]
 
 MIN_VIEWS = 3
-# A view is an outlier when its RMS is so many times the median view's, and so many robust deviations above it.
+# A view is an outlier when its RMS is so many times the median view's, so many robust deviations above it, and not
+# small in itself: among the sharpest of views, one that is as good as others' usual ones is still worth having.
 VIEW_RATIO = 3.0
 VIEW_DEVIATIONS = 6.0
+VIEW_PX = 0.2
 # A corner is one when its distance from its prediction is so many times the median corner's, and not small in itself.
 CORNER_RATIO = 8.0
 CORNER_PX = 0.5
@@ -43,7 +45,7 @@ def outliers(
         others = np.delete(errors, worst)
         middle = float(np.median(others))
         deviation = 1.4826 * float(np.median(np.abs(others - middle)))
-        limit = max(VIEW_RATIO * middle, middle + VIEW_DEVIATIONS * deviation)
+        limit = max(VIEW_RATIO * middle, middle + VIEW_DEVIATIONS * deviation, VIEW_PX)
         bad_corners = _bad_corners(fit)
         if errors[worst] > limit and not _few(bad_corners[worst]):
             if len(kept) <= MIN_VIEWS:

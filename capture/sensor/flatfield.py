@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_array, frozen_view
 from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
-from capture.manifest import Table
+from capture.files.tables import Table
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]

@@ -35,22 +35,27 @@ def fit_map(
     What departs is split into bands of detail, and each is weakened to the share that detail has of its energy in the
     neighbourhood: a local Wiener filter (Lee, "Digital image enhancement and noise filtering by use of local
     statistics", 1980), whose error is that share of the noise. The noise is that between two halves of the
-    photographs; of a single one, what most of its pixels have, grain of the sensor included.
+    photographs; of a single one, what most of its pixels have, grain of the sensor included. Their variance is what
+    compression lost: as much again in the mean, for it loses the same of each.
     """
     halves = [np.zeros((radial.height, radial.width, 3), np.float32) for _ in range(2)]
     counts = [0, 0]
+    compression = np.zeros(3)
     lens = radial.gain(radial.width, radial.height)
     for number, (image, gradient) in enumerate(zip(images, gradients, strict=True)):
         ratio = image.radiance / (lens * _light(radial, gradient)[..., None])
         halves[number % 2] += ratio / np.median(ratio[::4, ::4], axis=(0, 1))
         counts[number % 2] += 1
+        compression += np.mean(
+            image.variance / np.maximum(image.radiance, 1e-6) ** 2, axis=(0, 1), dtype=float
+        )
     parts = [_without_dead(half / count) for half, count in zip(halves, counts, strict=True) if count]
     detail, relative_std = _without_noise(parts, counts, np.sqrt(lens))
     # Coordinates in half diagonals, uniform over the image, have these mean squares.
     axes = np.array([radial.width, radial.height]) ** 2 / (
         12 * half_diagonal(radial.width, radial.height) ** 2
     )
-    relative_std = np.sqrt(relative_std**2 + axes @ np.diag(light_covariance))
+    relative_std = np.sqrt(relative_std**2 + axes @ np.diag(light_covariance) + compression / sum(counts))
     illumination = detail * lens
     side = max(radial.width // 32, 3)
     brightest = cv2.blur(illumination, (side, side)).max(axis=(0, 1))

@@ -17,6 +17,7 @@ from capture.sensor.radialfit import RadialFit, fit_radial, flat_field_of
 if TYPE_CHECKING:
     from capture.decode import Encoding
 
+_TURN = "turn the camera by 90 or 180 degrees about its axis between several photographs of the surface"
 # What a smooth lens and light leave unexplained, RMS relative; more is texture or a shadow.
 _MOST_MISFIT = 0.03
 
@@ -38,12 +39,19 @@ class FlatFieldRecovery:
     @property
     def warnings(self) -> list[str]:
         """What the photographs can't tell, in plain words."""
-        if len(self.photos) > 1:
+        mean, std = self.fit.gradients.mean(axis=0), np.sqrt(np.diag(self.fit.light_covariance))
+        if self.fit.turned or (len(self.photos) > 1 and (np.abs(mean) < 3 * std).all()):
             return []
-        return [
-            "One photograph can't tell a gradient of the light from the lens: turn the camera by 90 or 180 degrees"
-            " about its axis between several photographs of the surface"
-        ]
+        alone = "One photograph" if len(self.photos) == 1 else "A camera that is never turned"
+        return [f"{alone} hardly tells a gradient of the light from a shifted lens: {_TURN}"]
+
+    @property
+    def undetermined(self) -> list[dict[str, str]]:
+        """What the photographs leave open, with reason and remedy; the illumination holds whatever it is."""
+        if self.fit.centre_known:
+            return []
+        reason = "vignetting is too weak, or the light too uneven, to tell a shifted lens from a gradient of the light"
+        return [{"parameter": "centre", "reason": reason, "remedy": _TURN}]
 
 
 def recover_flat_field(
@@ -108,6 +116,7 @@ def flat_field_document(recovery: FlatFieldRecovery, map_name: str) -> dict[str,
             {"file": path.name, "gradient": gradient.tolist()}
             for path, gradient in zip(recovery.photos, recovery.fit.gradients, strict=True)
         ],
+        "undetermined": recovery.undetermined,
         "warnings": recovery.warnings,
     }
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_array
 from capture.radiance import RadianceImage
 from capture.sensor.flatfield import LEAST_ILLUMINATION, half_diagonal
+from capture.sensor.rounding import decode_with_rounding
 
 if TYPE_CHECKING:
     from capture.decode import Encoding
@@ -53,11 +54,8 @@ class FlatTiles:
 
 
 def read_flat(path: Path, encoding: Encoding) -> RadianceImage:
-    """A flat-field photograph, its variance that of quantisation only; ValueError if it can't serve as one."""
-    from capture.decode import decode
-    from capture.sensor.noise import NoiseModel
-
-    image = decode(path, encoding, noise=NoiseModel(np.zeros(3), np.zeros(3)))
+    """A flat-field photograph, its variance what JPEG compression lost; ValueError if it can't serve as one."""
+    image, rounding = decode_with_rounding(path, encoding)
     share = float(image.saturated.mean())
     if share > _MOST_SATURATED:
         raise ValueError(
@@ -65,13 +63,13 @@ def read_flat(path: Path, encoding: Encoding) -> RadianceImage:
             " the white level"
         )
     level = np.median(image.radiance[::4, ::4].reshape(-1, 3), axis=0)
-    step = np.sqrt(12 * np.median(image.variance[::4, ::4].reshape(-1, 3), axis=0))
+    step = np.sqrt(12 * np.median(rounding[::4, ::4].reshape(-1, 3), axis=0))
     if not (level > 0).all() or (step > _COARSEST_STEP * level).any():
         raise ValueError(
             f"{path}: is too dark for a flat field (median {level.min():.2g} of the white level, steps of"
             f" {step.max():.2g}); expose more, so that the brightest part is at about half of the white level"
         )
-    return image
+    return RadianceImage(image.radiance, lambda: np.maximum(image.variance - rounding, 0), image.saturated)
 
 
 def flat_tiles(photos: Iterable[tuple[Path, RadianceImage]]) -> FlatTiles:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from capture.files.documents import read_json
-from capture.manifest import Table
+from capture.files.tables import Table
 from capture.sensor.blindnoise import Step, noise_line
 
 Floats = NDArray[np.float64]

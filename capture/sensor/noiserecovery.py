@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from capture.bracket.response import Response
-from capture.decode import decode
 from capture.exposure import ExposureSettings, read_exif_exposure
+from capture.files.imagefile import check_header, read_file
 from capture.files.imageheader import is_raw
 from capture.files.rawfile import read_raw
 from capture.sensor.noise import NoiseModel
 from capture.sensor.photontransfer import TransferFit, fit_transfer, tiles_of
 from capture.sensor.repeats import Frame, Repeats
+from capture.sensor.rounding import decode_with_rounding
 
 if TYPE_CHECKING:
     from capture.decode import Encoding
@@ -53,6 +54,7 @@ class NoiseRecovery:
     read_std, shot : per channel, as in `capture.sensor.noise.NoiseModel`. covariance : (3, 2, 2) of (read_std^2, shot).
     fits : per channel, what the numbers were read off. groups : the photographs that were compared with each other.
     gains : brightness of each of them relative to the first of its group. iso : None where EXIF doesn't tell.
+    lossy : a photograph was JPEG-compressed.
     """
 
     read_std: tuple[Estimate, ...]
@@ -62,9 +64,21 @@ class NoiseRecovery:
     groups: tuple[tuple[Path, ...], ...]
     gains: tuple[tuple[float, ...], ...]
     iso: float | None
+    lossy: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "covariance", frozen_array(self.covariance))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the numbers can't be trusted in, in plain words."""
+        if not self.lossy:
+            return []
+        return [
+            "JPEG compression takes the finest noise away and adds its own: the numbers are those of pixels in such"
+            " files, not the sensor's, and means over many pixels are noisier than they say; photograph in RAW, or save"
+            " without loss"
+        ]
 
     @property
     def model(self) -> NoiseModel:
@@ -95,16 +109,11 @@ def read_frame(path: Path, encoding: Encoding) -> Frame:
         photosites = _photosites(path)
         if photosites is not None:
             return photosites
-    # A curve without error and a model without noise leave quantisation alone in the variance.
-    silent = NoiseModel(np.zeros(3), np.zeros(3))
+    image, rounding = decode_with_rounding(path, encoding)
     if not isinstance(encoding, Response):
-        image = decode(path, encoding, noise=silent)
-        return Frame(image.radiance, image.variance, image.saturated)
-    image = decode(path, encoding.exact(), noise=silent)
+        return Frame(image.radiance, rounding, image.saturated)
     known = [np.flatnonzero(np.isfinite(curve))[0] for curve in encoding.log_exposure]
-    return Frame(
-        image.radiance, image.variance, image.saturated, np.exp(encoding.log_exposure[np.arange(3), known])
-    )
+    return Frame(image.radiance, rounding, image.saturated, np.exp(encoding.log_exposure[range(3), known]))
 
 
 def recover_noise(photos: Iterable[Path], encoding: Encoding = "linear") -> NoiseRecovery:
@@ -119,8 +128,10 @@ def recover_noise(photos: Iterable[Path], encoding: Encoding = "linear") -> Nois
     members: list[list[Path]] = []
     gains: list[list[float]] = []
     settings: list[ExposureSettings] = []
+    lossy = False
     for path in photos:
         frame, exposure = read_frame(path, encoding), read_exif_exposure(path)
+        lossy |= check_header(path, read_file(path)).lossy
         _check_alike(path, frame, exposure, members, repeats, settings)
         for index, group in enumerate(repeats):
             if settings[index] == exposure and group.matches(gain := group.gain_of(frame)):
@@ -143,6 +154,7 @@ def recover_noise(photos: Iterable[Path], encoding: Encoding = "linear") -> Nois
         groups=tuple(map(tuple, members)),
         gains=tuple(map(tuple, gains)),
         iso=settings[0].iso,
+        lossy=lossy,
     )
 
 
@@ -166,6 +178,7 @@ def noise_document(recovery: NoiseRecovery) -> dict[str, Any]:
         "full_well_electrons": _columns(recovery.full_well),
         "read_noise_electrons": _columns(recovery.read_electrons),
         "undetermined": undetermined,
+        "warnings": recovery.warnings,
         "iso": recovery.iso,
         "moved_share": [fit.moved_share for fit in recovery.fits],
         "groups": [

@@ -84,7 +84,9 @@ def tiles_of(repeats: Repeats, channel: int) -> Tiles:
     typical = np.median(variance, axis=1, keepdims=True) + variance.mean(axis=1, keepdims=True) / 4
     calm = variance <= 60 * typical
     signal = mean.mean(axis=1, dtype=float)
-    texture = np.sqrt(np.maximum(mean.var(axis=1, dtype=float) - variance.mean(axis=1) / repeats.count, 0))
+    # Not less the tile's own noise: of the darkest tiles those would count whose noise came out high.
+    noise = _alike(signal, variance.mean(axis=1, dtype=float))
+    texture = np.sqrt(np.maximum(mean.var(axis=1, dtype=float) - noise / repeats.count, 0))
     above = signal - 2 * texture - repeats.floor[channel]
     below = repeats.ceiling[channel] - signal - 2 * texture
     counted = calm.sum(axis=1)
@@ -95,6 +97,16 @@ def tiles_of(repeats: Repeats, channel: int) -> Tiles:
         variance_std=np.sqrt(2 / (counted * (repeats.count - 1))),
         clearance=np.minimum(above, below),
     )
+
+
+def _alike(signal: Floats, variance: Floats) -> Floats:
+    """The median variance (n,) of the tiles next to each in signal."""
+    from scipy.ndimage import median_filter
+
+    order = np.argsort(signal)
+    result = np.empty_like(variance)
+    result[order] = median_filter(variance[order], size=min(51, max(len(order), 1)), mode="nearest")
+    return result
 
 
 def fit_transfer(tiles: Sequence[Tiles]) -> TransferFit:

@@ -33,6 +33,7 @@ _USUAL_CENTRE = 0.1
 _ALIKE = 0.3
 # An outlier is this many deviations off its neighbourhood.
 _OUTLYING = 5.0
+_BORDER = 3  # tiles
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,8 @@ class RadialFit:
     """A candidate's fit. numbers : (17,) centre, in half diagonals from the image centre, and coefficients.
 
     held_out : (t,) mean squared error of the logarithm on each tile, predicted from the others, in units of its
-    variance. gradients : (p, 2) relative change of the light per half diagonal; light_covariance : (2, 2) of their mean.
-    residual : (p, t, 3) of the logarithm.
+    variance. gradients : (p, 2) relative change of the light per half diagonal; light_covariance : (2, 2) of the mean.
+    residual : (p, t, 3) of the logarithm. turned : the light's gradients differ, so that the camera was turned.
     """
 
     model: RadialModel
@@ -74,6 +75,7 @@ class RadialFit:
     residual: Floats
     structured: Floats
     held_out: Floats
+    turned: bool = True
 
     @property
     def centre_known(self) -> bool:
@@ -112,6 +114,7 @@ def fit_radial(tiles: FlatTiles) -> tuple[RadialFit, list[RadialFit]]:
         fit,
         covariance=fit.covariance + np.outer(otherwise, otherwise),
         light_covariance=fit.light_covariance + np.outer(light, light),
+        turned=turned,
     ), fits
 
 
@@ -164,17 +167,19 @@ def _fit(tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float) -> R
     scores = derivatives.scores(target)
     blocks = np.zeros((tiles.block.max() + 1, scores.shape[1]))
     np.add.at(blocks, tiles.block, scores)
-    robust = (inverse @ (blocks.T @ blocks) @ inverse)[:k, :k]
+    robust = inverse @ (blocks.T @ blocks) @ inverse
     plain = inverse[:k, :k]
-    scale = max(1.0, float(np.trace(np.linalg.solve(plain, robust))) / k)
+    scale = max(1.0, float(np.trace(np.linalg.solve(plain, robust[:k, :k]))) / k)
+    # A single shadow pulls at the light alone, which the mean over all numbers hides.
     light = derivatives.mean_gradient
+    lights = [light @ (scale * inverse) @ light.T, light @ robust @ light.T]
     excess = np.mean(np.where(np.isfinite(spread), residual**2 - tiles.relative_std**2, 0), axis=(0, 1))
     return RadialFit(
         model,
         numbers,
         model.basis @ (plain * scale) @ model.basis.T,
         gradients,
-        scale * light @ inverse @ light.T,
+        max(lights, key=np.trace),
         residual,
         np.sqrt(np.maximum(excess, 0)),
         _held_out(tiles, derivatives, target, derivatives.prior(model, wide)),
@@ -209,6 +214,16 @@ def _spread(tiles: FlatTiles, residual: Floats) -> Floats:
     local = np.abs(grid - np.moveaxis(smooth, 1, -1)).reshape(residual.shape)
     scale = 1.4826 * np.median(local, axis=1, keepdims=True)
     outlier = local > _OUTLYING * np.maximum(scale, tiles.relative_std)
+    # The skirts of a shadow, too faint to stand out, would still pull at centre and gradient: neighbours go along. Not
+    # at the borders, where it may be the lens that falls off sharply.
+    shape = (len(residual), *tiles.grid, 3)
+    wider = np.array(
+        [cv2.dilate(photo, np.ones((3, 3))) for photo in outlier.reshape(shape).astype(np.uint8)]
+    )
+    inside = np.s_[:, _BORDER:-_BORDER, _BORDER:-_BORDER]
+    outlier = outlier.reshape(shape)
+    outlier[inside] |= wider[inside] > 0
+    outlier = outlier.reshape(residual.shape)
     misfit = np.mean(np.where(outlier, 0, residual**2 - tiles.relative_std**2))
     return np.where(outlier, np.inf, np.sqrt(tiles.relative_std**2 + max(float(misfit), 0)))
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from capture.boards.board import Board, charuco_board, parse_board
 from capture.boards.boardpose import board_pose
 from capture.boards.boardprint import PAPERS, board_figure
-from capture.boards.boardsearch import board_view, check_board, detect_board
+from capture.boards.boardsearch import BoardView, MarkerReport, board_view, check_board, detect_board, missing
 from capture.camera import Camera
 from synthetic.boardphotos import board_photo, board_poses
 
@@ -46,6 +46,7 @@ def test_the_text_of_a_board_is_read_back(text):
         ("chessboard:9x6:-1", "must be > 0"),
         ("chessboard:9x6:nan", "must be > 0"),
         ("chessboard:2x6:0.1", "too small"),
+        ("chessboard:9x6:25", "looks like millimetres: 0.025"),
         ("charuco:7x5:0.03:0.04", "between 0 and the square's"),
         ("charuco:7x5:0.03:0.02:DICT_9X9", "DICT_5X5_100"),
         ("charuco:70x50:0.03:0.02:DICT_4X4_50", "larger dictionary"),
@@ -188,6 +189,61 @@ def test_a_wrong_charuco_board_is_told_with_what_was_seen(said, says):
     with pytest.raises(ValueError, match="markers") as caught:
         check_board(views, board)
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("said", "shown", "says"),
+    [
+        ("charuco:6x8:0.030:0.022", CHARUCO, "are columns and rows swapped"),
+        ("charuco:8x6:0.030:0.015", CHARUCO, "markers are 0.7"),
+        ("charuco:8x6:0.030:0.022", CHESSBOARD, "say chessboard:9x6:SIDE"),
+        ("chessboard:6x4:0.030", CHARUCO, "markers of DICT_5X5_1000 were seen"),
+    ],
+)
+def test_a_board_of_another_make_is_told_with_what_was_seen(said, shown, says):
+    board = parse_board(said)
+    views = [board_view(photo(shown, seed)[0], board, f"{seed}.png") for seed in range(3)]
+    with pytest.raises(ValueError, match=says):
+        check_board(views, board)
+
+
+def test_charuco_views_that_are_cut_off_contradict_nothing_however_many():
+    good = [board_view(photo(CHARUCO, seed)[0], CHARUCO, f"{seed}.png") for seed in range(3)]
+    own = BoardView("cut.png", (640, 480), None, markers=MarkerReport("DICT_5X5_100", (0, 4, 8)))
+    check_board(good + [own] * 9, CHARUCO)
+    assert "3 markers were seen, but fewer than 8" in missing(own, CHARUCO)
+    image, _ = photo(CHARUCO, 1, shift=(0.76, 0.0))
+    seen = board_view(image, CHARUCO, "cut.png")
+    assert seen.detection is None
+    assert seen.markers is not None
+    assert not seen.markers.misplaced
+    check_board([*good, *[seen] * 9], CHARUCO)
+
+
+def test_a_charuco_board_half_covered_and_with_glare_gives_the_corners_that_are_plain_to_see():
+    hidden, errors, count, plain = 0, [], 0, 0
+    for seed in range(4):
+        image, camera = photo(CHARUCO, 30 + seed, fill=0.9)
+        truth = camera.project(CHARUCO.corners)
+        covered = image.copy()
+        finger = truth[3] + 0.15 * (truth[10] - truth[3])
+        side = float(np.linalg.norm(truth[1] - truth[0]))
+        cv2.circle(covered, (int(finger[0]), int(finger[1])), int(0.75 * side), 120, -1)
+        rows, columns = np.mgrid[:480, :640] + 0.5
+        spot = np.exp(-((columns - truth[24, 0]) ** 2 + (rows - truth[24, 1]) ** 2) / (2 * (0.5 * side) ** 2))
+        covered = np.clip(covered + 200 * spot, 0, 255).astype(np.uint8)
+        away = (np.linalg.norm(truth - finger, axis=1) > 1.1 * side) & (
+            np.linalg.norm(truth - truth[24], axis=1) > 1.5 * side
+        )
+        detection = detect_board(covered, CHARUCO)
+        assert detection is not None
+        found = detection.cells[:, 1] * 7 + detection.cells[:, 0]
+        errors.append(np.linalg.norm(detection.points - truth[found], axis=1))
+        hidden += int((~away).sum())
+        count, plain = count + int(away[found].sum()), plain + int(away.sum())
+    assert hidden >= 12
+    assert count >= 0.97 * plain  # with both markers asked for, 0.75
+    assert np.concatenate(errors).max() < 0.8  # a wrong corner is off by pixels
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])

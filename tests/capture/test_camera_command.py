@@ -109,6 +109,7 @@ def test_a_photograph_without_a_board_is_named_and_does_no_harm(shots: Path, tmp
     cv2.imwrite(str(empty), np.full((300, 400), 90, np.uint8))
     text = run(camera, *photos(shots), empty, "--board", SPEC, "-o", tmp_path / "camera.json")
     assert "empty.png: the board was not found" in text
+    assert "?." not in text
     views = json.loads((tmp_path / "camera.json").read_text())["views"]
     assert {view["photo"]: view["dropped"] is None for view in views}["empty.png"] is False
 
@@ -147,6 +148,7 @@ def test_a_board_is_printed_and_says_what_it_is(tmp_path: Path) -> None:
         (("chessboard", "9x6", "--marker-mm", "20"), "no markers"),
         (("chessboard", "9x6", "--square-mm", "40"), "doesn't fit"),
         (("charuco", "7by5"), "COLUMNSxROWS"),
+        (("charco", "7x5"), "did you mean 'charuco'"),
         (("charuco", "7x5", "--paper", "a9"), "a4, a3"),
     ):
         with pytest.raises(ValueError, match=says):

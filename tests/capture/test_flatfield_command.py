@@ -45,6 +45,17 @@ def test_writes_numbers_figure_and_map(run, tmp_path, pixelwise):
     assert "± " in result.output
 
 
+def test_says_what_one_photograph_leaves_open(run, tmp_path):
+    rng = np.random.default_rng(2)
+    codes = expose(np.full((120, 180, 3), 0.7), 1.0, Sensor(full_well=2000, focal_px=4000.0), rng)
+    assert cv2.imwrite(str(tmp_path / "a.png"), codes[..., ::-1])
+    result = run("a.png", "-o", "flat.json")
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.output.split())
+    assert "Centre: undetermined: " in said
+    assert "One photograph hardly tells a gradient of the light from a shifted lens" in said
+
+
 def test_nothing_is_written_if_a_photograph_is_bad(run, tmp_path):
     assert cv2.imwrite(str(tmp_path / "white.png"), np.full((60, 80, 3), 255, np.uint8))
     result = run("white.png")

@@ -38,7 +38,7 @@ def test_kind_and_size_are_what_the_decoder_finds(tmp_path, suffix, dtype):
     else:
         assert cv2.imwrite(str(path), rgb)
     kinds = {".png": "PNG", ".jpg": "JPEG", ".tif": "TIFF", ".hdr": "Radiance", ".exr": "EXR"}
-    assert header_of(path) == Header(kinds[suffix], (53, 37))
+    assert header_of(path) == Header(kinds[suffix], (53, 37), lossy=suffix == ".jpg")
     assert read_pixels(path).shape == (37, 53, 3)
 
 
@@ -46,7 +46,7 @@ def test_a_progressive_jpeg_with_exif_has_its_size(tmp_path):
     exif = Image.Exif()
     exif[0x010F] = "maker" * 500
     Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(tmp_path / "a.jpg", progressive=True, exif=exif)
-    assert header_of(tmp_path / "a.jpg") == Header("JPEG", (30, 20))
+    assert header_of(tmp_path / "a.jpg") == Header("JPEG", (30, 20), lossy=True)
 
 
 def test_content_counts_and_not_the_ending(tmp_path):
@@ -99,6 +99,13 @@ def test_a_tiff_knows_whether_its_data_are_all_there(tmp_path):
         assert cut is not None
         assert not cut.whole
     assert tiff_summary(b"\x89PNG") is None
+
+
+def test_a_tiff_that_holds_jpeg_says_so(tmp_path):
+    picture = Image.fromarray(np.zeros((16, 16, 3), np.uint8))
+    for compression in ("jpeg", "tiff_lzw"):
+        picture.save(tmp_path / "a.tif", compression=compression)
+        assert header_of(tmp_path / "a.tif") == Header("TIFF", (16, 16), lossy=compression == "jpeg")
 
 
 def test_directories_in_a_circle_come_to_an_end():

@@ -224,7 +224,70 @@ def test_parameters_go_to_opencv_and_back(lens):
     assert_allclose(lens.params(matrix, coefficients), params, atol=1e-12, equal_nan=False)  # rounding
 
 
+def bent(seed, sag, count=12) -> dict[str, Detection]:
+    """Views of a board whose middle stands out of its plane by `sag` metres, as a sphere's cap does."""
+    rng = np.random.default_rng(seed)
+    off = BOARD.corners - BOARD.corners.mean(axis=0)
+    reach = np.linalg.norm(off[:, :2], axis=1).max()
+    radius = (reach**2 + sag**2) / (2 * sag) if sag else np.inf
+    lift = np.sqrt(radius**2 - (off**2).sum(axis=1)) - (radius - sag) if sag else 0 * off[:, 0]
+    points = BOARD.corners + np.column_stack([0 * lift, 0 * lift, lift])
+    found = {}
+    for k, pose in enumerate(board_poses(BOARD, CAMERA, count, rng)):
+        seen = CAMERA.posed(pose).project(points)
+        noisy = seen + rng.normal(0, 0.05, (3, *seen.shape))
+        found[f"{k}.png"] = Detection(CELLS, BOARD.corners, noisy[0], noisy[1:], SIZE)
+    return found
+
+
+def test_a_bent_board_is_named_and_its_harm_is_in_the_intervals():
+    for seed in range(2):
+        calibration = calibrate_detections(bent(30 + seed, 0.002), BOARD)
+        assert any("bent or badly printed" in warning for warning in calibration.warnings)
+        fx = list(calibration.param_names).index("fx" if "fx" in calibration.param_names else "f")
+        error = abs(calibration.params[fx] - 800)
+        assert error < 2.5 * calibration.std[fx]
+        assert error > 2 * np.sqrt(calibration.statistical_covariance[fx, fx])  # or it would be no harm
+    assert not any("bent" in warning for warning in calibrate_detections(bent(30, 0.0), BOARD).warnings)
+
+
+def test_residuals_that_are_no_noise_are_noted():
+    # The same smooth error in the picture of each view: no board's shape.
+    found = {}
+    for name, each in detections(40, 12, noise=0.02, smooth=0.6).items():
+        others = each.points + np.random.default_rng(1).normal(0, 0.03, each.other_points.shape)
+        found[name] = replace(each, other_points=others)
+    calibration = calibrate_detections(found, BOARD)
+    assert any("this is no noise" in warning for warning in calibration.warnings)
+
+
+def test_a_principal_point_allows_for_a_decentred_lens():
+    surprises = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        camera = Camera(
+            "OPENCV", [800, 800, 330, 235, -0.2, 0, *rng.choice([-1, 1], 2) * 4e-4], *SIZE, np.eye(4)
+        )
+        calibration = calibrate_detections(detections(200 + seed, 8, camera, noise=0.06), BOARD)
+        for name, truth in (("cx", 330), ("cy", 235)):
+            k = calibration.param_names.index(name)
+            surprises.append((calibration.params[k] - truth) / calibration.std[k])
+    assert np.sqrt(np.mean(np.square(surprises))) < 1.3  # twelve of them: 1 +- 0.2
+
+
+def test_a_view_as_good_as_usual_ones_is_kept_among_better_ones():
+    found = detections(41, 9, noise=0.02)
+    rng = np.random.default_rng(2)
+    blurred = found["4.png"]
+    found["4.png"] = replace(blurred, points=blurred.points + rng.normal(0, 0.08, blurred.points.shape))
+    assert len(calibrate_detections(found, BOARD).used) == 9
+
+
 def test_too_few_photos_and_photos_of_different_sizes_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="is a folder; give the photos in it"):
+        calibrate_camera([tmp_path], BOARD)
+    with pytest.raises(ValueError, match="1 photo is too few"):
+        calibrate_camera(["a.png"], BOARD)
     with pytest.raises(ValueError, match="2 photos are too few"):
         calibrate_camera(["a.png", "b.png"], "chessboard:9x6:0.025")
     with pytest.raises(ValueError, match=r"a\.png: is given twice"):

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 
+from capture.bracket.response import Response
 from capture.decode import decode, srgb_to_linear
 from capture.sensor.noise import NoiseModel, estimate_noise, read_noise_model
 from capture.sensor.noiserecovery import noise_document, recover_noise
@@ -146,6 +147,56 @@ def test_saturated_and_black_parts_are_left_out():
     truth = np.array([(100 / WELL) ** 2, 1 / WELL])
     found = deviations([frame(expose(scene, 1.0, sensor, rng)) for _ in range(2)], truth)
     assert np.abs(found).max() < 3.5  # six numbers
+
+
+@pytest.mark.parametrize(
+    ("pedestal", "well", "darkest"), [(0, 1500, 4e-4), (16, 1500, 4e-4), (0, 4000, 2e-3), (0, 1500, 1e-2)]
+)
+def test_black_that_only_some_pixels_reach_is_clipped_all_the_same(pedestal, well, darkest):
+    rng = np.random.default_rng(18)
+    # Read noise of about one code: in the dark, the lowest code holds little more than the next, or less.
+    sensor = Sensor(full_well=well, read_noise=8, bits=8)
+    scene = np.geomspace(darkest, 0.8, 240)[None, :, None] * np.ones((160, 1, 3))
+    truth = np.array([(8 / well) ** 2 - pedestal / 255 / well, 1 / well])
+    found = []
+    for _ in range(12):
+        codes = [expose(scene, 1.0, sensor, rng) + np.uint8(pedestal) for _ in range(2)]
+        found += deviations([frame(one) for one in codes], truth)
+    # 36 of each: the mean is known to a sixth of a deviation, taken four times. Clipped tiles made it -9 and +2.
+    assert np.abs(np.mean(found, axis=0)).max() < 0.7
+
+
+def test_parts_darker_than_a_response_is_known_are_left_out(tmp_path):
+    rng = np.random.default_rng(19)
+    sensor = Sensor(full_well=20_000, read_noise=10, bits=8, response="film")
+    light = np.linspace(0, 1, 200_001)
+    film = (1 - np.exp(-3.2 * light**0.8)) / (1 - np.exp(-3.2))
+    exposure = np.log(np.maximum(np.interp(np.arange(256) / 255, film, light), 1e-9))
+    # Recovered from code 12 on: below, the curve is a straight line to black, whose slope isn't the film's.
+    exposure[:12] = exposure[253:] = np.nan
+    std = np.where(np.isfinite(exposure), 0.003, np.nan)
+    response = Response(np.tile(exposure, (3, 1)), np.tile(std, (3, 1)), np.array([[0, 1.0]] * 3))
+    scene = np.geomspace(2e-4, 0.5, 320)[None, :, None] * np.ones((240, 1, 3))
+    photos = [write(tmp_path / f"{n}.png", expose(scene, 1.0, sensor, rng)) for n in range(4)]
+    recovery = recover_noise(photos, response)
+    dark = np.exp(exposure[12])
+    for fit, shot in zip(recovery.fits, recovery.shot, strict=True):
+        assert fit.tiles.signal.min() > dark
+        assert abs(shot.value - 1 / 20_000) < 3.5 * shot.std
+
+
+def test_jpeg_is_no_witness_of_its_sensor(tmp_path):
+    rng = np.random.default_rng(20)
+    sensor = Sensor(full_well=1500, read_noise=READ, bits=8, response="srgb")
+    photos = [tmp_path / f"{n}.jpg" for n in range(2)]
+    for path in photos:
+        Image.fromarray(expose(ramp(), 1.0, sensor, rng)).save(path, quality=95)
+    recovery = recover_noise(photos, "srgb")
+    assert len(recovery.warnings) == 1
+    assert noise_document(recovery)["warnings"] == recovery.warnings
+    # Rounding to codes is all that is taken out; compression's own error stays in what pixels scatter by.
+    step = np.gradient(srgb_to_linear(np.arange(256) / 255))
+    assert max(fit.tiles.quantisation.max() for fit in recovery.fits) <= step.max() ** 2 / 12
 
 
 def test_raw_photographs_are_read_before_demosaicing(tmp_path):

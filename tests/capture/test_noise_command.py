@@ -47,6 +47,15 @@ def test_writes_numbers_and_figure(run, tmp_path, bits, encoding):
     assert "±" in result.output
 
 
+def test_warns_of_jpeg(run, tmp_path):
+    names = [name.replace("png", "jpg") for name in photographs(tmp_path, 8, "srgb", 2)]
+    for name in names:
+        cv2.imwrite(str(tmp_path / name), cv2.imread(str(tmp_path / name.replace("jpg", "png"))))
+    result = run(*names, "--encoding", "srgb")
+    assert result.exit_code == 0, result.output
+    assert "JPEG compression takes the finest noise away" in " ".join(result.output.split())
+
+
 def test_nothing_is_written_if_there_is_no_pair(run, tmp_path):
     names = photographs(tmp_path, 16, "linear", 1)
     result = run(*names)

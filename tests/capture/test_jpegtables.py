@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from PIL import Image
+
+from capture.files.jpegtables import jpeg_tables
+
+
+def compressed(mode: str = "RGB", **options) -> bytes:
+    buffer = io.BytesIO()
+    noise = np.random.default_rng(1).integers(0, 256, (40, 56, 4), np.uint8)
+    Image.fromarray(noise[..., :3]).convert(mode).save(buffer, "JPEG", **options)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize(
+    ("subsampling", "reduction"), [("4:4:4", (1, 1)), ("4:2:2", (1, 2)), ("4:2:0", (2, 2))]
+)
+def test_tables_are_those_that_pillow_reads(progressive, subsampling, reduction):
+    exif = Image.Exif()
+    exif[0x010F] = "maker"  # a segment before the tables
+    data = compressed(quality=80, subsampling=subsampling, progressive=progressive, exif=exif)
+    found = jpeg_tables(memoryview(data))
+    expected = Image.open(io.BytesIO(data)).quantization
+    # Pillow puts the entries into rows and columns; its luma table is not symmetric.
+    assert_array_equal(found.steps, np.array([expected[0], expected[1], expected[1]]).reshape(3, 8, 8))
+    assert found.reduction == ((1, 1), reduction, reduction)
+    assert found.luma_chroma
+
+
+def test_own_tables_land_where_they_belong():
+    # A step of its own for each coefficient tells every permutation.
+    own = list(range(1, 65))
+    data = compressed(qtables=[own, own[::-1]])
+    found = jpeg_tables(memoryview(data))
+    expected = Image.open(io.BytesIO(data)).quantization
+    assert_array_equal(found.steps[:2].reshape(2, 64), [expected[0], expected[1]])
+
+
+def test_grey_and_colours_without_luma():
+    grey = jpeg_tables(memoryview(compressed("L", quality=90)))
+    assert grey.steps.shape == (1, 8, 8)
+    assert grey.luma_chroma
+    plain = jpeg_tables(memoryview(compressed(quality=90, keep_rgb=True)))
+    assert not plain.luma_chroma
+
+
+def test_what_is_no_jpeg_or_cut_off_has_no_tables():
+    data = compressed()
+    assert jpeg_tables(memoryview(b"\x89PNG" + bytes(60))) is None
+    frame = data.index(b"\xff\xc0")
+    for length in (2, 5, 30, frame + 3, frame + 12):
+        assert jpeg_tables(memoryview(data[:length])) is None
