@@ -12,20 +12,22 @@ from numpy.typing import NDArray
 
 from capture.bracket.response import Response
 from capture.exposure import ExposureSettings, relative_exposure
-from capture.files.imagefile import read_exr_layers, read_image, read_pixels, rgbe_step
-from capture.files.imageheader import is_raw
+from capture.files.imagefile import read_exr_layers, read_file, read_image, read_pixels, rgbe_step
+from capture.files.imageheader import Header, is_raw
+from capture.files.jpegtables import jpeg_tables
 from capture.files.rawfile import read_raw
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import Image, RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatField
+from capture.sensor.jpegnoise import jpeg_code_variance
 from capture.sensor.noise import NoiseModel, Step, estimate_noise
 from capture.srgb import linear_to_srgb, srgb_to_linear  # noqa: F401
 
 Encoding = Literal["linear", "srgb"] | Response
 Codes = NDArray[Any]
 Floats = NDArray[np.float64]
-# JPEG compression spreads a clipped pixel's loss over its block of 8, two blocks where colour is halved.
+# JPEG compression, in TIFF as well, spreads a clipped pixel's loss over its block of 8, two where colour is halved.
 _JPEG_REACH = np.ones((9, 9), np.uint8)
 
 
@@ -46,7 +48,7 @@ def decode(
     exposure : what the radiance is divided by, relative to the unit exposure, > 0.
     noise : the sensor's read and shot noise. Without it, that of integer and RAW files is estimated from the
         photograph itself, once its variance is asked for, and floats have what an EXR states in channels
-        variance.R, .G, .B (and saturated), as merged brackets do. Quantisation is added.
+        variance.R, .G, .B (and saturated), as merged brackets do. Quantisation is added, JPEG's too.
     flat_field : relative illumination over the image, divided out.
     white_balance : (3,) factors that the channels are multiplied by.
     """
@@ -54,11 +56,11 @@ def decode(
     if is_raw(path):
         image = _decode_raw(path, noise, scale)
     else:
-        pixels, kind = read_image(path)
+        pixels, header = read_image(path)
         if np.issubdtype(pixels.dtype, np.floating):
-            image = _decode_float(path, pixels, kind, noise, scale)
+            image = _decode_float(path, pixels, header.kind, noise, scale)
         else:
-            image = _decode_integers(path, pixels, kind, encoding, noise, scale)
+            image = _decode_integers(path, pixels, header, encoding, noise, scale)
     return image if flat_field is None else _flattened(path, image, flat_field)
 
 
@@ -107,7 +109,7 @@ def check_size(path: Path, pixels: NDArray[np.generic], size: tuple[int, int]) -
 
 
 def _decode_integers(
-    path: Path, pixels: Codes, kind: str, encoding: Encoding, noise: NoiseModel | None, scale: Floats
+    path: Path, pixels: Codes, header: Header, encoding: Encoding, noise: NoiseModel | None, scale: Floats
 ) -> RadianceImage:
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: pixels are {pixels.dtype}; 8- or 16-bit integers or floats are needed")
@@ -121,13 +123,18 @@ def _decode_integers(
         curve_variance, brightest = np.zeros(1), np.full(3, levels - 1)
 
     def variance() -> Image:
+        slope = np.gradient(table, axis=0)
         # A code stands for an interval as wide as one step; uniform in it, the variance is width^2 / 12.
-        quantum = np.gradient(table, axis=0) ** 2 / 12
+        quantum = slope**2 / 12
         model = noise or _own_noise(_looked_up(pixels, table), _step_at(table.mean(axis=1)))
-        return _looked_up(pixels, (quantum + curve_variance + model.variance(table)) * scale**2)
+        total = _looked_up(pixels, (quantum + curve_variance + model.variance(table)) * scale**2)
+        tables = jpeg_tables(read_file(path).data) if header.kind == "JPEG" else None
+        if tables is not None:
+            total += jpeg_code_variance(pixels, tables) * _looked_up(pixels, (slope * scale) ** 2)
+        return total
 
     dark = cv2.inRange(pixels, (0, 0, 0), tuple(map(int, brightest)))  # 255 where no channel is saturated
-    if kind == "JPEG":
+    if header.lossy:
         dark = cv2.erode(dark, _JPEG_REACH)
     return RadianceImage(_looked_up(pixels, table * scale), variance, dark == 0)
 

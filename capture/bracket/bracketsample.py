@@ -89,12 +89,12 @@ def sample_bracket(paths: Sequence[Path], rng: np.random.Generator) -> BracketSa
     count = min(_MAX_PIXELS, _OBSERVATIONS // len(paths))
     chosen = _spread(brightness.ravel(), gradient.ravel(), count, rng)
     top = float(_top(first))
-    values, usable, kinds = [], [], set()
+    values, usable, any_lossy = [], [], False
     for path in paths:
-        pixels, kind = _read_codes(path, first, paths[0])
-        kinds.add(kind)
+        pixels, lossy = _read_codes(path, first, paths[0])
+        any_lossy |= lossy
         values.append(pixels.reshape(-1, 3)[chosen] / top)
-        usable.append(_inside(pixels, clip * top, kind).reshape(-1, 3)[chosen])
+        usable.append(_inside(pixels, clip * top, lossy).reshape(-1, 3)[chosen])
     rows, columns = np.divmod(chosen, first.shape[1])
     patch = (rows * _PATCHES // first.shape[0]) * _PATCHES + columns * _PATCHES // first.shape[1]
     return BracketSample(
@@ -103,14 +103,14 @@ def sample_bracket(paths: Sequence[Path], rng: np.random.Generator) -> BracketSa
         patch=patch,
         clip=clip,
         step=1 / top,
-        hidden_noise=_JPEG_HIDES if "JPEG" in kinds else 0.0,
+        hidden_noise=_JPEG_HIDES if any_lossy else 0.0,
     )
 
 
-def _inside(pixels: Codes, clip: Floats, kind: str) -> NDArray[np.bool_]:
+def _inside(pixels: Codes, clip: Floats, lossy: bool) -> NDArray[np.bool_]:
     """(h, w, 3), where codes lie between the clipping codes, and in a JPEG no neighbour is saturated in any channel."""
     inside = (pixels > clip[:, 0]) & (pixels < clip[:, 1])
-    if kind == "JPEG":
+    if lossy:
         whole = np.asarray((pixels < clip[:, 1]).all(axis=2), np.uint8)
         inside &= (cv2.erode(whole, _JPEG_REACH) > 0)[..., None]
     return np.asarray(inside)
@@ -120,8 +120,8 @@ def _top(pixels: Codes) -> int:
     return 255 if pixels.dtype == np.uint8 else 65535
 
 
-def _read_codes(path: Path, like: Codes | None = None, like_path: Path | None = None) -> tuple[Codes, str]:
-    pixels, kind = read_image(path)
+def _read_codes(path: Path, like: Codes | None = None, like_path: Path | None = None) -> tuple[Codes, bool]:
+    pixels, header = read_image(path)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(
             f"{path}: holds {pixels.dtype} numbers, which are linear already; a response is recovered from 8- or"
@@ -136,7 +136,7 @@ def _read_codes(path: Path, like: Codes | None = None, like_path: Path | None = 
         raise ValueError(
             f"{path}: is {pixels.dtype}, but {like_path} is {like.dtype}; a bracket's files must be of one depth"
         )
-    return pixels, kind
+    return pixels, header.lossy
 
 
 def _clip_values(counts: NDArray[np.int64]) -> tuple[float, float]:

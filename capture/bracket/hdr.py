@@ -277,7 +277,8 @@ def _binned(
             good[:] = True
         curve = np.exp(np.interp(np.arange(len(grid)), np.flatnonzero(good), np.log(medians[good])))
         # Near black noise is clipped and looks smaller than it is: there it counts as it is where signals show.
-        hidden = np.flatnonzero(grid**2 <= _SHOWS**2 * curve)
+        ratio = grid**2 / curve
+        hidden = np.flatnonzero(ratio[: int(np.argmax(ratio))] <= _SHOWS**2)
         if hidden.size:
             darkest = min(int(hidden[-1]) + 1, len(grid) - 1)
             curve[:darkest] = np.maximum(curve[:darkest], curve[darkest])

@@ -100,8 +100,8 @@ def _valid(path: Path, image: RadianceImage, curve: Response | str) -> NDArray[n
     whole = np.broadcast_to(~image.saturated[..., None], image.radiance.shape)
     if is_raw(path):
         return whole
-    pixels, kind = read_image(path)
-    if kind == "JPEG" or not np.issubdtype(pixels.dtype, np.integer):
+    pixels, header = read_image(path)
+    if header.lossy or not np.issubdtype(pixels.dtype, np.integer):
         return whole
     levels = 255 if pixels.dtype == np.uint8 else 65535
     brightest = (levels - 1,) * 3 if isinstance(curve, str) else curve.brightest(levels)

@@ -26,10 +26,11 @@ def read_pixels(path: Path) -> NDArray[np.generic]:
     return read_image(path)[0]
 
 
-def read_image(path: Path) -> tuple[NDArray[np.generic], str]:
-    """As `read_pixels`, with the kind of file: "PNG", "JPEG", "TIFF", "EXR" or "Radiance"."""
+def read_image(path: Path) -> tuple[NDArray[np.generic], Header]:
+    """As `read_pixels`, with what the file is."""
     data = read_file(path)
-    kind = check_header(path, data).kind
+    header = check_header(path, data)
+    kind = header.kind
     if kind == "camera RAW":
         if is_raw(path):
             raise ValueError(
@@ -39,7 +40,7 @@ def read_image(path: Path) -> tuple[NDArray[np.generic], str]:
             f"{path}: is a camera RAW file under another ending, of which only the preview would be read;"
             " give it its own ending back (.dng, .nef, .cr2, ...)"
         )
-    return _read_exr(path) if kind == "EXR" else _decode_with_opencv(path, data, kind), kind
+    return _read_exr(path) if kind == "EXR" else _decode_with_opencv(path, data, kind), header
 
 
 def read_file(path: Path) -> NDArray[np.uint8]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from capture.radiance import RadianceImage
 from capture.sensor.flatfield import FlatFieldMap, RadialFlatField, half_diagonal
+from capture.sensor.flatlight import light_over
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -24,13 +25,13 @@ _DEAD = 8.0
 
 
 def fit_map(
-    images: Iterable[RadianceImage], radial: RadialFlatField, gradients: Floats, light_covariance: Floats
+    images: Iterable[RadianceImage], radial: RadialFlatField, light: Floats, light_covariance: Floats
 ) -> FlatFieldMap:
     """A map of the illumination.
 
     images : the flat-field photographs. radial : fitted to them: only what departs from it is smoothed, so that
-    smoothing bends nothing at the borders. gradients : (p, 2) of the light in each, which are divided out;
-    light_covariance : (2, 2) of their mean, which bends the map where it is off.
+    smoothing bends nothing at the borders. light : (p, 4) in each, as in `flatlight`, which is divided out;
+    light_covariance : (3, 3) of their mean gradient and a bowl, which bend the map where they are off.
 
     What departs is split into bands of detail, and each is weakened to the share that detail has of its energy in the
     neighbourhood: a local Wiener filter (Lee, "Digital image enhancement and noise filtering by use of local
@@ -42,8 +43,8 @@ def fit_map(
     counts = [0, 0]
     compression = np.zeros(3)
     lens = radial.gain(radial.width, radial.height)
-    for number, (image, gradient) in enumerate(zip(images, gradients, strict=True)):
-        ratio = image.radiance / (lens * _light(radial, gradient)[..., None])
+    for number, (image, own) in enumerate(zip(images, light, strict=True)):
+        ratio = image.radiance / (lens * light_over(radial.width, radial.height, own)[..., None])
         halves[number % 2] += ratio / np.median(ratio[::4, ::4], axis=(0, 1))
         counts[number % 2] += 1
         compression += np.mean(
@@ -51,11 +52,12 @@ def fit_map(
         )
     parts = [_without_dead(half / count) for half, count in zip(halves, counts, strict=True) if count]
     detail, relative_std = _without_noise(parts, counts, np.sqrt(lens))
-    # Coordinates in half diagonals, uniform over the image, have these mean squares.
-    axes = np.array([radial.width, radial.height]) ** 2 / (
+    # Coordinates in half diagonals, and the square of the radius, uniform over the image, have these mean squares.
+    x, y = np.array([radial.width, radial.height]) ** 2 / (
         12 * half_diagonal(radial.width, radial.height) ** 2
     )
-    relative_std = np.sqrt(relative_std**2 + axes @ np.diag(light_covariance) + compression / sum(counts))
+    squares = np.array([x, y, 9 / 5 * (x**2 + y**2) + 2 * x * y])
+    relative_std = np.sqrt(relative_std**2 + squares @ np.diag(light_covariance) + compression / sum(counts))
     illumination = detail * lens
     side = max(radial.width // 32, 3)
     brightest = cv2.blur(illumination, (side, side)).max(axis=(0, 1))
@@ -104,11 +106,3 @@ def _without_dead(image: NDArray[np.floating]) -> Image:
         dead = off > _DEAD * 1.4826 * max(float(np.median(off)), 1e-6)
         result[..., channel] = np.where(dead, median, plane)
     return result
-
-
-def _light(radial: RadialFlatField, gradient: Floats) -> Image:
-    """The light's linear gradient over the image, (h, w), 1 in the middle."""
-    unit = half_diagonal(radial.width, radial.height)
-    x = (np.arange(radial.width) + 0.5 - radial.width / 2) / unit
-    y = (np.arange(radial.height) + 0.5 - radial.height / 2) / unit
-    return (1 + gradient[0] * x[None, :] + gradient[1] * y[:, None]).astype(np.float32)

@@ -39,7 +39,7 @@ class FlatFieldRecovery:
     @property
     def warnings(self) -> list[str]:
         """What the photographs can't tell, in plain words."""
-        mean, std = self.fit.gradients.mean(axis=0), np.sqrt(np.diag(self.fit.light_covariance))
+        mean, std = self.fit.gradients.mean(axis=0), np.sqrt(np.diag(self.fit.light_covariance)[:2])
         if self.fit.turned or (len(self.photos) > 1 and (np.abs(mean) < 3 * std).all()):
             return []
         alone = "One photograph" if len(self.photos) == 1 else "A camera that is never turned"
@@ -70,7 +70,7 @@ def recover_flat_field(
     flat_field: FlatField = radial
     if as_map:
         flat_field = fit_map(
-            (image for _, image in _read(photos, encoding)), radial, fit.gradients, fit.light_covariance
+            (image for _, image in _read(photos, encoding)), radial, fit.light, fit.light_covariance
         )
     else:
         try:
@@ -113,8 +113,8 @@ def flat_field_document(recovery: FlatFieldRecovery, map_name: str) -> dict[str,
             "gradient": model.gradient,
         },
         "photos": [
-            {"file": path.name, "gradient": gradient.tolist()}
-            for path, gradient in zip(recovery.photos, recovery.fit.gradients, strict=True)
+            {"file": path.name, "gradient": light[:2].tolist(), "saddle": light[2:].tolist()}
+            for path, light in zip(recovery.photos, recovery.fit.light, strict=True)
         ],
         "undetermined": recovery.undetermined,
         "warnings": recovery.warnings,

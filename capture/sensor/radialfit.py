@@ -1,8 +1,8 @@
 """Vignetting as a radial polynomial, fitted to flat-field photographs: the simplest that predicts unseen parts.
 
-The light on a wall is never quite even: each photograph may have a linear gradient of its own. A gradient and a
-shift of the vignetting's centre look alike in one photograph, up to terms of third order, which is why the camera
-should be turned between them. Where it wasn't, neither is taken to be absent because the other explains the
+The light on a wall is never quite even: each photograph may have a linear gradient of its own, and a saddle. A gradient
+and a shift of the vignetting's centre look alike in one photograph, up to terms of third order, which is why the
+camera should be turned between them. Where it wasn't, neither is taken to be absent because the other explains the
 photograph: both are fitted, within what is usual of lamps and lenses, and the intervals hold what that leaves open.
 """
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
 from capture.sensor.flatfield import ORDERS, RadialFlatField, half_diagonal
+from capture.sensor.flatlight import TERMS, light_terms
 from capture.sensor.flattiles import FlatTiles
 
 Floats = NDArray[np.float64]
@@ -39,7 +40,7 @@ _BORDER = 3  # tiles
 @dataclass(frozen=True)
 class RadialModel:
     """One candidate: how many orders, the centre free or the image's, coefficients per channel or shared, and a
-    linear gradient of the light in each photograph or none."""
+    gradient and saddle of the light in each photograph or none."""
 
     order: int
     free_centre: bool
@@ -63,19 +64,25 @@ class RadialFit:
     """A candidate's fit. numbers : (17,) centre, in half diagonals from the image centre, and coefficients.
 
     held_out : (t,) mean squared error of the logarithm on each tile, predicted from the others, in units of its
-    variance. gradients : (p, 2) relative change of the light per half diagonal; light_covariance : (2, 2) of the mean.
+    variance. light : (p, 4) of each photograph, as in `flatlight`; light_covariance : (3, 3) of what isn't told
+    from the lens: their mean gradient, and a bowl (times r^2) as deep as their saddles, which no turned camera shows.
     residual : (p, t, 3) of the logarithm. turned : the light's gradients differ, so that the camera was turned.
     """
 
     model: RadialModel
     numbers: Floats
     covariance: Floats
-    gradients: Floats
+    light: Floats
     light_covariance: Floats
     residual: Floats
     structured: Floats
     held_out: Floats
     turned: bool = True
+
+    @property
+    def gradients(self) -> Floats:
+        """(p, 2) relative change of the light per half diagonal, to the right and down."""
+        return self.light[:, :2]
 
     @property
     def centre_known(self) -> bool:
@@ -98,22 +105,22 @@ def fit_radial(tiles: FlatTiles) -> tuple[RadialFit, list[RadialFit]]:
         # Outliers, noise and misfit are those that even the richest model leaves, for all candidates alike.
         spread, wide, turned = tiles.relative_std, _WIDE_GRADIENT, False
         for _ in range(3):
-            _, gradients, residual, *_ = _solve(tiles, richest, spread, wide)
+            _, light, residual, *_ = _solve(tiles, richest, spread, wide)
             spread = _spread(tiles, residual)
-            turned = _turned(gradients)
+            turned = _turned(light[:, :2])
             # Gradients of the light are around zero: that is what tells them from a shifted centre.
-            around_zero = np.sqrt(np.mean(gradients**2) * photos / max(photos - 1, 1))
+            around_zero = np.sqrt(np.mean(light[:, :2] ** 2) * photos / max(photos - 1, 1))
             wide = float(np.clip(around_zero, 1e-5, _WIDE_GRADIENT)) if turned else _USUAL_GRADIENT
         fits = [_fit(tiles, model, spread, wide) for model in _richest(turned)]
         kind = _simplest(fits)[0].model
         fits += [_fit(tiles, replace(kind, order=order), spread, wide) for order in range(1, ORDERS)]
     fit, best = _simplest(fits)
     otherwise = best.numbers - fit.numbers
-    light = (best.gradients - fit.gradients).mean(axis=0)
+    mean_gradient = (best.gradients - fit.gradients).mean(axis=0)
     return replace(
         fit,
         covariance=fit.covariance + np.outer(otherwise, otherwise),
-        light_covariance=fit.light_covariance + np.outer(light, light),
+        light_covariance=fit.light_covariance + np.pad(np.outer(mean_gradient, mean_gradient), (0, 1)),
         turned=turned,
     ), fits
 
@@ -157,7 +164,7 @@ def _simplest(fits: Sequence[RadialFit]) -> tuple[RadialFit, RadialFit]:
 
 
 def _fit(tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float) -> RadialFit:
-    numbers, gradients, residual, derivatives = _solve(tiles, model, spread, wide)
+    numbers, light, residual, derivatives = _solve(tiles, model, spread, wide)
     derivatives = derivatives.weighted(1 / spread)
     target = residual / spread
     normal, _ = derivatives.normal(target)
@@ -171,15 +178,21 @@ def _fit(tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float) -> R
     plain = inverse[:k, :k]
     scale = max(1.0, float(np.trace(np.linalg.solve(plain, robust[:k, :k]))) / k)
     # A single shadow pulls at the light alone, which the mean over all numbers hides.
-    light = derivatives.mean_gradient
-    lights = [light @ (scale * inverse) @ light.T, light @ robust @ light.T]
+    rows = derivatives.mean_gradient
+    gradient = max([rows @ (scale * inverse) @ rows.T, rows @ robust @ rows.T], key=np.trace)
+    # A wall that is bent along one axis only is half saddle, half bowl.
+    bowl = max(
+        float(np.mean(np.sum(light[:, 2:] ** 2, axis=1)) - scale * derivatives.saddle_variance(inverse)), 0
+    )
+    a = np.column_stack([np.ones(3), numbers[2:].reshape(3, ORDERS)[:, :-1]])
+    bent = np.concatenate([[0, 0], a.ravel()])
     excess = np.mean(np.where(np.isfinite(spread), residual**2 - tiles.relative_std**2, 0), axis=(0, 1))
     return RadialFit(
         model,
         numbers,
-        model.basis @ (plain * scale) @ model.basis.T,
-        gradients,
-        max(lights, key=np.trace),
+        model.basis @ (plain * scale) @ model.basis.T + bowl * np.outer(bent, bent),
+        light,
+        np.block([[gradient, np.zeros((2, 1))], [np.zeros(2), np.array([bowl])]]),
         residual,
         np.sqrt(np.maximum(excess, 0)),
         _held_out(tiles, derivatives, target, derivatives.prior(model, wide)),
@@ -231,39 +244,40 @@ def _spread(tiles: FlatTiles, residual: Floats) -> Floats:
 def _solve(
     tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float
 ) -> tuple[Floats, Floats, Floats, _Derivatives]:
-    """Gauss-Newton, the gradients being around zero with deviation `wide`.
+    """Gauss-Newton, the light's terms being around zero with deviation `wide`.
 
-    Returns numbers (17,), gradients (p, 2), the residual (p, t, 3) and the derivatives of the logarithm.
+    Returns numbers (17,), light (p, 4), the residual (p, t, 3) and the derivatives of the logarithm.
     """
     basis = model.basis
     k, photos = basis.shape[1], len(tiles.signal)
     measured = np.log(tiles.signal)
-    fitted, gradients = np.zeros(k), np.zeros((photos, 2))
+    fitted, light = np.zeros(k), np.zeros((photos, TERMS))
     levels = np.median(measured, axis=1)
     for _ in range(20):
-        predicted, derivatives = _log_model(tiles, basis @ fitted, gradients, model)
+        predicted, derivatives = _log_model(tiles, basis @ fitted, light, model)
         residual = measured - levels[:, None] - predicted
         normal, slope = derivatives.weighted(1 / spread).normal(residual / spread)
         prior = derivatives.prior(model, wide)
-        own = np.concatenate([levels * 0, gradients], axis=1) if model.gradient else levels * 0
+        own = np.concatenate([levels * 0, light], axis=1) if model.gradient else levels * 0
         slope -= prior @ np.concatenate([fitted, own.ravel()])
         change = np.linalg.solve(normal + prior + 1e-12 * np.eye(len(slope)), slope)
         fitted = fitted + change[:k]
         own = change[k:].reshape(photos, -1)
         levels = levels + own[:, :3]
         if model.gradient:
-            gradients = np.clip(gradients + own[:, 3:], -0.9, 0.9)
+            light = np.clip(light + own[:, 3:], -0.9, 0.9)
         if np.abs(change).max() < 1e-8:
             break
-    predicted, derivatives = _log_model(tiles, basis @ fitted, gradients, model)
-    return basis @ fitted, gradients, measured - levels[:, None] - predicted, derivatives
+    predicted, derivatives = _log_model(tiles, basis @ fitted, light, model)
+    return basis @ fitted, light, measured - levels[:, None] - predicted, derivatives
 
 
 def _log_model(
-    tiles: FlatTiles, numbers: Floats, gradients: Floats, model: RadialModel
+    tiles: FlatTiles, numbers: Floats, light: Floats, model: RadialModel
 ) -> tuple[Floats, _Derivatives]:
     """The logarithm of each tile's mean (p, t, 3) at level 1, and its derivatives."""
-    photos, count = len(gradients), len(tiles.position)
+    photos, count = len(light), len(tiles.position)
+    terms = light_terms(tiles.position)
     offset = tiles.position - numbers[:2]
     squares = (offset**2).sum(axis=-1)[..., None]
     orders = np.arange(1, ORDERS + 1)
@@ -271,24 +285,24 @@ def _log_model(
     a = numbers[2:].reshape(3, ORDERS)
     lens = np.maximum(1 + powers @ a.T, 1e-3)  # (t, 4, 3)
     inward = -2 * squares ** (orders - 1) @ (orders * a).T  # (t, 4, 3)
-    light = np.maximum(1 + np.einsum("tgi,pi->ptg", tiles.position, gradients), 0.05)  # (p, t, 4)
-    seen = np.einsum("ptg,tgc->ptc", light, lens)
+    lit = np.maximum(1 + np.einsum("tgi,pi->ptg", terms, light), 0.05)  # (p, t, 4)
+    seen = np.einsum("ptg,tgc->ptc", lit, lens)
     full = np.zeros((photos, count, 3, _NUMBERS))
-    full[..., :2] = np.einsum("ptg,tgc,tgi->ptci", light, inward, offset, optimize=True)
-    moments = np.einsum("ptg,tgk->ptk", light, powers)
+    full[..., :2] = np.einsum("ptg,tgc,tgi->ptci", lit, inward, offset, optimize=True)
+    moments = np.einsum("ptg,tgk->ptk", lit, powers)
     for channel in range(3):
         full[:, :, channel, 2 + ORDERS * channel : 2 + ORDERS * (channel + 1)] = moments
     own = np.broadcast_to(np.eye(3), (photos, count, 3, 3))
     if model.gradient:
-        towards = np.einsum("tgi,tgc->tci", tiles.position, lens)
+        towards = np.einsum("tgi,tgc->tci", terms, lens)
         own = np.concatenate([own, towards / seen[..., None]], axis=-1)
     return np.log(seen / 4), _Derivatives((full / seen[..., None]) @ model.basis, own)
 
 
 @dataclass(frozen=True, eq=False)
 class _Derivatives:
-    """Derivatives of each tile's logarithm: shared (p, t, 3, k) by the fitted numbers, own (p, t, 3, 3 or 5) by the
-    photograph's levels and gradient. Numbers are ordered shared first, then photograph by photograph."""
+    """Derivatives of each tile's logarithm: shared (p, t, 3, k) by the fitted numbers, own (p, t, 3, 3 or 7) by the
+    photograph's levels and light. Numbers are ordered shared first, then photograph by photograph."""
 
     shared: Floats
     own: Floats
@@ -314,7 +328,7 @@ class _Derivatives:
         return matrix, vector
 
     def prior(self, model: RadialModel, wide: float) -> Floats:
-        """The inverse variance of centre and gradients, both around zero, on the normal matrix's diagonal."""
+        """The inverse variance of centre and light, both around zero, on the normal matrix's diagonal."""
         blocks = self._blocks()
         diagonal = np.zeros(blocks[-1].stop)
         diagonal[: 2 * model.free_centre] = _USUAL_CENTRE**-2
@@ -328,9 +342,14 @@ class _Derivatives:
         blocks = self._blocks()
         rows = np.zeros((2, blocks[-1].stop))
         for block in blocks:
-            columns = np.arange(block.start + 3, block.stop)
+            columns = np.arange(block.start + 3, block.stop)[:2]
             rows[np.arange(len(columns)), columns] = 1 / len(blocks)
         return rows
+
+    def saddle_variance(self, covariance: Floats) -> float:
+        """The mean over the photographs of their saddles' variance, both terms together."""
+        columns = np.concatenate([np.arange(block.start + 5, block.stop) for block in self._blocks()])
+        return float(np.diag(covariance)[columns].sum()) / len(self.own)
 
     def scores(self, target: Floats) -> Floats:
         """(t, k + ...): what each tile contributes to the right side."""

@@ -246,7 +246,8 @@ def test_a_bent_board_is_named_and_its_harm_is_in_the_intervals():
         assert any("bent or badly printed" in warning for warning in calibration.warnings)
         fx = list(calibration.param_names).index("fx" if "fx" in calibration.param_names else "f")
         error = abs(calibration.params[fx] - 800)
-        assert error < 2.5 * calibration.std[fx]
+        # Of first order about a fit that is astray; the jackknife over views can't know that all of them are misled.
+        assert error < 2 * np.sqrt((calibration.covariance - calibration.statistical_covariance)[fx, fx])
         assert error > 2 * np.sqrt(calibration.statistical_covariance[fx, fx])  # or it would be no harm
     assert not any("bent" in warning for warning in calibrate_detections(bent(30, 0.0), BOARD).warnings)
 
@@ -262,17 +263,19 @@ def test_residuals_that_are_no_noise_are_noted():
 
 
 def test_a_principal_point_allows_for_a_decentred_lens():
-    surprises = []
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        camera = Camera(
-            "OPENCV", [800, 800, 330, 235, -0.2, 0, *rng.choice([-1, 1], 2) * 4e-4], *SIZE, np.eye(4)
-        )
-        calibration = calibrate_detections(detections(200 + seed, 8, camera, noise=0.06), BOARD)
-        for name, truth in (("cx", 330), ("cy", 235)):
-            k = calibration.param_names.index(name)
-            surprises.append((calibration.params[k] - truth) / calibration.std[k])
-    assert np.sqrt(np.mean(np.square(surprises))) < 1.3  # twelve of them: 1 +- 0.2
+    camera = Camera("OPENCV", [800, 800, 330, 235, -0.2, 0, 2e-4, 2e-4], *SIZE, np.eye(4))
+    calibration = calibrate_detections(detections(203, 8, camera, noise=0.06), BOARD)
+    (richer,) = (rung.fit for rung in calibration.ladder if rung.lens is OPENCV)
+    assert calibration.model == "SIMPLE_RADIAL"
+    assert richer is not None
+    rest = calibration.covariance - calibration.statistical_covariance
+    rest = rest - calibration.window_shifts.T @ calibration.window_shifts / len(calibration.window_shifts)
+    for name in ("cx", "cy"):
+        shift = richer.params[PARAM_NAMES["OPENCV"].index(name)]
+        shift -= calibration.params[calibration.param_names.index(name)]
+        k = calibration.param_names.index(name)
+        assert rest[k, k] > 0.999 * shift**2  # the rest of it is rounding
+        assert abs(shift) > 0.05  # or nothing was shown
 
 
 def test_a_view_as_good_as_usual_ones_is_kept_among_better_ones():
