@@ -13,3 +13,8 @@ def printable(name: str) -> str:
     font = font_manager.get_font(font_manager.findfont(font_manager.FontProperties()))
     shown = "".join(letter if font.get_char_index(ord(letter)) else "\N{WHITE SQUARE}" for letter in name)
     return shown.replace("$", r"\$")
+
+
+def short_name(name: str) -> str:
+    """A name for an axis: printable, and of a long one its end, which tells photographs apart."""
+    return printable(name if len(name) <= 24 else f"...{name[-21:]}")

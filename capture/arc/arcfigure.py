@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from capture.arc.arcfit import ArcFit
 from capture.arc.gantrycalibration import GantryCalibration
+from capture.figures import short_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +22,8 @@ def arc_figure(found: GantryCalibration) -> Figure:
     """Figure of an arc, seen along its axis, and of the residuals of its photographs."""
     from matplotlib.figure import Figure
 
-    fit, names, nominal = found.fit, found.names, found.nominal
+    fit, nominal = found.fit, found.nominal
+    names = [short_name(name) for name in found.names]
 
     figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
     left, upper, lower = figure.subplot_mosaic(

@@ -9,6 +9,7 @@ import numpy as np
 
 from capture.bracket.hdr import Merge
 from capture.bracket.mapcomparison import Comparison
+from capture.figures import printable, short_name
 from capture.srgb import linear_to_srgb
 
 _COLOURS = {"red": "#c8372d", "green": "#2c8a3d", "blue": "#2b5fb8"}
@@ -103,7 +104,7 @@ def _overlay(axis: Any, mask: Any, merged: Merge) -> None:
 
 def _agreement(axis: Any, merged: Merge, exposures: Sequence[float], names: Sequence[str]) -> None:
     order = np.argsort(exposures, kind="stable")
-    labels = [names[index] if len(names[index]) <= 24 else f"...{names[index][-21:]}" for index in order]
+    labels = [short_name(names[index]) for index in order]
     axis.barh(range(len(order)), np.nan_to_num(merged.chi_square[order]), color="#5b7fa6")
     axis.axvline(1, color="black", lw=0.8, ls="--")
     axis.set_yticks(range(len(order)), labels, fontsize=6)
@@ -144,5 +145,5 @@ def _comparison_row(figure: Any, axes: Any, comparison: Comparison, thin: Any, s
     axes[3].tick_params(labelsize=6)
     axes[3].set_xlabel("relative difference (%)", fontsize=7)
     axes[3].set_ylabel("share of compared pixels below (%)", fontsize=7)
-    axes[3].set_title(f"differences from {comparison.name} (dashed: 90%)", fontsize=8)
+    axes[3].set_title(f"differences from {printable(comparison.name)} (dashed: 90%)", fontsize=8)
     axes[3].legend(fontsize=7)

@@ -9,6 +9,7 @@ import numpy as np
 
 from capture.bracket.response import CHANNELS
 from capture.bracket.responserecovery import Recovery
+from capture.figures import short_name
 
 COLOURS = {"red": "#c8372d", "green": "#2c8a3d", "blue": "#2b5fb8"}
 
@@ -24,7 +25,7 @@ def response_figure(recovery: Recovery, names: Sequence[str]) -> Any:
     order = np.argsort(recovery.nominal_stops, kind="stable")
     _draw_residuals(residuals, recovery, order)
     _draw_exposures(exposures, recovery, order)
-    labels = [names[index] if len(names[index]) <= 24 else f"...{names[index][-21:]}" for index in order]
+    labels = [short_name(names[index]) for index in order]
     for axis in (residuals, exposures):
         axis.set_xticks(range(len(order)), labels, rotation=60, ha="right", fontsize=7)
         axis.set_xlabel("photograph, least exposed first", fontsize=8)

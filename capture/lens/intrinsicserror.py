@@ -18,6 +18,9 @@ from capture.lens.lensladder import Rung
 
 Floats = NDArray[np.float64]
 
+# Share of the squared held-out error by which a rival may differ.
+_COMPARABLE = 0.1
+
 
 def statistical_covariance(views: Sequence[View], fit: LensFit) -> Floats:
     """Covariance (p, p) of a lens's parameters by the scatter of its residuals.
@@ -52,8 +55,9 @@ def model_covariance(rungs: Sequence[Rung], chosen: Rung) -> Floats:
     """Covariance (p, p) of what the choice of the lens model does to the chosen one's parameters.
 
     Every parameter's deviation is the largest shift to a rival: a usable model whose held-out error lies within two
-    standard errors (or 1 %) of the chosen one's, and OPENCV whenever it is the richer one, since a principal point is
-    told from a decentred lens by little and leaving its coefficients out is no evidence that they are zero.
+    standard errors and a tenth (or within 1 %) of the chosen one's, and OPENCV whenever it is the richer one, since a
+    principal point is told from a decentred lens by little and leaving its coefficients out is no evidence that they
+    are zero.
     """
     assert chosen.fit is not None
     usable = [rung for rung in rungs if rung.fault is None and rung is not chosen]
@@ -72,7 +76,9 @@ def model_covariance(rungs: Sequence[Rung], chosen: Rung) -> Floats:
 
 def _within_two_errors(rung: Rung, chosen: Rung) -> bool:
     mean, error = rung.excess(chosen)
-    return abs(mean) <= max(2 * error, chosen.negligible)
+    # A few views on which a model fails make the standard error large: that is failure, not doubt.
+    comparable = _COMPARABLE * (chosen.held_out_rms or 0.0) ** 2
+    return abs(mean) <= max(min(2 * error, comparable), chosen.negligible)
 
 
 def _adds_decentring(rung: Rung, chosen: Rung) -> bool:

@@ -168,7 +168,7 @@ def _fit(tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float) -> R
     derivatives = derivatives.weighted(1 / spread)
     target = residual / spread
     normal, _ = derivatives.normal(target)
-    inverse = np.linalg.inv(normal + derivatives.prior(model, wide))
+    inverse = np.asarray(np.linalg.inv(normal + derivatives.prior(model, wide)), float)
     k = model.basis.shape[1]
     # The sandwich over neighbourhoods, for misfit is alike in neighbours and in all photographs.
     scores = derivatives.scores(target)

@@ -170,6 +170,24 @@ def test_one_photograph_knows_that_its_light_may_slope(tmp_path):
     assert np.abs(off).max() < 4
 
 
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_wall_bent_along_one_axis_bends_no_lens(tmp_path, count):
+    rng = np.random.default_rng(13)
+    lens = Sensor(full_well=20_000, focal_px=180.0, centre=(132.0, 73.0))
+    x, y = grid()
+    photos = []
+    for n in range(count):
+        along = np.cos(2 * n) * x + np.sin(2 * n) * y
+        photos.append(photograph(tmp_path / f"{n}.png", wall(0.05, 2 * n) * (1 - 0.04 * along**2), rng, lens))
+    found = recover_flat_field(photos).radial
+    # What is saddle is told from the lens, what is bowl is not, 2% in the corners; it is in the intervals.
+    z = (found.centre - lens.centre) / np.sqrt(np.diag(found.covariance)[:2])
+    assert np.abs(z).max() < 4
+    error = found.gain(WIDTH, HEIGHT) - vignetting(lens, WIDTH, HEIGHT)[..., None]
+    assert np.abs(error).max() < 0.025
+    assert 0.5 < np.sqrt(np.mean((error / found.std(WIDTH, HEIGHT)) ** 2)) < 1.5
+
+
 def test_a_lens_that_hardly_vignettes_has_no_centre(tmp_path):
     rng = np.random.default_rng(12)
     lens = Sensor(full_well=2000, focal_px=4000.0)

@@ -73,7 +73,7 @@ def test_the_command_writes_what_a_photo_set_reads(gantry, tmp_path, capsys, mon
     printed = capsys.readouterr().out
     assert "Left out: blank.png" in printed
     assert (tmp_path / "gantry-figure.png").stat().st_size > 10_000
-    assert json.loads(out.read_text())["photos"][2]["angle_deg"] == pytest.approx(80, abs=0.02)
+    assert json.loads(out.read_text())["photos"][2]["angle_deg"] == pytest.approx(80, abs=0.05)  # three std
     manifest = (
         f'format = 1\nname = "set"\ncamera = {{ file = "camera.json" }}\ngantry = {{ file = "{out}" }}\n'
     )
