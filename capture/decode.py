@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.arrays import reused_empty
 from capture.bracket.response import Response
 from capture.exposure import ExposureSettings, relative_exposure
 from capture.files.imagefile import read_exr_layers, read_file, read_image, read_pixels, rgbe_step
@@ -159,7 +160,7 @@ def _looked_up(pixels: Codes, table: Floats) -> Image:
     # One table for all channels is twice as fast to look up as three.
     same = (entries == entries[:, :1]).all()
     lookup = np.ascontiguousarray(entries[:, 0]) if same else np.ascontiguousarray(entries[None])
-    image = np.empty(pixels.shape, np.float32)
+    image = reused_empty(pixels.shape)
     return np.asarray(cv2.LUT(pixels, lookup, image))
 
 
