@@ -29,7 +29,7 @@ def frozen_array(values: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[An
 # Memory of large images that may be written again once nobody refers to it.
 _left: list[NDArray[np.uint8]] = []
 _choosing = threading.Lock()
-_WORTH = 1 << 24  # bytes
+_WORTH = 1 << 23  # bytes
 # The list's reference, the loop's, and the question's own.
 _UNUSED = 3
 
@@ -38,7 +38,7 @@ def reused_empty(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArr
     """An uninitialised array, if large in memory that an earlier one of the same size has left.
 
     Photograph after photograph, the system would clear fresh pages for every one, which takes half as long as
-    decoding a JPEG. As many arrays as there are cores, and two, are kept.
+    decoding a JPEG. Of three kinds, as many are kept as there are cores, and two.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if size < _WORTH:
@@ -50,5 +50,5 @@ def reused_empty(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArr
                 return memory.view(dtype).reshape(shape)
         memory = np.empty(size, np.uint8)
         _left.append(memory)
-        del _left[: -(2 + (os.cpu_count() or 1))]
+        del _left[: -3 * (2 + (os.cpu_count() or 1))]
         return memory.view(dtype).reshape(shape)

@@ -134,10 +134,12 @@ def _decode_integers(
             total += jpeg_code_variance(pixels, tables) * _looked_up(pixels, (slope * scale) ** 2)
         return total
 
-    dark = cv2.inRange(pixels, (0, 0, 0), tuple(map(int, brightest)))  # 255 where no channel is saturated
+    dark = reused_empty(pixels.shape[:2], np.uint8)  # 255 where no channel is saturated
+    cv2.inRange(pixels, (0, 0, 0), tuple(map(int, brightest)), dark)
     if header.lossy:
-        dark = cv2.erode(dark, _JPEG_REACH)
-    return RadianceImage(_looked_up(pixels, table * scale), variance, dark == 0)
+        cv2.erode(dark, _JPEG_REACH, dark)
+    saturated = np.equal(dark, 0, out=reused_empty(dark.shape, np.bool_))
+    return RadianceImage(_looked_up(pixels, table * scale), variance, saturated)
 
 
 def _step_at(table: Floats) -> Callable[[NDArray[np.floating]], Floats]:
