@@ -18,7 +18,7 @@ from capture.files.imageheader import Header, is_raw
 from capture.files.jpegtables import jpeg_tables
 from capture.files.rawfile import read_raw
 from capture.photoset import Photo, PhotoSet
-from capture.radiance import Image, RadianceImage
+from capture.radiance import LOSSY_REACH, Image, RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatField
 from capture.sensor.jpegnoise import jpeg_code_variance
@@ -28,8 +28,6 @@ from capture.srgb import linear_to_srgb, srgb_to_linear  # noqa: F401
 Encoding = Literal["linear", "srgb"] | Response
 Codes = NDArray[Any]
 Floats = NDArray[np.float64]
-# JPEG compression, in TIFF as well, spreads a clipped pixel's loss over its block of 8, two where colour is halved.
-_JPEG_REACH = np.ones((9, 9), np.uint8)
 
 
 def decode(
@@ -137,7 +135,7 @@ def _decode_integers(
     dark = reused_empty(pixels.shape[:2], np.uint8)  # 255 where no channel is saturated
     cv2.inRange(pixels, (0, 0, 0), tuple(map(int, brightest)), dark)
     if header.lossy:
-        cv2.erode(dark, _JPEG_REACH, dark)
+        cv2.erode(dark, LOSSY_REACH, dark)
     saturated = np.equal(dark, 0, out=reused_empty(dark.shape, np.bool_))
     return RadianceImage(_looked_up(pixels, table * scale), variance, saturated)
 

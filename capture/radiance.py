@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_view
 
 Image = NDArray[np.float32]
+# JPEG compression, in TIFF as well, spreads a clipped pixel's loss over its block of 8, two where colour is halved:
+# what is within this neighbourhood of it is unknown, too.
+LOSSY_REACH = np.ones((9, 9), np.uint8)
 
 
 class RadianceImage:

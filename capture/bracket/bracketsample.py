@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from capture.files.imagefile import read_image
+from capture.radiance import LOSSY_REACH
 
 Floats = NDArray[np.float64]
 Codes = NDArray[Any]
@@ -22,8 +23,6 @@ _MAX_PIXELS = 12_000
 # The picture is divided into this many patches each way: errors within a patch count as correlated.
 _PATCHES = 16
 _STRATA = 64
-# JPEG compression spreads a clipped pixel's loss over its block of 8, two blocks where colour is halved.
-_JPEG_REACH = np.ones((9, 9), np.uint8)
 # JPEG rounds noise of up to about this away, a standard deviation in shares of the top code: what is left to see
 # of a photograph's noise doesn't tell how large it was when the codes were made.
 _JPEG_HIDES = 1.5 / 255
@@ -112,7 +111,7 @@ def _inside(pixels: Codes, clip: Floats, lossy: bool) -> NDArray[np.bool_]:
     inside = (pixels > clip[:, 0]) & (pixels < clip[:, 1])
     if lossy:
         whole = np.asarray((pixels < clip[:, 1]).all(axis=2), np.uint8)
-        inside &= (cv2.erode(whole, _JPEG_REACH) > 0)[..., None]
+        inside &= (cv2.erode(whole, LOSSY_REACH) > 0)[..., None]
     return np.asarray(inside)
 
 
