@@ -62,7 +62,7 @@ class TransferFit:
     """variance = offset + slope * signal, quantisation taken out.
 
     covariance : (2, 2) of (offset, slope). tiles : those that were used. moved_share : of all tiles that might have
-    been used, those that changed by more than noise. hidden_share : those whose noise the code steps hide.
+    been used, those that changed by more than noise.
     """
 
     offset: float
@@ -70,7 +70,6 @@ class TransferFit:
     covariance: Floats
     tiles: Tiles
     moved_share: float
-    hidden_share: float
 
 
 def tiles_of(repeats: Repeats, channel: int) -> Tiles:
@@ -153,11 +152,10 @@ def fit_transfer(tiles: Sequence[Tiles]) -> TransferFit:
         if np.allclose(update, line, rtol=1e-9, atol=0):
             break
         line = update
-    hidden = 1 - float(visible.mean())
     if visible.sum() < _FEWEST_TILES:
-        return TransferFit(0.0, 0.0, np.full((2, 2), np.inf), used, moved, hidden)
+        return TransferFit(0.0, 0.0, np.full((2, 2), np.inf), used, moved)
     used = used[visible]
-    return TransferFit(float(line[0]), float(line[1]), _covariance(line, used), used, moved, hidden)
+    return TransferFit(float(line[0]), float(line[1]), _covariance(line, used), used, moved)
 
 
 def binned(fit: TransferFit, count: int = 30) -> tuple[Floats, Floats, Floats]:
