@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from capture.files.imagefile import check_exists
 from capture.files.imageheader import is_raw
 from capture.files.rawfile import raw_exposure
 
@@ -83,6 +84,8 @@ def bracket_exposures(paths: Sequence[Path], seconds: Sequence[float] | None = N
         None to read time, ISO and f-number from each file's EXIF.
     ValueError names the photo whose exposure is missing, and says how to give it by hand.
     """
+    for path in paths:
+        check_exists(path)
     if seconds is None:
         found = [read_exif_exposure(path) for path in paths]
         check_alike(paths, found)

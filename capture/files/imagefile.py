@@ -45,10 +45,7 @@ def read_image(path: Path) -> tuple[NDArray[np.generic], Header]:
 
 def read_file(path: Path) -> NDArray[np.uint8]:
     """A file's bytes; ValueError where there is no such file, or nothing in it."""
-    if not path.exists():
-        raise ValueError(f"{path}: does not exist; check its name, and the folder that it is relative to")
-    if path.is_dir():
-        raise ValueError(f"{path}: is a folder, not an image file")
+    check_exists(path)
     try:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
@@ -56,6 +53,14 @@ def read_file(path: Path) -> NDArray[np.uint8]:
     if data.size == 0:
         raise ValueError(f"{path}: is an empty file")
     return data
+
+
+def check_exists(path: Path) -> None:
+    """ValueError unless there is such a file."""
+    if not path.exists():
+        raise ValueError(f"{path}: does not exist; check its name, and the folder that it is relative to")
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder, not an image file")
 
 
 def check_header(path: Path, data: NDArray[np.uint8]) -> Header:
