@@ -23,7 +23,7 @@ from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatField
 from capture.sensor.jpegnoise import jpeg_code_variance
 from capture.sensor.noise import NoiseModel, Step, estimate_noise
-from capture.srgb import linear_to_srgb, srgb_to_linear  # noqa: F401
+from capture.srgb import srgb_to_linear
 
 Encoding = Literal["linear", "srgb"] | Response
 Codes = NDArray[Any]

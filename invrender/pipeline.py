@@ -12,10 +12,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.decode import RadianceImage, decode_photo, read_mask
+from capture.decode import decode_photo, read_mask
 from capture.lighting import Lighting
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
+from capture.radiance import RadianceImage
 from invrender.factorization import Factorization, FittedLighting, PhotoScore
 from invrender.findings import find_warnings
 from invrender.model.columns import PhotoColumns, photo_columns

@@ -10,7 +10,7 @@ from scipy.ndimage import binary_erosion
 
 from capture.arrays import frozen_array
 from capture.camera import Camera
-from capture.decode import RadianceImage
+from capture.radiance import RadianceImage
 from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]

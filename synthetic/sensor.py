@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from capture.decode import linear_to_srgb
+from capture.srgb import linear_to_srgb
 
 Floats = NDArray[np.float64]
 Response = Callable[[Floats], Floats]

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from capture.decode import linear_to_srgb
+from capture.srgb import linear_to_srgb
 from invrender.factorization import FittedLighting, PhotoScore
 from invrender.model.columns import PhotoColumns
 from invrender.result import lighting_map

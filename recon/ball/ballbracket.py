@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capture.bracket.hdr import merge
 from capture.camera import Camera
-from capture.decode import RadianceImage
+from capture.radiance import RadianceImage
 from recon.ball.ballview import CAMERA_MASK_DEG, BallView, view_ball
 from recon.ball.findball import Disk, find_ball
 from recon.ball.shift import WHOLE, Window, bracket_shifts, moved_image

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.decode import RadianceImage, linear_to_srgb
 from capture.lighting import latlong_pixels
+from capture.radiance import RadianceImage
+from capture.srgb import linear_to_srgb
 from recon.ball.ballview import BallSource, BallView
 from recon.ball.mirrorball import BallLighting
 from recon.ball.reflection import mirroring_points, sphere_outline

@@ -17,7 +17,7 @@ from scipy.ndimage import binary_erosion
 
 from capture.arrays import frozen_array
 from capture.camera import Camera
-from capture.decode import RadianceImage
+from capture.radiance import RadianceImage
 from recon.ball.compact import Pixels, Spot, find_spots
 from recon.ball.reflection import mirrored_directions, mirroring_points, solid_angles, to_camera
 from recon.lightfield import sphere_pixels

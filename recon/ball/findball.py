@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from capture.decode import RadianceImage
+from capture.radiance import RadianceImage
 from recon.ball.ballcircle import Disk, refined
 from recon.ball.shift import moved, shift_between
 from recon.locate import View, disk_mask, locate_sphere

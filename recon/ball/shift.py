@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.decode import RadianceImage
+from capture.radiance import RadianceImage
 
 Window = tuple[slice, slice]
 

@@ -11,22 +11,16 @@ from PIL.TiffImagePlugin import IFDRational
 
 from capture.bracket.response import Response
 from capture.camera import ORTHOGRAPHIC, Camera
-from capture.decode import (
-    RadianceImage,
-    decode,
-    decode_in_set,
-    decode_photo,
-    linear_to_srgb,
-    read_mask,
-    srgb_to_linear,
-)
-from capture.exposure import bracket_exposures, read_exif_exposure, relative_exposure
+from capture.decode import decode, decode_in_set, decode_photo, read_mask
+from capture.exposure import ExposureSettings, bracket_exposures, read_exif_exposure, relative_exposure
 from capture.files.imagefile import read_pixels, write_exr
 from capture.manifest import ObjectTable
-from capture.photoset import ExposureSettings, Photo, PhotoSet
+from capture.photoset import Photo, PhotoSet
+from capture.radiance import RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatFieldMap
 from capture.sensor.noise import NoiseModel
+from capture.srgb import linear_to_srgb, srgb_to_linear
 
 NO_NOISE = NoiseModel(np.zeros(3), np.zeros(3))
 FLOAT32 = 2.0**-23  # relative rounding of a float32 result

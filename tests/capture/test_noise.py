@@ -10,11 +10,12 @@ from numpy.testing import assert_allclose
 from PIL import Image
 
 from capture.bracket.response import Response
-from capture.decode import decode, srgb_to_linear
+from capture.decode import decode
 from capture.sensor.noise import NoiseModel, estimate_noise, read_noise_model
 from capture.sensor.noiserecovery import noise_document, recover_noise
 from capture.sensor.photontransfer import fit_transfer, seen_variance, tiles_of
 from capture.sensor.repeats import Frame, Repeats
+from capture.srgb import srgb_to_linear
 from synthetic.dng import write_dng
 from synthetic.sensor import Sensor, expose, expose_mosaic
 

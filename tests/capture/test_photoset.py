@@ -9,8 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.arc.gantry import Arc
+from capture.exposure import ExposureSettings
 from capture.manifest import LightingTable
-from capture.photoset import ExposureSettings, PhotoSet, load_photoset
+from capture.photoset import PhotoSet, load_photoset
 
 # The example of the format's definition, its comments aside.
 EXAMPLE = """

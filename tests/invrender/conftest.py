@@ -13,9 +13,9 @@ import pytest
 
 from capture.arc.gantry import Arc
 from capture.camera import Camera
-from capture.decode import RadianceImage
 from capture.lighting import Lighting
 from capture.parallel import one_blas_thread
+from capture.radiance import RadianceImage
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.transfer import light_elements
 from recon.lightfield import LightField, off_terminators, sample_sphere

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
-from capture.decode import RadianceImage
+from capture.radiance import RadianceImage
 from recon.lightfield import (
     MIN_COS_EXITANT,
     LightField,

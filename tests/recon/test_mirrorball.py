@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from capture.decode import RadianceImage, decode, read_mask
+from capture.decode import decode, read_mask
 from capture.lighting import latlong_directions, latlong_solid_angles
+from capture.radiance import RadianceImage
 from recon.ball.ballbracket import view_bracket
 from recon.ball.findball import find_ball
 from recon.ball.mirrorball import BallLighting, lighting_of_ball

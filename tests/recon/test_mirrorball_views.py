@@ -15,8 +15,9 @@ import pytest
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from capture.decode import RadianceImage, decode
+from capture.decode import decode
 from capture.lighting import latlong_directions, latlong_solid_angles
+from capture.radiance import RadianceImage
 from recon.ball.ballbracket import view_bracket
 from recon.ball.ballcircle import Disk
 from recon.ball.ballregister import registered
