@@ -24,8 +24,8 @@ from capture import (
     recover_response,
 )
 from capture.decode import decode
-from synthetic.boardphotos import board_photo, board_poses
-from synthetic.sensor import RESPONSES, Sensor, expose, vignetting
+from synthetic.sensing.boardphotos import board_photo, board_poses
+from synthetic.sensing.sensor import RESPONSES, Sensor, expose, vignetting
 
 BOARD = "charuco:7x5:0.030:0.0225"
 TIMES = [1 / 250, 1 / 60, 1 / 15, 1 / 4]

@@ -8,8 +8,9 @@ import numpy as np
 
 from capture.arc.gantry import Arc
 from capture.camera import Camera
-from synthetic.lighting import AreaLight, DirectionalSource
-from synthetic.materials import RH01_MATERIALS, radiometric
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.spheres import SphereScene
 from synthetic.writer import Progress, write_photoset
 

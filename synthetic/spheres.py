@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_array
 from capture.camera import Camera
 from recon.sphere import Sphere
-from synthetic.integrate import reflected_radiance
-from synthetic.lighting import AreaLight, DirectionalSource
-from synthetic.materials import Microfacet
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.microfacet import Microfacet
+from synthetic.render.lobes import reflected_radiance
 
 Floats = NDArray[np.float64]
 

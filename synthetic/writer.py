@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from capture.files.imagefile import write_exr
 from capture.photoset import MANIFEST_NAME
-from synthetic.lighting import latlong_map
+from synthetic.lights.arealight import latlong_map
 from synthetic.spheres import SphereScene, render
 
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]

@@ -14,7 +14,7 @@ from capture.boards.boardpose import board_pose
 from capture.boards.boardprint import PAPERS, board_figure
 from capture.boards.boardsearch import BoardView, MarkerReport, board_view, check_board, detect_board, missing
 from capture.camera import Camera
-from synthetic.boardphotos import board_photo, board_poses
+from synthetic.sensing.boardphotos import board_photo, board_poses
 
 CHESSBOARD = parse_board("chessboard:9x6:0.025")
 CHARUCO = parse_board("charuco:8x6:0.030:0.022")

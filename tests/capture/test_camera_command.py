@@ -18,7 +18,7 @@ from capture.commands.board import board
 from capture.commands.camera import camera
 from capture.manifest import CameraTable
 from capture.photoset import build_camera
-from synthetic.boardphotos import board_photo, board_poses
+from synthetic.sensing.boardphotos import board_photo, board_poses
 
 SPEC = "chessboard:9x6:0.025"
 TRUE = Camera("SIMPLE_RADIAL", [500, 205, 148, -0.1], 400, 300, np.eye(4))

@@ -12,7 +12,7 @@ from capture.files.documents import write_json
 from capture.files.imagefile import write_exr
 from capture.sensor.flatfield import FlatFieldMap, RadialFlatField, half_diagonal, read_flat_field
 from capture.sensor.flatrecovery import flat_field_document, recover_flat_field
-from synthetic.sensor import Sensor, expose, vignetting
+from synthetic.sensing.sensor import Sensor, expose, vignetting
 
 WIDTH, HEIGHT = 240, 160
 COLOUR = np.array([1.0, 0.8, 0.6])

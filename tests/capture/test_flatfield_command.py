@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from capture.commands.flatfield import flatfield
 from capture.sensor.flatfield import read_flat_field
-from synthetic.sensor import Sensor, expose, vignetting
+from synthetic.sensing.sensor import Sensor, expose, vignetting
 
 
 @pytest.fixture

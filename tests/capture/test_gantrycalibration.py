@@ -15,7 +15,7 @@ from capture.boards.board import parse_board
 from capture.camera import Camera
 from capture.photoset import load_photoset
 from invrender.cli import app
-from synthetic.boardphotos import board_photo
+from synthetic.sensing.boardphotos import board_photo
 
 CAMERA = Camera("RADIAL", [760.0, 320, 240, -0.1, 0.02], 640, 480, np.eye(4))
 # Looks down on the board from an arm, a little askew.

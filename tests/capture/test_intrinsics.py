@@ -16,7 +16,7 @@ from capture.lens.distortion import LADDER, PARAM_NAMES, folds_at, picture_grid
 from capture.lens.intrinsics import calibrate_camera, calibrate_detections
 from capture.lens.intrinsicserror import statistical_covariance
 from capture.lens.lensfit import LensFit, fit_lens, lens_information, pose_jacobian, pose_matrix, view_of
-from synthetic.boardphotos import board_photo, board_poses
+from synthetic.sensing.boardphotos import board_photo, board_poses
 
 BOARD = parse_board("chessboard:9x6:0.025")
 CELLS = np.column_stack([np.tile(np.arange(9), 6), np.repeat(np.arange(6), 9)])

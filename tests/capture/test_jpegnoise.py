@@ -11,7 +11,7 @@ from PIL import Image
 from capture.files.jpegtables import JpegTables, jpeg_tables
 from capture.sensor.jpegnoise import jpeg_code_variance
 from capture.srgb import linear_to_srgb, srgb_to_linear
-from synthetic.sensor import Sensor, expose
+from synthetic.sensing.sensor import Sensor, expose
 
 
 def scene(name: str, folder) -> np.ndarray:

@@ -16,8 +16,8 @@ from capture.sensor.noiserecovery import noise_document, recover_noise
 from capture.sensor.photontransfer import fit_transfer, seen_variance, tiles_of
 from capture.sensor.repeats import Frame, Repeats
 from capture.srgb import srgb_to_linear
-from synthetic.dng import write_dng
-from synthetic.sensor import Sensor, expose, expose_mosaic
+from synthetic.sensing.dng import write_dng
+from synthetic.sensing.sensor import Sensor, expose, expose_mosaic
 
 WELL, READ = 20_000.0, 10.0
 TRUTH = np.array([(READ / WELL) ** 2, 1 / WELL])

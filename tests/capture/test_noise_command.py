@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from capture.commands.noise import noise
 from capture.sensor.noise import read_noise_model
-from synthetic.sensor import Sensor, expose
+from synthetic.sensing.sensor import Sensor, expose
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from capture.exposure import ExposureSettings, read_exif_exposure
 from capture.files.imageheader import is_raw
 from capture.files.rawfile import camera_white_balance, read_raw
 from capture.sensor.noise import NoiseModel
-from synthetic.dng import write_dng
+from synthetic.sensing.dng import write_dng
 
 NO_NOISE = NoiseModel(np.zeros(3), np.zeros(3))
 # Exposure time, ISO and f-number as exiv2-like tools print them, to the rounding of the tags.

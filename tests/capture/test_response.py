@@ -18,7 +18,7 @@ from capture.bracket.response import Response, read_response, response_channels
 from capture.bracket.responsefit import ChannelFit, correction_basis, fit_curves
 from capture.bracket.responserecovery import Recovery, believed_steps, recover_from_sample, recover_response
 from capture.files.documents import write_json
-from synthetic.sensor import RESPONSES, Sensor, expose
+from synthetic.sensing.sensor import RESPONSES, Sensor, expose
 
 
 def scene(rng: np.random.Generator, height: int = 52, width: int = 70) -> np.ndarray:

@@ -16,7 +16,7 @@ from capture.bracket.response import read_response
 from capture.commands.hdr import hdr
 from capture.commands.response import response
 from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
-from synthetic.sensor import Sensor, expose
+from synthetic.sensing.sensor import Sensor, expose
 
 TIMES = (1.0, 0.25, 4.0)
 

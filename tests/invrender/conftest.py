@@ -21,9 +21,11 @@ from invrender.model.transfer import light_elements
 from recon.lightfield import LightField, off_terminators, sample_sphere
 from recon.sphere import Sphere
 from synthetic.demo import write_demo
-from synthetic.integrate import reflected_radiance
-from synthetic.lighting import AreaLight, DirectionalSource, latlong_map
-from synthetic.materials import RH01_MATERIALS, Microfacet, radiometric
+from synthetic.lights.arealight import AreaLight, latlong_map
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
+from synthetic.render.lobes import reflected_radiance
 from synthetic.spheres import Noise, SphereScene
 from synthetic.writer import write_photoset
 

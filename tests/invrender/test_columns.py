@@ -9,7 +9,7 @@ from invrender.model.columns import photo_columns
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import light_elements
-from synthetic.materials import RH01_MATERIALS, radiometric
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from invrender.solve.evidence import climb_ladder, fit_strengths, ladder_steps, 
 from invrender.solve.noise import Weights
 from invrender.solve.search import LADDER, fit
 from invrender.solve.statistics import by_lighting, photo_statistics
-from synthetic.materials import RH01_MATERIALS, Microfacet, radiometric
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 MATTE = Microfacet(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, 0.1)
 ANGLES = np.linspace(0, 180, 8)

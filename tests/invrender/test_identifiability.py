@@ -19,8 +19,9 @@ from invrender.solve.identifiability import (
     assess_sigma,
     lighting_degree,
 )
-from synthetic.lighting import AreaLight
-from synthetic.materials import RH01_MATERIALS, Microfacet, radiometric
+from synthetic.lights.arealight import AreaLight
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 TEFLON = radiometric(RH01_MATERIALS["teflon"])
 SOFT = AreaLight(np.array([-0.3, 0.8, 0.5]), np.array([1.5, 1.6, 1.8]), 1.2)

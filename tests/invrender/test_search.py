@@ -12,7 +12,8 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.search import LADDER, Estimate, Model, fit, recovers_light
 from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
-from synthetic.materials import RH01_MATERIALS, Microfacet, radiometric
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 LAMBERTIAN, METAL, DIELECTRIC = LADDER
 ANGLES = np.linspace(0, 180, 8)

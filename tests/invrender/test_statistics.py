@@ -13,7 +13,7 @@ from invrender.model.predict import predict_columns
 from invrender.solve.search import LADDER, fit
 from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
 from recon.lightfield import LightField
-from synthetic.materials import RH01_MATERIALS, radiometric
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,10 @@ from invrender.model.transfer import (
     specular_transfer,
     split_map,
 )
-from synthetic.integrate import irradiance, reflected_radiance
-from synthetic.lighting import AreaLight, DirectionalSource, latlong_map
-from synthetic.materials import Microfacet
+from synthetic.lights.arealight import AreaLight, latlong_map
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.microfacet import Microfacet
+from synthetic.render.lobes import irradiance, reflected_radiance
 
 SOFT = AreaLight(np.array([-0.2, 0.8, 0.6]), np.array([1.0, 2.0, 3.0]), 0.35)
 # exp((cos - 1) / 1e12) is 1 to rounding.

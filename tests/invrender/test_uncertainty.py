@@ -16,7 +16,7 @@ from invrender.solve.noise import fit_noise, photo_weights
 from invrender.solve.search import LADDER, Estimate, fit
 from invrender.solve.statistics import by_lighting, photo_statistics
 from invrender.solve.uncertainty import Parameters, pack, uncertainty_of
-from synthetic.materials import RH01_MATERIALS, radiometric
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 TEFLON = radiometric(RH01_MATERIALS["teflon"])
 ANGLES = np.linspace(0, 180, 10)

@@ -5,7 +5,7 @@ import pytest
 import rawpy
 from numpy.testing import assert_allclose, assert_array_equal
 
-from synthetic.dng import write_dng
+from synthetic.sensing.dng import write_dng
 
 
 @pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])

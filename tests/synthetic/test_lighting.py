@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
 from synthetic.demo import demo_scene
-from synthetic.lighting import AreaLight, DirectionalSource, latlong_map
+from synthetic.lights.arealight import AreaLight, latlong_map
+from synthetic.lights.sources import DirectionalSource
 
 WIDE = AreaLight(np.array([0.3, -0.5, 0.8]), np.array([1.0, 2.0, 3.0]), 0.35)
 

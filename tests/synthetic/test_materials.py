@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from synthetic.materials import RH01_MATERIALS, Microfacet, fresnel_dielectric, radiometric
+from synthetic.materials.fresnel import fresnel_dielectric
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 UP = np.array([0.0, 0.0, 1.0])
 ROUNDING = 1e-12

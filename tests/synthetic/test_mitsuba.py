@@ -1,6 +1,6 @@
 """A matte sphere against Mitsuba 3, an unrelated renderer: camera, directions, lights and units at once.
 
-Matte only: Mitsuba has no material with RH01's lobe, whose own tests are in `test_integrate`.
+Matte only: Mitsuba has no material with RH01's lobe, whose own tests are in `test_lobes`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import pytest
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from synthetic.lighting import AreaLight, DirectionalSource
-from synthetic.materials import Microfacet
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.microfacet import Microfacet
 from synthetic.spheres import Noise, SphereScene, expose
 
 mi = pytest.importorskip("mitsuba")

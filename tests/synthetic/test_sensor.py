@@ -6,8 +6,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from capture.decode import decode
-from synthetic.dng import write_dng
-from synthetic.sensor import RESPONSES, Sensor, expose, expose_mosaic, vignetting
+from synthetic.sensing.dng import write_dng
+from synthetic.sensing.sensor import RESPONSES, Sensor, expose, expose_mosaic, vignetting
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif"])

@@ -11,8 +11,9 @@ from numpy.testing import assert_allclose
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from synthetic.demo import demo_scene
-from synthetic.lighting import AreaLight, DirectionalSource
-from synthetic.materials import Microfacet
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.microfacet import Microfacet
 from synthetic.spheres import Noise, SphereScene, expose, pixel_coverage, render
 
 POSE = look_at([0.6, 0, 0], [0, 0, 0], [0, 0, 1])

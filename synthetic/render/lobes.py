@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from synthetic.lighting import AreaLight, DirectionalSource
-from synthetic.materials import Microfacet
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 

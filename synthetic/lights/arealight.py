@@ -1,4 +1,4 @@
-"""Distant light with a formula: smooth area lights and directional sources."""
+"""Distant light with a formula: smooth area lights."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from synthetic.lights.values import rgb, unit_vector
 
 Floats = NDArray[np.float64]
 
@@ -32,30 +33,14 @@ class AreaLight:
     width_rad: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axis", frozen_array(_unit(self.axis, "axis of an area light")))
-        object.__setattr__(self, "radiance", frozen_array(_rgb(self.radiance, "radiance of an area light")))
+        object.__setattr__(self, "axis", frozen_array(unit_vector(self.axis, "axis of an area light")))
+        object.__setattr__(self, "radiance", frozen_array(rgb(self.radiance, "radiance of an area light")))
         if not self.width_rad > 0:
             raise ValueError(f"width of an area light is {self.width_rad} rad; it must be > 0")
 
     def profile(self, cosine: NDArray[np.floating]) -> NDArray[np.floating]:
         """Radiance relative to the axis, 0 to 1, at the cosine of the angle from it; keeps the dtype."""
         return np.exp((cosine - 1) * (1 / self.width_rad**2))
-
-
-@dataclass(frozen=True, eq=False)
-class DirectionalSource:
-    """Light from one direction.
-
-    direction : (3,) from the object to the light, any length.
-    irradiance : (3,) RGB on a plane that faces it, >= 0.
-    """
-
-    direction: Floats
-    irradiance: Floats
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "direction", frozen_array(_unit(self.direction, "direction of a source")))
-        object.__setattr__(self, "irradiance", frozen_array(_rgb(self.irradiance, "irradiance of a source")))
 
 
 def latlong_map(lights: Sequence[AreaLight], height: int) -> NDArray[np.float32]:
@@ -77,18 +62,3 @@ def latlong_map(lights: Sequence[AreaLight], height: int) -> NDArray[np.float32]
         pixels = profile.reshape(height, _SUBSAMPLES, 2 * height, _SUBSAMPLES).mean(axis=(1, 3))
         radiance += pixels[..., None] * light.radiance
     return radiance.astype(np.float32)
-
-
-def _unit(vector: Floats, what: str) -> Floats:
-    vector = np.asarray(vector, float)
-    length = np.linalg.norm(vector)
-    if vector.shape != (3,) or not 0 < length < np.inf:
-        raise ValueError(f"{what} is {vector.tolist()}; it must be three finite numbers, not all zero")
-    return vector / length
-
-
-def _rgb(values: Floats, what: str) -> Floats:
-    values = np.asarray(values, float)
-    if values.shape != (3,) or not np.isfinite(values).all() or (values < 0).any():
-        raise ValueError(f"{what} is {values.tolist()}; it must be three finite numbers >= 0")
-    return values

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from synthetic.integrate import irradiance, reflected_radiance
-from synthetic.lighting import AreaLight, DirectionalSource
-from synthetic.materials import RH01_MATERIALS, Microfacet, fresnel_dielectric, radiometric
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.fresnel import fresnel_dielectric
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
+from synthetic.render.lobes import irradiance, reflected_radiance
 
 Floats = np.ndarray
 

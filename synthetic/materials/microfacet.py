@@ -1,4 +1,4 @@
-"""The microfacet BRDF of RH01, and the spheres that were measured with it.
+"""The microfacet BRDF of RH01 as printed.
 
     rho = Kd + Ks F(mu, theta_o) / F(mu, 0) S(theta_h) / (4 cos theta_i cos theta_o)     [RH01, section 5.2]
     S   = exp(-(theta_h / sigma)^2) / (pi sigma^2)
@@ -11,18 +11,14 @@ reflectance grows without bound.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capture.arrays import frozen_array
+from synthetic.materials.fresnel import fresnel_dielectric
 
 Floats = NDArray[np.float64]
-
-# Fig. 11 holds ratios. The brightest of them, Kd = 0.92, becomes an albedo of 0.79 under this scale, a
-# usual value for a white plastic.
-RADIOMETRIC_SCALE = 0.86 / np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,41 +77,3 @@ class Microfacet:
         cos_half = np.where(valid, (cos_i + cos_o) / length, 1.0)
         lobe = self.fresnel(np.minimum(safe_o, 1)) * self.facets(cos_half) / (4 * safe_i * safe_o)
         return np.where(valid[..., None], self.kd + self.ks * lobe[..., None], 0.0)
-
-
-def fresnel_dielectric(mu: float, cos_theta: ArrayLike) -> Floats:
-    """Unpolarised Fresnel reflectance (0 to 1) of a dielectric from outside, index mu > 1, shape kept."""
-    cos = np.asarray(cos_theta, float)
-    cos_inside = np.sqrt(1 - (1 - cos**2) / mu**2)
-    perpendicular = (cos - mu * cos_inside) / (cos + mu * cos_inside)
-    parallel = (mu * cos - cos_inside) / (mu * cos + cos_inside)
-    return np.asarray((perpendicular**2 + parallel**2) / 2)
-
-
-class Fig11Row(NamedTuple):
-    """A row of [RH01, Fig. 11]: kd and ks are RGB ratios, the largest kd + ks of a material being 1."""
-
-    kd: tuple[float, float, float]
-    ks: tuple[float, float, float]
-    mu: float | None
-    sigma: float
-
-
-def _grey(value: float) -> tuple[float, float, float]:
-    return value, value, value
-
-
-# The columns "known", measured under known lighting.
-RH01_MATERIALS = {
-    "teflon": Fig11Row(_grey(0.89), _grey(0.11), 1.78, 0.12),
-    "delrin": Fig11Row(_grey(0.87), _grey(0.13), 1.44, 0.10),
-    "neoprene": Fig11Row(_grey(0.92), _grey(0.08), 1.49, 0.10),
-    "steel": Fig11Row(_grey(0.20), _grey(0.80), None, 0.20),
-    "bronze": Fig11Row((0.15, 0.08, 0.05), (0.85, 0.68, 0.59), None, 0.12),
-    "painted": Fig11Row((0.62, 0.71, 0.62), _grey(0.29), 1.38, 0.15),
-}
-
-
-def radiometric(row: Fig11Row, scale: float = RADIOMETRIC_SCALE) -> Microfacet:
-    """A material with the ratios of Fig. 11 that reflects less than it receives. scale : 1/sr."""
-    return Microfacet(scale * np.array(row.kd), scale * np.array(row.ks), row.mu, row.sigma)

@@ -1,0 +1,1 @@
+"""Light that falls on the scene."""

@@ -1,0 +1,1 @@
+"""What surfaces are made of: BRDFs, their parameters and textures."""

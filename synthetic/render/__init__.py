@@ -1,0 +1,1 @@
+"""Reflected radiance by brute force, and photographs of it."""

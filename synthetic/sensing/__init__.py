@@ -1,0 +1,1 @@
+"""From radiance to camera files: sensors, their noise, their files."""

@@ -1,0 +1,1 @@
+"""Surfaces: a sphere, a cat sculpture, a turned doll, meshes."""
