@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from capture.files.imagefile import write_exr
 from capture.photoset import MANIFEST_NAME
-from synthetic.lights.arealight import latlong_map
+from synthetic.lights.illumination import latlong_pixels
 from synthetic.spheres import SphereScene, render
 
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
@@ -40,7 +40,7 @@ def write_photoset(scene: SphereScene, folder: Path, progress: Progress | None =
         write_exr(folder / _photo_name(index), photo)
         _write_mask(folder / _mask_name(index), coverage)
     if scene.area_lights:
-        write_exr(folder / _MAP_NAME, latlong_map(scene.area_lights, _MAP_HEIGHT))
+        write_exr(folder / _MAP_NAME, latlong_pixels(scene.area_lights, _MAP_HEIGHT))
     (folder / TRUTH_NAME).write_text(json.dumps(_truth(scene), indent=1) + "\n", encoding="utf-8")
     # Last: a folder without a manifest isn't taken for a whole set.
     (folder / MANIFEST_NAME).write_text(_manifest(scene), encoding="utf-8")

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from synthetic.lights.values import rgb, unit_vector
+from synthetic.lights.values import about_axis, rgb, unit_vector
 
 Floats = NDArray[np.float64]
-
-# Sub-samples per side of a lat-long pixel.
-_SUBSAMPLES = 3
+AnyFloats = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,23 +39,24 @@ class AreaLight:
         """Radiance relative to the axis, 0 to 1, at the cosine of the angle from it; keeps the dtype."""
         return np.exp((cosine - 1) * (1 / self.width_rad**2))
 
+    def radiance_from(self, directions: AnyFloats) -> AnyFloats:
+        """Radiance (..., 3) from unit directions (..., 3); keeps the dtype."""
+        dtype = directions.dtype
+        return self.profile(directions @ self.axis.astype(dtype))[..., None] * self.radiance.astype(dtype)
 
-def latlong_map(lights: Sequence[AreaLight], height: int) -> NDArray[np.float32]:
-    """Lat-long map (height, 2 height, 3) float32 of the lights' sum, pixels being means over their areas.
+    def sample(self, u: AnyFloats) -> AnyFloats:
+        """Directions (..., 3) exactly as dense as the radiance, for u (..., 2) in 0 to 1."""
+        w2 = self.width_rad**2
+        # The density of c = cosine is exp((c - 1) / w^2), whose integral from c to 1 is inverted.
+        cosine = 1 + w2 * np.log1p(u[..., 0] * np.expm1(-2 / w2))
+        return about_axis(self.axis, cosine, 2 * np.pi * u[..., 1])
 
-    Rows run from +Z, columns from +X towards +Y, as `capture.lighting` has it.
-    """
-    fine = height * _SUBSAMPLES
-    # Equal steps of cos(theta) within a row: sub-samples of equal solid angle.
-    edges = np.cos(np.arange(height + 1) * np.pi / height)
-    share = (np.arange(_SUBSAMPLES) + 0.5) / _SUBSAMPLES
-    z = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
-    phi = (np.arange(2 * fine) + 0.5) * np.pi / fine
-    ring = np.sqrt(1 - z**2)
-    radiance = np.zeros((height, 2 * height, 3))
-    for light in lights:
-        across = light.axis[0] * np.cos(phi) + light.axis[1] * np.sin(phi)
-        profile = light.profile(ring[:, None] * across + (z * light.axis[2])[:, None])
-        pixels = profile.reshape(height, _SUBSAMPLES, 2 * height, _SUBSAMPLES).mean(axis=(1, 3))
-        radiance += pixels[..., None] * light.radiance
-    return radiance.astype(np.float32)
+    def density(self, directions: AnyFloats) -> AnyFloats:
+        """Density (...,) of `sample`, 1/sr."""
+        w2 = self.width_rad**2
+        solid_angle = -2 * np.pi * w2 * np.expm1(-2 / w2)
+        return self.profile(directions @ self.axis.astype(directions.dtype)) * (1 / solid_angle)
+
+    def turned(self, rotation: Floats) -> AreaLight:
+        """The same light after a rotation (3, 3) of the world."""
+        return replace(self, axis=rotation @ self.axis)

@@ -1,4 +1,4 @@
-"""Checked values of lights."""
+"""What lights share: checked values, directions about an axis."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+AnyFloats = NDArray[np.floating]
 
 
 def unit_vector(vector: Floats, what: str) -> Floats:
@@ -21,3 +22,13 @@ def rgb(values: Floats, what: str) -> Floats:
     if values.shape != (3,) or not np.isfinite(values).all() or (values < 0).any():
         raise ValueError(f"{what} is {values.tolist()}; it must be three finite numbers >= 0")
     return values
+
+
+def about_axis(axis: Floats, cosine: AnyFloats, azimuth: AnyFloats) -> AnyFloats:
+    """Unit directions (..., 3) at angles from an axis (3,), given by cosine and azimuth (...,); dtype of cosine."""
+    first = np.eye(3)[np.abs(axis).argmin()]
+    first = first - (first @ axis) * axis
+    first /= np.linalg.norm(first)
+    sine = np.sqrt(np.maximum(1 - cosine * cosine, 0))
+    local = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    return np.asarray(local @ np.stack([first, np.cross(axis, first), axis]).astype(local.dtype))

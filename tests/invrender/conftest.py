@@ -21,7 +21,8 @@ from invrender.model.transfer import light_elements
 from recon.lightfield import LightField, off_terminators, sample_sphere
 from recon.sphere import Sphere
 from synthetic.demo import write_demo
-from synthetic.lights.arealight import AreaLight, latlong_map
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.illumination import latlong_pixels
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
@@ -83,7 +84,7 @@ def known_lighting(
     """What a fit is told of synthetic lights: a map of the area lights, and the sources."""
     return Lighting(
         name,
-        latlong_map(lights, 128) if lights else None,
+        latlong_pixels(lights, 128) if lights else None,
         np.array([source.direction for source in sources]).reshape(-1, 3),
         np.array([source.irradiance for source in sources]).reshape(-1, 3),
         **recover,

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
 from synthetic.demo import demo_scene
-from synthetic.lights.arealight import AreaLight, latlong_map
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.illumination import latlong_pixels
 from synthetic.lights.sources import DirectionalSource
 
 WIDE = AreaLight(np.array([0.3, -0.5, 0.8]), np.array([1.0, 2.0, 3.0]), 0.35)
@@ -33,7 +34,7 @@ def test_demonstration_light_has_99_percent_of_its_energy_up_to_degree_6() -> No
 
 def test_map_holds_the_lights_power_and_points_where_the_light_is() -> None:
     height = 64
-    radiance = latlong_map([WIDE], height)
+    radiance = latlong_pixels([WIDE], height)
     assert radiance.shape == (height, 2 * height, 3)
     assert radiance.dtype == np.float32
     solid = latlong_solid_angles(height)[..., None]
@@ -47,8 +48,8 @@ def test_map_holds_the_lights_power_and_points_where_the_light_is() -> None:
 
 def test_maps_of_lights_add_up() -> None:
     other = AreaLight(np.array([-1.0, 0.0, 0.1]), np.ones(3), 0.5)
-    together = latlong_map([WIDE, other], 16)
-    assert_allclose(together, latlong_map([WIDE], 16) + latlong_map([other], 16), rtol=1e-6)  # float32
+    together = latlong_pixels([WIDE, other], 16)
+    assert_allclose(together, latlong_pixels([WIDE], 16) + latlong_pixels([other], 16), rtol=1e-6)  # float32
 
 
 def test_directions_are_normalised_and_nonsense_is_refused() -> None:
