@@ -11,6 +11,7 @@ import typer
 
 from capture.cli import add_commands
 from recon.cli import mirrorball
+from synthetic.cli import synth
 
 DEFAULT_SAMPLES = 60_000
 
@@ -96,6 +97,7 @@ def demo(
     run_demo(out)
 
 
+app.command(short_help="Photograph a synthetic scene: a photo set with its truth beside it.")(synth)
 app.command(short_help="Read the light off photographs of a mirror (chrome) ball.")(mirrorball)
 add_commands(app)
 

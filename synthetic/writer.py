@@ -1,151 +1,208 @@
-"""A scene as a photo set on disk, with the truth beside it."""
+"""A session's photo set on disk, with the truth beside it.
+
+photoset.toml, photographs, masks, lighting maps and the mesh are what a photographer would hand over, faults and all.
+truth.json and the folder truth/ hold what nobody could know: parameters, poses, photographs without noise.
+"""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.files.imagefile import write_exr
+from capture.boards.board import parse_board
+from capture.files.documents import write_json
+from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import MANIFEST_NAME
-from synthetic.lights.illumination import latlong_pixels
-from synthetic.spheres import SphereScene, render
+from recon.trianglemesh import write_mesh
+from synthetic.faults import misaligned, perturbed_mesh, perturbed_pose, with_background, with_outliers
+from synthetic.lights.illumination import Illumination, latlong_map
+from synthetic.manifest import Photograph, Written, manifest_text
+from synthetic.materials.texture import Textured
+from synthetic.mirrorball import write_mirror_balls
+from synthetic.render.photograph import Progress, photographs
+from synthetic.sensing.autoexposure import choose_exposure, object_brightness
+from synthetic.sensing.calibrationshots import write_calibration_shots
+from synthetic.sensing.development import Development, write_photograph
+from synthetic.sensing.masks import write_mask
+from synthetic.sensing.radiometryfiles import RADIOMETRY_FILES, write_radiometry
+from synthetic.sensing.room import room_background
+from synthetic.session import Session
+from synthetic.truth import integration_error, truth_document
 
-Progress = Callable[[Iterable[Any], str], Iterable[Any]]
+Floats = NDArray[np.float64]
 
 TRUTH_NAME = "truth.json"
-# Names that a written set holds.
-PHOTOSET_FILES = (MANIFEST_NAME, TRUTH_NAME, "*.exr", "*_mask.png")
-_LIGHTING_NAME = "lighting"
-_MAP_NAME = "lighting.exr"
+SCENE_NAME = "scene.toml"
+CONTACT_NAME = "contact.png"
+MESH_NAME = "object.obj"
+# Names that a written set holds; the first is in every one.
+PHOTOSET_FILES = (
+    MANIFEST_NAME,
+    TRUTH_NAME,
+    SCENE_NAME,
+    MESH_NAME,
+    "truth",
+    "mirrorball",
+    "calibration",
+    *(f"*{ending}" for ending in (".exr", ".png", ".tif", ".jpg", ".dng")),
+    *RADIOMETRY_FILES,
+)
 _MAP_HEIGHT = 128
+# What random numbers are for: each use has a stream of its own, so that none changes another's.
+_POSES, _MESH, _ALIGNMENT, _PHOTOGRAPHS, _CALIBRATION, _ROOM_LOOK = range(1, 7)
+# Side of the room behind the object, in largest distances of a camera.
+_ROOM = 4.0
 
 
-def write_photoset(scene: SphereScene, folder: Path, progress: Progress | None = None) -> None:
-    """Photograph a scene into a folder: photoset.toml, photographs, masks, the lighting map and truth.json.
+def write_photoset(
+    session: Session, folder: Path, progress: Progress | None = None, workers: int | None = 1
+) -> None:
+    """Photograph a scene into a folder, made if missing; files of the same names are replaced.
 
-    folder : made if missing; files of the same names are replaced.
-    progress : called with the photographs' indices and a description; iterates over what it returns.
-    The bytes depend on nothing but the scene: photograph i draws its noise from (scene.seed, i).
+    progress : called with the steps of the work and a description; iterates over what it returns.
+    workers : processes that share the work; None for one per core. The bytes depend on nothing but the session.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    indices: Iterable[int] = range(len(scene.cameras))
-    for index in progress(indices, "Photographing") if progress else indices:
-        rng = np.random.default_rng([scene.seed, index])
-        photo, coverage = render(scene, scene.cameras[index], rng)
-        write_exr(folder / _photo_name(index), photo)
-        _write_mask(folder / _mask_name(index), coverage)
-    if scene.area_lights:
-        write_exr(folder / _MAP_NAME, latlong_pixels(scene.area_lights, _MAP_HEIGHT))
-    (folder / TRUTH_NAME).write_text(json.dumps(_truth(scene), indent=1) + "\n", encoding="utf-8")
+    (folder / "truth").mkdir(parents=True, exist_ok=True)
+    scene = session.scene
+    written = Written(
+        maps=_write_maps(scene.illuminations, folder),
+        balls=write_mirror_balls(session, folder, progress, workers),
+        poses=_written_poses(session),
+        mesh_to_world=_write_mesh(session, folder),
+        radiometry=_write_radiometry(session, folder),
+        photographs=_write_photographs(session, folder, progress, workers),
+    )
+    calibration = _write_calibration(session, folder, progress)
+    error = integration_error(scene)
+    write_json(folder / TRUTH_NAME, truth_document(session, written, calibration, error))
+    if session.source:
+        (folder / SCENE_NAME).write_text(session.source, encoding="utf-8")
     # Last: a folder without a manifest isn't taken for a whole set.
-    (folder / MANIFEST_NAME).write_text(_manifest(scene), encoding="utf-8")
+    (folder / MANIFEST_NAME).write_text(manifest_text(session, written, MESH_NAME), encoding="utf-8")
 
 
-def _photo_name(index: int) -> str:
-    return f"{index:03d}.exr"
+def _write_maps(illuminations: Sequence[Illumination], folder: Path) -> dict[str, str]:
+    """Lat-long maps of the extended lights, by the lighting's name; those that nobody is told of go to truth/."""
+    maps = {}
+    for illumination in illuminations:
+        if illumination.extended:
+            stem = "lighting" if len(illuminations) == 1 else f"lighting-{illumination.name}"
+            name = f"{stem}.exr" if illumination.given == "all" else f"truth/{stem}.exr"
+            write_exr(folder / name, latlong_map(illumination.extended, _MAP_HEIGHT))
+            maps[illumination.name] = name
+    return maps
+
+
+def _written_poses(session: Session) -> list[Floats]:
+    scene, faults = session.scene, session.faults
+    rng = np.random.default_rng([scene.seed, _POSES])
+    poses = [shot.camera.world_to_camera for shot in scene.shots]
+    if not (faults.pose_deg or faults.pose_m):
+        return poses
+    centre = scene.surface.centre
+    return [perturbed_pose(pose, centre, faults.pose_deg, faults.pose_m, rng) for pose in poses]
+
+
+def _write_mesh(session: Session, folder: Path) -> Floats | None:
+    """Write the mesh as it is handed over, and if that isn't the true one, the true one; returns mesh_to_world."""
+    mesh, faults, seed = session.mesh, session.faults, session.scene.seed
+    if mesh is None:
+        return None
+    handed = mesh
+    if faults.mesh_m:
+        rng = np.random.default_rng([seed, _MESH])
+        handed = perturbed_mesh(mesh, faults.mesh_m, faults.mesh_correlation_m, rng)
+        write_mesh(folder / "truth" / MESH_NAME, mesh)
+    write_mesh(folder / MESH_NAME, handed)
+    if isinstance(session.scene.material, Textured):
+        write_exr(folder / "truth" / "texture_kd.exr", session.scene.material.kd_map)
+        write_exr(folder / "truth" / "texture_ks.exr", session.scene.material.ks_map)
+    if faults.misaligned_deg or faults.misaligned_m:
+        rng = np.random.default_rng([seed, _ALIGNMENT])
+        centre = session.scene.surface.centre
+        return misaligned(session.mesh_to_world, centre, faults.misaligned_deg, faults.misaligned_m, 1.0, rng)
+    return session.mesh_to_world
+
+
+def _write_radiometry(session: Session, folder: Path) -> dict[str, Any]:
+    if not isinstance(session.sensor, Development):
+        return {"encoding": "linear", "exposure": "equal"}
+    camera = session.scene.shots[0].camera
+    return write_radiometry(folder, session.sensor, camera.width, camera.height)
+
+
+def _write_photographs(
+    session: Session, folder: Path, progress: Progress | None, workers: int | None
+) -> list[Photograph]:
+    """Photographs and masks; the radiance before the sensor goes to truth/, from where it is developed at last."""
+    scene, sensor = session.scene, session.sensor
+    coverages, brightness, levels = [], [], []
+    for index, (radiance, coverage) in enumerate(photographs(scene, progress, workers)):
+        write_exr(folder / "truth" / f"{index:03d}.exr", radiance.astype(np.float32))
+        write_mask(folder / _mask_name(index), coverage)
+        coverages.append(coverage.astype(np.float32))
+        levels.append(float(radiance.sum() / (3 * max(coverage.sum(), 1e-9))))
+        if isinstance(sensor, Development):
+            brightness.append(object_brightness(radiance, coverage, sensor.sensor))
+    exposure_s = choose_exposure(brightness, sensor) if isinstance(sensor, Development) else 1.0
+    # The room is about as bright as the object: a constant of the set.
+    level = float(np.mean(levels))
+    taken: list[Photograph] = []
+    for index, coverage in enumerate(coverages):
+        rng = np.random.default_rng([scene.seed, _PHOTOGRAPHS, index])
+        radiance = read_pixels(folder / "truth" / f"{index:03d}.exr").astype(float)
+        seen: Floats = with_background(radiance, coverage, _background(session, index, level))
+        spoilt = None
+        if session.faults.outliers:
+            seen, spoilt = with_outliers(seen, coverage, session.faults.outliers, rng)
+            write_mask(folder / "truth" / f"{index:03d}_outliers.png", spoilt)
+        stem = folder / f"{index:03d}"
+        if isinstance(sensor, Development):
+            shots = write_photograph(stem, seen, exposure_s, sensor, rng)
+            given = sensor.exposure == "manual"
+            taken += [
+                Photograph(index, shot.file, _mask_name(index), shot.exposure_s if given else None)
+                for shot in shots
+            ]
+        else:
+            write_exr(stem.with_suffix(".exr"), sensor.applied(seen, coverage.astype(float), rng))
+            taken.append(Photograph(index, f"{stem.name}.exr", _mask_name(index), None))
+    return taken
+
+
+def _background(session: Session, index: int, level: float) -> Floats:
+    """What stands behind the object in a photograph: (3,), or (h, w, 3)."""
+    background = session.faults.background
+    if background == "black":
+        return np.zeros(3)
+    if isinstance(background, str):
+        scene, camera = session.scene, session.scene.shots[index].camera
+        centres = [shot.camera.centre - scene.surface.centre for shot in scene.shots]
+        side = _ROOM * max(float(np.abs(centre).max()) for centre in centres)
+        return room_background(camera, scene.surface.centre, side, level, [scene.seed, _ROOM_LOOK])
+    return np.array(background)
 
 
 def _mask_name(index: int) -> str:
     return f"{index:03d}_mask.png"
 
 
-def _write_mask(path: Path, coverage: NDArray[np.float32]) -> None:
-    import cv2
-
-    _, data = cv2.imencode(".png", np.round(coverage * 255).astype(np.uint8))
-    path.write_bytes(data.tobytes())
-
-
-def _manifest(scene: SphereScene) -> str:
-    """photoset.toml. The sphere's centre and radius are left to be found from the masks."""
-    first = scene.cameras[0]
-    tables = [
-        _table("", format=1, name=scene.name),
-        _table("[camera]", **_intrinsics(scene, 0)),
-        _table("[radiometry]", encoding="linear", exposure="equal"),
-        _table("[object]", shape="sphere"),
-        _table("[[lighting]]", **_lighting(scene)),
-    ]
-    for index, camera in enumerate(scene.cameras):
-        keys: dict[str, Any] = {"file": _photo_name(index), "mask": _mask_name(index)}
-        if index in scene.held_out:
-            keys["held_out"] = True
-        keys["world_to_camera"] = camera.world_to_camera.tolist()
-        if camera.model != first.model or camera.params.tolist() != first.params.tolist():
-            keys["camera"] = _intrinsics(scene, index)
-        tables.append(_table("[[photo]]", **keys))
-    return "\n".join(tables)
-
-
-def _intrinsics(scene: SphereScene, index: int) -> dict[str, Any]:
-    camera = scene.cameras[index]
-    return {
-        "model": camera.model,
-        "params": camera.params.tolist(),
-        "width": camera.width,
-        "height": camera.height,
-    }
-
-
-def _lighting(scene: SphereScene) -> dict[str, Any]:
-    keys: dict[str, Any] = {"name": _LIGHTING_NAME}
-    if scene.area_lights:
-        keys["map"] = _MAP_NAME
-    if scene.sources:
-        keys["directional"] = _sources(scene)
-    return keys
-
-
-def _sources(scene: SphereScene) -> list[dict[str, Any]]:
-    return [
-        {"direction": source.direction.tolist(), "irradiance": source.irradiance.tolist()}
-        for source in scene.sources
-    ]
-
-
-def _table(header: str, **keys: Any) -> str:
-    lines = [header] if header else []
-    return "\n".join([*lines, *(f"{key} = {_toml(value)}" for key, value in keys.items())]) + "\n"
-
-
-def _toml(value: Any) -> str:
-    """A value in TOML, which writes strings, booleans and numbers (to the last bit) as JSON does."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _truth(scene: SphereScene) -> dict[str, Any]:
-    material = scene.material
-    return {
-        "format": 1,
-        "name": scene.name,
-        "brdf": {
-            "model": "microfacet",
-            "kd": material.kd.tolist(),
-            "ks": material.ks.tolist(),
-            "mu": material.mu,
-            "sigma": material.sigma,
-        },
-        "sphere": {"centre": scene.centre.tolist(), "radius": scene.radius},
-        "lighting": {
-            "name": _LIGHTING_NAME,
-            "directional": _sources(scene),
-            "area": [
-                {
-                    "axis": light.axis.tolist(),
-                    "radiance": light.radiance.tolist(),
-                    "width_rad": light.width_rad,
-                }
-                for light in scene.area_lights
-            ],
-        },
-        "noise": {"relative": scene.noise.relative, "floor": scene.noise.floor},
-    }
+def _write_calibration(session: Session, folder: Path, progress: Progress | None) -> dict[str, Any] | None:
+    table, sensor, scene = session.calibration, session.sensor, session.scene
+    if table is None or not isinstance(sensor, Development):
+        return None
+    rng = np.random.default_rng([scene.seed, _CALIBRATION])
+    (folder / "calibration").mkdir(exist_ok=True)
+    return write_calibration_shots(
+        folder / "calibration",
+        scene.shots[0].camera,
+        sensor,
+        parse_board(table.board),
+        rng,
+        table.boards,
+        progress,
+    )

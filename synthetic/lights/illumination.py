@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from synthetic.lights.sources import DirectionalSource, PointSource
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]
+Given = Literal["all", "ball", "nothing"]
 
 # Sub-samples per side of a lat-long pixel.
 _SUBSAMPLES = 3
@@ -23,13 +25,13 @@ class Illumination:
     """Light under a name.
 
     extended : light from ranges of directions. sources : light from single directions and places.
-    known : whether a photo set tells of it; otherwise it is there to be recovered.
+    given : what a photo set tells of it: everything, photographs of a mirror ball, or nothing.
     """
 
     name: str
     extended: tuple[ExtendedLight, ...] = ()
     sources: tuple[DirectionalSource | PointSource, ...] = ()
-    known: bool = True
+    given: Given = "all"
 
     def __post_init__(self) -> None:
         if not self.extended and not self.sources:
@@ -48,11 +50,11 @@ class Illumination:
             name,
             tuple(light.turned(rotation) for light in self.extended),
             tuple(source.turned(rotation) for source in self.sources),
-            self.known,
+            self.given,
         )
 
 
-def latlong_pixels(lights: Sequence[ExtendedLight], height: int) -> NDArray[np.float32]:
+def latlong_map(lights: Sequence[ExtendedLight], height: int) -> NDArray[np.float32]:
     """Lat-long map (height, 2 height, 3) float32 of the lights' sum, pixels being means over their areas.
 
     Rows run from +Z, columns from +X towards +Y, as `capture.lighting` has it.

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from capture.arrays import frozen_array
+from capture.lighting import latlong_pixels, latlong_solid_angles
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]
@@ -22,7 +23,7 @@ class LatLongLight:
     map_to_world : (3, 3) rotation of the map's axes into the world's.
     """
 
-    pixels: Floats
+    pixels: AnyFloats
     map_to_world: Floats = field(default_factory=lambda: np.eye(3))
     # How `sample` finds its pixel: the probability of each, and cumulated, of rows and along each row.
     _share: Floats = field(init=False, repr=False)
@@ -43,7 +44,7 @@ class LatLongLight:
         object.__setattr__(self, "map_to_world", frozen_array(self.map_to_world))
         # Between pixels the radiance is at most the largest around: so the density is 0 only where it is.
         peak = maximum_filter(pixels.sum(axis=2), size=3, mode=("nearest", "wrap"))
-        weights = peak * self._solid_angles()[:, None]
+        weights = peak * latlong_solid_angles(len(pixels))
         if not weights.sum() > 0:
             raise ValueError("a lat-long map is black all over; there is no light in it")
         share = weights / weights.sum()
@@ -98,7 +99,7 @@ class LatLongLight:
         row, column = self._place(directions)
         row = np.minimum(row.astype(np.intp), height - 1)
         column = np.minimum(column.astype(np.intp), 2 * height - 1)
-        return (self._share / self._solid_angles()[:, None]).astype(directions.dtype)[row, column]
+        return (self._share / latlong_solid_angles(height)).astype(directions.dtype)[row, column]
 
     def turned(self, rotation: Floats) -> LatLongLight:
         """The same light after a rotation (3, 3) of the world."""
@@ -106,14 +107,4 @@ class LatLongLight:
 
     def _place(self, directions: AnyFloats) -> tuple[AnyFloats, AnyFloats]:
         """Row (0 to h) and column (0 to 2h) of directions, edges of pixels being at integers."""
-        height = len(self.pixels)
-        directions = directions @ self.map_to_world.astype(directions.dtype)
-        z = np.clip(directions[..., 2], -1, 1)
-        phi = np.arctan2(directions[..., 1], directions[..., 0])
-        phi = np.where(phi < 0, phi + np.asarray(2 * np.pi, phi.dtype), phi)
-        return np.arccos(z) * (height / np.pi), phi * (height / np.pi)
-
-    def _solid_angles(self) -> Floats:
-        """Of one pixel of each row, sr."""
-        height = len(self.pixels)
-        return np.asarray(-np.diff(np.cos(np.arange(height + 1) * np.pi / height)) * np.pi / height)
+        return latlong_pixels(directions @ self.map_to_world.astype(directions.dtype), len(self.pixels))

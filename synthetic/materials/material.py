@@ -36,8 +36,24 @@ class Material:
                 raise ValueError(f"{name} is {value.tolist()}; it must be three finite numbers >= 0")
             object.__setattr__(self, name, frozen_array(value))
 
-    # Whether the lobe is a perfect mirror's: `lobe` is then 0 and `sample` gives the mirrored direction.
-    is_mirror = False
+    @property
+    def is_mirror(self) -> bool:
+        """Whether the lobe is a perfect mirror's: `lobe` is then 0 and `sample` gives the mirrored direction."""
+        return False
+
+    def mirrored(self, wo: AnyFloats) -> AnyFloats:
+        """Share (..., 1) that a perfect mirror shows viewers in local directions (..., 3) of the mirrored direction."""
+        return np.zeros_like(wo[..., :1])
+
+    @property
+    def is_isotropic(self) -> bool:
+        """Whether turning the surface about its normal changes nothing, so that tangents do not matter."""
+        return True
+
+    def weights(self, uv: AnyFloats) -> tuple[Floats, Floats]:
+        """kd and ks, (n, 3) each, at texture coordinates (n, 2)."""
+        shape = (len(uv), 3)
+        return np.broadcast_to(self.kd, shape), np.broadcast_to(self.ks, shape)
 
     @abstractmethod
     def lobe(self, wi: AnyFloats, wo: AnyFloats) -> AnyFloats:
@@ -55,9 +71,11 @@ class Material:
 
     @abstractmethod
     def density(self, wi: AnyFloats, wo: AnyFloats) -> AnyFloats:
-        """Density (...,) of `sample`, 1/sr, at local directions (..., 3)."""
+        """Density (...,) of `sample`, 1/sr, at local directions (..., 3); integrates to 1 over the sphere."""
 
-    def evaluate(self, n: ArrayLike, wi: ArrayLike, wo: ArrayLike, tangent: ArrayLike | None = None) -> Floats:
+    def evaluate(
+        self, n: ArrayLike, wi: ArrayLike, wo: ArrayLike, tangent: ArrayLike | None = None
+    ) -> Floats:
         """The BRDF (..., 3), 1/sr, for unit vectors (..., 3) in the world; 0 unless light and viewer are above."""
         n, wi, wo = (np.asarray(v, float) for v in (n, wi, wo))
         frame = local_frame(n, None if tangent is None else np.asarray(tangent, float))
@@ -87,3 +105,20 @@ def to_local(frames: AnyFloats, directions: AnyFloats) -> AnyFloats:
 def to_world(frames: AnyFloats, directions: AnyFloats) -> AnyFloats:
     """Local directions (..., 3) of frames (..., 3, 3) in the world."""
     return np.asarray((directions[..., None, :] @ frames)[..., 0, :])
+
+
+def mirrored(directions: AnyFloats) -> AnyFloats:
+    """Local directions (..., 3) reflected about the normal."""
+    return directions * np.array([-1, -1, 1], directions.dtype)
+
+
+def sample_cosine(u: AnyFloats) -> AnyFloats:
+    """Local directions (..., 3), as dense as cosine / pi, for u (..., 2) in 0 to 1."""
+    radius, phi = np.sqrt(u[..., 0]), 2 * np.pi * u[..., 1]
+    up = np.sqrt(1 - u[..., 0])
+    return np.stack([radius * np.cos(phi), radius * np.sin(phi), up], axis=-1)
+
+
+def cosine_density(directions: AnyFloats) -> AnyFloats:
+    """Density (...,) of `sample_cosine`, 1/sr, at local directions (..., 3)."""
+    return np.maximum(directions[..., 2], 0) / np.pi

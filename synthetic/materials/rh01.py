@@ -6,11 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from synthetic.materials.facets import Beckmann
 from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.smith import Smith
 
 # Fig. 11 holds ratios. The brightest of them, Kd = 0.92, becomes an albedo of 0.79 under this scale, a
 # usual value for a white plastic.
 RADIOMETRIC_SCALE = 0.86 / np.pi
+# At grazing angles the exact lobe of the paint of Fig. 11 reflects 6 times its Ks; at this scale none of the six
+# spheres reflects more than it receives there.
+EXACT_SCALE = 0.39 / np.pi
 
 
 class Fig11Row(NamedTuple):
@@ -40,3 +45,9 @@ RH01_MATERIALS = {
 def radiometric(row: Fig11Row, scale: float = RADIOMETRIC_SCALE) -> Microfacet:
     """A material with the ratios of Fig. 11 that reflects less than it receives. scale : 1/sr."""
     return Microfacet(scale * np.array(row.kd), scale * np.array(row.ks), row.mu, row.sigma)
+
+
+def exact(row: Fig11Row, scale: float = EXACT_SCALE) -> Smith:
+    """The same ratios, index and roughness in the physically exact form. scale : 1/sr."""
+    facets = Beckmann(row.sigma, row.sigma)
+    return Smith(scale * np.array(row.kd), scale * np.array(row.ks), row.mu, facets)

@@ -132,7 +132,7 @@ def _mirrored(
     """What a mirror shows (n, 3): the radiance from the one direction that it looks into."""
     local = material.sample(wo, np.zeros((len(wo), 2), np.float32))
     wi = to_world(frames, local)
-    seen = illumination.radiance_from(wi) * material.reflectance(wo) * (wo[:, 2] > 0)[:, None]
+    seen = illumination.radiance_from(wi) * material.mirrored(wo) * (wo[:, 2:] > 0)
     if not surface.convex:
         seen[surface.occluded(points.positions, points.facets, wi)] = 0
     return seen.astype(float)

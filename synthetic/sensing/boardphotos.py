@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 _DARK, _BRIGHT, _BACKGROUND = 0.06, 0.85, 0.35
 # Texture pixels along a square of a charuco board.
 _TEXTURE = 120
+# Of so many poses per photograph some must show the whole board.
+_TRIES = 300
 
 
 def board_photo(
@@ -31,10 +33,27 @@ def board_photo(
     samples: int = 4,
     legacy: bool = False,
 ) -> NDArray[np.uint8]:
-    """A photograph (h, w) uint8 of a board by a camera posed in the board's frame.
+    """A photograph (h, w) uint8 of a board by a camera posed in the board's frame, with a gamma of 2.2.
 
-    blur : standard deviation of the lens's blur, pixels. noise : standard deviation, share of white. samples : points
-    along a pixel's side. legacy : charuco as OpenCV drew it before version 4.6. Light falls off across the board.
+    noise : standard deviation, share of white. The others are as in `board_radiance`.
+    """
+    picture = board_radiance(camera, board, rng, blur, samples, legacy)
+    picture = picture + rng.normal(0, noise, picture.shape)
+    return np.round(255 * np.clip(picture, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+def board_radiance(
+    camera: Camera,
+    board: Board,
+    rng: np.random.Generator,
+    blur: float = 0.7,
+    samples: int = 4,
+    legacy: bool = False,
+) -> Floats:
+    """What a camera posed in the board's frame sees of it, (h, w), linear and without noise; its paper is 0.85.
+
+    blur : standard deviation of the lens's blur, pixels. samples : points along a pixel's side. legacy : charuco as
+    OpenCV drew it before version 4.6. Light falls off across the board, by up to 15% of its mean.
     """
     u, v = _squares(camera, board)
     (u_down, u_right), (v_down, v_right) = np.gradient(u), np.gradient(v)
@@ -49,9 +68,7 @@ def board_photo(
     picture = gaussian_filter(total / samples**2, blur)
     slope = rng.uniform(-0.15, 0.15, 2)
     y, x = np.linspace(-0.5, 0.5, camera.height)[:, None], np.linspace(-0.5, 0.5, camera.width)
-    picture = picture * (1 + slope[0] * x + slope[1] * y)
-    picture = picture + rng.normal(0, noise, picture.shape)
-    return np.round(255 * np.clip(picture, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+    return np.asarray(picture * (1 + slope[0] * x + slope[1] * y))
 
 
 def board_poses(
@@ -65,11 +82,19 @@ def board_poses(
     """Poses (4, 4), board to camera, that show the whole board, tilted by up to `tilt_deg` about two axes.
 
     fill : the board's longer side as a share of the picture's width, on average.
+    ValueError if it hardly ever fits into the picture.
     """
     centre = board.corners.mean(axis=0)
     extent = max(board.square_counts) * board.square
     poses: list[Floats] = []
+    tries = 0
     while len(poses) < count:
+        tries += 1
+        if tries > _TRIES * count:
+            raise ValueError(
+                f"of {tries - 1} poses of the board {board.spec}, {len(poses)} show it whole in {camera.width}x"
+                f"{camera.height} pixels; lower fill = {fill}, or take a board of the picture's shape"
+            )
         angles = rng.uniform(-1, 1, 3) * [20, tilt_deg, tilt_deg]
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_euler("zyx", angles, degrees=True).as_matrix() @ np.diag([1.0, -1, -1])

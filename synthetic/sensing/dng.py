@@ -18,6 +18,7 @@ _COLOURS = {"R": 0, "G": 1, "B": 2}
 _BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SRATIONAL = 1, 2, 3, 4, 5, 10
 _LETTERS = {_BYTE: "B", _ASCII: "B", _SHORT: "H", _LONG: "I", _RATIONAL: "II", _SRATIONAL: "ii"}
 _EXIF_IFD, _STRIP_OFFSETS = 34665, 273
+_LARGEST = 2**31 - 1
 
 
 class _Field(NamedTuple):
@@ -94,6 +95,11 @@ def write_dng(
     path.write_bytes(b"II*\0" + struct.pack("<I", 8) + _directory(tags, 8) + second + strip)
 
 
+def rational(value: float) -> Fraction:
+    """The nearest fraction of two 31-bit numbers, as TIFF and EXIF hold them: good to 1e-9 from 1e-6 to 1e6."""
+    return Fraction(value).limit_denominator(int(_LARGEST / max(abs(value), 1)))
+
+
 def _directory(fields: Mapping[int, _Field], start: int) -> bytes:
     """An image file directory at byte `start`, followed by the values that don't fit into their entries."""
     entries, data = b"", b""
@@ -111,6 +117,6 @@ def _directory(fields: Mapping[int, _Field], start: int) -> bytes:
 
 def _packed(kind: int, values: Sequence[float]) -> bytes:
     if kind in (_RATIONAL, _SRATIONAL):
-        parts = [Fraction(value).limit_denominator(1_000_000) for value in values]
+        parts = [rational(value) for value in values]
         return b"".join(struct.pack(f"<{_LETTERS[kind]}", part.numerator, part.denominator) for part in parts)
     return struct.pack(f"<{len(values)}{_LETTERS[kind]}", *(int(value) for value in values))

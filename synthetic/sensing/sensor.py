@@ -1,8 +1,11 @@
 """A sensor with a formula: radiance through a lens to electrons, noise, a response curve and codes.
 
-    electrons = Poisson(full_well * vignetting * radiance * exposure)      clipped at the full well
+    electrons = Poisson(full_well * vignetting * radiance * exposure)
     signal    = (electrons + read noise) / full_well                       clipped to 0 and 1
     code      = round(response(signal) * (2^bits - 1))
+
+The converter clips, behind the read noise: cameras set the white level below what their wells hold, so that all that
+is too bright has one code.
 
 Photons are counted one by one and the vignetting is the cos^4 law, so that calibrations, which fit Gaussian noise
 and polynomials, are judged by other formulas than their own.
@@ -36,7 +39,7 @@ RESPONSES: dict[str, Response] = {
 class Sensor:
     """A sensor behind a lens.
 
-    full_well : (3,) electrons at the white level, RGB. read_noise : (3,) electrons, standard deviation.
+    full_well : (3,) electrons at the white level, RGB, or one number. read_noise : (3,) electrons, standard deviation.
     focal_px : focal length in pixels of the cos^4 vignetting (about the image centre unless `centre`, (x, y) in
         pixels, is given); infinite for none.
     response : a name in `RESPONSES`, or a callable that maps signal to output, both in 0 to 1 and rising.
@@ -65,6 +68,11 @@ class Sensor:
         if self.bits not in (8, 12, 14, 16):
             raise ValueError(f"bits is {self.bits}; it must be 8, 12, 14 or 16")
 
+    @property
+    def curve(self) -> Response:
+        """The response as a function of the signal."""
+        return RESPONSES[self.response] if isinstance(self.response, str) else self.response
+
 
 def expose(
     radiance: NDArray[np.floating], exposure_s: float, sensor: Sensor, rng: np.random.Generator
@@ -75,12 +83,29 @@ def expose(
     """
     height, width = radiance.shape[:2]
     light = np.asarray(radiance, float) * vignetting(sensor, width, height)[..., None] * exposure_s
-    electrons = np.minimum(rng.poisson(light * sensor.full_well), sensor.full_well)
+    electrons = rng.poisson(light * sensor.full_well)
     noisy = electrons + rng.normal(size=light.shape) * sensor.read_noise
-    signal = np.clip(noisy / sensor.full_well, 0, 1)
-    response = RESPONSES[sensor.response] if isinstance(sensor.response, str) else sensor.response
-    codes = np.round(np.asarray(response(signal)) * (2**sensor.bits - 1))
-    return codes.astype(np.uint8 if sensor.bits == 8 else np.uint16)
+    return codes_of(noisy / sensor.full_well, sensor)
+
+
+def codes_of(signal: NDArray[np.floating], sensor: Sensor) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The codes of a signal of any shape that is 1 at the white level; beyond 0 and 1 it is clipped."""
+    values = np.asarray(sensor.curve(np.clip(np.asarray(signal, float), 0, 1)))
+    return np.round(values * (2**sensor.bits - 1)).astype(np.uint8 if sensor.bits == 8 else np.uint16)
+
+
+def signal_of(values: NDArray[np.floating] | float, sensor: Sensor) -> Floats:
+    """The signal that the sensor's response turns into values, both 0 to 1, of one shape; by bisection.
+
+    Good to 1e-15, whatever the curve.
+    """
+    values = np.asarray(values, float)
+    low, high = np.zeros(values.shape), np.ones(values.shape)
+    for _ in range(50):
+        middle = (low + high) / 2
+        above = np.asarray(sensor.curve(middle)) > values
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return np.asarray((low + high) / 2)
 
 
 def expose_mosaic(

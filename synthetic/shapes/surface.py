@@ -49,8 +49,13 @@ class Surface(Protocol):
         """Whether no point shadows another, so that `occluded` needs no rays."""
         ...
 
-    def first_hits(self, origins: Floats, directions: Floats) -> tuple[NDArray[np.bool_], Points]:
-        """Whether rays (n, 3), (n, 3) unit meet the surface (n,), and the points (of the k that do) they meet first."""
+    def first_hits(
+        self, origins: Floats, directions: Floats, facets: Floats | None = None
+    ) -> tuple[NDArray[np.bool_], Points]:
+        """Whether rays (n, 3), (n, 3) unit meet the surface (n,), and the points (of the k that do) they meet first.
+
+        facets : (n, 3) as in `Points`, for rays that begin on the surface itself.
+        """
         ...
 
     def occluded(

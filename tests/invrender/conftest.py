@@ -22,12 +22,14 @@ from recon.lightfield import LightField, off_terminators, sample_sphere
 from recon.sphere import Sphere
 from synthetic.demo import write_demo
 from synthetic.lights.arealight import AreaLight
-from synthetic.lights.illumination import latlong_pixels
+from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
-from synthetic.spheres import Noise, SphereScene
+from synthetic.scene import Scene, Shot
+from synthetic.session import Session
+from synthetic.shapes.ball import Ball
 from synthetic.writer import write_photoset
 
 Floats = np.ndarray
@@ -38,21 +40,20 @@ def small_set_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four photographs of a delrin sphere, the last one held out; 80x60 pixels."""
     angles = np.radians([0.0, 50.0, 100.0, 150.0])
     poses = [Arc(np.zeros(3), [0, 0, 1], 0.6, [1, 0, 0]).pose(angle) for angle in angles]
-    scene = SphereScene(
+    light = Illumination(
+        "lighting",
+        (AreaLight(np.array([-0.3, 0.8, 0.52]), np.array([1.0, 1.2, 1.4]), width_rad=0.4),),
+        (DirectionalSource(np.array([0.85, -0.31, 0.42]), np.array([1.5, 1.4, 1.3])),),
+    )
+    camera = Camera("PINHOLE", np.array([720.0, 720.0, 40.0, 30.0]), 80, 60, np.eye(4))
+    scene = Scene(
         name="small",
+        surface=Ball(np.array([0.001, 0.0, -0.001]), 0.02),
         material=radiometric(RH01_MATERIALS["delrin"]),
-        area_lights=(AreaLight(np.array([-0.3, 0.8, 0.52]), np.array([1.0, 1.2, 1.4]), width_rad=0.4),),
-        sources=(DirectionalSource(np.array([0.85, -0.31, 0.42]), np.array([1.5, 1.4, 1.3])),),
-        centre=np.array([0.001, 0.0, -0.001]),
-        radius=0.02,
-        cameras=tuple(
-            Camera("PINHOLE", np.array([720.0, 720.0, 40.0, 30.0]), 80, 60, pose) for pose in poses
-        ),
-        noise=Noise(0.01, 0.001),
-        held_out=(3,),
+        shots=tuple(Shot(camera.posed(pose), light, index == 3) for index, pose in enumerate(poses)),
     )
     folder = tmp_path_factory.mktemp("small") / "set"
-    write_photoset(scene, folder)
+    write_photoset(Session(scene), folder)
     return folder
 
 
@@ -84,7 +85,7 @@ def known_lighting(
     """What a fit is told of synthetic lights: a map of the area lights, and the sources."""
     return Lighting(
         name,
-        latlong_pixels(lights, 128) if lights else None,
+        latlong_map(lights, 128) if lights else None,
         np.array([source.direction for source in sources]).reshape(-1, 3),
         np.array([source.irradiance for source in sources]).reshape(-1, 3),
         **recover,

@@ -13,7 +13,8 @@ from capture.photoset import load_photoset
 from invrender.factorization import Factorization
 from invrender.pipeline import process
 from invrender.result import identifiability
-from synthetic.demo import demo_scene
+from synthetic.demo import demo_session
+from synthetic.scene import Shot
 from synthetic.writer import write_photoset
 
 SAMPLES = 12_000
@@ -86,8 +87,10 @@ def test_a_light_from_the_wrong_side_gives_no_numbers(demo_set: Path) -> None:
 
 def test_soft_light_leaves_sigma_open(tmp_path: Path) -> None:
     """Only the area light, whose power lies in degrees up to 6: below 1/sigma = 8."""
-    scene = demo_scene()
-    write_photoset(replace(scene, sources=(), cameras=scene.cameras[::3], held_out=()), tmp_path)
+    session = demo_session()
+    light = replace(session.scene.shots[0].illumination, sources=())
+    shots = tuple(Shot(shot.camera, light) for shot in session.scene.shots[::3])
+    write_photoset(replace(session, scene=replace(session.scene, shots=shots)), tmp_path)
     quantity = run(tmp_path).quantities["sigma"]
     assert quantity.value is None
     assert "degrees up to" in quantity.reason

@@ -18,7 +18,7 @@ from invrender.model.transfer import (
     split_map,
 )
 from synthetic.lights.arealight import AreaLight
-from synthetic.lights.illumination import latlong_pixels
+from synthetic.lights.illumination import latlong_map
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet
 from synthetic.render.lobes import irradiance, reflected_radiance
@@ -75,14 +75,14 @@ def test_a_smooth_map_is_the_integral_over_incident_directions(sigma: float, wor
     # All exitant angles that a fit uses, the most grazing and the normal view themselves.
     normals, views = surface_points(rng, np.linspace(0.15, 1, 400))
     expected = reflected_radiance(mirror_lobe(sigma), [SOFT], [], normals, views, order=40)
-    found = map_transfer(PreparedMap.of(latlong_pixels([SOFT], 128)), normals, views, np.array([sigma]))[:, 0]
+    found = map_transfer(PreparedMap.of(latlong_map([SOFT], 128)), normals, views, np.array([sigma]))[:, 0]
     assert np.abs(found - expected).max() < worst * SOFT.radiance.max()
     assert np.sqrt(((found - expected) ** 2).mean()) < rms * np.sqrt((expected**2).mean())
 
 
 def test_diffuse_part_of_a_map_is_its_irradiance(rng):
     normals, _ = surface_points(rng, np.ones(300))
-    element = LightElement("known", np.zeros((0, 3)), np.zeros((0, 3)), latlong_pixels([SOFT], 64))
+    element = LightElement("known", np.zeros((0, 3)), np.zeros((0, 3)), latlong_map([SOFT], 64))
     expected = irradiance(SOFT, normals)[:, None] * SOFT.radiance
     found = diffuse_transfer(element, normals)
     # The map's pixels: 0.1%.
@@ -122,9 +122,9 @@ def test_a_hot_pixel_is_split_off_and_the_light_is_kept(row: int, column: int, r
 
 
 def test_a_smooth_map_has_no_sources():
-    slow, directions, _ = split_map(latlong_pixels([SOFT], 64))
+    slow, directions, _ = split_map(latlong_map([SOFT], 64))
     assert directions.shape == (0, 3)
-    assert_allclose(slow, latlong_pixels([SOFT], 64), rtol=0)
+    assert_allclose(slow, latlong_map([SOFT], 64), rtol=0)
 
 
 @pytest.mark.parametrize("size", [1, 2])
@@ -135,7 +135,7 @@ def test_a_tiny_bright_spot_is_a_source(size: int, rng):
     flux = spot * latlong_solid_angles(height)[:, :, None]
     towards = (flux[..., 0, None] * latlong_directions(height)).sum(axis=(0, 1))
     source = LightElement("s", towards[None] / np.linalg.norm(towards), flux.sum(axis=(0, 1))[None])
-    base = latlong_pixels([SOFT], height)
+    base = latlong_map([SOFT], height)
     (known,) = light_elements(Lighting("room", base + spot, np.zeros((0, 3)), np.zeros((0, 3))))
     (soft,) = light_elements(Lighting("room", base, np.zeros((0, 3)), np.zeros((0, 3))))
 
@@ -161,7 +161,7 @@ def test_a_tiny_bright_spot_is_a_source(size: int, rng):
 @pytest.mark.parametrize("axis_turns", [1, 2])
 def test_turning_everything_changes_nothing(axis_turns: int, rng):
     height = 64
-    radiance = latlong_pixels([SOFT], height)
+    radiance = latlong_map([SOFT], height)
     direction = np.array([0.48, -0.6, 0.64])
     turn = np.linalg.matrix_power(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), axis_turns)
     normals, views = surface_points(rng, np.linspace(0.15, 1, 300))

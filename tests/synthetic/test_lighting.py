@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from synthetic.demo import demo_scene
+from synthetic.demo import demo_session
 from synthetic.lights.arealight import AreaLight
-from synthetic.lights.illumination import latlong_pixels
+from synthetic.lights.illumination import latlong_map
 from synthetic.lights.sources import DirectionalSource
 
 WIDE = AreaLight(np.array([0.3, -0.5, 0.8]), np.array([1.0, 2.0, 3.0]), 0.35)
@@ -26,7 +26,8 @@ def zonal_energies(light: AreaLight, l_max: int) -> np.ndarray:
 
 
 def test_demonstration_light_has_99_percent_of_its_energy_up_to_degree_6() -> None:
-    (light,) = demo_scene().area_lights
+    (light,) = demo_session().scene.shots[0].illumination.extended
+    assert isinstance(light, AreaLight)
     energies = zonal_energies(light, 60)
     assert_allclose(energies.sum(), 1.0, rtol=1e-9)  # Parseval: all of it is found by degree 60
     assert energies[:7].sum() >= 0.99  # RH01, section 6: "99% of its energy in low-frequency modes"
@@ -34,7 +35,7 @@ def test_demonstration_light_has_99_percent_of_its_energy_up_to_degree_6() -> No
 
 def test_map_holds_the_lights_power_and_points_where_the_light_is() -> None:
     height = 64
-    radiance = latlong_pixels([WIDE], height)
+    radiance = latlong_map([WIDE], height)
     assert radiance.shape == (height, 2 * height, 3)
     assert radiance.dtype == np.float32
     solid = latlong_solid_angles(height)[..., None]
@@ -48,8 +49,8 @@ def test_map_holds_the_lights_power_and_points_where_the_light_is() -> None:
 
 def test_maps_of_lights_add_up() -> None:
     other = AreaLight(np.array([-1.0, 0.0, 0.1]), np.ones(3), 0.5)
-    together = latlong_pixels([WIDE, other], 16)
-    assert_allclose(together, latlong_pixels([WIDE], 16) + latlong_pixels([other], 16), rtol=1e-6)  # float32
+    together = latlong_map([WIDE, other], 16)
+    assert_allclose(together, latlong_map([WIDE], 16) + latlong_map([other], 16), rtol=1e-6)  # float32
 
 
 def test_directions_are_normalised_and_nonsense_is_refused() -> None:

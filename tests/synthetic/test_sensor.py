@@ -85,3 +85,9 @@ def test_refuses_a_sensor_that_cannot_be():
     ):
         with pytest.raises(ValueError, match=message):
             Sensor(**fault)
+
+
+def test_what_is_too_bright_has_one_code_whatever_the_read_noise():
+    sensor = Sensor(full_well=1000, read_noise=20, bits=16)
+    codes = expose(np.full((50, 60, 3), 2.0), 1.0, sensor, np.random.default_rng(5))
+    assert_array_equal(codes, 65535)

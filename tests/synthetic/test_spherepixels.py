@@ -10,33 +10,35 @@ from numpy.testing import assert_allclose
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from synthetic.demo import demo_scene
+from synthetic.demo import demo_session
 from synthetic.lights.arealight import AreaLight
-from synthetic.lights.sources import DirectionalSource
+from synthetic.lights.illumination import Illumination
+from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.materials.microfacet import Microfacet
-from synthetic.spheres import Noise, SphereScene, expose, pixel_coverage, render
+from synthetic.render.photograph import photographs
+from synthetic.render.pixels import pixel_coverage
+from synthetic.scene import Scene, Shot
+from synthetic.sensing.noise import Noise
+from synthetic.shapes.ball import Ball
 
 POSE = look_at([0.6, 0, 0], [0, 0, 0], [0, 0, 1])
 ORTHOGRAPHIC = Camera("ORTHOGRAPHIC", np.array([2000.0, 50.3, 49.8]), 100, 100, POSE)
+BALL = Ball(np.zeros(3), 0.02)
+UNIFORM = Illumination("uniform", (AreaLight(np.array([0, 0, 1.0]), np.ones(3), 1e6),))
 MATTE = Microfacet(np.full(3, 0.25), np.zeros(3), None, 0.1)
 
 
-def matte_scene(**changes: object) -> SphereScene:
-    scene = SphereScene(
-        name="matte",
-        material=MATTE,
-        area_lights=(AreaLight(np.array([0, 0, 1.0]), np.ones(3), 1e6),),
-        sources=(),
-        centre=np.zeros(3),
-        radius=0.02,
-        cameras=(ORTHOGRAPHIC,),
-        noise=Noise(0.0, 0.0),
-    )
-    return replace(scene, **changes)  # type: ignore[arg-type]
+def matte_scene(light: Illumination = UNIFORM, camera: Camera = ORTHOGRAPHIC, ball: Ball = BALL) -> Scene:
+    return Scene("matte", ball, MATTE, (Shot(camera, light),))
+
+
+def photograph(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    (photo,) = photographs(scene)
+    return photo
 
 
 def test_coverage_adds_up_to_the_disks_area_and_centre() -> None:
-    coverage = pixel_coverage(matte_scene().sphere, ORTHOGRAPHIC)
+    coverage = pixel_coverage(BALL, ORTHOGRAPHIC)
     # Each of some 320 rim pixels is counted in 256 points; their errors are independent.
     assert_allclose(coverage.sum(), np.pi * 40**2, rtol=2e-4)
     y, x = np.mgrid[:100, :100] + 0.5
@@ -45,7 +47,7 @@ def test_coverage_adds_up_to_the_disks_area_and_centre() -> None:
 
 
 def test_pixels_on_the_rim_are_dimmed_by_their_black_part() -> None:
-    radiance, coverage = expose(matte_scene(), ORTHOGRAPHIC)
+    radiance, coverage = photograph(matte_scene())
     # Uniform light on a matte sphere: pi kd wherever it is.
     whole = coverage == 1
     assert_allclose(radiance[whole], np.full((whole.sum(), 3), np.pi * 0.25), rtol=1e-9)
@@ -57,7 +59,7 @@ def test_pixels_on_the_rim_are_dimmed_by_their_black_part() -> None:
 def test_one_source_lights_the_side_that_faces_it() -> None:
     # The camera looks along -x with y to its right: light from +y falls on the right half.
     source = DirectionalSource(np.array([0, 1.0, 0]), np.ones(3))
-    radiance, coverage = expose(matte_scene(area_lights=(), sources=(source,)), ORTHOGRAPHIC)
+    radiance, coverage = photograph(matte_scene(Illumination("source", (), (source,))))
     _, x = np.mgrid[:100, :100] + 0.5
     inner = (coverage == 1) & (np.abs(x - 50.3) > 1)
     # Orthographic: n_y = (x - 50.3) / 40, linear across each pixel, so means are exact up to the rim.
@@ -67,15 +69,16 @@ def test_one_source_lights_the_side_that_faces_it() -> None:
 
 @pytest.mark.parametrize("index", [0, 18])
 def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = demo_scene()
-    camera = scene.cameras[index]
-    radiance, coverage = expose(scene, camera)
+    scene = demo_session().scene
+    scene = replace(scene, shots=scene.shots[index : index + 1])
+    camera = scene.shots[0].camera
+    radiance, coverage = photograph(scene)
     for name in ("_FEWEST_SUBSAMPLES", "_MOST_SUBSAMPLES"):
-        monkeypatch.setattr(f"synthetic.spheres.{name}", 12)
-    dense, _ = expose(scene, camera)
+        monkeypatch.setattr(f"synthetic.render.spherepixels.{name}", 12)
+    dense, _ = photograph(scene)
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     origins, directions = camera.rays(np.column_stack([x.ravel(), y.ravel()]))
-    hit, normals = scene.sphere.hits(origins, directions)
+    hit, normals = scene.surface.sphere.hits(origins, directions)
     cos_o = -(normals * directions).sum(axis=1)
     cos_o = np.where(hit, cos_o, 0).reshape(x.shape)
     usable = (cos_o > 0.25) & (coverage == 1)
@@ -86,9 +89,8 @@ def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.Monkey
 
 
 def test_noise_has_the_deviation_that_it_is_told() -> None:
-    scene = matte_scene(noise=Noise(relative=0.02, floor=0.005))
-    truth, coverage = expose(scene, ORTHOGRAPHIC)
-    photo, _ = render(scene, ORTHOGRAPHIC, np.random.default_rng(3))
+    truth, coverage = photograph(matte_scene())
+    photo = Noise(relative=0.02, floor=0.005).applied(truth, coverage, np.random.default_rng(3))
     assert photo.dtype == np.float32
     whole, outside = coverage == 1, coverage == 0
     level = truth[coverage > 0].mean()
@@ -103,11 +105,13 @@ def test_noise_has_the_deviation_that_it_is_told() -> None:
 
 def test_impossible_scenes_are_refused() -> None:
     behind = Camera("PINHOLE", np.array([500.0, 500, 50, 50]), 100, 100, np.eye(4))
-    with pytest.raises(ValueError, match="not in front of camera 0"):
-        matte_scene(cameras=(behind,), centre=np.array([0, 0, -1.0]))
-    with pytest.raises(ValueError, match="no light"):
-        matte_scene(area_lights=())
-    with pytest.raises(ValueError, match=r"held_out names photograph 1, .* there are 1"):
-        matte_scene(held_out=(1,))
+    with pytest.raises(ValueError, match="the object is behind camera 0"):
+        matte_scene(camera=behind, ball=Ball(np.array([0, 0, -1.0]), 0.02))
+    with pytest.raises(ValueError, match=r"camera 0 at \[0\.0, 0\.0, 0\.0\] m is inside the object"):
+        matte_scene(camera=behind)
+    with pytest.raises(ValueError, match="has no light"):
+        Illumination("dark")
+    with pytest.raises(ValueError, match=r"the lamp at \[0\.0, 0\.01, 0\.0\] m stands inside the object"):
+        matte_scene(Illumination("lamp", (), (PointSource(np.array([0, 0.01, 0]), np.ones(3)),)))
     with pytest.raises(ValueError, match=r"noise is -0\.1 relative"):
-        Noise(-0.1)
+        Noise(relative=-0.1)

@@ -1,0 +1,132 @@
+"""The text of photoset.toml, as a photographer would write it about a session's photo set."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.camera import Camera
+from synthetic.lights.illumination import Illumination
+from synthetic.materials.texture import Textured
+from synthetic.session import Session
+from synthetic.shapes.ball import Ball
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """One written photograph. shot : which of the scene's it shows. exposure_s : None if the manifest needs none."""
+
+    shot: int
+    file: str
+    mask: str
+    exposure_s: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """What was written of a session, as the manifest tells of it.
+
+    maps : files of the lightings' maps, by the lighting's name. balls : the lightings' `mirror_ball` tables.
+    poses : world_to_camera (4, 4) of each shot as handed over. mesh_to_world : (4, 4) likewise, None for spheres.
+    radiometry : the keys of [radiometry].
+    """
+
+    maps: dict[str, str]
+    balls: dict[str, dict[str, Any]]
+    poses: list[Floats]
+    mesh_to_world: Floats | None
+    radiometry: dict[str, Any]
+    photographs: list[Photograph]
+
+
+def manifest_text(session: Session, written: Written, mesh: str) -> str:
+    """photoset.toml. mesh : the mesh's file."""
+    scene = session.scene
+    first = scene.shots[0].camera
+    tables = [
+        _table("", format=1, name=scene.name),
+        _table("[camera]", **intrinsics(first)),
+        _table("[radiometry]", **written.radiometry),
+        _table("[object]", **_object(session, written, mesh)),
+        *(_table("[[lighting]]", **_lighting(light, session, written)) for light in scene.illuminations),
+    ]
+    several = len(scene.illuminations) > 1
+    for photograph in written.photographs:
+        shot = scene.shots[photograph.shot]
+        keys: dict[str, Any] = {"file": photograph.file, "mask": photograph.mask}
+        if several:
+            keys["lighting"] = shot.illumination.name
+        if photograph.exposure_s is not None:
+            keys["exposure_s"] = photograph.exposure_s
+        if shot.held_out:
+            keys["held_out"] = True
+        keys["world_to_camera"] = written.poses[photograph.shot].tolist()
+        if intrinsics(shot.camera) != intrinsics(first):
+            keys["camera"] = intrinsics(shot.camera)
+        tables.append(_table("[[photo]]", **keys))
+    return "\n".join(tables)
+
+
+def intrinsics(camera: Camera) -> dict[str, Any]:
+    """The keys of [camera]."""
+    return {
+        "model": camera.model,
+        "params": camera.params.tolist(),
+        "width": camera.width,
+        "height": camera.height,
+    }
+
+
+def sources(illumination: Illumination, target: Floats) -> list[dict[str, Any]]:
+    """The single sources as distant ones: lamps at a place as they look from the object's centre, (3,) metres."""
+    tables = []
+    for source in illumination.sources:
+        direction, _, irradiance = source.at(target[None])
+        tables.append({"direction": direction[0].tolist(), "irradiance": irradiance[0].tolist()})
+    return tables
+
+
+def _object(session: Session, written: Written, mesh: str) -> dict[str, Any]:
+    surface = session.scene.surface
+    if isinstance(surface, Ball):
+        place = {"centre": surface.centre.tolist(), "radius": surface.radius} if session.stated else {}
+        return {"shape": "sphere", **place}
+    assert written.mesh_to_world is not None, "other surfaces are meshes"
+    keys: dict[str, Any] = {"shape": "mesh", "mesh": mesh, "mesh_to_world": written.mesh_to_world.tolist()}
+    if isinstance(session.scene.material, Textured):
+        keys["texture"] = True
+    return keys
+
+
+def _lighting(illumination: Illumination, session: Session, written: Written) -> dict[str, Any]:
+    keys: dict[str, Any] = {"name": illumination.name}
+    if illumination.given == "nothing":
+        keys["unknown"] = True
+    elif illumination.given == "ball":
+        keys["mirror_ball"] = written.balls[illumination.name]
+    else:
+        if illumination.name in written.maps:
+            keys["map"] = written.maps[illumination.name]
+        if illumination.sources:
+            keys["directional"] = sources(illumination, session.scene.surface.centre)
+    return keys
+
+
+def _table(header: str, **keys: Any) -> str:
+    lines = [header] if header else []
+    return "\n".join([*lines, *(f"{key} = {_toml(value)}" for key, value in keys.items())]) + "\n"
+
+
+def _toml(value: Any) -> str:
+    """A value in TOML, which writes strings, booleans and numbers (to the last bit) as JSON does."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,82 @@
+"""Photographs of a mirror ball in the object's place, from which its light can be read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture.files.imagefile import write_exr
+from synthetic.lights.disc import DiscLight
+from synthetic.lights.illumination import Illumination
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.mirror import Mirror
+from synthetic.render.photograph import Progress, photographs
+from synthetic.scene import Effort, Scene, Shot
+from synthetic.scenes.views import seen_from
+from synthetic.sensing.development import Development
+from synthetic.sensing.masks import write_mask
+from synthetic.sensing.sensor import vignetting
+from synthetic.session import Session
+from synthetic.shapes.ball import Ball
+
+FOLDER = "mirrorball"
+# What a source without a size looks like in the ball.
+_SOURCE_RADIUS_DEG = 0.6
+
+
+def write_mirror_balls(
+    session: Session, folder: Path, progress: Progress | None = None, workers: int | None = 1
+) -> dict[str, dict[str, Any]]:
+    """Photograph the ball under every lighting into folder/mirrorball; returns `mirror_ball` tables by lighting's name.
+
+    They are merged brackets already: linear EXR, with the lens's vignetting but without noise.
+    """
+    if session.ball is None:
+        return {}
+    table, scene = session.ball, session.scene
+    target = scene.surface.centre
+    camera = scene.shots[0].camera
+    poses = [
+        seen_from(azimuth, table.elevation_deg, table.distance, target) for azimuth in table.azimuths_deg
+    ]
+    shots = [Shot(camera.posed(pose), _with_sizes(light)) for light in scene.illuminations for pose in poses]
+    ball = Scene(
+        f"{scene.name}: mirror ball",
+        Ball(target, table.radius),
+        Mirror(np.zeros(3), np.ones(3)),
+        tuple(shots),
+        Effort(directions=64, per_side=8),
+        scene.seed,
+    )
+    (folder / FOLDER).mkdir(exist_ok=True)
+    tables: dict[str, dict[str, Any]] = {light.name: {"views": []} for light in scene.illuminations}
+    for shot, (radiance, coverage) in zip(shots, photographs(ball, progress, workers), strict=True):
+        name = shot.illumination.name
+        views = tables[name]["views"]
+        stem = f"{FOLDER}/{name}-{len(views)}"
+        if isinstance(session.sensor, Development):
+            radiance = radiance * vignetting(session.sensor.sensor, camera.width, camera.height)[..., None]
+        write_exr(folder / f"{stem}.exr", radiance.astype(np.float32))
+        write_mask(folder / f"{stem}_mask.png", coverage)
+        view: dict[str, Any] = {"photo": f"{stem}.exr", "mask": f"{stem}_mask.png"}
+        view["world_to_camera"] = shot.camera.world_to_camera.tolist()
+        if isinstance(session.sensor, Development):
+            view |= {"exposure_s": 1.0, "iso": 100.0, "f_number": 1.0}
+        views.append(view)
+    return tables
+
+
+def _with_sizes(illumination: Illumination) -> Illumination:
+    """The same light, distant sources being discs: a mirror shows nothing of a point."""
+    discs = []
+    for source in illumination.sources:
+        if not isinstance(source, DirectionalSource):
+            raise ValueError(
+                f"lighting {illumination.name!r}: a mirror ball can't show a lamp at a place, which it would show from"
+                " another side than the object sees it: give it as directional with radius_deg"
+            )
+        discs.append(DiscLight(source.direction, source.irradiance, np.radians(_SOURCE_RADIUS_DEG)))
+    return replace(illumination, extended=(*illumination.extended, *discs), sources=())

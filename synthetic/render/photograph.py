@@ -1,0 +1,128 @@
+"""Photographs of a scene without noise: mean radiance over each pixel's square.
+
+A photograph is made in tiles, sets of pixels that are integrated on their own, with their own random numbers: so the
+result depends neither on how many processes share the work nor on their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import parallel_map, process_map
+from synthetic.render.gather import direct_light
+from synthetic.render.lattice import dealt
+from synthetic.render.paths import indirect_light
+from synthetic.render.pixels import looked_at, pixel_coverage
+from synthetic.render.spherepixels import sphere_means
+from synthetic.scene import Scene, Shot
+from synthetic.shapes.surface import Points
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Progress = Callable[[Iterable[Any], str], Iterable[Any]]
+
+_PIXELS_PER_TILE = 1024
+
+
+class Tile(NamedTuple):
+    """Pixels (n, 2), (column, row), of the photograph numbered so; the tile's number in it fixes its random numbers."""
+
+    photograph: int
+    number: int
+    pixels: Ints
+
+
+def photographs(
+    scene: Scene, progress: Progress | None = None, workers: int | None = 1
+) -> Iterator[tuple[Floats, Floats]]:
+    """Radiance (h, w, 3) and coverage (h, w) of each photograph, in order.
+
+    progress : called with the steps of the work and a description; iterates over what it returns.
+    workers : processes that share the work; None for one per core.
+    """
+    count = len(scene.shots)
+    covered = _spread(_coverage, scene, range(count), workers)
+    coverages = list(_followed(covered, count, "Looking", progress))
+    jobs = [tile for index, coverage in enumerate(coverages) for tile in tiles(index, coverage)]
+    done = _followed(_spread(tile_radiance, scene, jobs, workers), len(jobs), "Photographing", progress)
+    finished = zip(jobs, done, strict=True)
+    for index, coverage in enumerate(coverages):
+        radiance = np.zeros((*coverage.shape, 3))
+        for _ in tiles(index, coverage):
+            tile, means = next(finished)
+            radiance[tile.pixels[:, 1], tile.pixels[:, 0]] = means
+        yield radiance, coverage
+
+
+def tiles(index: int, coverage: Floats) -> list[Tile]:
+    """The covered pixels of photograph `index` in tiles."""
+    rows, columns = np.nonzero(coverage)
+    pixels = np.column_stack([columns, rows])
+    starts = range(0, len(pixels), _PIXELS_PER_TILE)
+    return [Tile(index, k, pixels[start : start + _PIXELS_PER_TILE]) for k, start in enumerate(starts)]
+
+
+def tile_radiance(scene: Scene, tile: Tile) -> Floats:
+    """Mean radiance (n, 3) over a tile's pixels; what misses the surface is black."""
+    shot = scene.shots[tile.photograph]
+    smooth = sphere_means(scene.surface, scene.material, shot.illumination, shot.camera, tile.pixels)
+    return plain_radiance(scene, tile) if smooth is None else smooth
+
+
+def plain_radiance(scene: Scene, tile: Tile) -> Floats:
+    """As `tile_radiance`, by plain sums whatever the scene."""
+    shot, effort, pixels = scene.shots[tile.photograph], scene.effort, tile.pixels
+    rng = np.random.default_rng([scene.seed, tile.photograph, tile.number])
+    pixel, place, weight, points, views = looked_at(scene.surface, shot.camera, pixels, effort.per_side)
+    lattices = dealt(effort.directions, effort.per_side**2)[place]
+    radiance = weight[:, None] * _radiance(scene, shot, points, views, lattices, pixel, rng)
+    return np.column_stack([np.bincount(pixel, channel, len(pixels)) for channel in radiance.T])
+
+
+def _spread(
+    function: Callable[[Scene, Any], Any], scene: Scene, items: Sequence[Any], workers: int | None
+) -> Iterator[Any]:
+    """Results over items, in order: threads do for what is numpy alone, but Embree holds the interpreter."""
+    if scene.surface.convex and workers != 1:
+        return parallel_map(partial(function, scene), items)
+    return process_map(function, scene, items, workers)
+
+
+def _coverage(scene: Scene, index: int) -> Floats:
+    return pixel_coverage(scene.surface, scene.shots[index].camera)
+
+
+def _radiance(
+    scene: Scene,
+    shot: Shot,
+    points: Points,
+    views: Floats,
+    lattices: Floats,
+    pixel: Ints,
+    rng: np.random.Generator,
+) -> Floats:
+    """Radiance (n, 3) at points (n) towards views (n, 3)."""
+    surface, material, light = scene.surface, scene.material, shot.illumination
+    irradiance, lobe = direct_light(surface, material, light, points, views, lattices, rng, pixel)
+    kd, ks = material.weights(points.uv)
+    radiance: Floats = kd * irradiance + ks * lobe
+    if scene.effort.bounces:
+        again = np.repeat(np.arange(len(points)), scene.effort.paths)
+        bounced = indirect_light(
+            surface, material, light, points[again], views[again], scene.effort.bounces, rng
+        )
+        radiance += bounced.reshape(len(points), -1, 3).mean(axis=1)
+    return radiance
+
+
+def _followed(
+    results: Iterator[Any], count: int, description: str, progress: Progress | None
+) -> Iterator[Any]:
+    """Results as they come, each a step of the progress."""
+    for _ in progress(range(count), description) if progress else range(count):
+        yield next(results)

@@ -1,0 +1,37 @@
+"""A photographic session: a scene, the camera that it is taken with, and what goes wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.trianglemesh import TriangleMesh
+from synthetic.scene import Scene
+from synthetic.scenes.schema import BallTable, CalibrationTable, FaultsTable
+from synthetic.sensing.development import Development
+from synthetic.sensing.noise import Noise
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What a photo set is made of.
+
+    sensor : the ideal one, which writes linear EXR, or a camera. mesh : the object, which the set then holds, in its
+    own frame, mesh_to_world : (4, 4) where it stands; None for spheres. stated : a sphere's centre and
+    radius are handed over too, not left to be found from the masks. source : the text of the scene file, "" for
+    scenes made in memory.
+    """
+
+    scene: Scene
+    sensor: Noise | Development = field(default_factory=Noise)
+    mesh: TriangleMesh | None = None
+    mesh_to_world: Floats = field(default_factory=lambda: np.eye(4))
+    stated: bool = False
+    faults: FaultsTable = field(default_factory=FaultsTable)
+    ball: BallTable | None = None
+    calibration: CalibrationTable | None = None
+    source: str = ""

@@ -1,0 +1,173 @@
+"""What nobody could know of a photo set: truth.json, and how well the photographs are integrated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.files.documents import software
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.disc import DiscLight
+from synthetic.lights.illumination import Illumination
+from synthetic.lights.sources import DirectionalSource, PointSource
+from synthetic.manifest import Written
+from synthetic.materials.facets import GGX
+from synthetic.materials.material import Material
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.mirror import Mirror
+from synthetic.materials.phong import Phong
+from synthetic.materials.smith import Smith
+from synthetic.materials.tabulated import Tabulated
+from synthetic.materials.texture import Textured
+from synthetic.render.photograph import Tile, plain_radiance, tile_radiance
+from synthetic.render.pixels import pixel_coverage
+from synthetic.scene import Scene
+from synthetic.sensing.development import Development
+from synthetic.session import Session
+from synthetic.shapes.ball import Ball
+
+Floats = NDArray[np.float64]
+
+# Pixels by which the integration is judged, and how much finer the judge is.
+_JUDGED, _FINER = 256, 8
+
+
+def truth_document(
+    session: Session, written: Written, calibration: dict[str, Any] | None, error: float
+) -> dict[str, Any]:
+    """What truth.json holds. error : of `integration_error`."""
+    scene = session.scene
+    return {
+        "format": 1,
+        "name": scene.name,
+        "brdf": described(scene.material),
+        "object": _object(session),
+        "lighting": [_lighting(light, written) for light in scene.illuminations],
+        "photos": [
+            {
+                "file": photograph.file,
+                "radiance": f"truth/{photograph.shot:03d}.exr",
+                "lighting": scene.shots[photograph.shot].illumination.name,
+                "world_to_camera": scene.shots[photograph.shot].camera.world_to_camera.tolist(),
+            }
+            for photograph in written.photographs
+        ],
+        "sensor": _sensor(session),
+        "faults": session.faults.model_dump(),
+        "calibration": calibration,
+        "integration": {
+            "relative_rms_error": error,
+            "directions": scene.effort.directions,
+            "per_side": scene.effort.per_side,
+            "bounces": scene.effort.bounces,
+        },
+        "software": software(),
+    }
+
+
+def described(material: Material) -> dict[str, Any]:
+    """A material's model and parameters; of a textured one the means, and the maps' files."""
+    if isinstance(material, Textured):
+        maps = {"kd_map": "truth/texture_kd.exr", "ks_map": "truth/texture_ks.exr"}
+        return described(material.material) | _weights(material) | maps
+    numbers: dict[str, Any] = {}
+    match material:
+        case Microfacet():
+            model, numbers = "microfacet", {"mu": material.mu, "sigma": material.sigma}
+        case Smith(facets=GGX()) if material.is_isotropic:
+            model, numbers = "ggx", {"mu": material.mu, "alpha": material.facets.along}
+        case Smith(facets=GGX()):
+            sizes = {"alpha_x": material.facets.along, "alpha_y": material.facets.across}
+            model, numbers = "anisotropic", {"mu": material.mu} | sizes
+        case Smith():
+            model, numbers = "smith", {"mu": material.mu, "sigma": material.facets.along}
+        case Phong():
+            model, numbers = "phong", {"exponent": material.exponent}
+        case Mirror():
+            model, numbers = "mirror", {"mu": material.mu}
+        case Tabulated():
+            model = "table"
+        case _:
+            model = "lambertian"
+    return {"model": model} | _weights(material) | numbers
+
+
+def integration_error(scene: Scene) -> float:
+    """Relative RMS by which pixels of the first photograph differ from plain sums over many times more directions.
+
+    On a random sample of the pixels that the object fills: root mean square difference over root mean square radiance.
+    """
+    rng = np.random.default_rng([scene.seed, len(scene.shots)])
+    rows, columns = np.nonzero(pixel_coverage(scene.surface, scene.shots[0].camera) == 1)
+    chosen = np.sort(rng.choice(len(rows), min(_JUDGED, len(rows)), replace=False))
+    judged = Tile(0, 0, np.column_stack([columns, rows])[chosen])
+    effort = scene.effort
+    finer = replace(effort, directions=effort.directions * _FINER, paths=min(effort.paths * _FINER, 1024))
+    fine = plain_radiance(replace(scene, effort=finer, seed=scene.seed + 1), judged)
+    return float(np.sqrt(((tile_radiance(scene, judged) - fine) ** 2).mean() / (fine**2).mean()))
+
+
+def _weights(material: Material) -> dict[str, Any]:
+    return {"kd": material.kd.tolist(), "ks": material.ks.tolist()}
+
+
+def _object(session: Session) -> dict[str, Any]:
+    surface = session.scene.surface
+    if isinstance(surface, Ball):
+        return {"shape": "sphere", "centre": surface.centre.tolist(), "radius": surface.radius}
+    mesh = "truth/object.obj" if session.faults.mesh_m else "object.obj"
+    return {"shape": "mesh", "mesh": mesh, "mesh_to_world": session.mesh_to_world.tolist()}
+
+
+def _lighting(illumination: Illumination, written: Written) -> dict[str, Any]:
+    areas = [light for light in illumination.extended if isinstance(light, AreaLight)]
+    discs = [light for light in illumination.extended if isinstance(light, DiscLight)]
+    distant = [source for source in illumination.sources if isinstance(source, DirectionalSource)]
+    lamps = [source for source in illumination.sources if isinstance(source, PointSource)]
+    return {
+        "name": illumination.name,
+        "map": written.maps.get(illumination.name),
+        "area": [
+            {
+                "axis": light.axis.tolist(),
+                "radiance": light.radiance.tolist(),
+                "width_rad": light.width_rad,
+            }
+            for light in areas
+        ],
+        "discs": [
+            {
+                "direction": light.direction.tolist(),
+                "irradiance": light.irradiance.tolist(),
+                "radius_rad": light.radius_rad,
+            }
+            for light in discs
+        ],
+        "directional": [
+            {"direction": source.direction.tolist(), "irradiance": source.irradiance.tolist()}
+            for source in distant
+        ],
+        "lamps": [
+            {"position": lamp.position.tolist(), "intensity": lamp.intensity.tolist()} for lamp in lamps
+        ],
+    }
+
+
+def _sensor(session: Session) -> dict[str, Any]:
+    sensor = session.sensor
+    if not isinstance(sensor, Development):
+        return {"noise": {"relative": sensor.relative, "floor": sensor.floor}}
+    inner = sensor.sensor
+    return {
+        "file": sensor.file,
+        "response": inner.response,
+        "bits": inner.bits,
+        "full_well": inner.full_well.tolist(),
+        "read_noise": inner.read_noise.tolist(),
+        "focal_px": None if np.isinf(inner.focal_px) else inner.focal_px,
+        "demosaic": sensor.demosaic,
+        "radiance_factor": sensor.radiance_factor,
+    }
