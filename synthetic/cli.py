@@ -53,10 +53,6 @@ def synth(
             min=0, help="Another draw of all that is random (noise, faults); default: the scene file's."
         ),
     ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(min=1, help="Processes that share the work; default: one per core.", show_default=False),
-    ] = None,
 ) -> None:
     """Photograph a synthetic scene: a photo set as a camera would have taken it, with the truth beside it.
 
@@ -80,4 +76,4 @@ def synth(
         return
     if out is None:
         raise ValueError("where to? Give a folder for the photo set: -o SET")
-    run_synth(scene, out, light.value if light else None, seed, jobs)
+    run_synth(scene, out, light.value if light else None, seed)

@@ -23,4 +23,4 @@ def demo_session() -> Session:
 
 def write_demo(folder: Path, progress: Progress | None = None) -> None:
     """Photograph `demo_session` into a folder, see `write_photoset`."""
-    write_photoset(demo_session(), folder, progress, workers=None)
+    write_photoset(demo_session(), folder, progress)

@@ -28,7 +28,7 @@ _SOURCE_RADIUS_DEG = 0.6
 
 
 def write_mirror_balls(
-    session: Session, folder: Path, progress: Progress | None = None, workers: int | None = 1
+    session: Session, folder: Path, progress: Progress | None = None
 ) -> dict[str, dict[str, Any]]:
     """Photograph the ball under every lighting into folder/mirrorball; returns `mirror_ball` tables by lighting's name.
 
@@ -53,7 +53,7 @@ def write_mirror_balls(
     )
     (folder / FOLDER).mkdir(exist_ok=True)
     tables: dict[str, dict[str, Any]] = {light.name: {"views": []} for light in scene.illuminations}
-    for shot, (radiance, coverage) in zip(shots, photographs(ball, progress, workers), strict=True):
+    for shot, (radiance, coverage) in zip(shots, photographs(ball, progress), strict=True):
         name = shot.illumination.name
         views = tables[name]["views"]
         stem = f"{FOLDER}/{name}-{len(views)}"

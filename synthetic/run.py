@@ -18,13 +18,13 @@ from synthetic.sensing.contactsheet import write_contact_sheet
 from synthetic.writer import CONTACT_NAME, PHOTOSET_FILES, TRUTH_NAME, write_photoset
 
 
-def run_synth(scene: str, out: Path, given: Given | None, seed: int | None, jobs: int | None) -> None:
+def run_synth(scene: str, out: Path, given: Given | None, seed: int | None) -> None:
     """Photograph a scene into a photo set, and say what was done."""
     leave_cleanly_when_stopped()
     session = read_session(scene_path(scene), given, seed)
     _refuse_another_set(out, session.scene.name)
     with result_folder(out, PHOTOSET_FILES) as folder:
-        write_photoset(session, folder, track, jobs)
+        write_photoset(session, folder, track)
         write_contact_sheet(folder, folder / CONTACT_NAME)
         truth = json.loads((folder / TRUTH_NAME).read_text(encoding="utf-8"))
     error = truth["integration"]["relative_rms_error"]

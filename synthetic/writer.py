@@ -58,23 +58,21 @@ _POSES, _MESH, _ALIGNMENT, _PHOTOGRAPHS, _CALIBRATION, _ROOM_LOOK = range(1, 7)
 _ROOM = 4.0
 
 
-def write_photoset(
-    session: Session, folder: Path, progress: Progress | None = None, workers: int | None = 1
-) -> None:
+def write_photoset(session: Session, folder: Path, progress: Progress | None = None) -> None:
     """Photograph a scene into a folder, made if missing; files of the same names are replaced.
 
     progress : called with the steps of the work and a description; iterates over what it returns.
-    workers : processes that share the work; None for one per core. The bytes depend on nothing but the session.
+    The bytes depend on nothing but the session.
     """
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     scene = session.scene
     written = Written(
         maps=_write_maps(scene.illuminations, folder),
-        balls=write_mirror_balls(session, folder, progress, workers),
+        balls=write_mirror_balls(session, folder, progress),
         poses=_written_poses(session),
         mesh_to_world=_write_mesh(session, folder),
         radiometry=_write_radiometry(session, folder),
-        photographs=_write_photographs(session, folder, progress, workers),
+        photographs=_write_photographs(session, folder, progress),
     )
     calibration = _write_calibration(session, folder, progress)
     error = integration_error(scene)
@@ -135,13 +133,12 @@ def _write_radiometry(session: Session, folder: Path) -> dict[str, Any]:
     return write_radiometry(folder, session.sensor, camera.width, camera.height)
 
 
-def _write_photographs(
-    session: Session, folder: Path, progress: Progress | None, workers: int | None
-) -> list[Photograph]:
+def _write_photographs(session: Session, folder: Path, progress: Progress | None) -> list[Photograph]:
     """Photographs and masks; the radiance before the sensor goes to truth/, from where it is developed at last."""
     scene, sensor = session.scene, session.sensor
-    coverages, brightness, levels = [], [], []
-    for index, (radiance, coverage) in enumerate(photographs(scene, progress, workers)):
+    coverages: list[NDArray[np.floating]] = []
+    brightness, levels = [], []
+    for index, (radiance, coverage) in enumerate(photographs(scene, progress)):
         write_exr(folder / "truth" / f"{index:03d}.exr", radiance.astype(np.float32))
         write_mask(folder / _mask_name(index), coverage)
         coverages.append(coverage.astype(np.float32))
@@ -152,7 +149,8 @@ def _write_photographs(
     # The room is about as bright as the object: a constant of the set.
     level = float(np.mean(levels))
     taken: list[Photograph] = []
-    for index, coverage in enumerate(coverages):
+    for index, stored in enumerate(coverages):
+        coverage = stored.astype(float)
         rng = np.random.default_rng([scene.seed, _PHOTOGRAPHS, index])
         radiance = read_pixels(folder / "truth" / f"{index:03d}.exr").astype(float)
         seen: Floats = with_background(radiance, coverage, _background(session, index, level))
@@ -169,7 +167,7 @@ def _write_photographs(
                 for shot in shots
             ]
         else:
-            write_exr(stem.with_suffix(".exr"), sensor.applied(seen, coverage.astype(float), rng))
+            write_exr(stem.with_suffix(".exr"), sensor.applied(seen, coverage, rng))
             taken.append(Photograph(index, f"{stem.name}.exr", _mask_name(index), None))
     return taken
 

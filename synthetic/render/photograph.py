@@ -1,19 +1,19 @@
 """Photographs of a scene without noise: mean radiance over each pixel's square.
 
 A photograph is made in tiles, sets of pixels that are integrated on their own, with their own random numbers: so the
-result depends neither on how many processes share the work nor on their order.
+result depends neither on how many threads share the work nor on their order.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.parallel import parallel_map, process_map
+from capture.parallel import parallel_map
 from synthetic.render.gather import direct_light
 from synthetic.render.lattice import dealt
 from synthetic.render.paths import indirect_light
@@ -37,19 +37,16 @@ class Tile(NamedTuple):
     pixels: Ints
 
 
-def photographs(
-    scene: Scene, progress: Progress | None = None, workers: int | None = 1
-) -> Iterator[tuple[Floats, Floats]]:
+def photographs(scene: Scene, progress: Progress | None = None) -> Iterator[tuple[Floats, Floats]]:
     """Radiance (h, w, 3) and coverage (h, w) of each photograph, in order.
 
     progress : called with the steps of the work and a description; iterates over what it returns.
-    workers : processes that share the work; None for one per core.
     """
     count = len(scene.shots)
-    covered = _spread(_coverage, scene, range(count), workers)
+    covered = parallel_map(partial(_coverage, scene), range(count))
     coverages = list(_followed(covered, count, "Looking", progress))
     jobs = [tile for index, coverage in enumerate(coverages) for tile in tiles(index, coverage)]
-    done = _followed(_spread(tile_radiance, scene, jobs, workers), len(jobs), "Photographing", progress)
+    done = _followed(parallel_map(partial(tile_radiance, scene), jobs), len(jobs), "Photographing", progress)
     finished = zip(jobs, done, strict=True)
     for index, coverage in enumerate(coverages):
         radiance = np.zeros((*coverage.shape, 3))
@@ -82,15 +79,6 @@ def plain_radiance(scene: Scene, tile: Tile) -> Floats:
     lattices = dealt(effort.directions, effort.per_side**2)[place]
     radiance = weight[:, None] * _radiance(scene, shot, points, views, lattices, pixel, rng)
     return np.column_stack([np.bincount(pixel, channel, len(pixels)) for channel in radiance.T])
-
-
-def _spread(
-    function: Callable[[Scene, Any], Any], scene: Scene, items: Sequence[Any], workers: int | None
-) -> Iterator[Any]:
-    """Results over items, in order: threads do for what is numpy alone, but Embree holds the interpreter."""
-    if scene.surface.convex and workers != 1:
-        return parallel_map(partial(function, scene), items)
-    return process_map(function, scene, items, workers)
 
 
 def _coverage(scene: Scene, index: int) -> Floats:

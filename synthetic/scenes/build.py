@@ -138,7 +138,7 @@ def _material(table: MaterialTable | None, of: ObjectTable, folder: Path) -> Mat
     if of.shape == "doll":
         kd_map, ks_map = doll_textures(_TEXTURE_HEIGHT)
         lobe = _plain(table, folder) if table else Microfacet(np.zeros(3), np.ones(3), 1.5, 0.15)
-        return Textured(lobe, kd_map, ks_map)
+        return Textured(lobe, kd_map.astype(float), ks_map.astype(float))
     assert table is not None, "the schema sees to it"
     return _plain(table, folder)
 

@@ -125,8 +125,7 @@ def test_one_seed_gives_one_set_of_bytes_and_another_seed_another(tmp_path: Path
     other = replace(session, scene=replace(session.scene, seed=1))
     sets = {"a": session, "b": session, "c": other}
     for name, variant in sets.items():
-        # In one process and in several.
-        write_photoset(variant, tmp_path / name, progress, workers=2 if name == "b" else 1)
+        write_photoset(variant, tmp_path / name, progress)
     names = sorted(
         str(path.relative_to(tmp_path / "a")) for path in (tmp_path / "a").rglob("*") if path.is_file()
     )

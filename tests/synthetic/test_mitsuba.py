@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from synthetic.spheres import Noise, SphereScene, expose
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet
-from synthetic.spheres import Noise, SphereScene, expose
 
 mi = pytest.importorskip("mitsuba")
 mi.set_variant("scalar_rgb")
