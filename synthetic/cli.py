@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -66,14 +67,24 @@ def synth(
     """
     from synthetic.run import list_built_in, run_synth, show_scene
 
+    others = {"SCENE": scene, "--out": out, "--show": show or None, "--light": light, "--seed": seed}
     if list_scenes:
+        _refuse("--list", others)
         list_built_in()
         return
     if scene is None:
         raise ValueError("which scene? Give the name of a built-in one (--list shows them), or a scene file")
     if show:
+        _refuse("--show", {key: others[key] for key in ("--out", "--light", "--seed")})
         show_scene(scene)
         return
     if out is None:
         raise ValueError("where to? Give a folder for the photo set: -o SET")
     run_synth(scene, out, light.value if light else None, seed)
+
+
+def _refuse(option: str, others: Mapping[str, object]) -> None:
+    """ValueError for arguments that say nothing beside an option that prints and stops."""
+    given = [name for name, value in others.items() if value is not None]
+    if given:
+        raise ValueError(f"{option} prints and stops: remove {' and '.join(given)}, or remove {option}")

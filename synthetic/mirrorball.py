@@ -64,19 +64,22 @@ def write_mirror_balls(
         view: dict[str, Any] = {"photo": f"{stem}.exr", "mask": f"{stem}_mask.png"}
         view["world_to_camera"] = shot.camera.world_to_camera.tolist()
         if isinstance(session.sensor, Development):
-            view |= {"exposure_s": 1.0, "iso": 100.0, "f_number": 1.0}
+            view |= _exposure(session.sensor)
         views.append(view)
     return tables
+
+
+def _exposure(development: Development) -> dict[str, float]:
+    """A second's exposure, as the manifest states it: with ISO and f-number only where the photographs' EXIF does."""
+    if development.exposure == "manual":
+        return {"exposure_s": 1.0}
+    return {"exposure_s": 1.0, "iso": float(development.iso), "f_number": development.f_number}
 
 
 def _with_sizes(illumination: Illumination) -> Illumination:
     """The same light, distant sources being discs: a mirror shows nothing of a point."""
     discs = []
     for source in illumination.sources:
-        if not isinstance(source, DirectionalSource):
-            raise ValueError(
-                f"lighting {illumination.name!r}: a mirror ball can't show a lamp at a place, which it would show from"
-                " another side than the object sees it: give it as directional with radius_deg"
-            )
+        assert isinstance(source, DirectionalSource), "the session sees to it"
         discs.append(DiscLight(source.direction, source.irradiance, np.radians(_SOURCE_RADIUS_DEG)))
     return replace(illumination, extended=(*illumination.extended, *discs), sources=())

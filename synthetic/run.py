@@ -13,7 +13,7 @@ from capture.terminal import console, leave_cleanly_when_stopped, track
 from synthetic.lights.illumination import Given
 from synthetic.scenes.build import read_session
 from synthetic.scenes.builtin import scene_names, scene_path
-from synthetic.scenes.schema import read_scene_file
+from synthetic.scenes.scenefile import read_scene_file
 from synthetic.sensing.contactsheet import write_contact_sheet
 from synthetic.writer import CONTACT_NAME, PHOTOSET_FILES, TRUTH_NAME, write_photoset
 
@@ -29,7 +29,7 @@ def run_synth(scene: str, out: Path, given: Given | None, seed: int | None) -> N
         truth = json.loads((folder / TRUTH_NAME).read_text(encoding="utf-8"))
     error = truth["integration"]["relative_rms_error"]
     console.print(
-        f"{session.scene.name}: {len(truth['photos'])} photographs, integrated to {error:.2%} (relative RMS).",
+        f"{session.scene.name}: {len(truth['photos'])} photographs, integrated to {100 * error:.1g}% (relative RMS).",
         soft_wrap=True,
     )
     console.print(f"Photo set: {out / MANIFEST_NAME}   Look at it: {out / CONTACT_NAME}", soft_wrap=True)

@@ -12,6 +12,7 @@ from synthetic.lights.sources import PointSource
 from synthetic.materials.energy import check_energy
 from synthetic.materials.material import Material
 from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.texture import Textured
 from synthetic.shapes.surface import Surface
 
 
@@ -24,7 +25,7 @@ class Effort:
     paths : per sub-sample, for each of which light is followed from part to part.
     """
 
-    directions: int = 512
+    directions: int = 1024
     per_side: int = 4
     bounces: int = 0
     paths: int = 4
@@ -67,7 +68,8 @@ class Scene:
         if not self.shots:
             raise ValueError(f"scene {self.name!r} has no photograph: give it a camera")
         check_energy(self.material)
-        if self.effort.bounces and isinstance(self.material, Microfacet):
+        plain = self.material.material if isinstance(self.material, Textured) else self.material
+        if self.effort.bounces and isinstance(plain, Microfacet):
             raise ValueError(
                 f"scene {self.name!r}: RH01's lobe as printed reflects without bound at grazing angles, so light can't"
                 " bounce between its surfaces: use model = 'smith' (half-angle Fresnel, shadowing-masking)"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.trianglemesh import TriangleMesh
+from synthetic.lights.sources import PointSource
 from synthetic.scene import Scene
 from synthetic.scenes.schema import BallTable, CalibrationTable, FaultsTable
 from synthetic.sensing.development import Development
@@ -35,3 +36,11 @@ class Session:
     ball: BallTable | None = None
     calibration: CalibrationTable | None = None
     source: str = ""
+
+    def __post_init__(self) -> None:
+        for light in self.scene.illuminations if self.ball is not None else ():
+            if any(isinstance(source, PointSource) for source in light.sources):
+                raise ValueError(
+                    f"lighting {light.name!r}: a mirror ball can't tell of a lamp at a place, which it shows from"
+                    " another side than the object sees it: give it as directional, or leave the mirror ball out"
+                )

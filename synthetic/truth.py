@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import software
+from capture.parallel import parallel_map
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Illumination
@@ -23,7 +26,6 @@ from synthetic.materials.smith import Smith
 from synthetic.materials.tabulated import Tabulated
 from synthetic.materials.texture import Textured
 from synthetic.render.photograph import Tile, plain_radiance, tile_radiance
-from synthetic.render.pixels import pixel_coverage
 from synthetic.scene import Scene
 from synthetic.sensing.development import Development
 from synthetic.session import Session
@@ -31,8 +33,8 @@ from synthetic.shapes.ball import Ball
 
 Floats = NDArray[np.float64]
 
-# Pixels by which the integration is judged, and how much finer the judge is.
-_JUDGED, _FINER = 256, 8
+# How many times more directions the judge of the integration looks into.
+_FINER = 8
 
 
 def truth_document(
@@ -43,6 +45,7 @@ def truth_document(
     return {
         "format": 1,
         "name": scene.name,
+        "seed": scene.seed,
         "brdf": described(scene.material),
         "object": _object(session),
         "lighting": [_lighting(light, written) for light in scene.illuminations],
@@ -95,19 +98,17 @@ def described(material: Material) -> dict[str, Any]:
     return {"model": model} | _weights(material) | numbers
 
 
-def integration_error(scene: Scene) -> float:
-    """Relative RMS by which pixels of the first photograph differ from plain sums over many times more directions.
+def integration_error(scene: Scene, judged: Sequence[Tile]) -> float:
+    """Relative RMS by which pixels differ from plain sums over many times more directions.
 
-    On a random sample of the pixels that the object fills: root mean square difference over root mean square radiance.
+    judged : pixels that the object fills. Root mean square difference over root mean square radiance.
     """
-    rng = np.random.default_rng([scene.seed, len(scene.shots)])
-    rows, columns = np.nonzero(pixel_coverage(scene.surface, scene.shots[0].camera) == 1)
-    chosen = np.sort(rng.choice(len(rows), min(_JUDGED, len(rows)), replace=False))
-    judged = Tile(0, 0, np.column_stack([columns, rows])[chosen])
     effort = scene.effort
     finer = replace(effort, directions=effort.directions * _FINER, paths=min(effort.paths * _FINER, 1024))
-    fine = plain_radiance(replace(scene, effort=finer, seed=scene.seed + 1), judged)
-    return float(np.sqrt(((tile_radiance(scene, judged) - fine) ** 2).mean() / (fine**2).mean()))
+    judge = replace(scene, effort=finer, seed=scene.seed + 1)
+    used = np.concatenate(list(parallel_map(partial(tile_radiance, scene), judged)))
+    fine = np.concatenate(list(parallel_map(partial(plain_radiance, judge), judged)))
+    return float(np.sqrt(((used - fine) ** 2).mean() / (fine**2).mean()))
 
 
 def _weights(material: Material) -> dict[str, Any]:
@@ -130,6 +131,7 @@ def _lighting(illumination: Illumination, written: Written) -> dict[str, Any]:
     return {
         "name": illumination.name,
         "map": written.maps.get(illumination.name),
+        "mirror_ball": written.balls.get(illumination.name),
         "area": [
             {
                 "axis": light.axis.tolist(),

@@ -23,7 +23,7 @@ from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.manifest import Photograph, Written, manifest_text
 from synthetic.materials.texture import Textured
 from synthetic.mirrorball import write_mirror_balls
-from synthetic.render.photograph import Progress, photographs
+from synthetic.render.photograph import Progress, Tile, photographs
 from synthetic.sensing.autoexposure import choose_exposure, object_brightness
 from synthetic.sensing.calibrationshots import write_calibration_shots
 from synthetic.sensing.development import Development, write_photograph
@@ -54,6 +54,8 @@ PHOTOSET_FILES = (
 _MAP_HEIGHT = 128
 # What random numbers are for: each use has a stream of its own, so that none changes another's.
 _POSES, _MESH, _ALIGNMENT, _PHOTOGRAPHS, _CALIBRATION, _ROOM_LOOK = range(1, 7)
+# Pixels by which the integration is judged, of each of so many photographs.
+_JUDGED_PIXELS, _JUDGED_PHOTOS = 48, 12
 # Side of the room behind the object, in largest distances of a camera.
 _ROOM = 4.0
 
@@ -66,16 +68,17 @@ def write_photoset(session: Session, folder: Path, progress: Progress | None = N
     """
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     scene = session.scene
+    taken, judged = _write_photographs(session, folder, progress)
     written = Written(
         maps=_write_maps(scene.illuminations, folder),
         balls=write_mirror_balls(session, folder, progress),
         poses=_written_poses(session),
         mesh_to_world=_write_mesh(session, folder),
         radiometry=_write_radiometry(session, folder),
-        photographs=_write_photographs(session, folder, progress),
+        photographs=taken,
     )
     calibration = _write_calibration(session, folder, progress)
-    error = integration_error(scene)
+    error = integration_error(scene, judged)
     write_json(folder / TRUTH_NAME, truth_document(session, written, calibration, error))
     if session.source:
         (folder / SCENE_NAME).write_text(session.source, encoding="utf-8")
@@ -133,28 +136,35 @@ def _write_radiometry(session: Session, folder: Path) -> dict[str, Any]:
     return write_radiometry(folder, session.sensor, camera.width, camera.height)
 
 
-def _write_photographs(session: Session, folder: Path, progress: Progress | None) -> list[Photograph]:
-    """Photographs and masks; the radiance before the sensor goes to truth/, from where it is developed at last."""
+def _write_photographs(
+    session: Session, folder: Path, progress: Progress | None
+) -> tuple[list[Photograph], list[Tile]]:
+    """Photographs and masks, and pixels by which the integration is to be judged.
+
+    The radiance before the sensor goes to truth/, from where it is developed: all of it must be known to choose an
+    exposure, and a photograph at a time is enough to hold.
+    """
     scene, sensor = session.scene, session.sensor
-    coverages: list[NDArray[np.floating]] = []
     brightness, levels = [], []
     for index, (radiance, coverage) in enumerate(photographs(scene, progress)):
         write_exr(folder / "truth" / f"{index:03d}.exr", radiance.astype(np.float32))
         write_mask(folder / _mask_name(index), coverage)
-        coverages.append(coverage.astype(np.float32))
-        levels.append(float(radiance.sum() / (3 * max(coverage.sum(), 1e-9))))
+        levels.append(float(radiance.sum() / (3 * coverage.sum())))
         if isinstance(sensor, Development):
             brightness.append(object_brightness(radiance, coverage, sensor.sensor))
     exposure_s = choose_exposure(brightness, sensor) if isinstance(sensor, Development) else 1.0
     # The room is about as bright as the object: a constant of the set.
     level = float(np.mean(levels))
     taken: list[Photograph] = []
-    for index, stored in enumerate(coverages):
-        coverage = stored.astype(float)
+    judged: list[Tile] = []
+    stride = -(-len(scene.shots) // _JUDGED_PHOTOS)
+    for index in range(len(scene.shots)):
         rng = np.random.default_rng([scene.seed, _PHOTOGRAPHS, index])
         radiance = read_pixels(folder / "truth" / f"{index:03d}.exr").astype(float)
-        seen: Floats = with_background(radiance, coverage, _background(session, index, level))
-        spoilt = None
+        coverage = read_pixels(folder / _mask_name(index))[..., 0].astype(float) / 255
+        if index % stride == 0:
+            judged.append(_sample(index, coverage, rng))
+        seen = with_background(radiance, coverage, _background(session, index, level))
         if session.faults.outliers:
             seen, spoilt = with_outliers(seen, coverage, session.faults.outliers, rng)
             write_mask(folder / "truth" / f"{index:03d}_outliers.png", spoilt)
@@ -169,7 +179,15 @@ def _write_photographs(session: Session, folder: Path, progress: Progress | None
         else:
             write_exr(stem.with_suffix(".exr"), sensor.applied(seen, coverage, rng))
             taken.append(Photograph(index, f"{stem.name}.exr", _mask_name(index), None))
-    return taken
+    return taken, judged
+
+
+def _sample(index: int, coverage: Floats, rng: np.random.Generator) -> Tile:
+    """Some pixels of a photograph that the object fills; of one that it fills nowhere, some that it is in."""
+    full = coverage == 1
+    rows, columns = np.nonzero(full if full.any() else coverage)
+    chosen = np.sort(rng.choice(len(rows), min(_JUDGED_PIXELS, len(rows)), replace=False))
+    return Tile(index, 0, np.column_stack([columns, rows])[chosen])
 
 
 def _background(session: Session, index: int, level: float) -> Floats:

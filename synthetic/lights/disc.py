@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from synthetic.lights.values import about_axis, rgb, unit_vector
+from synthetic.materials.material import dot
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]
@@ -58,4 +59,4 @@ class DiscLight:
         # By the chord, which keeps its digits in single precision where the cosine is 1 to rounding.
         away = directions - self.direction.astype(directions.dtype)
         chord = 2 * np.sin(self.radius_rad / 2)
-        return ((away * away).sum(axis=-1) <= chord**2).astype(directions.dtype)
+        return (dot(away, away) <= chord**2).astype(directions.dtype)

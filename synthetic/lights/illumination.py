@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.lighting import latlong_pixels, latlong_solid_angles
+from synthetic.lights.disc import DiscLight
 from synthetic.lights.light import ExtendedLight
 from synthetic.lights.sources import DirectionalSource, PointSource
 
@@ -18,6 +20,8 @@ Given = Literal["all", "ball", "nothing"]
 
 # Sub-samples per side of a lat-long pixel.
 _SUBSAMPLES = 3
+# They may miss discs of a radius below so many pixels, which are cut into so many parts along radius and azimuth.
+_SMALL_DISC, _DISC_PARTS = 4, 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +73,20 @@ def latlong_map(lights: Sequence[ExtendedLight], height: int) -> NDArray[np.floa
     directions = np.stack(np.broadcast_arrays(ring * np.cos(phi), ring * np.sin(phi), z), axis=-1)
     total = np.zeros((height, 2 * height, 3))
     for light in lights:
+        if isinstance(light, DiscLight) and light.radius_rad < _SMALL_DISC * np.pi / height:
+            total += _shared_out(light, height)
+            continue
         fine_map = light.radiance_from(directions)
         total += fine_map.reshape(height, _SUBSAMPLES, 2 * height, _SUBSAMPLES, 3).mean(axis=(1, 3))
     return total.astype(np.float32)
+
+
+def _shared_out(disc: DiscLight, height: int) -> Floats:
+    """Means over pixels (height, 2 height, 3) of a small disc: its light, dealt to those that parts of it lie in."""
+    share = (np.arange(_DISC_PARTS) + 0.5) / _DISC_PARTS
+    directions = disc.sample(np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2))
+    row, column = (place.astype(int) for place in latlong_pixels(directions, height))
+    counts = np.bincount(row * 2 * height + column % (2 * height), minlength=2 * height**2)
+    parts = counts.reshape(height, 2 * height, 1) / len(directions)
+    power = disc.radiance_from(disc.direction) / disc.density(disc.direction)
+    return parts * power / latlong_solid_angles(height)[..., None]

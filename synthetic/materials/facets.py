@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from synthetic.materials.material import dot
+
 AnyFloats = NDArray[np.floating]
 
 # Least square of the cosine of a half vector: keeps powers of it within single precision.
@@ -59,8 +61,8 @@ class Facets:
     def _slope2(self, w: AnyFloats) -> AnyFloats:
         return (w[..., 0] / self.along) ** 2 + (w[..., 1] / self.across) ** 2
 
-    def _spread(self, w: AnyFloats) -> AnyFloats:
-        return np.hypot(self.along * w[..., 0], self.across * w[..., 1])
+    def _spread2(self, w: AnyFloats) -> AnyFloats:
+        return (self.along * w[..., 0]) ** 2 + (self.across * w[..., 1]) ** 2
 
 
 class Beckmann(Facets):
@@ -68,13 +70,13 @@ class Beckmann(Facets):
 
     def density(self, half: AnyFloats) -> AnyFloats:
         cos2 = np.maximum(half[..., 2] ** 2, _LEAST_COS2)
-        secant2 = (half * half).sum(axis=-1) / cos2
+        secant2 = dot(half, half) / cos2
         return np.exp(-self._slope2(half) / cos2) * secant2**2 / (np.pi * self.along * self.across)
 
     def hidden(self, w: AnyFloats) -> AnyFloats:
         # Lambda = (erf(a) - 1) / 2 + exp(-a^2) / (2 a sqrt(pi)), a = cos / spread      [Heitz 2014, eq. 72]
         cos = w[..., 2]
-        spread = self._spread(w)
+        spread = np.sqrt(self._spread2(w))
         a = cos / np.maximum(spread, np.abs(cos) / _STEEPEST)
         return (cos * (erf(a) - 1) + spread * np.exp(-a * a) / math.sqrt(math.pi)) / 2
 
@@ -85,11 +87,11 @@ class GGX(Facets):
     def density(self, half: AnyFloats) -> AnyFloats:
         # 1e-30 is below any square of an upward vector; it keeps 0 / 0 out where wi = -wo.
         stretched = np.maximum(self._slope2(half) + half[..., 2] ** 2, 1e-30)
-        return ((half * half).sum(axis=-1) / stretched) ** 2 / (np.pi * self.along * self.across)
+        return (dot(half, half) / stretched) ** 2 / (np.pi * self.along * self.across)
 
     def hidden(self, w: AnyFloats) -> AnyFloats:
         # Lambda = (sqrt(1 + 1 / a^2) - 1) / 2, a = cos / spread                        [Heitz 2014, eq. 72]
-        return (np.hypot(w[..., 2], self._spread(w)) - w[..., 2]) / 2
+        return (np.sqrt(w[..., 2] ** 2 + self._spread2(w)) - w[..., 2]) / 2
 
     def sample(self, wo: AnyFloats, u: AnyFloats) -> AnyFloats:
         """Directions (..., 3) that wo (..., 3) is reflected to by the facets it sees, for u (..., 2) in 0 to 1.
@@ -100,7 +102,7 @@ class GGX(Facets):
         # Stretched so that the facets are a hemisphere.
         view = _unit(wo * stretch)
         x, y, z = np.moveaxis(view, -1, 0)
-        level = np.hypot(x, y)
+        level = np.sqrt(x * x + y * y)
         flat = level < 1e-6
         level = np.where(flat, 1, level)
         cos, sin = np.where(flat, 0, x / level), np.where(flat, -1, y / level)
@@ -122,7 +124,7 @@ class GGX(Facets):
             axis=-1,
         )
         half = _unit(normal * stretch)
-        return 2 * (wo * half).sum(axis=-1, keepdims=True) * half - wo
+        return 2 * dot(wo, half)[..., None] * half - wo
 
     def sampled_density(self, wi: AnyFloats, wo: AnyFloats) -> AnyFloats:
         """Density (...,) of `sample`, 1/sr, at directions wi (..., 3) for viewers wo (..., 3)."""
@@ -133,4 +135,4 @@ class GGX(Facets):
 
 
 def _unit(v: AnyFloats) -> AnyFloats:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    return v / np.sqrt(dot(v, v))[..., None]

@@ -63,7 +63,7 @@ class Microfacet(Material):
         above = (cos_i > 0) & (cos_o > 0)
         half = wi + wo
         # Not by arccos, which loses half the digits where the lobe peaks.
-        angle = np.arctan2(np.hypot(half[..., 0], half[..., 1]), half[..., 2])
+        angle = np.arctan2(np.sqrt(half[..., 0] ** 2 + half[..., 1] ** 2), half[..., 2])
         lobe = self._facets_at(angle) / np.where(above, 4 * cos_i * cos_o, 1)
         if self.mu is not None:
             lobe = lobe * self.fresnel(np.maximum(cos_o, 0))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from synthetic.materials.material import AnyFloats, Material, local_frame, mirrored, to_world
+from synthetic.materials.material import AnyFloats, Material, dot, local_frame, mirrored, to_world
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,4 +46,4 @@ class Phong(Material):
         return np.where(cos > 0, density, 0)
 
     def _cosine(self, wi: AnyFloats, wo: AnyFloats) -> AnyFloats:
-        return np.maximum((wi * mirrored(wo)).sum(axis=-1), 0)
+        return np.maximum(dot(wi, mirrored(wo)), 0)

@@ -18,7 +18,7 @@ import numpy as np
 
 from synthetic.materials.facets import GGX, Facets
 from synthetic.materials.fresnel import checked_index, relative_fresnel
-from synthetic.materials.material import AnyFloats, Material
+from synthetic.materials.material import AnyFloats, Material, dot
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Smith(Material):
         lobe = self.facets.density(half) / (4 * np.where(above, shown, 1))
         if self.mu is not None:
             # Half of |wi + wo| is wo.h.
-            lobe = lobe * relative_fresnel(self.mu, np.sqrt((half * half).sum(axis=-1)) / 2)
+            lobe = lobe * relative_fresnel(self.mu, np.sqrt(dot(half, half)) / 2)
         return np.where(above, lobe, 0)[..., None]
 
     # Visible facets of GGX serve Beckmann's too: nowhere is the lobe more than 2.6 times as dense.

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from synthetic.materials.material import AnyFloats, Floats, Material, cosine_density, sample_cosine
+from synthetic.materials.material import AnyFloats, Floats, Material, cosine_density, dot, sample_cosine
 
 # What MERL's integers are to be multiplied by: red, green, blue.
 _MERL_SCALES = np.array([1.0, 1.15, 1.66]) / 1500
@@ -41,7 +41,7 @@ def half_angles(wi: AnyFloats, wo: AnyFloats) -> HalfAngles:
     half, difference = wi + wo, wi - wo
     across = np.hypot(half[..., 0], half[..., 1])
     theta_h = np.arctan2(across, half[..., 2])
-    theta_d = np.arctan2(np.linalg.norm(difference, axis=-1), np.linalg.norm(half, axis=-1))
+    theta_d = np.arctan2(np.sqrt(dot(difference, difference)), np.sqrt(dot(half, half)))
     # The half vector's azimuth; where it is the normal, any.
     upright = across == 0
     safe = np.where(upright, 1, across)
@@ -130,7 +130,7 @@ class Tabulated(Material):
         cos = np.interp(first, cdf, cosines)
         sin, phi = np.sqrt(1 - cos * cos), 2 * np.pi * u[..., 1]
         half = np.stack([sin * np.cos(phi), sin * np.sin(phi), cos], axis=-1).astype(wo.dtype)
-        reflected = 2 * (wo * half).sum(axis=-1, keepdims=True) * half - wo
+        reflected = 2 * dot(wo, half)[..., None] * half - wo
         by_cosine = sample_cosine(np.stack([first, u[..., 1]], axis=-1))
         return np.where(u[..., :1] < 0.5, reflected, by_cosine)
 
@@ -142,7 +142,7 @@ class Tabulated(Material):
         theta_h = np.arctan2(np.hypot(half[..., 0], half[..., 1]), np.abs(half[..., 2]))
         place = (np.sqrt(theta_h * (2 / np.pi)) * len(densities)).astype(int)
         # Half of |wi + wo| is wo.h; it is 0 for opposite directions only.
-        cos_d = np.maximum(np.linalg.norm(half, axis=-1) / 2, 1e-6)
+        cos_d = np.maximum(np.sqrt(dot(half, half)) / 2, 1e-6)
         reflected = densities[np.minimum(place, len(densities) - 1)] / (4 * cos_d)
         return (reflected + cosine_density(wi)) / 2
 

@@ -21,6 +21,7 @@ from synthetic.shapes.surface import Points, Surface
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+AnyFloats = NDArray[np.floating]
 
 # Pairs of point and direction at a time: arrays of this many float32 stay in the cache.
 _PAIRS_PER_CHUNK = 1 << 15
@@ -100,25 +101,34 @@ def _gather(
     batches = [light.sample(shifted(lattices, moves[:, j])) for j, light in enumerate(illumination.extended)]
     if glossy:
         local = material.sample(wo[:, None], shifted(lattices, moves[:, -1]))
-        batches.append(to_world(frames[:, None], local))
+        batches.append(local @ frames)
     wi = np.concatenate(batches, axis=1)
-    local = np.einsum("nij,nkj->nki", frames, wi)
+    local = wi @ frames.swapaxes(1, 2)
     density = sum(light.density(wi) for light in illumination.extended)
     if glossy:
         density = density + material.density(local, wo[:, None])
-    weight = local[..., 2] / (count * np.maximum(density, np.float32(1e-30)))
-    weight *= (local[..., 2] > 0) & (wo[:, None, 2] > 0)
-    arriving = illumination.radiance_from(wi) * weight[..., None]
+    # Placeholders of 1 where nothing arrives anyway.
+    weight = np.maximum(local[..., 2], 0) / (count * np.where(density > 0, density, 1))
+    weight *= wo[:, None, 2] > 0
     if not surface.convex:
-        row, column = np.nonzero(arriving.any(axis=-1))
+        row, column = np.nonzero(weight)
         blocked = surface.occluded(points.positions[row], points.facets[row], wi[row, column])
-        arriving[row[blocked], column[blocked]] = 0
-    irradiance = arriving.sum(axis=1, dtype=float)
+        weight[row[blocked], column[blocked]] = 0
+    arriving = illumination.radiance_from(wi)
+    irradiance = _sums(weight, arriving)
     if material.is_mirror:
         return irradiance, _mirrored(surface, material, illumination, points, frames, wo)
     if not glossy:
         return irradiance, np.zeros_like(irradiance)
-    return irradiance, (arriving * material.lobe(local, wo[:, None])).sum(axis=1, dtype=float)
+    lobe = material.lobe(local, wo[:, None])
+    if lobe.shape[-1] == 1:
+        return irradiance, _sums(weight * lobe[..., 0], arriving)
+    return irradiance, _sums(weight, arriving * lobe)
+
+
+def _sums(weights: AnyFloats, values: AnyFloats) -> Floats:
+    """Sums (n, 3) over k of weights (n, k) times values (n, k, 3)."""
+    return np.asarray((weights[:, None] @ values)[:, 0], float)
 
 
 def _mirrored(

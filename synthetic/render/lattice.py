@@ -43,10 +43,11 @@ def shifted(points: Floats, shifts: Floats) -> NDArray[np.float32]:
     The fold (the baker's map) makes what is smooth periodic too, which lattices integrate best; their second
     coordinate is an azimuth, periodic by itself.
     """
-    moved = (points + shifts[:, None, :]) % 1
+    moved = points.astype(np.float32) + shifts[:, None, :].astype(np.float32)
+    # Both are below 1, so this is what % 1 is, in a tenth of its time.
+    moved -= moved >= 1
     moved[..., 0] = 1 - np.abs(2 * moved[..., 0] - 1)
-    # Below 1 in single precision too.
-    return np.minimum(moved.astype(np.float32), np.float32(1 - 2**-24))
+    return np.minimum(moved, np.float32(1 - 2**-24))
 
 
 def _quotients(numerator: int, denominator: int) -> int:

@@ -7,7 +7,7 @@ result depends neither on how many threads share the work nor on their order.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,20 +38,27 @@ class Tile(NamedTuple):
 
 
 def photographs(scene: Scene, progress: Progress | None = None) -> Iterator[tuple[Floats, Floats]]:
-    """Radiance (h, w, 3) and coverage (h, w) of each photograph, in order.
+    """Radiance (h, w, 3) and coverage (h, w) of each photograph, in order; few are held at a time.
 
     progress : called with the steps of the work and a description; iterates over what it returns.
     """
-    count = len(scene.shots)
-    covered = parallel_map(partial(_coverage, scene), range(count))
-    coverages = list(_followed(covered, count, "Looking", progress))
-    jobs = [tile for index, coverage in enumerate(coverages) for tile in tiles(index, coverage)]
-    done = _followed(parallel_map(partial(tile_radiance, scene), jobs), len(jobs), "Photographing", progress)
-    finished = zip(jobs, done, strict=True)
-    for index, coverage in enumerate(coverages):
+    coverages: dict[int, Floats] = {}
+
+    def work() -> Iterator[Tile]:
+        for index, shot in enumerate(scene.shots):
+            coverages[index] = pixel_coverage(scene.surface, shot.camera)
+            if not coverages[index].any():
+                raise ValueError(f"scene {scene.name!r}: camera {index} sees nothing of the object")
+            yield from tiles(index, coverages[index])
+
+    done = parallel_map(lambda tile: (tile, tile_radiance(scene, tile)), work())
+    finished = groupby(done, key=lambda result: result[0].photograph)
+    count = range(len(scene.shots))
+    for _ in progress(count, "Photographing") if progress else count:
+        index, parts = next(finished)
+        coverage = coverages.pop(index)
         radiance = np.zeros((*coverage.shape, 3))
-        for _ in tiles(index, coverage):
-            tile, means = next(finished)
+        for tile, means in parts:
             radiance[tile.pixels[:, 1], tile.pixels[:, 0]] = means
         yield radiance, coverage
 
@@ -81,10 +88,6 @@ def plain_radiance(scene: Scene, tile: Tile) -> Floats:
     return np.column_stack([np.bincount(pixel, channel, len(pixels)) for channel in radiance.T])
 
 
-def _coverage(scene: Scene, index: int) -> Floats:
-    return pixel_coverage(scene.surface, scene.shots[index].camera)
-
-
 def _radiance(
     scene: Scene,
     shot: Shot,
@@ -106,11 +109,3 @@ def _radiance(
         )
         radiance += bounced.reshape(len(points), -1, 3).mean(axis=1)
     return radiance
-
-
-def _followed(
-    results: Iterator[Any], count: int, description: str, progress: Progress | None
-) -> Iterator[Any]:
-    """Results as they come, each a step of the progress."""
-    for _ in progress(range(count), description) if progress else range(count):
-        yield next(results)

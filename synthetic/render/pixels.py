@@ -70,7 +70,7 @@ def _near(surface: Surface, camera: Camera) -> Ints:
 
 def _hits(surface: Surface, camera: Camera, pixels: Ints, steps: Floats) -> NDArray[np.bool_]:
     hit, _ = surface.first_hits(*camera_rays(surface, camera, _subsamples(pixels, steps)))
-    return hit.reshape(len(pixels), -1)
+    return hit.reshape(len(pixels), len(steps) ** 2)
 
 
 def _subsamples(pixels: Ints, steps: Floats) -> Floats:

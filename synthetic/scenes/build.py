@@ -16,6 +16,7 @@ from synthetic.lights.illumination import Given, Illumination
 from synthetic.lights.latlong import LatLongLight
 from synthetic.lights.light import ExtendedLight
 from synthetic.lights.sources import DirectionalSource, PointSource
+from synthetic.lights.values import unit_vector
 from synthetic.materials.cornell import interpolated, read_cornell
 from synthetic.materials.facets import GGX, Beckmann
 from synthetic.materials.lambertian import Lambertian
@@ -28,16 +29,15 @@ from synthetic.materials.smith import Smith
 from synthetic.materials.tabulated import read_merl
 from synthetic.materials.texture import Textured
 from synthetic.scene import Effort, Scene
+from synthetic.scenes.scenefile import SceneFile, read_scene_file
 from synthetic.scenes.schema import (
     BallTable,
     CameraTable,
     LightingTable,
     MaterialTable,
     ObjectTable,
-    SceneFile,
     SensorTable,
     Towards,
-    read_scene_file,
 )
 from synthetic.scenes.views import shots, towards
 from synthetic.sensing.development import Development
@@ -75,6 +75,8 @@ def read_session(path: Path, given: Given | None = None, seed: int | None = None
         return _session(file, path.parent, path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise error if str(path) in str(error) else ValueError(f"{path}: {error}") from error
+    except OSError as error:
+        raise ValueError(f"{path}: {error.filename}: cannot be read ({error.strerror or error})") from error
 
 
 def _session(file: SceneFile, folder: Path, source: str) -> Session:
@@ -131,7 +133,10 @@ def _surface(table: ObjectTable, mesh: TriangleMesh | None) -> Surface:
     centre = np.array(table.centre)
     if mesh is None:
         return Ball(centre, table.radius)
-    return MeshSurface(TriangleMesh(mesh.vertices + centre, mesh.faces, mesh.normals, mesh.uv))
+    try:
+        return MeshSurface(TriangleMesh(mesh.vertices + centre, mesh.faces, mesh.normals, mesh.uv))
+    except ValueError as error:
+        raise ValueError(f"[object] {table.mesh or table.shape}: {error}") from error
 
 
 def _material(table: MaterialTable | None, of: ObjectTable, folder: Path) -> Material:
@@ -184,8 +189,7 @@ def _illumination(table: LightingTable, of: ObjectTable, folder: Path) -> Illumi
         else:
             extended.append(DiscLight(direction, irradiance, np.radians(source.radius_deg)))
     for lamp in table.lamp:
-        away = _direction(lamp)
-        position = np.array(of.centre) + lamp.distance * away / np.linalg.norm(away)
+        position = np.array(of.centre) + lamp.distance * unit_vector(_direction(lamp), "direction of a lamp")
         sources.append(PointSource(position, np.array(lamp.irradiance) * lamp.distance**2))
     return Illumination(table.name, tuple(extended), tuple(sources), table.given)
 
@@ -214,5 +218,5 @@ def _sensor(table: SensorTable, camera: CameraTable) -> Noise | Development:
         table.demosaic,
         table.exposure_s,
         table.saturated,
-        table.bracket_stops or (0.0,),
+        (0.0,) if table.bracket_stops is None else table.bracket_stops,
     )

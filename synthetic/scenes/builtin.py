@@ -16,11 +16,11 @@ def scene_names() -> tuple[str, ...]:
 def scene_path(name: str) -> Path:
     """The scene file of a name, or the file itself if that is what `name` is; ValueError if it is neither."""
     path = Path(name)
-    if path.suffix == ".toml" or path.exists():
+    # A built-in scene's name is that, even where a photo set of that name lies in the working folder.
+    if name in scene_names():
+        return _LIBRARY / f"{name}.toml"
+    if path.suffix == ".toml" or path.is_file():
         return path
-    built_in = _LIBRARY / f"{name}.toml"
-    if built_in.exists():
-        return built_in
     near = difflib.get_close_matches(name, scene_names(), n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else "`lightfactor synth --list` shows them"
     raise ValueError(f"{name!r} is no built-in scene and no scene file (NAME.toml); {hint}")

@@ -1,28 +1,51 @@
-"""The schema of scene files: small TOML tables that say what is photographed, under which light, from where."""
+"""The tables of scene files: what is photographed, under which light, from where, and by which camera."""
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
+import re
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from capture.files.tables import Table, validated
+from capture.boards.board import parse_board
+from capture.files.tables import Table
 
 Vector3 = tuple[float, float, float]
 Matrix4 = tuple[tuple[float, float, float, float], ...]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
+_FILE_NAME = re.compile(r"[\w.+-][\w.+ -]*")
 
 
-def _grey(value: Any) -> Any:
-    """One number counts for all channels."""
-    return (float(value),) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+def _rgb(value: Any) -> Any:
+    """Three channels, of which one number gives all."""
+    channels = value if isinstance(value, tuple) else (value,) * 3
+    numbers = [entry for entry in channels if isinstance(entry, int | float) and not isinstance(entry, bool)]
+    if len(channels) != 3 or len(numbers) != 3 or not all(0 <= number < float("inf") for number in numbers):
+        raise ValueError(f"is {_shown(value)}: give one number >= 0, or three, [red, green, blue]")
+    return tuple(map(float, numbers))
 
 
-Rgb = Annotated[Vector3, BeforeValidator(_grey)]
+def _background(value: Any) -> Any:
+    if isinstance(value, str) and value not in ("black", "room"):
+        raise ValueError(f"is {value!r}: give 'black', 'room', or a radiance, [red, green, blue]")
+    return value if isinstance(value, str) else _rgb(value)
+
+
+def _shown(value: Any) -> str:
+    """As TOML writes it."""
+    return repr(list(value) if isinstance(value, tuple) else value)
+
+
+Rgb = Annotated[Vector3, BeforeValidator(_rgb)]
+
+
+def _in_file_name(name: str) -> str:
+    if not _FILE_NAME.fullmatch(name):
+        raise ValueError(
+            f"is {name!r}, but names files: write it with letters, digits, spaces and . _ + - only"
+        )
+    return name
 
 
 class ObjectTable(Table):
@@ -99,15 +122,29 @@ class MaterialTable(Table):
                 raise ValueError(f"name and {min(given)} both give the material: remove one of them")
             return self
         needed, possible = _PARAMETERS[self.model]
-        needed += () if self.model == "table" else ("kd",) if self.model == "lambertian" else ("kd", "ks")
-        for key in sorted(given - {*needed, *possible}):
-            raise ValueError(
-                f"{key} is no parameter of model = {self.model!r}, which has {', '.join((*needed, *possible))}"
-            )
-        for key in needed:
+        for key in sorted(given - {*self._weights, *needed, *possible}):
+            parameters = ", ".join((*self._weights, *needed, *possible))
+            raise ValueError(f"{key} is no parameter of model = {self.model!r}, which has {parameters}")
+        self._check_given(needed)
+        return self
+
+    @property
+    def _weights(self) -> tuple[str, ...]:
+        if self.model == "table":
+            return ()
+        return ("kd",) if self.model == "lambertian" else ("kd", "ks")
+
+    def check_weights(self, painted: bool) -> None:
+        """ValueError if kd and ks are missing; or, of an object on which they are painted, if they are given."""
+        if not painted and self.name is None:
+            self._check_given(self._weights)
+        if painted and (given := self.model_fields_set & {"name", "kd", "ks", "file"}):
+            raise ValueError(f"has {min(given)} in [material], but the doll is painted: remove it")
+
+    def _check_given(self, keys: tuple[str, ...]) -> None:
+        for key in keys:
             if getattr(self, key) is None:
                 raise ValueError(f"lacks the key {key!r}, which model = {self.model!r} needs")
-        return self
 
 
 class Towards(Table):
@@ -143,7 +180,7 @@ class LampTable(Towards):
 
 
 class LightingTable(Table):
-    name: str = "lighting"
+    name: Annotated[str, AfterValidator(_in_file_name)] = "lighting"
     area: tuple[AreaTable, ...] = ()
     directional: tuple[SourceTable, ...] = ()
     lamp: tuple[LampTable, ...] = ()
@@ -273,12 +310,13 @@ class FaultsTable(Table):
     mesh_correlation_m: Positive = 0.003
     misaligned_deg: NotNegative = 0.0
     misaligned_m: NotNegative = 0.0
-    background: Literal["black", "room"] | Vector3 = "black"
-    outliers: Share = 0.0
+    # "black", "room", or radiance; a union would lose its place in error messages.
+    background: Annotated[Any, BeforeValidator(_background)] = "black"
+    outliers: Annotated[float, Field(ge=0, lt=1)] = 0.0
 
 
 class EffortTable(Table):
-    directions: int = 512
+    directions: int = 1024
     per_side: int = 4
     bounces: int = 0
     paths: int = 4
@@ -292,64 +330,14 @@ class BallTable(Table):
     distance: Positive = 0.6
 
 
+def _board(text: str) -> str:
+    parse_board(text)
+    return text
+
+
 class CalibrationTable(Table):
     """Photographs to calibrate the camera by: of a board, a bracket, repeats, an even wall."""
 
     # As `lightfactor board` has it.
-    board: str = "charuco:10x7:0.030:0.022:DICT_5X5_100"
+    board: Annotated[str, AfterValidator(_board)] = "charuco:10x7:0.030:0.022:DICT_5X5_100"
     boards: Annotated[int, Field(ge=3, le=1000)] = 12
-
-
-class SceneFile(Table):
-    format: Literal[1]
-    name: str
-    description: str = ""
-    seed: Annotated[int, Field(ge=0)] = 0
-    object: ObjectTable
-    material: MaterialTable | None = None
-    lighting: tuple[LightingTable, ...]
-    camera: CameraTable
-    gantry: GantryTable | None = None
-    turntable: TurntableTable | None = None
-    view: tuple[ViewTable, ...] = ()
-    sensor: SensorTable = SensorTable()
-    faults: FaultsTable = FaultsTable()
-    render: EffortTable = EffortTable()
-    mirror_ball: BallTable | None = None
-    calibration: CalibrationTable | None = None
-
-    @model_validator(mode="after")
-    def _whole(self) -> SceneFile:
-        if not (self.gantry or self.turntable or self.view):
-            raise ValueError("has no photographs: give [gantry], [turntable] or [[view]] tables")
-        if not self.lighting:
-            raise ValueError("has no light: give a [[lighting]] table")
-        names = [table.name for table in self.lighting]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"two [[lighting]] tables are named {name!r}; names must differ")
-        for path in (self.gantry, self.turntable, *self.view):
-            if path and path.lighting is not None and path.lighting not in names:
-                raise ValueError(
-                    f"names a lighting {path.lighting!r}; there are {', '.join(map(repr, names))}"
-                )
-        if self.calibration is not None and self.sensor.file == "exr":
-            raise ValueError(
-                "[calibration] photographs are a camera's, but the sensor writes EXR: give [sensor] file = 'png', ..."
-            )
-        if any(table.given == "ball" for table in self.lighting) and self.mirror_ball is None:
-            raise ValueError("gives a lighting by 'ball': add a [mirror_ball] table")
-        if self.material is None and self.object.shape != "doll":
-            raise ValueError("lacks the table [material]; only the doll brings its own, painted")
-        return self
-
-
-def read_scene_file(path: Path) -> SceneFile:
-    """Parse and validate a scene file; ValueError names file, key and remedy."""
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ValueError(f"{path}: is not valid TOML: {error}") from error
-    return validated(SceneFile, path, data)

@@ -12,7 +12,8 @@ from capture.arc.gantry import Arc, look_at
 from capture.camera import Camera
 from synthetic.lights.illumination import Illumination
 from synthetic.scene import Shot
-from synthetic.scenes.schema import CameraTable, GantryTable, SceneFile, TurntableTable, ViewTable
+from synthetic.scenes.scenefile import SceneFile
+from synthetic.scenes.schema import CameraTable, GantryTable, TurntableTable, ViewTable
 
 Floats = NDArray[np.float64]
 
