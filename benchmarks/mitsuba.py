@@ -48,8 +48,6 @@ _SCENES = (
 )
 # Paths per pixel of a pass, a square of a prime as the sampler wants it, and passes: few enough for 4 GB.
 _SAMPLES, _PASSES = 11**2, 16
-# Of ours, where light bounces: a scene's own 4 leave 3% of noise in the cat.
-_PATHS = 128
 
 
 class Comparison(NamedTuple):
@@ -78,8 +76,7 @@ def main(arguments: list[str]) -> None:
     for argument in arguments[1:] or _SCENES:
         name, _, photograph = argument.partition(":")
         scene = read_session(scene_path(name)).scene
-        effort = replace(scene.effort, paths=_PATHS)
-        scene = replace(scene, shots=(scene.shots[int(photograph or 0)],), effort=effort)
+        scene = replace(scene, shots=(scene.shots[int(photograph or 0)],))
         comparison = compared(argument, scene)
         print(_line(comparison), flush=True)
         comparisons.append(comparison)

@@ -27,8 +27,8 @@ DIRECTIONS = (64, 256, 1024, 4096)
 REFERENCE, JUDGED = 32768, 300
 
 
-def with_effort(scene: Scene, directions: int, **changes: int) -> Scene:
-    return replace(scene, effort=replace(scene.effort, directions=directions, **changes))
+def with_effort(scene: Scene, directions: int) -> Scene:
+    return replace(scene, effort=replace(scene.effort, directions=directions))
 
 
 def measured(scene: Scene) -> list[tuple[int, float, float]]:
@@ -36,12 +36,10 @@ def measured(scene: Scene) -> list[tuple[int, float, float]]:
     rows, columns = np.nonzero(pixel_coverage(scene.surface, scene.shots[0].camera) == 1)
     chosen = np.random.default_rng(1).choice(len(rows), JUDGED, replace=False)
     judged = Tile(0, 0, np.column_stack([columns, rows])[chosen])
-    paths = min(scene.effort.paths * 64, 1024)
-    truth = plain_radiance(replace(with_effort(scene, REFERENCE, paths=paths), seed=99), judged)
+    truth = plain_radiance(replace(with_effort(scene, REFERENCE), seed=99), judged)
     results = []
     for directions in DIRECTIONS:
-        # Paths are part of the effort: as many more as there are directions.
-        finer = with_effort(scene, directions, paths=max(1, scene.effort.paths * directions // 1024))
+        finer = with_effort(scene, directions)
         start = time.perf_counter()
         list(photographs(finer))
         seconds = time.perf_counter() - start

@@ -1,6 +1,6 @@
 """The contact sheet of the built-in scenes, docs/scenes.png: one photograph of each, as its camera wrote it.
 
-    python docs/scenes.py [OUT.png]
+python docs/scenes.py [OUT.png]
 """
 
 from __future__ import annotations

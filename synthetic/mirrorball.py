@@ -23,8 +23,11 @@ from synthetic.session import Session
 from synthetic.shapes.ball import Ball
 
 FOLDER = "mirrorball"
-# What a source without a size looks like in the ball.
+# A source without a size is a disc in the ball: of this angular radius, or a pixel's, if that is larger, for smaller
+# ones would fall between the points that a pixel is looked at in.
 _SOURCE_RADIUS_DEG = 0.6
+# A ball whose radius isn't given is as large as the object, but not larger than this share of the picture.
+_LARGEST = 0.9
 
 
 def write_mirror_balls(
@@ -42,10 +45,16 @@ def write_mirror_balls(
     poses = [
         seen_from(azimuth, table.elevation_deg, table.distance, target) for azimuth in table.azimuths_deg
     ]
-    shots = [Shot(camera.posed(pose), _with_sizes(light)) for light in scene.illuminations for pose in poses]
+    largest = _LARGEST / 2 * min(camera.width, camera.height) / camera.focal_px * table.distance
+    radius = min(scene.surface.reach, largest) if table.radius is None else table.radius
+    # Along a pixel the normal turns by its part of the radius, the reflection by twice that.
+    pixel = 2 * table.distance / (camera.focal_px * radius)
+    size = max(np.radians(_SOURCE_RADIUS_DEG), pixel)
+    lights = [_with_sizes(light, size) for light in scene.illuminations]
+    shots = [Shot(camera.posed(pose), light) for light in lights for pose in poses]
     ball = Scene(
         f"{scene.name}: mirror ball",
-        Ball(target, table.radius),
+        Ball(target, radius),
         Mirror(np.zeros(3), np.ones(3)),
         tuple(shots),
         Effort(directions=64, per_side=8),
@@ -76,10 +85,10 @@ def _exposure(development: Development) -> dict[str, float]:
     return {"exposure_s": 1.0, "iso": float(development.iso), "f_number": development.f_number}
 
 
-def _with_sizes(illumination: Illumination) -> Illumination:
+def _with_sizes(illumination: Illumination, radius_rad: float) -> Illumination:
     """The same light, distant sources being discs: a mirror shows nothing of a point."""
     discs = []
     for source in illumination.sources:
         assert isinstance(source, DirectionalSource), "the session sees to it"
-        discs.append(DiscLight(source.direction, source.irradiance, np.radians(_SOURCE_RADIUS_DEG)))
+        discs.append(DiscLight(source.direction, source.irradiance, radius_rad))
     return replace(illumination, extended=(*illumination.extended, *discs), sources=())

@@ -22,13 +22,11 @@ class Effort:
 
     directions : per pixel, light and lobe, a power of two. Halving it doubles the error at shadows' edges.
     per_side : sub-samples along a pixel's side, 1, 2, 4 or 8. bounces : reflections between parts of the object.
-    paths : per sub-sample, for each of which light is followed from part to part.
     """
 
     directions: int = 1024
     per_side: int = 4
     bounces: int = 0
-    paths: int = 4
 
     def __post_init__(self) -> None:
         if self.per_side not in (1, 2, 4, 8):
@@ -40,8 +38,6 @@ class Effort:
             )
         if not 0 <= self.bounces <= 16:
             raise ValueError(f"bounces is {self.bounces}; it must be 0 to 16")
-        if not 1 <= self.paths <= 1024:
-            raise ValueError(f"paths is {self.paths}; it must be 1 to 1024")
 
 
 @dataclass(frozen=True, eq=False)

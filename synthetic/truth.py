@@ -104,11 +104,13 @@ def integration_error(scene: Scene, judged: Sequence[Tile]) -> float:
     judged : pixels that the object fills. Root mean square difference over root mean square radiance.
     """
     effort = scene.effort
-    finer = replace(effort, directions=effort.directions * _FINER, paths=min(effort.paths * _FINER, 1024))
+    finer = replace(effort, directions=effort.directions * _FINER)
     judge = replace(scene, effort=finer, seed=scene.seed + 1)
     used = np.concatenate(list(parallel_map(partial(tile_radiance, scene), judged)))
     fine = np.concatenate(list(parallel_map(partial(plain_radiance, judge), judged)))
-    return float(np.sqrt(((used - fine) ** 2).mean() / (fine**2).mean()))
+    level = (fine**2).mean()
+    # Photographs that are black are so exactly.
+    return float(np.sqrt(((used - fine) ** 2).mean() / level)) if level else 0.0
 
 
 def _weights(material: Material) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,8 @@ class AreaLight:
         object.__setattr__(self, "radiance", frozen_array(rgb(self.radiance, "radiance of an area light")))
         if not self.width_rad > 0:
             raise ValueError(f"width of an area light is {self.width_rad} rad; it must be > 0")
+        # Python's own numbers leave float32 arrays as they are.
+        object.__setattr__(self, "width_rad", float(self.width_rad))
 
     def profile(self, cosine: NDArray[np.floating]) -> NDArray[np.floating]:
         """Radiance relative to the axis, 0 to 1, at the cosine of the angle from it; keeps the dtype."""
@@ -48,13 +51,13 @@ class AreaLight:
         """Directions (..., 3) exactly as dense as the radiance, for u (..., 2) in 0 to 1."""
         w2 = self.width_rad**2
         # The density of c = cosine is exp((c - 1) / w^2), whose integral from c to 1 is inverted.
-        cosine = 1 + w2 * np.log1p(u[..., 0] * np.expm1(-2 / w2))
-        return about_axis(self.axis, cosine, 2 * np.pi * u[..., 1])
+        versine = -w2 * np.log1p(u[..., 0] * math.expm1(-2 / w2))
+        return about_axis(self.axis, versine, 2 * np.pi * u[..., 1])
 
     def density(self, directions: AnyFloats) -> AnyFloats:
         """Density (...,) of `sample`, 1/sr."""
         w2 = self.width_rad**2
-        solid_angle = -2 * np.pi * w2 * np.expm1(-2 / w2)
+        solid_angle = -2 * math.pi * w2 * math.expm1(-2 / w2)
         return self.profile(directions @ self.axis.astype(directions.dtype)) * (1 / solid_angle)
 
     def turned(self, rotation: Floats) -> AreaLight:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,8 @@ class DiscLight:
         object.__setattr__(self, "irradiance", frozen_array(rgb(self.irradiance, "irradiance of a disc")))
         if not 0 < self.radius_rad < np.pi / 2:
             raise ValueError(f"radius of a disc is {self.radius_rad} rad; it must lie between 0 and pi / 2")
+        # Python's own numbers leave float32 arrays as they are.
+        object.__setattr__(self, "radius_rad", float(self.radius_rad))
 
     def radiance_from(self, directions: AnyFloats) -> AnyFloats:
         """Radiance (..., 3) from unit directions (..., 3); keeps the dtype."""
@@ -43,13 +46,12 @@ class DiscLight:
 
     def sample(self, u: AnyFloats) -> AnyFloats:
         """Directions (..., 3) spread evenly over the disc, for u (..., 2) in 0 to 1."""
-        # 1 - cos without cancellation, for small discs.
-        versine = u[..., 0] * (2 * np.sin(self.radius_rad / 2) ** 2)
-        return about_axis(self.direction, 1 - versine, 2 * np.pi * u[..., 1])
+        versine = u[..., 0] * (2 * math.sin(self.radius_rad / 2) ** 2)
+        return about_axis(self.direction, versine, 2 * np.pi * u[..., 1])
 
     def density(self, directions: AnyFloats) -> AnyFloats:
         """Density (...,) of `sample`, 1/sr."""
-        return self._inside(directions) * (1 / (4 * np.pi * np.sin(self.radius_rad / 2) ** 2))
+        return self._inside(directions) * (1 / (4 * math.pi * math.sin(self.radius_rad / 2) ** 2))
 
     def turned(self, rotation: Floats) -> DiscLight:
         """The same light after a rotation (3, 3) of the world."""
@@ -58,5 +60,5 @@ class DiscLight:
     def _inside(self, directions: AnyFloats) -> AnyFloats:
         # By the chord, which keeps its digits in single precision where the cosine is 1 to rounding.
         away = directions - self.direction.astype(directions.dtype)
-        chord = 2 * np.sin(self.radius_rad / 2)
+        chord = 2 * math.sin(self.radius_rad / 2)
         return (dot(away, away) <= chord**2).astype(directions.dtype)

@@ -86,7 +86,8 @@ def _shared_out(disc: DiscLight, height: int) -> Floats:
     share = (np.arange(_DISC_PARTS) + 0.5) / _DISC_PARTS
     directions = disc.sample(np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2))
     row, column = (place.astype(int) for place in latlong_pixels(directions, height))
-    counts = np.bincount(row * 2 * height + column % (2 * height), minlength=2 * height**2)
+    place = np.minimum(row, height - 1) * 2 * height + column % (2 * height)
+    counts = np.bincount(place, minlength=2 * height**2)
     parts = counts.reshape(height, 2 * height, 1) / len(directions)
     power = disc.radiance_from(disc.direction) / disc.density(disc.direction)
     return parts * power / latlong_solid_angles(height)[..., None]

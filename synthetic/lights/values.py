@@ -24,11 +24,14 @@ def rgb(values: Floats, what: str) -> Floats:
     return values
 
 
-def about_axis(axis: Floats, cosine: AnyFloats, azimuth: AnyFloats) -> AnyFloats:
-    """Unit directions (..., 3) at angles from an axis (3,), given by cosine and azimuth (...,); dtype of cosine."""
+def about_axis(axis: Floats, versine: AnyFloats, azimuth: AnyFloats) -> AnyFloats:
+    """Unit directions (..., 3) at angles from an axis (3,), given by 1 - cosine and azimuth (...,); keeps the dtype.
+
+    The cosine itself would leave small angles no digits in single precision.
+    """
     first = np.eye(3)[np.abs(axis).argmin()]
     first = first - (first @ axis) * axis
     first /= np.linalg.norm(first)
-    sine = np.sqrt(np.maximum(1 - cosine * cosine, 0))
-    local = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    sine = np.sqrt(np.maximum(versine * (2 - versine), 0))
+    local = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), 1 - versine], axis=-1)
     return np.asarray(local @ np.stack([first, np.cross(axis, first), axis]).astype(local.dtype))

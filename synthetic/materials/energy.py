@@ -8,6 +8,8 @@ By quadrature over incident directions, which shares nothing with the materials'
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -39,7 +41,7 @@ def directional_albedo(material: Material, cos_o: ArrayLike, azimuth: float = 0.
 
 def bihemispherical_albedo(material: Material) -> Floats:
     """Share (3,) that is reflected of light from all around, to all sides."""
-    return np.pi * material.kd + material.ks * _bihemispherical_lobe(material)
+    return np.pi * material.kd + material.ks * bihemispherical_lobe(material)
 
 
 def check_energy(material: Material) -> None:
@@ -55,7 +57,7 @@ def check_energy(material: Material) -> None:
     else:
         kd, ks, described = material.kd, material.ks, material
     if isinstance(described, Microfacet):
-        _refuse(np.pi * kd + ks * _bihemispherical_lobe(described), "of the light from all around")
+        _refuse(np.pi * kd + ks * bihemispherical_lobe(described), "of the light from all around")
         return
     for azimuth in _azimuths(described):
         albedos = np.pi * kd + ks * _lobe_albedo(described, np.cos(_CHECKED_ANGLES), azimuth)
@@ -78,7 +80,9 @@ def _azimuths(material: Material) -> Floats:
     return np.pi / count * np.arange(count, dtype=float)
 
 
-def _bihemispherical_lobe(material: Material) -> Floats:
+@lru_cache(maxsize=16)
+def bihemispherical_lobe(material: Material) -> Floats:
+    """The part of the lobe alone in it, (1,) or (3,), per unit of ks; kept for the last few materials."""
     node, weight = np.polynomial.legendre.leggauss(_COSINES)
     cos, weight = (node + 1) / 2, weight / 2
     means = [_lobe_albedo(material, cos, azimuth) for azimuth in _azimuths(material)]

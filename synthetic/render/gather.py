@@ -96,6 +96,8 @@ def _gather(
     """E and G (n, 3) from the extended lights, all directions at once, in single precision (1e-6 of the sums)."""
     frames = local_frame(points.normals, points.tangents).astype(np.float32)
     wo = to_local(frames, views.astype(np.float32))
+    if material.is_mirror and not material.kd.any():
+        return np.zeros_like(views), _mirrored(surface, material, illumination, points, frames, wo)
     count = lattices.shape[1]
     glossy = bool(material.ks.any()) and not material.is_mirror
     batches = [light.sample(shifted(lattices, moves[:, j])) for j, light in enumerate(illumination.extended)]

@@ -36,35 +36,26 @@ def indirect_light(
     radiance = np.zeros((len(points), 3))
     carried = np.ones((len(points), 3))
     alive = np.arange(len(points))
-    for bounce in range(bounces):
-        directions, factors, mirrored = _continued(material, points, views, rng)
+    for _ in range(bounces):
+        directions, factors = _continued(material, points, views, rng)
         carried = carried * factors
         useful = carried.any(axis=1) & ((directions * points.facets).sum(axis=1) > 0)
-        directions, alive, carried, mirrored = (
-            directions[useful],
-            alive[useful],
-            carried[useful],
-            mirrored[useful],
-        )
+        directions, alive, carried = directions[useful], alive[useful], carried[useful]
         hit, met = surface.first_hits(points.positions[useful], directions, points.facets[useful])
-        if bounce > 0:
-            # In a mirror the lights themselves are seen; `direct_light` has shown those to the first point only.
-            lights = mirrored & ~hit
-            radiance[alive[lights]] += carried[lights] * illumination.radiance_from(directions[lights])
         alive, carried, points, views = alive[hit], carried[hit], met, -directions[hit]
         if not len(points):
             break
         kd, ks = material.weights(points.uv)
         lattices = rng.random((len(points), 1, 2))
         irradiance, lobe = direct_light(surface, material, illumination, points, views, lattices, rng)
-        radiance[alive] += carried * (kd * irradiance + (0 if material.is_mirror else ks * lobe))
+        radiance[alive] += carried * (kd * irradiance + ks * lobe)
     return radiance
 
 
 def _continued(
     material: Material, points: Points, views: Floats, rng: np.random.Generator
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Directions (n, 3) in which paths go on, rho cos / density of each (n, 3), and which were mirrored (n,)."""
+) -> tuple[Floats, Floats]:
+    """Directions (n, 3) in which paths go on, and rho cos / density of each (n, 3)."""
     count = len(points)
     frames = local_frame(points.normals, points.tangents)
     wo = to_local(frames, views)
@@ -93,4 +84,4 @@ def _continued(
         brdf = kd + ks * material.lobe(local, wo)
         factors = brdf * (cos_i / np.maximum(density, 1e-300))[:, None]
     factors = np.where(valid[:, None], factors, 0.0)
-    return np.asarray(to_world(frames, local), float), factors, glossy & material.is_mirror
+    return np.asarray(to_world(frames, local), float), factors

@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
+from synthetic.lights.illumination import Illumination
 from synthetic.render.gather import direct_light
 from synthetic.render.lattice import dealt
 from synthetic.render.paths import indirect_light
 from synthetic.render.pixels import looked_at, pixel_coverage
+from synthetic.render.radiosity import bounced_light, parts_light
 from synthetic.render.spherepixels import sphere_means
 from synthetic.scene import Scene, Shot
+from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Points
 
 Floats = NDArray[np.float64]
@@ -27,6 +30,8 @@ Ints = NDArray[np.int64]
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
 _PIXELS_PER_TILE = 1024
+# Per sub-sample of a pixel.
+_MIRROR_PATHS = 4
 
 
 class Tile(NamedTuple):
@@ -49,6 +54,7 @@ def photographs(scene: Scene, progress: Progress | None = None) -> Iterator[tupl
             coverages[index] = pixel_coverage(scene.surface, shot.camera)
             if not coverages[index].any():
                 raise ValueError(f"scene {scene.name!r}: camera {index} sees nothing of the object")
+            _prepare(scene, shot)
             yield from tiles(index, coverages[index])
 
     done = parallel_map(lambda tile: (tile, tile_radiance(scene, tile)), work())
@@ -75,17 +81,28 @@ def tile_radiance(scene: Scene, tile: Tile) -> Floats:
     """Mean radiance (n, 3) over a tile's pixels; what misses the surface is black."""
     shot = scene.shots[tile.photograph]
     smooth = sphere_means(scene.surface, scene.material, shot.illumination, shot.camera, tile.pixels)
-    return plain_radiance(scene, tile) if smooth is None else smooth
+    return _means(scene, tile, plain=False) if smooth is None else smooth
 
 
 def plain_radiance(scene: Scene, tile: Tile) -> Floats:
     """As `tile_radiance`, by plain sums whatever the scene."""
+    return _means(scene, tile, plain=True)
+
+
+def _means(scene: Scene, tile: Tile, plain: bool) -> Floats:
     shot, effort, pixels = scene.shots[tile.photograph], scene.effort, tile.pixels
     rng = np.random.default_rng([scene.seed, tile.photograph, tile.number])
     pixel, place, weight, points, views = looked_at(scene.surface, shot.camera, pixels, effort.per_side)
     lattices = dealt(effort.directions, effort.per_side**2)[place]
-    radiance = weight[:, None] * _radiance(scene, shot, points, views, lattices, pixel, rng)
+    radiance = weight[:, None] * _radiance(scene, shot, points, views, lattices, pixel, rng, plain)
     return np.column_stack([np.bincount(pixel, channel, len(pixels)) for channel in radiance.T])
+
+
+def _prepare(scene: Scene, shot: Shot) -> None:
+    """Compute once, on all cores, what all tiles of a photograph need."""
+    surface, material, bounces = scene.surface, scene.material, scene.effort.bounces
+    if bounces and isinstance(surface, MeshSurface) and not material.is_mirror:
+        parts_light(surface, material, shot.illumination, bounces)
 
 
 def _radiance(
@@ -96,16 +113,33 @@ def _radiance(
     lattices: Floats,
     pixel: Ints,
     rng: np.random.Generator,
+    plain: bool,
 ) -> Floats:
     """Radiance (n, 3) at points (n) towards views (n, 3)."""
     surface, material, light = scene.surface, scene.material, shot.illumination
     irradiance, lobe = direct_light(surface, material, light, points, views, lattices, rng, pixel)
     kd, ks = material.weights(points.uv)
     radiance: Floats = kd * irradiance + ks * lobe
-    if scene.effort.bounces:
-        again = np.repeat(np.arange(len(points)), scene.effort.paths)
-        bounced = indirect_light(
-            surface, material, light, points[again], views[again], scene.effort.bounces, rng
-        )
-        radiance += bounced.reshape(len(points), -1, 3).mean(axis=1)
+    if scene.effort.bounces and not surface.convex:
+        radiance += _from_other_parts(scene, light, points, views, lattices, pixel, rng, plain)
     return radiance
+
+
+def _from_other_parts(
+    scene: Scene,
+    illumination: Illumination,
+    points: Points,
+    views: Floats,
+    lattices: Floats,
+    pixel: Ints,
+    rng: np.random.Generator,
+    plain: bool,
+) -> Floats:
+    surface, material, bounces = scene.surface, scene.material, scene.effort.bounces
+    if isinstance(surface, MeshSurface) and not material.is_mirror:
+        light = parts_light(surface, material, illumination, bounces)
+        return bounced_light(light, points, views, lattices, rng, pixel, everywhere=plain)
+    # Mirrors show their surroundings sharply, which nothing at vertices can: their paths have one way to go.
+    again = np.repeat(np.arange(len(points)), _MIRROR_PATHS)
+    followed = indirect_light(surface, material, illumination, points[again], views[again], bounces, rng)
+    return followed.reshape(len(points), -1, 3).mean(axis=1)

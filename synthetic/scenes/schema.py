@@ -319,11 +319,11 @@ class EffortTable(Table):
     directions: int = 1024
     per_side: int = 4
     bounces: int = 0
-    paths: int = 4
 
 
 class BallTable(Table):
-    radius: Positive = 0.02
+    # As large as the object, if not given.
+    radius: Positive | None = None
     # Where it is photographed from, around the object's place; two views see all around.
     azimuths_deg: tuple[float, ...] = (0.0, 90.0)
     elevation_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0

@@ -47,10 +47,10 @@ class Ball:
         return Sphere(self.centre, self.radius, np.zeros((4, 4)))
 
     def first_hits(
-        self, origins: Floats, directions: Floats, facets: Floats | None = None
+        self, origins: Floats, directions: AnyFloats, facets: Floats | None = None
     ) -> tuple[NDArray[np.bool_], Points]:
         """As every surface's; rays that begin on the ball leave it and never meet it again."""
-        hit, normals = self.sphere.hits(origins, directions)
+        hit, normals = self.sphere.hits(origins, directions.astype(float, copy=False))
         along = np.einsum("nc,nc->n", normals, directions)
         towards = np.einsum("nc,nc->n", self.centre - origins, directions)
         # From the line's middle it is half the chord, -along r >= 0, to either side.

@@ -63,11 +63,18 @@ class MeshSurface:
         )
 
     def first_hits(
-        self, origins: Floats, directions: Floats, facets: Floats | None = None
+        self, origins: Floats, directions: AnyFloats, facets: Floats | None = None
     ) -> tuple[NDArray[np.bool_], Points]:
         found = self._tracer.first_hits(origins, directions, facets)
         hit = found.faces >= 0
         return hit, self._points(found.faces[hit], found.weights[hit])
+
+    def vertex_points(self) -> Points:
+        """The vertices as points of the surface, (v), facing as they are shaded."""
+        mesh = self.mesh
+        uv = np.zeros((len(mesh.vertices), 2)) if mesh.uv is None else mesh.uv
+        along = tangents(mesh.normals, self._along_u)
+        return Points(mesh.vertices, mesh.normals, mesh.normals, along, uv)
 
     def occluded(
         self,
@@ -101,6 +108,8 @@ class MeshSurface:
             facets=facets,
             tangents=tangents(normals, along),
             uv=uv,
+            corners=self.mesh.faces[faces],
+            shares=weights,
         )
 
 

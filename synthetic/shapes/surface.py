@@ -20,6 +20,7 @@ class Points:
     facets : (n, 3) unit, outward, of the geometry itself; differs from `normals` on meshes.
     tangents : (n, 3) unit, perpendicular to `normals`: the direction that anisotropic materials follow.
     uv : (n, 2) texture coordinates, 0 to 1, u to the right and v up; zeros where the surface has none.
+    corners, shares : (n, 3) on meshes, the vertices between which a point lies, and with which weights.
     """
 
     positions: Floats
@@ -27,12 +28,15 @@ class Points:
     facets: Floats
     tangents: Floats
     uv: Floats
+    corners: NDArray[np.int64] | None = None
+    shares: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.positions)
 
     def __getitem__(self, chosen: object) -> Points:
-        return Points(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
+        held = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Points(**{name: values[chosen] for name, values in held.items() if values is not None})
 
 
 class Surface(Protocol):
@@ -50,7 +54,7 @@ class Surface(Protocol):
         ...
 
     def first_hits(
-        self, origins: Floats, directions: Floats, facets: Floats | None = None
+        self, origins: Floats, directions: AnyFloats, facets: Floats | None = None
     ) -> tuple[NDArray[np.bool_], Points]:
         """Whether rays (n, 3), (n, 3) unit meet the surface (n,), and the points (of the k that do) they meet first.
 

@@ -195,7 +195,7 @@ def test_shadows_on_the_cat(light: Illumination, samples: int, cat: MeshSurface,
 def test_interreflection_on_the_cat(
     material: Material, bounces: int, cat: MeshSurface, tmp_path: Path
 ) -> None:
-    effort = Effort(per_side=8, bounces=bounces, paths=32)
+    effort = Effort(per_side=8, bounces=bounces)
     scene, ours, inner = photographed(cat, material, LAB, CLOSE_CAMERA, effort)
     assert_agree(ours, mitsuba_photo(scene, tmp_path, MANY)[inner])
 
