@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from synthetic.lights.values import about_axis, rgb, unit_vector
-from synthetic.materials.material import dot
+from synthetic.vectors import dot
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]

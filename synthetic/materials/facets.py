@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from synthetic.materials.material import dot
+from synthetic.vectors import dot
 
 AnyFloats = NDArray[np.floating]
 

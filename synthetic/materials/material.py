@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from capture.arrays import frozen_array
+from synthetic.vectors import local_frame, to_local
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]
@@ -82,40 +83,6 @@ class Material:
         wi, wo = to_local(frame, wi), to_local(frame, wo)
         above = (wi[..., 2] > 0) & (wo[..., 2] > 0)
         return np.where(above[..., None], self.kd + self.ks * self.lobe(wi, wo), 0.0)
-
-
-def local_frame(normals: AnyFloats, tangents: AnyFloats | None = None) -> AnyFloats:
-    """Frames (..., 3, 3) whose rows are tangent, bitangent and normal; right-handed.
-
-    tangents : (..., 3), made perpendicular to the normals (..., 3); any will do for isotropic materials.
-    """
-    if tangents is None:
-        # The axis that is least along the normal.
-        tangents = np.eye(3, dtype=normals.dtype)[np.abs(normals).argmin(axis=-1)]
-    tangents = tangents - (tangents * normals).sum(axis=-1, keepdims=True) * normals
-    tangents = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
-    return np.stack([tangents, np.cross(normals, tangents), normals], axis=-2)
-
-
-def to_local(frames: AnyFloats, directions: AnyFloats) -> AnyFloats:
-    """Directions (..., 3) in frames (..., 3, 3)."""
-    return np.stack([dot(frames[..., axis, :], directions) for axis in range(3)], axis=-1)
-
-
-def to_world(frames: AnyFloats, directions: AnyFloats) -> AnyFloats:
-    """Local directions (..., 3) of frames (..., 3, 3) in the world."""
-    parts = [directions[..., axis, None] * frames[..., axis, :] for axis in range(3)]
-    return np.asarray(parts[0] + parts[1] + parts[2])
-
-
-def dot(a: AnyFloats, b: AnyFloats) -> AnyFloats:
-    """Scalar products (...,) of vectors (..., 3); several times faster than a sum over the last axis."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-
-
-def mirrored(directions: AnyFloats) -> AnyFloats:
-    """Local directions (..., 3) reflected about the normal."""
-    return directions * np.array([-1, -1, 1], directions.dtype)
 
 
 def sample_cosine(u: AnyFloats) -> AnyFloats:

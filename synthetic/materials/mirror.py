@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from synthetic.materials.fresnel import checked_index, relative_fresnel
 from synthetic.materials.material import AnyFloats, Material
-from synthetic.materials.material import mirrored as mirrored_direction
+from synthetic.vectors import mirrored as mirrored_direction
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from synthetic.materials.material import AnyFloats, Material, dot, local_frame, mirrored, to_world
+from synthetic.materials.material import AnyFloats, Material
+from synthetic.vectors import dot, local_frame, mirrored, to_world
 
 
 @dataclass(frozen=True, eq=False)

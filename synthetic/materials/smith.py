@@ -18,7 +18,8 @@ import numpy as np
 
 from synthetic.materials.facets import GGX, Facets
 from synthetic.materials.fresnel import checked_index, relative_fresnel
-from synthetic.materials.material import AnyFloats, Material, dot
+from synthetic.materials.material import AnyFloats, Material
+from synthetic.vectors import dot
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from synthetic.materials.material import AnyFloats, Floats, Material, cosine_density, dot, sample_cosine
+from synthetic.materials.material import AnyFloats, Floats, Material, cosine_density, sample_cosine
+from synthetic.vectors import dot
 
 # What MERL's integers are to be multiplied by: red, green, blue.
 _MERL_SCALES = np.array([1.0, 1.15, 1.66]) / 1500

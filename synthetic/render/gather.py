@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource, PointSource
-from synthetic.materials.material import Material, local_frame, to_local, to_world
+from synthetic.materials.material import Material
 from synthetic.render.lattice import shifted
 from synthetic.shapes.surface import Points, Surface
+from synthetic.vectors import local_frame, to_local, to_world
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,9 @@ Floats = NDArray[np.float64]
 # Half-width of the lobe that is integrated, in sigma: outside, S is below exp(-16) = 1e-7 of its peak.
 _LOBE_EXTENT = 4.0
 # Pairs of point and direction at a time: arrays of this many float32 stay in the cache.
-_PAIRS_PER_CHUNK = 1 << 16
+_PAIRS_PER_CHUNK = 1 << 17
+# Who brings no more than these spreads the work over the cores alone; threads within threads wait for each other.
+_FEW_CHUNKS = 64
 # Nodes of the irradiance table; its spline is good to 1e-7 of the peak for a light 0.1 rad wide.
 _IRRADIANCE_NODES = 257
 
@@ -66,12 +69,21 @@ def reflected_radiance(
 def irradiance(light: AreaLight, normals: Floats) -> Floats:
     """Irradiance (n,) from a light of unit radiance on its axis, per normal (n, 3).
 
-    The light is symmetric about its axis, so the irradiance depends on the angle between normal and axis
-    alone: the hemisphere is integrated for a table of angles, its pole being the normal, where cos(theta_i)
-    has no kink.
+    The light is symmetric about its axis, so the irradiance depends on the angle between normal and axis alone.
     """
+    spline = _irradiance_by_angle(light.width_rad)
+    return np.asarray(spline(np.arccos(np.clip(normals @ light.axis, -1, 1))))
+
+
+@lru_cache(maxsize=16)
+def _irradiance_by_angle(width_rad: float) -> CubicSpline:
+    """Irradiance over the angle between normal and axis, from a table.
+
+    For each angle the hemisphere is integrated, its pole being the normal, where cos(theta_i) has no kink.
+    """
+    light = AreaLight(np.array([0.0, 0.0, 1.0]), np.ones(3), width_rad)
     # Nodes at most 0.8 of the light's width apart, which a Gaussian needs for ten digits.
-    order = max(32, int(np.ceil(4 / light.width_rad)))
+    order = max(32, int(np.ceil(4 / width_rad)))
     angle = np.linspace(0, np.pi, _IRRADIANCE_NODES)
     node, weight = np.polynomial.legendre.leggauss(order)
     cos_i, weight = (node + 1) / 2, weight / 2
@@ -81,8 +93,7 @@ def irradiance(light: AreaLight, normals: Floats) -> Floats:
     ring_means = light.profile(along + across).mean(axis=2)
     table = 2 * np.pi * ring_means @ (weight * cos_i)
     # Even about both ends, so the slope vanishes there.
-    spline = CubicSpline(angle, table, bc_type="clamped")
-    return np.asarray(spline(np.arccos(np.clip(normals @ light.axis, -1, 1))))
+    return CubicSpline(angle, table, bc_type="clamped")
 
 
 def _specular(
@@ -96,6 +107,8 @@ def _specular(
         part = slice(start, start + size)
         return _specular_chunk(material, lights, normals[part], views[part], order)
 
+    if len(starts) <= _FEW_CHUNKS:
+        return np.concatenate([chunk(start) for start in starts])
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return np.concatenate(list(pool.map(chunk, starts)))
 

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from synthetic.lights.illumination import Illumination
-from synthetic.materials.material import Material, local_frame, to_local, to_world
+from synthetic.materials.material import Material
 from synthetic.render.gather import direct_light
 from synthetic.shapes.surface import Points, Surface
+from synthetic.vectors import local_frame, to_local, to_world
 
 Floats = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
-_PIXELS_PER_TILE = 1024
+_PIXELS_PER_TILE = 2048
 # Per sub-sample of a pixel.
 _MIRROR_PATHS = 4
 

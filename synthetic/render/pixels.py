@@ -13,19 +13,28 @@ Ints = NDArray[np.int64]
 
 # Points per side where part of a pixel is covered: 256 steps, as an 8-bit mask stores them.
 _FINE = (np.arange(16) + 0.5) / 16
-# Pixels of which some of these points are covered, corners among them, but not all, are looked at finely.
-_COARSE = np.linspace(0, 1, 5)
 
 
 def pixel_coverage(surface: Surface, camera: Camera) -> Floats:
-    """Share of each pixel's square that the surface covers, (h, w), 0 to 1, in steps of 1/256."""
-    candidates = _near(surface, camera)
+    """Share of each pixel's square that the surface covers, (h, w), 0 to 1, in steps of 1/256.
+
+    Pixels of which the corners, the middles of the sides and the middle agree are taken for wholly covered, or free.
+    """
     coverage = np.zeros((camera.height, camera.width))
-    hits = _hits(surface, camera, candidates, _COARSE)
-    share = hits.mean(axis=1)
-    coverage[candidates[:, 1], candidates[:, 0]] = share
-    edge = candidates[(share > 0) & (share < 1)]
-    coverage[edge[:, 1], edge[:, 0]] = _hits(surface, camera, edge, _FINE).mean(axis=1)
+    near = _near(surface, camera)
+    if not len(near):
+        return coverage
+    (left, top), (right, bottom) = near.min(axis=0), near.max(axis=0) + 1
+    # Neighbours share the points on their borders: four per pixel.
+    y, x = np.mgrid[2 * top : 2 * bottom + 1, 2 * left : 2 * right + 1] / 2
+    hits = _hits(surface, camera, np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+    nine = [hits[i : i - 2 or None : 2, j : j - 2 or None : 2] for i in range(3) for j in range(3)]
+    some, all_ = np.any(nine, axis=0), np.all(nine, axis=0)
+    coverage[top:bottom, left:right] = all_
+    rows, columns = np.nonzero(some & ~all_)
+    rows, columns = rows + top, columns + left
+    points = _subsamples(np.column_stack([columns, rows]), _FINE)
+    coverage[rows, columns] = _hits(surface, camera, points).reshape(len(rows), len(_FINE) ** 2).mean(axis=1)
     return coverage
 
 
@@ -68,9 +77,9 @@ def _near(surface: Surface, camera: Camera) -> Ints:
     return near
 
 
-def _hits(surface: Surface, camera: Camera, pixels: Ints, steps: Floats) -> NDArray[np.bool_]:
-    hit, _ = surface.first_hits(*camera_rays(surface, camera, _subsamples(pixels, steps)))
-    return hit.reshape(len(pixels), len(steps) ** 2)
+def _hits(surface: Surface, camera: Camera, points: Floats) -> NDArray[np.bool_]:
+    """Whether the surface is seen at image points (n, 2)."""
+    return surface.first_hits(*camera_rays(surface, camera, points))[0]
 
 
 def _subsamples(pixels: Ints, steps: Floats) -> Floats:

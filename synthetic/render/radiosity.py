@@ -25,11 +25,12 @@ from capture.parallel import parallel_map
 from synthetic.lights.illumination import Illumination
 from synthetic.materials.energy import bihemispherical_lobe
 from synthetic.materials.lambertian import Lambertian
-from synthetic.materials.material import Material, local_frame, sample_cosine, to_local, to_world
+from synthetic.materials.material import Material, sample_cosine
 from synthetic.render.gather import direct_light, from_source
 from synthetic.render.lattice import lattice, shifted
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Points
+from synthetic.vectors import local_frame, to_local, to_world
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]

@@ -11,13 +11,14 @@ from synthetic.materials.energy import directional_albedo
 from synthetic.materials.facets import GGX, Beckmann
 from synthetic.materials.fresnel import fresnel_conductor, fresnel_dielectric
 from synthetic.materials.lambertian import Lambertian
-from synthetic.materials.material import Material, mirrored
+from synthetic.materials.material import Material
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.mirror import Mirror
 from synthetic.materials.phong import Phong
 from synthetic.materials.rh01 import RH01_MATERIALS, exact, radiometric
 from synthetic.materials.smith import Smith
 from synthetic.materials.tabulated import Tabulated, bin_centres
+from synthetic.vectors import mirrored
 
 ZERO, ONE = np.zeros(3), np.ones(3)
 
