@@ -28,7 +28,7 @@ from scipy.ndimage import binary_erosion
 from synthetic.materials.material import Material
 from synthetic.render.photograph import photographs
 from synthetic.scene import Scene
-from synthetic.scenes.build import read_session
+from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 from tests.synthetic.mitsubalobes import has_llvm, lobe_of, register_lobes
 from tests.synthetic.mitsubascene import Plugin, bsdf_of, mitsuba_photo
@@ -75,7 +75,7 @@ def main(arguments: list[str]) -> None:
     comparisons = []
     for argument in arguments[1:] or _SCENES:
         name, _, photograph = argument.partition(":")
-        scene = read_session(scene_path(name)).scene
+        scene = read_staging(scene_path(name)).scene
         scene = replace(scene, shots=(scene.shots[int(photograph or 0)],))
         comparison = compared(argument, scene)
         print(_line(comparison), flush=True)

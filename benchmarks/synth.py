@@ -19,7 +19,7 @@ import numpy as np
 from synthetic.render.photograph import Tile, photographs, plain_radiance, tile_radiance
 from synthetic.render.pixels import pixel_coverage
 from synthetic.scene import Scene
-from synthetic.scenes.build import read_session
+from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 
 SCENES = ("rh01-teflon", "exact-teflon", "rh01-cat", "cat-interreflection")
@@ -55,7 +55,7 @@ def main(out: Path) -> None:
     axes = figure.subplots()
     print(f"{'scene':22} {'directions':>10} {'s/photo':>8} {'error':>9}")
     for name in SCENES:
-        scene = read_session(scene_path(name)).scene
+        scene = read_staging(scene_path(name)).scene
         results = measured(replace(scene, shots=scene.shots[:1]))
         for directions, seconds, error in results:
             print(f"{name:22} {directions:10d} {seconds:8.2f} {error:9.4%}")

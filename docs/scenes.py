@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from capture.photoset import load_photoset
 from capture.terminal import track
-from synthetic.scenes.build import read_session
+from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_names, scene_path
 from synthetic.sensing.contactsheet import contact_sheet, displayed_photo
 from synthetic.writer import write_photoset
@@ -23,14 +23,14 @@ from synthetic.writer import write_photoset
 
 def photograph(name: str) -> NDArray[np.float64]:
     """One photograph of a built-in scene (h, w, 3), as it is displayed."""
-    session = read_session(scene_path(name))
-    scene = session.scene
+    staging = read_staging(scene_path(name))
+    scene = staging.scene
     # A third of the way along the gantry: lit from the side.
     shot = scene.shots[len(scene.shots) // 3]
     effort = replace(scene.effort, directions=min(scene.effort.directions, 256))
     alone = replace(scene, shots=(shot,), effort=effort)
     with TemporaryDirectory() as folder:
-        write_photoset(replace(session, scene=alone, calibration=None), Path(folder))
+        write_photoset(replace(staging, scene=alone, calibration=None), Path(folder))
         photoset = load_photoset(Path(folder))
         # Of a bracket the middle.
         photo = photoset.photos[len(photoset.photos) // 2]

@@ -1,4 +1,4 @@
-"""The text of photoset.toml, as a photographer would write it about a session's photo set."""
+"""The text of photoset.toml, as a photographer would write it about a photo set."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from capture.camera import Camera
 from synthetic.lights.illumination import Illumination
 from synthetic.materials.texture import Textured
-from synthetic.session import Session
 from synthetic.shapes.ball import Ball
+from synthetic.staging import Staging
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class Photograph:
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """What was written of a session, as the manifest tells of it.
+    """What was written of a photo set, as the manifest tells of it.
 
     maps : files of the lightings' maps, by the lighting's name. balls : the lightings' `mirror_ball` tables.
     poses : world_to_camera (4, 4) of each shot as handed over. mesh_to_world : (4, 4) likewise, None for spheres.
@@ -45,16 +45,16 @@ class Written:
     photographs: list[Photograph]
 
 
-def manifest_text(session: Session, written: Written, mesh: str) -> str:
+def manifest_text(staging: Staging, written: Written, mesh: str) -> str:
     """photoset.toml. mesh : the mesh's file."""
-    scene = session.scene
+    scene = staging.scene
     first = scene.shots[0].camera
     tables = [
         _table("", format=1, name=scene.name),
         _table("[camera]", **intrinsics(first)),
         _table("[radiometry]", **written.radiometry),
-        _table("[object]", **_object(session, written, mesh)),
-        *(_table("[[lighting]]", **_lighting(light, session, written)) for light in scene.illuminations),
+        _table("[object]", **_object(staging, written, mesh)),
+        *(_table("[[lighting]]", **_lighting(light, staging, written)) for light in scene.illuminations),
     ]
     several = len(scene.illuminations) > 1
     for photograph in written.photographs:
@@ -92,19 +92,19 @@ def sources(illumination: Illumination, target: Floats) -> list[dict[str, Any]]:
     return tables
 
 
-def _object(session: Session, written: Written, mesh: str) -> dict[str, Any]:
-    surface = session.scene.surface
+def _object(staging: Staging, written: Written, mesh: str) -> dict[str, Any]:
+    surface = staging.scene.surface
     if isinstance(surface, Ball):
-        place = {"centre": surface.centre.tolist(), "radius": surface.radius} if session.stated else {}
+        place = {"centre": surface.centre.tolist(), "radius": surface.radius} if staging.stated else {}
         return {"shape": "sphere", **place}
     assert written.mesh_to_world is not None, "other surfaces are meshes"
     keys: dict[str, Any] = {"shape": "mesh", "mesh": mesh, "mesh_to_world": written.mesh_to_world.tolist()}
-    if isinstance(session.scene.material, Textured):
+    if isinstance(staging.scene.material, Textured):
         keys["texture"] = True
     return keys
 
 
-def _lighting(illumination: Illumination, session: Session, written: Written) -> dict[str, Any]:
+def _lighting(illumination: Illumination, staging: Staging, written: Written) -> dict[str, Any]:
     keys: dict[str, Any] = {"name": illumination.name}
     if illumination.given == "nothing":
         keys["unknown"] = True
@@ -114,7 +114,7 @@ def _lighting(illumination: Illumination, session: Session, written: Written) ->
         if illumination.name in written.maps:
             keys["map"] = written.maps[illumination.name]
         if illumination.sources:
-            keys["directional"] = sources(illumination, session.scene.surface.centre)
+            keys["directional"] = sources(illumination, staging.scene.surface.centre)
     return keys
 
 

@@ -19,8 +19,8 @@ from synthetic.scenes.views import seen_from
 from synthetic.sensing.development import Development
 from synthetic.sensing.masks import write_mask
 from synthetic.sensing.sensor import vignetting
-from synthetic.session import Session
 from synthetic.shapes.ball import Ball
+from synthetic.staging import Staging
 
 FOLDER = "mirrorball"
 # A source without a size is a disc in the ball: of this angular radius, or a pixel's, if that is larger, for smaller
@@ -31,15 +31,15 @@ _LARGEST = 0.9
 
 
 def write_mirror_balls(
-    session: Session, folder: Path, progress: Progress | None = None
+    staging: Staging, folder: Path, progress: Progress | None = None
 ) -> dict[str, dict[str, Any]]:
     """Photograph the ball under every lighting into folder/mirrorball; returns `mirror_ball` tables by lighting's name.
 
     They are merged brackets already: linear EXR, with the lens's vignetting but without noise.
     """
-    if session.ball is None:
+    if staging.ball is None:
         return {}
-    table, scene = session.ball, session.scene
+    table, scene = staging.ball, staging.scene
     target = scene.surface.centre
     camera = scene.shots[0].camera
     poses = [
@@ -66,14 +66,14 @@ def write_mirror_balls(
         name = shot.illumination.name
         views = tables[name]["views"]
         stem = f"{FOLDER}/{name}-{len(views)}"
-        if isinstance(session.sensor, Development):
-            radiance = radiance * vignetting(session.sensor.sensor, camera.width, camera.height)[..., None]
+        if isinstance(staging.sensor, Development):
+            radiance = radiance * vignetting(staging.sensor.sensor, camera.width, camera.height)[..., None]
         write_exr(folder / f"{stem}.exr", radiance.astype(np.float32))
         write_mask(folder / f"{stem}_mask.png", coverage)
         view: dict[str, Any] = {"photo": f"{stem}.exr", "mask": f"{stem}_mask.png"}
         view["world_to_camera"] = shot.camera.world_to_camera.tolist()
-        if isinstance(session.sensor, Development):
-            view |= _exposure(session.sensor)
+        if isinstance(staging.sensor, Development):
+            view |= _exposure(staging.sensor)
         views.append(view)
     return tables
 
@@ -89,6 +89,6 @@ def _with_sizes(illumination: Illumination, radius_rad: float) -> Illumination:
     """The same light, distant sources being discs: a mirror shows nothing of a point."""
     discs = []
     for source in illumination.sources:
-        assert isinstance(source, DirectionalSource), "the session sees to it"
+        assert isinstance(source, DirectionalSource), "the staging sees to it"
         discs.append(DiscLight(source.direction, source.irradiance, radius_rad))
     return replace(illumination, extended=(*illumination.extended, *discs), sources=())

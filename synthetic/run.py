@@ -11,7 +11,7 @@ from capture.files.outfolder import result_folder
 from capture.photoset import MANIFEST_NAME
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from synthetic.lights.illumination import Given
-from synthetic.scenes.build import read_session
+from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_names, scene_path
 from synthetic.scenes.scenefile import read_scene_file
 from synthetic.sensing.contactsheet import write_contact_sheet
@@ -21,15 +21,15 @@ from synthetic.writer import CONTACT_NAME, PHOTOSET_FILES, TRUTH_NAME, write_pho
 def run_synth(scene: str, out: Path, given: Given | None, seed: int | None) -> None:
     """Photograph a scene into a photo set, and say what was done."""
     leave_cleanly_when_stopped()
-    session = read_session(scene_path(scene), given, seed)
-    _refuse_another_set(out, session.scene.name)
+    staging = read_staging(scene_path(scene), given, seed)
+    _refuse_another_set(out, staging.scene.name)
     with result_folder(out, PHOTOSET_FILES) as folder:
-        write_photoset(session, folder, track)
+        write_photoset(staging, folder, track)
         write_contact_sheet(folder, folder / CONTACT_NAME)
         truth = json.loads((folder / TRUTH_NAME).read_text(encoding="utf-8"))
     error = truth["integration"]["relative_rms_error"]
     console.print(
-        f"{session.scene.name}: {len(truth['photos'])} photographs, integrated to {100 * error:.1g}% (relative RMS).",
+        f"{staging.scene.name}: {len(truth['photos'])} photographs, integrated to {100 * error:.1g}% (relative RMS).",
         soft_wrap=True,
     )
     console.print(f"Photo set: {out / MANIFEST_NAME}   Look at it: {out / CONTACT_NAME}", soft_wrap=True)

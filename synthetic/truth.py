@@ -28,8 +28,8 @@ from synthetic.materials.texture import Textured
 from synthetic.render.photograph import Tile, plain_radiance, tile_radiance
 from synthetic.scene import Scene
 from synthetic.sensing.development import Development
-from synthetic.session import Session
 from synthetic.shapes.ball import Ball
+from synthetic.staging import Staging
 
 Floats = NDArray[np.float64]
 
@@ -38,16 +38,16 @@ _FINER = 8
 
 
 def truth_document(
-    session: Session, written: Written, calibration: dict[str, Any] | None, error: float
+    staging: Staging, written: Written, calibration: dict[str, Any] | None, error: float
 ) -> dict[str, Any]:
     """What truth.json holds. error : of `integration_error`."""
-    scene = session.scene
+    scene = staging.scene
     return {
         "format": 1,
         "name": scene.name,
         "seed": scene.seed,
         "brdf": described(scene.material),
-        "object": _object(session),
+        "object": _object(staging),
         "lighting": [_lighting(light, written) for light in scene.illuminations],
         "photos": [
             {
@@ -58,8 +58,8 @@ def truth_document(
             }
             for photograph in written.photographs
         ],
-        "sensor": _sensor(session),
-        "faults": session.faults.model_dump(),
+        "sensor": _sensor(staging),
+        "faults": staging.faults.model_dump(),
         "calibration": calibration,
         "integration": {
             "relative_rms_error": error,
@@ -117,12 +117,12 @@ def _weights(material: Material) -> dict[str, Any]:
     return {"kd": material.kd.tolist(), "ks": material.ks.tolist()}
 
 
-def _object(session: Session) -> dict[str, Any]:
-    surface = session.scene.surface
+def _object(staging: Staging) -> dict[str, Any]:
+    surface = staging.scene.surface
     if isinstance(surface, Ball):
         return {"shape": "sphere", "centre": surface.centre.tolist(), "radius": surface.radius}
-    mesh = "truth/object.obj" if session.faults.mesh_m else "object.obj"
-    return {"shape": "mesh", "mesh": mesh, "mesh_to_world": session.mesh_to_world.tolist()}
+    mesh = "truth/object.obj" if staging.faults.mesh_m else "object.obj"
+    return {"shape": "mesh", "mesh": mesh, "mesh_to_world": staging.mesh_to_world.tolist()}
 
 
 def _lighting(illumination: Illumination, written: Written) -> dict[str, Any]:
@@ -160,8 +160,8 @@ def _lighting(illumination: Illumination, written: Written) -> dict[str, Any]:
     }
 
 
-def _sensor(session: Session) -> dict[str, Any]:
-    sensor = session.sensor
+def _sensor(staging: Staging) -> dict[str, Any]:
+    sensor = staging.sensor
     if not isinstance(sensor, Development):
         return {"noise": {"relative": sensor.relative, "floor": sensor.floor}}
     inner = sensor.sensor

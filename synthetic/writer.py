@@ -1,4 +1,4 @@
-"""A session's photo set on disk, with the truth beside it.
+"""A photo set on disk, photographed as staged, with the truth beside it.
 
 photoset.toml, photographs, masks, lighting maps and the mesh are what a photographer would hand over, faults and all.
 truth.json and the folder truth/ hold what nobody could know: parameters, poses, photographs without noise.
@@ -30,7 +30,7 @@ from synthetic.sensing.development import Development, write_photograph
 from synthetic.sensing.masks import write_mask
 from synthetic.sensing.radiometryfiles import RADIOMETRY_FILES, write_radiometry
 from synthetic.sensing.room import room_background
-from synthetic.session import Session
+from synthetic.staging import Staging
 from synthetic.truth import integration_error, truth_document
 
 Floats = NDArray[np.float64]
@@ -60,30 +60,30 @@ _JUDGED_PIXELS, _JUDGED_PHOTOS = 48, 12
 _ROOM = 4.0
 
 
-def write_photoset(session: Session, folder: Path, progress: Progress | None = None) -> None:
+def write_photoset(staging: Staging, folder: Path, progress: Progress | None = None) -> None:
     """Photograph a scene into a folder, made if missing; files of the same names are replaced.
 
     progress : called with the steps of the work and a description; iterates over what it returns.
-    The bytes depend on nothing but the session.
+    The bytes depend on nothing but the staging.
     """
     (folder / "truth").mkdir(parents=True, exist_ok=True)
-    scene = session.scene
-    taken, judged = _write_photographs(session, folder, progress)
+    scene = staging.scene
+    taken, judged = _write_photographs(staging, folder, progress)
     written = Written(
         maps=_write_maps(scene.illuminations, folder),
-        balls=write_mirror_balls(session, folder, progress),
-        poses=_written_poses(session),
-        mesh_to_world=_write_mesh(session, folder),
-        radiometry=_write_radiometry(session, folder),
+        balls=write_mirror_balls(staging, folder, progress),
+        poses=_written_poses(staging),
+        mesh_to_world=_write_mesh(staging, folder),
+        radiometry=_write_radiometry(staging, folder),
         photographs=taken,
     )
-    calibration = _write_calibration(session, folder, progress)
+    calibration = _write_calibration(staging, folder, progress)
     error = integration_error(scene, judged)
-    write_json(folder / TRUTH_NAME, truth_document(session, written, calibration, error))
-    if session.source:
-        (folder / SCENE_NAME).write_text(session.source, encoding="utf-8")
+    write_json(folder / TRUTH_NAME, truth_document(staging, written, calibration, error))
+    if staging.source:
+        (folder / SCENE_NAME).write_text(staging.source, encoding="utf-8")
     # Last: a folder without a manifest isn't taken for a whole set.
-    (folder / MANIFEST_NAME).write_text(manifest_text(session, written, MESH_NAME), encoding="utf-8")
+    (folder / MANIFEST_NAME).write_text(manifest_text(staging, written, MESH_NAME), encoding="utf-8")
 
 
 def _write_maps(illuminations: Sequence[Illumination], folder: Path) -> dict[str, str]:
@@ -98,8 +98,8 @@ def _write_maps(illuminations: Sequence[Illumination], folder: Path) -> dict[str
     return maps
 
 
-def _written_poses(session: Session) -> list[Floats]:
-    scene, faults = session.scene, session.faults
+def _written_poses(staging: Staging) -> list[Floats]:
+    scene, faults = staging.scene, staging.faults
     rng = np.random.default_rng([scene.seed, _POSES])
     poses = [shot.camera.world_to_camera for shot in scene.shots]
     if not (faults.pose_deg or faults.pose_m):
@@ -108,9 +108,9 @@ def _written_poses(session: Session) -> list[Floats]:
     return [perturbed_pose(pose, centre, faults.pose_deg, faults.pose_m, rng) for pose in poses]
 
 
-def _write_mesh(session: Session, folder: Path) -> Floats | None:
+def _write_mesh(staging: Staging, folder: Path) -> Floats | None:
     """Write the mesh as it is handed over, and if that isn't the true one, the true one; returns mesh_to_world."""
-    mesh, faults, seed = session.mesh, session.faults, session.scene.seed
+    mesh, faults, seed = staging.mesh, staging.faults, staging.scene.seed
     if mesh is None:
         return None
     handed = mesh
@@ -119,32 +119,32 @@ def _write_mesh(session: Session, folder: Path) -> Floats | None:
         handed = perturbed_mesh(mesh, faults.mesh_m, faults.mesh_correlation_m, rng)
         write_mesh(folder / "truth" / MESH_NAME, mesh)
     write_mesh(folder / MESH_NAME, handed)
-    if isinstance(session.scene.material, Textured):
-        write_exr(folder / "truth" / "texture_kd.exr", session.scene.material.kd_map)
-        write_exr(folder / "truth" / "texture_ks.exr", session.scene.material.ks_map)
+    if isinstance(staging.scene.material, Textured):
+        write_exr(folder / "truth" / "texture_kd.exr", staging.scene.material.kd_map)
+        write_exr(folder / "truth" / "texture_ks.exr", staging.scene.material.ks_map)
     if faults.misaligned_deg or faults.misaligned_m:
         rng = np.random.default_rng([seed, _ALIGNMENT])
-        centre = session.scene.surface.centre
-        return misaligned(session.mesh_to_world, centre, faults.misaligned_deg, faults.misaligned_m, 1.0, rng)
-    return session.mesh_to_world
+        centre = staging.scene.surface.centre
+        return misaligned(staging.mesh_to_world, centre, faults.misaligned_deg, faults.misaligned_m, 1.0, rng)
+    return staging.mesh_to_world
 
 
-def _write_radiometry(session: Session, folder: Path) -> dict[str, Any]:
-    if not isinstance(session.sensor, Development):
+def _write_radiometry(staging: Staging, folder: Path) -> dict[str, Any]:
+    if not isinstance(staging.sensor, Development):
         return {"encoding": "linear", "exposure": "equal"}
-    camera = session.scene.shots[0].camera
-    return write_radiometry(folder, session.sensor, camera.width, camera.height)
+    camera = staging.scene.shots[0].camera
+    return write_radiometry(folder, staging.sensor, camera.width, camera.height)
 
 
 def _write_photographs(
-    session: Session, folder: Path, progress: Progress | None
+    staging: Staging, folder: Path, progress: Progress | None
 ) -> tuple[list[Photograph], list[Tile]]:
     """Photographs and masks, and pixels by which the integration is to be judged.
 
     The radiance before the sensor goes to truth/, from where it is developed: all of it must be known to choose an
     exposure, and a photograph at a time is enough to hold.
     """
-    scene, sensor = session.scene, session.sensor
+    scene, sensor = staging.scene, staging.sensor
     brightness, levels = [], []
     for index, (radiance, coverage) in enumerate(photographs(scene, progress)):
         write_exr(folder / "truth" / f"{index:03d}.exr", radiance.astype(np.float32))
@@ -164,9 +164,9 @@ def _write_photographs(
         coverage = read_pixels(folder / _mask_name(index))[..., 0].astype(float) / 255
         if index % stride == 0:
             judged.append(_sample(index, coverage, rng))
-        seen = with_background(radiance, coverage, _background(session, index, level))
-        if session.faults.outliers:
-            seen, spoilt = with_outliers(seen, coverage, session.faults.outliers, rng)
+        seen = with_background(radiance, coverage, _background(staging, index, level))
+        if staging.faults.outliers:
+            seen, spoilt = with_outliers(seen, coverage, staging.faults.outliers, rng)
             write_mask(folder / "truth" / f"{index:03d}_outliers.png", spoilt)
         stem = folder / f"{index:03d}"
         if isinstance(sensor, Development):
@@ -190,13 +190,13 @@ def _sample(index: int, coverage: Floats, rng: np.random.Generator) -> Tile:
     return Tile(index, 0, np.column_stack([columns, rows])[chosen])
 
 
-def _background(session: Session, index: int, level: float) -> Floats:
+def _background(staging: Staging, index: int, level: float) -> Floats:
     """What stands behind the object in a photograph: (3,), or (h, w, 3)."""
-    background = session.faults.background
+    background = staging.faults.background
     if background == "black":
         return np.zeros(3)
     if isinstance(background, str):
-        scene, camera = session.scene, session.scene.shots[index].camera
+        scene, camera = staging.scene, staging.scene.shots[index].camera
         centres = [shot.camera.centre - scene.surface.centre for shot in scene.shots]
         side = _ROOM * max(float(np.abs(centre).max()) for centre in centres)
         return room_background(camera, scene.surface.centre, side, level, [scene.seed, _ROOM_LOOK])
@@ -207,8 +207,8 @@ def _mask_name(index: int) -> str:
     return f"{index:03d}_mask.png"
 
 
-def _write_calibration(session: Session, folder: Path, progress: Progress | None) -> dict[str, Any] | None:
-    table, sensor, scene = session.calibration, session.sensor, session.scene
+def _write_calibration(staging: Staging, folder: Path, progress: Progress | None) -> dict[str, Any] | None:
+    table, sensor, scene = staging.calibration, staging.sensor, staging.scene
     if table is None or not isinstance(sensor, Development):
         return None
     rng = np.random.default_rng([scene.seed, _CALIBRATION])

@@ -43,7 +43,6 @@ from synthetic.scenes.views import shots, towards
 from synthetic.sensing.development import Development
 from synthetic.sensing.noise import Noise
 from synthetic.sensing.sensor import Sensor
-from synthetic.session import Session
 from synthetic.shapes.atlas import with_atlas
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.cat import REACH, cat_field
@@ -52,6 +51,7 @@ from synthetic.shapes.dollpaint import doll_textures
 from synthetic.shapes.meshing import mesh_implicit
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Surface
+from synthetic.staging import Staging
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ _EDGE = 0.0012
 _TEXTURE_HEIGHT = 1024
 
 
-def read_session(path: Path, given: Given | None = None, seed: int | None = None) -> Session:
+def read_staging(path: Path, given: Given | None = None, seed: int | None = None) -> Staging:
     """Read a scene file and build all of it; files that it names are relative to it. ValueError says what is wrong.
 
     given : instead of the file's, for the lightings of photographs that are not held out. seed : instead of the file's.
@@ -72,14 +72,14 @@ def read_session(path: Path, given: Given | None = None, seed: int | None = None
     if given is not None:
         file = _with_light_given(file, given)
     try:
-        return _session(file, path.parent, path.read_text(encoding="utf-8"))
+        return _staging(file, path.parent, path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise error if str(path) in str(error) else ValueError(f"{path}: {error}") from error
     except OSError as error:
         raise ValueError(f"{path}: {error.filename}: cannot be read ({error.strerror or error})") from error
 
 
-def _session(file: SceneFile, folder: Path, source: str) -> Session:
+def _staging(file: SceneFile, folder: Path, source: str) -> Staging:
     mesh = _mesh(file.object, folder)
     lights = {table.name: _illumination(table, file.object, folder) for table in file.lighting}
     scene = Scene(
@@ -92,7 +92,7 @@ def _session(file: SceneFile, folder: Path, source: str) -> Session:
     )
     placed = np.eye(4)
     placed[:3, 3] = file.object.centre
-    return Session(
+    return Staging(
         scene=scene,
         sensor=_sensor(file.sensor, file.camera),
         mesh=mesh,

@@ -1,4 +1,4 @@
-"""Scene files: small TOML files that describe a photographic session."""
+"""Scene files: small TOML files that describe a photographic staging."""
 
 from __future__ import annotations
 

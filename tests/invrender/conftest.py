@@ -28,8 +28,8 @@ from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
 from synthetic.scene import Scene, Shot
-from synthetic.session import Session
 from synthetic.shapes.ball import Ball
+from synthetic.staging import Staging
 from synthetic.writer import write_photoset
 
 Floats = np.ndarray
@@ -53,7 +53,7 @@ def small_set_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shots=tuple(Shot(camera.posed(pose), light, index == 3) for index, pose in enumerate(poses)),
     )
     folder = tmp_path_factory.mktemp("small") / "set"
-    write_photoset(Session(scene), folder)
+    write_photoset(Staging(scene), folder)
     return folder
 
 

@@ -13,7 +13,7 @@ from capture.photoset import load_photoset
 from invrender.factorization import Factorization
 from invrender.pipeline import process
 from invrender.result import identifiability
-from synthetic.demo import demo_session
+from synthetic.demo import demo_staging
 from synthetic.scene import Shot
 from synthetic.writer import write_photoset
 
@@ -87,10 +87,10 @@ def test_a_light_from_the_wrong_side_gives_no_numbers(demo_set: Path) -> None:
 
 def test_soft_light_leaves_sigma_open(tmp_path: Path) -> None:
     """Only the area light, whose power lies in degrees up to 6: below 1/sigma = 8."""
-    session = demo_session()
-    light = replace(session.scene.shots[0].illumination, sources=())
-    shots = tuple(Shot(shot.camera, light) for shot in session.scene.shots[::3])
-    write_photoset(replace(session, scene=replace(session.scene, shots=shots)), tmp_path)
+    staging = demo_staging()
+    light = replace(staging.scene.shots[0].illumination, sources=())
+    shots = tuple(Shot(shot.camera, light) for shot in staging.scene.shots[::3])
+    write_photoset(replace(staging, scene=replace(staging.scene, shots=shots)), tmp_path)
     quantity = run(tmp_path).quantities["sigma"]
     assert quantity.value is None
     assert "degrees up to" in quantity.reason

@@ -17,7 +17,7 @@ from capture.lighting import read_latlong
 from capture.photoset import PhotoSet, load_photoset
 from recon.locate import View, locate_sphere
 from recon.sphere import Sphere
-from synthetic.demo import demo_session, write_demo
+from synthetic.demo import demo_staging, write_demo
 from synthetic.render.photograph import photographs
 from synthetic.sensing.noise import Noise
 from synthetic.shapes.ball import Ball
@@ -46,7 +46,7 @@ def found_sphere(photoset: PhotoSet) -> Sphere:
 
 
 def test_manifest_says_what_the_scene_is(photoset: PhotoSet) -> None:
-    scene = demo_session().scene
+    scene = demo_staging().scene
     assert len(photoset.photos) == len(scene.shots)
     for photo, shot in zip(photoset.photos, scene.shots, strict=True):
         camera = shot.camera
@@ -67,11 +67,11 @@ def test_manifest_says_what_the_scene_is(photoset: PhotoSet) -> None:
 
 
 def test_photographs_decode_to_the_scene_within_the_noise(photoset: PhotoSet) -> None:
-    scene = demo_session().scene
+    scene = demo_staging().scene
     index = 3
     image = decode_photo(photoset, photoset.photos[index])
     ((truth, coverage),) = photographs(replace(scene, shots=scene.shots[index : index + 1]))
-    noise = demo_session().sensor
+    noise = demo_staging().sensor
     assert isinstance(noise, Noise)
     floor = noise.floor * truth[coverage > 0].mean()
     scores = (image.radiance - truth) / np.hypot(noise.relative * truth, floor)
@@ -81,7 +81,7 @@ def test_photographs_decode_to_the_scene_within_the_noise(photoset: PhotoSet) ->
 
 
 def test_sphere_is_found_from_the_masks(photoset: PhotoSet) -> None:
-    scene = demo_session().scene
+    scene = demo_staging().scene
     sphere = found_sphere(photoset)
     ball = scene.surface
     assert isinstance(ball, Ball)
@@ -93,7 +93,7 @@ def test_sphere_is_found_from_the_masks(photoset: PhotoSet) -> None:
 
 def test_highlights_are_seen_from_facing_to_grazing() -> None:
     # At the highlight the normal halves the angle between source and camera, and so does theta_o.
-    scene = demo_session().scene
+    scene = demo_staging().scene
     (source,) = scene.shots[0].illumination.sources
     towards = np.array([shot.camera.centre / np.linalg.norm(shot.camera.centre) for shot in scene.shots])
     exitant = np.degrees(np.arccos(towards @ source.direction) / 2)
@@ -102,7 +102,7 @@ def test_highlights_are_seen_from_facing_to_grazing() -> None:
 
 
 def test_truth_lies_beside_the_photographs(folder: Path) -> None:
-    scene = demo_session().scene
+    scene = demo_staging().scene
     truth = json.loads((folder / TRUTH_NAME).read_text(encoding="utf-8"))
     assert truth["brdf"]["kd"] == scene.material.kd.tolist()
     assert truth["brdf"]["ks"] == scene.material.ks.tolist()
@@ -114,16 +114,16 @@ def test_truth_lies_beside_the_photographs(folder: Path) -> None:
 
 
 def test_one_seed_gives_one_set_of_bytes_and_another_seed_another(tmp_path: Path) -> None:
-    session = demo_session()
-    session = replace(session, scene=replace(session.scene, shots=session.scene.shots[:1]))
+    staging = demo_staging()
+    staging = replace(staging, scene=replace(staging.scene, shots=staging.scene.shots[:1]))
     calls = []
 
     def progress(items: Iterable[Any], description: str) -> Iterable[Any]:
         calls.append(description)
         return items
 
-    other = replace(session, scene=replace(session.scene, seed=1))
-    sets = {"a": session, "b": session, "c": other}
+    other = replace(staging, scene=replace(staging.scene, seed=1))
+    sets = {"a": staging, "b": staging, "c": other}
     for name, variant in sets.items():
         write_photoset(variant, tmp_path / name, progress)
     names = sorted(

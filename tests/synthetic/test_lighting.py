@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from synthetic.demo import demo_session
+from synthetic.demo import demo_staging
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
 from synthetic.lights.sources import DirectionalSource
@@ -26,7 +26,7 @@ def zonal_energies(light: AreaLight, l_max: int) -> np.ndarray:
 
 
 def test_demonstration_light_has_99_percent_of_its_energy_up_to_degree_6() -> None:
-    (light,) = demo_session().scene.shots[0].illumination.extended
+    (light,) = demo_staging().scene.shots[0].illumination.extended
     assert isinstance(light, AreaLight)
     energies = zonal_energies(light, 60)
     assert_allclose(energies.sum(), 1.0, rtol=1e-9)  # Parseval: all of it is found by degree 60

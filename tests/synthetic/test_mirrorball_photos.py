@@ -18,11 +18,11 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.render.lobes import irradiance
 from synthetic.scene import Effort
-from synthetic.scenes.build import read_session
+from synthetic.scenes.build import read_staging
 from synthetic.sensing.contactsheet import write_contact_sheet
 from synthetic.sensing.development import Development
 from synthetic.sensing.sensor import vignetting
-from synthetic.session import Session
+from synthetic.staging import Staging
 from synthetic.writer import write_photoset
 
 SCENE = """
@@ -57,20 +57,20 @@ SENSORS = {
 }
 
 
-def photographed(folder: Path, scene: str) -> Session:
+def photographed(folder: Path, scene: str) -> Staging:
     """Photograph a scene into folder / "set"."""
     folder.mkdir()
     path = folder / "ball.toml"
     path.write_text(scene)
-    session = read_session(path)
+    staging = read_staging(path)
     # Matte and small: next to no work but the balls.
-    session = replace(session, scene=replace(session.scene, effort=Effort(directions=64, per_side=1)))
-    write_photoset(session, folder / "set")
-    return session
+    staging = replace(staging, scene=replace(staging.scene, effort=Effort(directions=64, per_side=1)))
+    write_photoset(staging, folder / "set")
+    return staging
 
 
 @pytest.fixture(scope="module")
-def sets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Session]]:
+def sets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Staging]]:
     folder = tmp_path_factory.mktemp("balls")
     return {
         name: (folder / name / "set", photographed(folder / name, SCENE + SENSORS[name])) for name in SENSORS
@@ -78,11 +78,11 @@ def sets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Sess
 
 
 @pytest.mark.parametrize("file", SENSORS)
-def test_the_light_is_read_off_the_ball(file: str, sets: dict[str, tuple[Path, Session]]) -> None:
-    folder, session = sets[file]
+def test_the_light_is_read_off_the_ball(file: str, sets: dict[str, tuple[Path, Staging]]) -> None:
+    folder, staging = sets[file]
     photoset = load_photoset(folder)
     found = read_lighting(photoset, photoset.lightings[0])
-    (light,) = session.scene.illuminations
+    (light,) = staging.scene.illuminations
     (source,), (area,) = light.sources, light.extended
     assert isinstance(source, DirectionalSource)
     assert isinstance(area, AreaLight)
@@ -108,7 +108,7 @@ def test_the_light_is_read_off_the_ball(file: str, sets: dict[str, tuple[Path, S
     ("file", "keys"), [("exr", set()), ("png", {"exposure_s"}), ("dng", {"exposure_s", "iso", "f_number"})]
 )
 def test_exposures_are_stated_as_the_photographs_state_theirs(
-    file: str, keys: set[str], sets: dict[str, tuple[Path, Session]], tmp_path: Path
+    file: str, keys: set[str], sets: dict[str, tuple[Path, Staging]], tmp_path: Path
 ) -> None:
     # ISO and f-number only where EXIF holds them for the photographs: a set in which some have them is refused.
     folder, _ = sets[file]
@@ -120,7 +120,7 @@ def test_exposures_are_stated_as_the_photographs_state_theirs(
     write_contact_sheet(folder, tmp_path / "contact.png")
 
 
-def test_a_ball_shows_all_its_light_and_nothing_beside_it(sets: dict[str, tuple[Path, Session]]) -> None:
+def test_a_ball_shows_all_its_light_and_nothing_beside_it(sets: dict[str, tuple[Path, Staging]]) -> None:
     folder = sets["exr"][0] / "mirrorball"
     names = ["lab-0.exr", "lab-0_mask.png", "lab-1.exr", "lab-1_mask.png"]
     assert sorted(path.name for path in folder.iterdir()) == names
@@ -134,7 +134,7 @@ def test_a_ball_shows_all_its_light_and_nothing_beside_it(sets: dict[str, tuple[
         assert 0.7 < radiance.max() / (1.6 / (np.pi * np.sin(2 / 45) ** 2)) < 1
 
 
-def test_a_lens_that_vignettes_darkens_the_ball_too(sets: dict[str, tuple[Path, Session]]) -> None:
+def test_a_lens_that_vignettes_darkens_the_ball_too(sets: dict[str, tuple[Path, Staging]]) -> None:
     through, ideal = (read_pixels(sets[name][0] / "mirrorball" / "lab-1.exr") for name in ("dng", "exr"))
     sensor = sets["dng"][1].sensor
     assert isinstance(sensor, Development)

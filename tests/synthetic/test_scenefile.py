@@ -20,13 +20,13 @@ from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.mirror import Mirror
 from synthetic.materials.phong import Phong
 from synthetic.materials.smith import Smith
-from synthetic.scenes.build import read_session
+from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_names, scene_path
 from synthetic.sensing.development import Development
 from synthetic.sensing.noise import Noise
-from synthetic.session import Session
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.meshsurface import MeshSurface
+from synthetic.staging import Staging
 
 OBJECT = '[object]\nshape = "sphere"\n'
 MATERIAL = '[material]\nmodel = "lambertian"\nkd = 0.2\n'
@@ -38,10 +38,10 @@ HEAD = 'format = 1\nname = "tiny"\n'
 WHOLE = HEAD + OBJECT + MATERIAL + LIGHTING + CAMERA + GANTRY
 
 
-def read(folder: Path, text: str) -> Session:
+def read(folder: Path, text: str) -> Staging:
     path = folder / "tiny.toml"
     path.write_text(text, encoding="utf-8")
-    return read_session(path)
+    return read_staging(path)
 
 
 def tetrahedron() -> TriangleMesh:
@@ -50,15 +50,15 @@ def tetrahedron() -> TriangleMesh:
 
 
 def test_the_least_that_a_scene_file_says(tmp_path: Path) -> None:
-    session = read(tmp_path, WHOLE)
-    scene = session.scene
+    staging = read(tmp_path, WHOLE)
+    scene = staging.scene
     assert (scene.name, scene.seed, len(scene.shots)) == ("tiny", 0, 2)
     assert isinstance(scene.surface, Ball)
     assert isinstance(scene.material, Lambertian)
     assert scene.material.kd.tolist() == [0.2, 0.2, 0.2]
-    assert session.sensor == Noise()
-    assert session.source == WHOLE
-    assert read_session(tmp_path / "tiny.toml", seed=5).scene.seed == 5
+    assert staging.sensor == Noise()
+    assert staging.source == WHOLE
+    assert read_staging(tmp_path / "tiny.toml", seed=5).scene.seed == 5
 
 
 def test_lights_of_all_kinds(tmp_path: Path) -> None:
@@ -134,12 +134,12 @@ def test_a_mirror_is_seen_under_lights_with_a_size(tmp_path: Path) -> None:
 def test_a_mesh_is_read_in_its_unit_and_stands_at_the_centre(tmp_path: Path) -> None:
     write_mesh(tmp_path / "body.obj", tetrahedron())
     shape = '[object]\nshape = "mesh"\nmesh = "body.obj"\nunit = "cm"\ncentre = [0.01, 0, 0]\n'
-    session = read(tmp_path, WHOLE.replace(OBJECT, shape))
-    assert isinstance(session.scene.surface, MeshSurface)
-    assert session.mesh is not None
-    assert_allclose(np.abs(session.mesh.vertices), 0.01)
-    assert_allclose(session.mesh_to_world[:3, 3], [0.01, 0, 0])
-    assert_allclose(session.scene.surface.centre, [0.01, 0, 0], atol=1e-12)
+    staging = read(tmp_path, WHOLE.replace(OBJECT, shape))
+    assert isinstance(staging.scene.surface, MeshSurface)
+    assert staging.mesh is not None
+    assert_allclose(np.abs(staging.mesh.vertices), 0.01)
+    assert_allclose(staging.mesh_to_world[:3, 3], [0.01, 0, 0])
+    assert_allclose(staging.scene.surface.centre, [0.01, 0, 0], atol=1e-12)
 
 
 def test_sensors_have_the_defaults_of_their_files(tmp_path: Path) -> None:
@@ -165,10 +165,10 @@ def test_what_the_command_says_of_the_light_goes_for_fitted_photographs(tmp_path
     view = '[[view]]\nazimuth_deg = 0\nlighting = "lamp"\nheld_out = true\n'
     path = tmp_path / "tiny.toml"
     path.write_text(WHOLE.replace(CAMERA, lamp + CAMERA) + view)
-    session = read_session(path, given=given)  # type: ignore[arg-type]
-    told = {light.name: light.given for light in session.scene.illuminations}
+    staging = read_staging(path, given=given)  # type: ignore[arg-type]
+    told = {light.name: light.given for light in staging.scene.illuminations}
     assert told == {"lab": given, "lamp": "all"}
-    assert (session.ball is not None) == (given == "ball")
+    assert (staging.ball is not None) == (given == "ball")
 
 
 # What of the whole scene file is replaced, by what, and what is said about it.
@@ -440,12 +440,12 @@ def test_what_is_wrong_is_said_with_file_and_key(tmp_path: Path, case: str) -> N
 
 def test_a_file_that_is_missing_or_no_text(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"none.toml: cannot be read \(No such file"):
-        read_session(tmp_path / "none.toml")
+        read_staging(tmp_path / "none.toml")
     (tmp_path / "bytes.toml").write_bytes(b"name = '\xff\xfe'")
     with pytest.raises(ValueError, match=r"bytes.toml: is not valid TOML: 'utf-8' codec can't decode"):
-        read_session(tmp_path / "bytes.toml")
+        read_staging(tmp_path / "bytes.toml")
     with pytest.raises(ValueError, match=r"cannot be read \(Is a directory\)"):
-        read_session(tmp_path)
+        read_staging(tmp_path)
 
 
 def test_the_painted_doll_bounces_no_lobe_of_rh01(tmp_path: Path) -> None:

@@ -15,15 +15,15 @@ from synthetic.materials.rh01 import RH01_MATERIALS
 from synthetic.materials.smith import Smith
 from synthetic.materials.texture import Textured
 from synthetic.scenes import build
-from synthetic.scenes.build import read_session
+from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_names, scene_path
 from synthetic.scenes.scenefile import read_scene_file
 from synthetic.sensing.development import Development
-from synthetic.session import Session
 from synthetic.shapes import doll
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.meshing import mesh_implicit
 from synthetic.shapes.meshsurface import MeshSurface
+from synthetic.staging import Staging
 
 # RH01, section 6, by figure; what can't be determined; what goes wrong; further materials, cameras and set-ups.
 EXPERIMENTS = {
@@ -82,8 +82,8 @@ def coarse_meshes() -> Iterator[None]:
 
 
 @cache
-def session(name: str) -> Session:
-    return read_session(scene_path(name))
+def staging(name: str) -> Staging:
+    return read_staging(scene_path(name))
 
 
 def test_all_scenes_are_there() -> None:
@@ -95,7 +95,7 @@ def test_all_scenes_are_there() -> None:
 def test_a_built_in_scene_is_whole(name: str) -> None:
     file = read_scene_file(scene_path(name))
     assert file.description.endswith(".")
-    scene = session(name).scene
+    scene = staging(name).scene
     shot = scene.shots[0]
     # The object fills a good part of the picture, and no more unless it is meant to.
     pixels = (
@@ -118,7 +118,7 @@ def test_no_two_scenes_have_one_name() -> None:
 
 @pytest.mark.parametrize("name", RH01_MATERIALS)
 def test_rh01s_spheres_have_the_numbers_of_fig_11(name: str) -> None:
-    scene, row = session(f"rh01-{name}").scene, RH01_MATERIALS[name]
+    scene, row = staging(f"rh01-{name}").scene, RH01_MATERIALS[name]
     material = scene.material
     assert isinstance(material, Microfacet)
     assert (material.mu, material.sigma) == (row.mu, row.sigma)
@@ -132,22 +132,22 @@ def test_rh01s_spheres_have_the_numbers_of_fig_11(name: str) -> None:
 
 def test_each_failure_has_its_cause() -> None:
     def light(name: str) -> object:
-        return session(name).scene.shots[0].illumination
+        return staging(name).scene.shots[0].illumination
 
-    assert isinstance(session("fail-matte").scene.material, Lambertian)
-    assert len(session("fail-one-photo").scene.shots) == 1
-    (lamp,) = session("fail-near-light").scene.shots[0].illumination.sources
-    ball = session("fail-near-light").scene.surface
+    assert isinstance(staging("fail-matte").scene.material, Lambertian)
+    assert len(staging("fail-one-photo").scene.shots) == 1
+    (lamp,) = staging("fail-near-light").scene.shots[0].illumination.sources
+    ball = staging("fail-near-light").scene.surface
     assert isinstance(lamp, PointSource)
     # Irradiance changes by more than half across the sphere.
     assert np.linalg.norm(lamp.position - ball.centre) < 8 * ball.reach
-    pair = session("fail-two-sources").scene
+    pair = staging("fail-two-sources").scene
     first, second = pair.shots[0].illumination.sources
     assert isinstance(first, DirectionalSource)
     assert isinstance(second, DirectionalSource)
     assert isinstance(pair.material, Microfacet)
     assert np.arccos(first.direction @ second.direction) < pair.material.sigma
-    grazing = session("fail-no-grazing").scene
+    grazing = staging("fail-no-grazing").scene
     (source,) = grazing.shots[0].illumination.sources
     assert isinstance(source, DirectionalSource)
     for shot in grazing.shots:
@@ -156,27 +156,27 @@ def test_each_failure_has_its_cause() -> None:
         assert np.degrees(np.arccos(away @ source.direction)) / 2 < 10
     secret = {"fail-matte", "fail-one-photo", "fail-texture-light", "fail-two-sources", "fail-unreached"}
     for name in FAILURES:
-        assert (session(name).scene.illuminations[0].given == "nothing") == (name in secret)
+        assert (staging(name).scene.illuminations[0].given == "nothing") == (name in secret)
 
 
 def test_shapes_materials_and_cameras_vary() -> None:
-    assert isinstance(session("rh01-cat").scene.surface, MeshSurface)
-    assert isinstance(session("rh01-doll").scene.material, Textured)
-    assert isinstance(session("demo").scene.surface, Ball)
-    assert session("cat-interreflection").scene.effort.bounces >= 2
-    assert isinstance(session("exact-teflon").scene.material, Smith)
-    assert not session("anisotropic").scene.material.is_isotropic
-    raw, bracket = session("camera-raw"), session("camera-bracket")
+    assert isinstance(staging("rh01-cat").scene.surface, MeshSurface)
+    assert isinstance(staging("rh01-doll").scene.material, Textured)
+    assert isinstance(staging("demo").scene.surface, Ball)
+    assert staging("cat-interreflection").scene.effort.bounces >= 2
+    assert isinstance(staging("exact-teflon").scene.material, Smith)
+    assert not staging("anisotropic").scene.material.is_isotropic
+    raw, bracket = staging("camera-raw"), staging("camera-bracket")
     assert isinstance(raw.sensor, Development)
     assert isinstance(bracket.sensor, Development)
     assert (raw.sensor.file, np.isfinite(raw.sensor.sensor.focal_px)) == ("dng", True)
     assert len(bracket.sensor.bracket) == 3
     assert bracket.ball is not None
     assert raw.calibration is not None
-    lights = {shot.illumination.name for shot in session("turntable").scene.shots}
-    assert len(lights) == len(session("turntable").scene.shots)
+    lights = {shot.illumination.name for shot in staging("turntable").scene.shots}
+    assert len(lights) == len(staging("turntable").scene.shots)
     # Held out under a light of its own, of which the set tells all.
     for name in ("rh01-cat", "rh01-doll", "rh01-area"):
-        last = session(name).scene.shots[-1]
+        last = staging(name).scene.shots[-1]
         assert last.held_out
         assert (last.illumination.name, last.illumination.given) == ("lamp", "all")

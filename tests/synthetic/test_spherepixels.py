@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from synthetic.demo import demo_session
+from synthetic.demo import demo_staging
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource, PointSource
@@ -69,7 +69,7 @@ def test_one_source_lights_the_side_that_faces_it() -> None:
 
 @pytest.mark.parametrize("index", [0, 18])
 def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = demo_session().scene
+    scene = demo_staging().scene
     scene = replace(scene, shots=scene.shots[index : index + 1])
     camera = scene.shots[0].camera
     radiance, coverage = photograph(scene)

@@ -24,14 +24,14 @@ from synthetic.render.photograph import photographs
 from synthetic.render.pixels import pixel_coverage
 from synthetic.scene import Shot
 from synthetic.scenes import build
-from synthetic.scenes.build import read_session
+from synthetic.scenes.build import read_staging
 from synthetic.scenes.views import seen_from
 from synthetic.sensing.contactsheet import displayed, write_contact_sheet
-from synthetic.session import Session
 from synthetic.shapes.ball import Ball
+from synthetic.staging import Staging
 from synthetic.writer import write_photoset
 
-Write = Callable[..., tuple[Path, Session]]
+Write = Callable[..., tuple[Path, Staging]]
 
 SPHERE = '[object]\nshape = "sphere"\n'
 MESH = '[object]\nshape = "mesh"\nmesh = "body.obj"\ncentre = [0.001, 0, 0]\n'
@@ -70,12 +70,12 @@ def write(tmp_path: Path) -> Write:
     """Photograph a scene file's text into a folder; a mesh `body.obj` lies beside the file."""
     trimesh.creation.icosphere(2, 0.02).export(tmp_path / "body.obj")
 
-    def written(text: str, folder: str = "set", seed: int | None = None) -> tuple[Path, Session]:
+    def written(text: str, folder: str = "set", seed: int | None = None) -> tuple[Path, Staging]:
         (tmp_path / "tiny.toml").write_text(text)
-        session = read_session(tmp_path / "tiny.toml", seed=seed)
-        write_photoset(session, tmp_path / folder)
+        staging = read_staging(tmp_path / "tiny.toml", seed=seed)
+        write_photoset(staging, tmp_path / folder)
         write_contact_sheet(tmp_path / folder, tmp_path / folder / "contact.png")
-        return tmp_path / folder, session
+        return tmp_path / folder, staging
 
     return written
 
@@ -151,7 +151,7 @@ def test_photographs_decode_to_the_truth_within_their_noise(sensor: str, write: 
 
 
 def test_a_bracket_is_one_photograph_at_rising_times(write: Write) -> None:
-    folder, session = write(scene(rest='[sensor]\nfile = "tiff"\nbracket_stops = [-2, 0, 1]\n'))
+    folder, staging = write(scene(rest='[sensor]\nfile = "tiff"\nbracket_stops = [-2, 0, 1]\n'))
     photoset = load_photoset(folder)
     assert [photo.label for photo in photoset.photos] == [f"00{i}_{k}.tif" for i in (0, 1) for k in (0, 1, 2)]
     times = [photo.exposure.exposure_s for photo in photoset.photos]
@@ -161,19 +161,19 @@ def test_a_bracket_is_one_photograph_at_rising_times(write: Write) -> None:
     # The shortest two stops below what fits, the longest one above, which clips its highlight.
     assert_allclose(levels[0], levels[1], rtol=0.02)
     assert decode_photo(photoset, photoset.photos[2]).saturated.any()
-    assert len(session.scene.shots) == 2
+    assert len(staging.scene.shots) == 2
 
 
 def test_what_the_set_says_is_the_scene_where_nothing_is_wrong(write: Write) -> None:
-    folder, session = write(
+    folder, staging = write(
         scene(MESH, LAB + LAMP, GANTRY + '[[view]]\nazimuth_deg = 30\nlighting = "lamp"\n')
     )
     photoset = load_photoset(folder)
     assert [photo.lighting for photo in photoset.photos] == ["lab", "lab", "lamp"]
-    for photo, shot in zip(photoset.photos, session.scene.shots, strict=True):
+    for photo, shot in zip(photoset.photos, staging.scene.shots, strict=True):
         assert_allclose(photo.camera.world_to_camera, shot.camera.world_to_camera, atol=1e-15)
         assert photo.held_out == shot.held_out
-        coverage = pixel_coverage(session.scene.surface, shot.camera)
+        coverage = pixel_coverage(staging.scene.surface, shot.camera)
         assert photo.mask is not None
         # Rounded to 255 steps.
         assert_allclose(read_mask(photo.mask, coverage.shape), coverage, atol=0.5 / 255 + 1e-6)
@@ -184,7 +184,7 @@ def test_what_the_set_says_is_the_scene_where_nothing_is_wrong(write: Write) -> 
     (source,) = lamp.directional
     assert lamp.map is None
     assert source.direction is not None
-    offset = session.scene.shots[2].illumination.sources[0].position - session.scene.surface.centre  # type: ignore[union-attr]
+    offset = staging.scene.shots[2].illumination.sources[0].position - staging.scene.surface.centre  # type: ignore[union-attr]
     assert_allclose(source.direction, offset / np.linalg.norm(offset), atol=1e-12)
     # The mesh's bounding box has another middle than its origin: by 1e-6 of its size.
     assert_allclose(source.irradiance, [2, 1, 1], rtol=1e-6)
@@ -192,25 +192,25 @@ def test_what_the_set_says_is_the_scene_where_nothing_is_wrong(write: Write) -> 
     handed = read_mesh(folder / "object.obj")
     placed = np.array(photoset.object.mesh_to_world)
     vertices = handed.vertices @ placed[:3, :3].T + placed[:3, 3]
-    assert session.mesh is not None
+    assert staging.mesh is not None
     assert_allclose(
-        vertices, session.mesh.vertices + np.array([0.001, 0, 0]), atol=1e-8
+        vertices, staging.mesh.vertices + np.array([0.001, 0, 0]), atol=1e-8
     )  # digits in the file
     assert not (folder / "truth" / "object.obj").exists()
-    assert (folder / "scene.toml").read_text() == session.source
+    assert (folder / "scene.toml").read_text() == staging.source
 
 
 def test_faults_are_in_the_set_and_the_truth_beside_it(write: Write) -> None:
-    folder, session = write(scene(MESH, rest=ALL_FAULTS))
+    folder, staging = write(scene(MESH, rest=ALL_FAULTS))
     photoset, truth = load_photoset(folder), truth_of(folder)
-    for photo, shot, entry in zip(photoset.photos, session.scene.shots, truth["photos"], strict=True):
+    for photo, shot, entry in zip(photoset.photos, staging.scene.shots, truth["photos"], strict=True):
         exact = shot.camera.world_to_camera
         assert_array_equal(entry["world_to_camera"], exact)
         turn = Rotation.from_matrix(photo.camera.world_to_camera[:3, :3] @ exact[:3, :3].T)
         assert 0.1 < np.degrees(turn.magnitude()) < 5  # 1 degree about each of three axes
     believed = np.array(photoset.object.mesh_to_world)
     actual = np.array(truth["object"]["mesh_to_world"])
-    assert_array_equal(actual, session.mesh_to_world)
+    assert_array_equal(actual, staging.mesh_to_world)
     turn = Rotation.from_matrix(believed[:3, :3] @ actual[:3, :3].T)
     assert_allclose(np.degrees(turn.magnitude()), 1.0, rtol=1e-9)
     handed, exact = read_mesh(folder / "object.obj"), read_mesh(folder / truth["object"]["mesh"])
@@ -237,17 +237,17 @@ def test_a_turntable_in_the_room_shows_the_same_pictures(write: Write) -> None:
         QUICK, ""
     )
     text = text.replace(GGX, '[material]\nname = "delrin"\n')
-    folder, session = write(text)
-    lab = session.scene.shots[0].illumination
-    camera = session.scene.shots[0].camera.posed(seen_from(15, 20, 0.6, np.zeros(3)))
+    folder, staging = write(text)
+    lab = staging.scene.shots[0].illumination
+    camera = staging.scene.shots[0].camera.posed(seen_from(15, 20, 0.6, np.zeros(3)))
     photoset = load_photoset(folder)
     assert [photo.lighting for photo in photoset.photos] == ["lab-000", "lab-001", "lab-002"]
     assert len(photoset.lightings) == 3
     assert len({table.map for table in photoset.lightings}) == 3
     for index in range(3):
         turn = Rotation.from_euler("z", 40 * index, degrees=True).as_matrix()
-        ball = Ball(turn @ session.scene.surface.centre, session.scene.surface.reach)
-        room = replace(session.scene, surface=ball, shots=(Shot(camera, lab),))
+        ball = Ball(turn @ staging.scene.surface.centre, staging.scene.surface.reach)
+        room = replace(staging.scene, surface=ball, shots=(Shot(camera, lab),))
         ((radiance, coverage),) = photographs(room)
         written = read_pixels(folder / "truth" / f"{index:03d}.exr")
         # Single precision within the quadrature; the rim's points fall in or out by rounding.
@@ -270,7 +270,7 @@ def test_secret_light_leaves_no_trace_outside_the_truth(write: Write) -> None:
 
 
 def test_the_truth_says_what_was_drawn_and_how_well(write: Write) -> None:
-    folder, session = write(scene(), seed=12)
+    folder, staging = write(scene(), seed=12)
     truth = truth_of(folder)
     assert (truth["name"], truth["seed"]) == ("tiny", 12)
     assert truth["brdf"] == {
@@ -281,7 +281,7 @@ def test_the_truth_says_what_was_drawn_and_how_well(write: Write) -> None:
         "alpha": 0.3,
     }
     assert truth["object"] == {"shape": "sphere", "centre": [0, 0, 0], "radius": 0.02}
-    assert truth["integration"]["directions"] == session.scene.effort.directions
+    assert truth["integration"]["directions"] == staging.scene.effort.directions
     # With as few as 64 directions it isn't exact, and says so.
     assert 1e-4 < truth["integration"]["relative_rms_error"] < 0.05
 
@@ -297,7 +297,7 @@ def test_a_black_photograph_is_exact(write: Write) -> None:
 def test_the_dolls_textures_are_part_of_the_truth(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(build, "_TEXTURE_HEIGHT", 32)
     text = scene('[object]\nshape = "doll"\nedge = 0.004\n', camera=CAMERA.replace("380", "160"))
-    folder, session = write(text.replace(GGX, ""))
+    folder, staging = write(text.replace(GGX, ""))
     assert load_photoset(folder).object.texture
     brdf = truth_of(folder)["brdf"]
     assert brdf["model"] == "microfacet"
@@ -306,9 +306,9 @@ def test_the_dolls_textures_are_part_of_the_truth(write: Write, monkeypatch: pyt
         assert_allclose(texels.mean(axis=(0, 1)), brdf[key], rtol=1e-5)  # single precision
         assert texels.std() > 0
     handed = read_mesh(folder / "object.obj")
-    assert session.mesh is not None
-    assert session.mesh.uv is not None
-    assert_allclose(handed.uv, session.mesh.uv, atol=1e-6)  # digits in the file
+    assert staging.mesh is not None
+    assert staging.mesh.uv is not None
+    assert_allclose(handed.uv, staging.mesh.uv, atol=1e-6)  # digits in the file
 
 
 def test_pictures_are_shown_by_the_objects_own_brightness() -> None:

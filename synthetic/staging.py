@@ -1,4 +1,4 @@
-"""A photographic session: a scene, the camera that it is taken with, and what goes wrong."""
+"""What is staged for a photo set: a scene, the camera that it is taken with, and what goes wrong."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class Staging:
     """What a photo set is made of.
 
     sensor : the ideal one, which writes linear EXR, or a camera. mesh : the object, which the set then holds, in its
