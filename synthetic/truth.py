@@ -101,7 +101,7 @@ def described(material: Material) -> dict[str, Any]:
 def integration_error(scene: Scene, judged: Sequence[Tile]) -> float:
     """Relative RMS by which pixels differ from plain sums over many times more directions.
 
-    judged : pixels that the object fills. Root mean square difference over root mean square radiance.
+    judged : pixels, the object's outline left out. Root mean square difference over root mean square radiance.
     """
     effort = scene.effort
     finer = replace(effort, directions=effort.directions * _FINER)

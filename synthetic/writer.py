@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 
 from capture.boards.board import parse_board
 from capture.files.documents import write_json
@@ -183,8 +184,11 @@ def _write_photographs(
 
 
 def _sample(index: int, coverage: Floats, rng: np.random.Generator) -> Tile:
-    """Some pixels of a photograph that the object fills; of one that it fills nowhere, some that it is in."""
-    full = coverage == 1
+    """Some pixels of a photograph that the object fills, their neighbours included; or else some that it is in.
+
+    At its very outline RH01's lobe grows without bound: what a pixel there holds depends on where it is looked at.
+    """
+    full = binary_erosion(coverage == 1, np.ones((3, 3)))
     rows, columns = np.nonzero(full if full.any() else coverage)
     chosen = np.sort(rng.choice(len(rows), min(_JUDGED_PIXELS, len(rows)), replace=False))
     return Tile(index, 0, np.column_stack([columns, rows])[chosen])
