@@ -129,4 +129,5 @@ def _toml(value: Any) -> str:
         return "{ " + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(_toml(entry) for entry in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
+    # JSON leaves one control character as it is that TOML doesn't.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

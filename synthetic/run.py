@@ -29,10 +29,13 @@ def run_synth(scene: str, out: Path, given: Given | None, seed: int | None) -> N
         truth = json.loads((folder / TRUTH_NAME).read_text(encoding="utf-8"))
     error = truth["integration"]["relative_rms_error"]
     console.print(
-        f"{staging.scene.name}: {len(truth['photos'])} photographs, integrated to {100 * error:.1g}% (relative RMS).",
+        f"{staging.scene.name}: {len(truth['photos'])} photographs, light summed over directions"
+        f" to {100 * error:.1g}% (relative RMS).",
         soft_wrap=True,
+        markup=False,
     )
-    console.print(f"Photo set: {out / MANIFEST_NAME}   Look at it: {out / CONTACT_NAME}", soft_wrap=True)
+    places = f"Photo set: {out / MANIFEST_NAME}   Look at it: {out / CONTACT_NAME}"
+    console.print(places, soft_wrap=True, markup=False)
 
 
 def list_built_in() -> None:

@@ -63,6 +63,13 @@ class Scene:
     def __post_init__(self) -> None:
         if not self.shots:
             raise ValueError(f"scene {self.name!r} has no photograph: give it a camera")
+        names = [illumination.name for illumination in self.illuminations]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(
+                    f"scene {self.name!r}: two lightings are named {name!r}; a turntable's are NAME-000, NAME-001, ...:"
+                    " rename one"
+                )
         check_energy(self.material)
         plain = self.material.material if isinstance(self.material, Textured) else self.material
         if self.effort.bounces and isinstance(plain, Microfacet):

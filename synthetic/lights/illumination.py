@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import latlong_pixels, latlong_solid_angles
+from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
+from synthetic.lights.latlong import LatLongLight
 from synthetic.lights.light import ExtendedLight
 from synthetic.lights.sources import DirectionalSource, PointSource
 
@@ -20,8 +22,11 @@ Given = Literal["all", "ball", "nothing"]
 
 # Sub-samples per side of a lat-long pixel.
 _SUBSAMPLES = 3
-# They may miss discs of a radius below so many pixels, which are cut into so many parts along radius and azimuth.
-_SMALL_DISC, _DISC_PARTS = 4, 128
+# Maps that are finer than the result get so many per pixel of theirs: the radiance is linear between those.
+_PER_MAP_PIXEL = 2
+# They may miss discs of a radius, and area lights of a width, below so many pixels; these are cut into so many parts
+# along radius and azimuth.
+_SMALL_DISC, _SMALL_AREA, _DISC_PARTS = 4, 1, 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,31 +68,42 @@ def latlong_map(lights: Sequence[ExtendedLight], height: int) -> NDArray[np.floa
 
     Rows run from +Z, columns from +X towards +Y, as `capture.lighting` has it.
     """
-    fine = height * _SUBSAMPLES
-    # Equal steps of cos(theta) within a row: sub-samples of equal solid angle.
-    edges = np.cos(np.arange(height + 1) * np.pi / height)
-    share = (np.arange(_SUBSAMPLES) + 0.5) / _SUBSAMPLES
-    z = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()[:, None]
-    phi = (np.arange(2 * fine) + 0.5) * np.pi / fine
-    ring = np.sqrt(1 - z**2)
-    directions = np.stack(np.broadcast_arrays(ring * np.cos(phi), ring * np.sin(phi), z), axis=-1)
     total = np.zeros((height, 2 * height, 3))
     for light in lights:
         if isinstance(light, DiscLight) and light.radius_rad < _SMALL_DISC * np.pi / height:
-            total += _shared_out(light, height)
-            continue
-        fine_map = light.radiance_from(directions)
-        total += fine_map.reshape(height, _SUBSAMPLES, 2 * height, _SUBSAMPLES, 3).mean(axis=(1, 3))
+            total += _shared_out(light, light.direction, height)
+        elif isinstance(light, AreaLight) and light.width_rad < _SMALL_AREA * np.pi / height:
+            total += _shared_out(light, light.axis, height)
+        else:
+            total += np.stack([_row_means(light, height, row) for row in range(height)])
     return total.astype(np.float32)
 
 
-def _shared_out(disc: DiscLight, height: int) -> Floats:
-    """Means over pixels (height, 2 height, 3) of a small disc: its light, dealt to those that parts of it lie in."""
+def _row_means(light: ExtendedLight, height: int, row: int) -> Floats:
+    """Means (2 height, 3) over the pixels of a row, by sub-samples of equal solid angle."""
+    count = _SUBSAMPLES
+    if isinstance(light, LatLongLight):
+        count = max(count, -(-_PER_MAP_PIXEL * len(light.pixels) // height))
+    top, bottom = np.cos(np.array([row, row + 1]) * np.pi / height)
+    z = (top + (bottom - top) * (np.arange(count) + 0.5) / count)[:, None]
+    phi = (np.arange(2 * height * count) + 0.5) * np.pi / (height * count)
+    ring = np.sqrt(1 - z**2)
+    directions = np.stack(np.broadcast_arrays(ring * np.cos(phi), ring * np.sin(phi), z), axis=-1)
+    means = light.radiance_from(directions).reshape(count, 2 * height, count, 3).mean(axis=(0, 2))
+    return np.asarray(means, float)
+
+
+def _shared_out(light: DiscLight | AreaLight, middle: Floats, height: int) -> Floats:
+    """Means over pixels (height, 2 height, 3) of a small light: its power, dealt to those that parts of it lie in.
+
+    middle : (3,) its brightest direction.
+    """
     share = (np.arange(_DISC_PARTS) + 0.5) / _DISC_PARTS
-    directions = disc.sample(np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2))
+    directions = light.sample(np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2))
     row, column = (place.astype(int) for place in latlong_pixels(directions, height))
     place = np.minimum(row, height - 1) * 2 * height + column % (2 * height)
     counts = np.bincount(place, minlength=2 * height**2)
     parts = counts.reshape(height, 2 * height, 1) / len(directions)
-    power = disc.radiance_from(disc.direction) / disc.density(disc.direction)
+    # The same everywhere: both are as dense as they are bright.
+    power = light.radiance_from(middle) / light.density(middle)
     return parts * power / latlong_solid_angles(height)[..., None]

@@ -12,8 +12,12 @@ from capture.files.tables import Table
 
 Vector3 = tuple[float, float, float]
 Matrix4 = tuple[tuple[float, float, float, float], ...]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+# Beyond these bounds no quantity of a scene makes sense, and arithmetic overflows.
+Positive = Annotated[float, Field(ge=1e-12, le=1e12)]
+NotNegative = Annotated[float, Field(ge=0, le=1e12)]
+Degrees = Annotated[float, Field(ge=0, le=180)]
+Stop = Annotated[float, Field(ge=-30, le=30)]
+_BRIGHTEST = 1e12
 _FILE_NAME = re.compile(r"[\w.+-][\w.+ -]*")
 
 
@@ -21,7 +25,7 @@ def _rgb(value: Any) -> Any:
     """Three channels, of which one number gives all."""
     channels = value if isinstance(value, tuple) else (value,) * 3
     numbers = [entry for entry in channels if isinstance(entry, int | float) and not isinstance(entry, bool)]
-    if len(channels) != 3 or len(numbers) != 3 or not all(0 <= number < float("inf") for number in numbers):
+    if len(channels) != 3 or len(numbers) != 3 or not all(0 <= number <= _BRIGHTEST for number in numbers):
         raise ValueError(f"is {_shown(value)}: give one number >= 0, or three, [red, green, blue]")
     return tuple(map(float, numbers))
 
@@ -102,7 +106,7 @@ class MaterialTable(Table):
     name: Literal["teflon", "delrin", "neoprene", "steel", "bronze", "painted"] | None = None
     kd: Rgb | None = None
     ks: Rgb | None = None
-    mu: Annotated[float, Field(gt=1)] | None = None
+    mu: Annotated[float, Field(gt=1, le=1000)] | None = None
     sigma: Positive | None = None
     alpha: Positive | None = None
     alpha_x: Positive | None = None
@@ -165,12 +169,12 @@ class Towards(Table):
 class AreaTable(Towards):
     radiance: Rgb
     # RH01's projection screen: 99% of its energy in degrees l <= 6.
-    width_deg: Positive = 20.0
+    width_deg: Annotated[float, Field(ge=0.01, le=1e6)] = 20.0
 
 
 class SourceTable(Towards):
     irradiance: Rgb
-    radius_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
+    radius_deg: Annotated[float, Field(ge=0.001, lt=90)] | None = None
 
 
 class LampTable(Towards):
@@ -279,7 +283,7 @@ class SensorTable(Table):
     demosaic: bool = False
     exposure_s: Positive | None = None
     saturated: Annotated[float, Field(ge=0, lt=1)] | None = None
-    bracket_stops: tuple[float, ...] | None = None
+    bracket_stops: tuple[Stop, ...] | None = None
 
     @model_validator(mode="after")
     def _keys_of_the_file(self) -> SensorTable:
@@ -304,11 +308,11 @@ class SensorTable(Table):
 class FaultsTable(Table):
     """What real captures get wrong; the photo set doesn't know of it, truth.json does. Standard deviations."""
 
-    pose_deg: NotNegative = 0.0
+    pose_deg: Degrees = 0.0
     pose_m: NotNegative = 0.0
     mesh_m: NotNegative = 0.0
     mesh_correlation_m: Positive = 0.003
-    misaligned_deg: NotNegative = 0.0
+    misaligned_deg: Degrees = 0.0
     misaligned_m: NotNegative = 0.0
     # "black", "room", or radiance; a union would lose its place in error messages.
     background: Annotated[Any, BeforeValidator(_background)] = "black"

@@ -83,7 +83,7 @@ def test_a_scene_becomes_a_photo_set(synth: Run, tiny: Path, tmp_path: Path) -> 
     assert load_photoset(out).name == "tiny"
     assert (out / "contact.png").read_bytes().startswith(b"\x89PNG")
     error = json.loads((out / "truth.json").read_text())["integration"]["relative_rms_error"]
-    assert f"tiny: 2 photographs, integrated to {100 * error:.1g}% (relative RMS)." in text
+    assert f"tiny: 2 photographs, light summed over directions to {100 * error:.1g}% (relative RMS)." in text
     assert str(out / "photoset.toml") in text
     assert str(out / "contact.png") in text
     # Nothing else is left beside it.
