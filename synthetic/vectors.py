@@ -1,4 +1,4 @@
-"""Vectors in the last axis of arrays: products, and the local frames of surfaces."""
+"""Vectors in the last axis of arrays: products, sums, and the local frames of surfaces."""
 
 from __future__ import annotations
 
@@ -40,3 +40,8 @@ def dot(a: AnyFloats, b: AnyFloats) -> AnyFloats:
 def mirrored(directions: AnyFloats) -> AnyFloats:
     """Local directions (..., 3) reflected about the normal."""
     return directions * np.array([-1, -1, 1], directions.dtype)
+
+
+def sums_by_row(row: NDArray[np.integer], values: AnyFloats, count: int) -> NDArray[np.float64]:
+    """Sums (count, 3) of vectors (n, 3) that share a row (n,), 0 to below `count`."""
+    return np.column_stack([np.bincount(row, component, count) for component in values.T])

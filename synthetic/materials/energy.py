@@ -44,12 +44,13 @@ def bihemispherical_albedo(material: Material) -> Floats:
     return np.pi * material.kd + material.ks * bihemispherical_lobe(material)
 
 
+@lru_cache(maxsize=16)
 def check_energy(material: Material) -> None:
     """Raises ValueError, with the albedo, for a material that reflects more than it receives.
 
     In no direction may it; only RH01's microfacets, whose printed form has a factor 1 / cos theta_o and so exceeds any
     bound towards grazing, are taken in the mean over directions, which is finite. Of a textured material,
-    every texel is checked for both maps' largest values.
+    every texel is checked for both maps' largest values. A material that has passed isn't checked again.
     """
     if isinstance(material, Textured):
         kd, ks = material.kd_map.max(axis=(0, 1)), material.ks_map.max(axis=(0, 1))

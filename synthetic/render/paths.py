@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from synthetic.lights.illumination import Illumination
-from synthetic.materials.material import Material
+from synthetic.materials.material import Material, cosine_density, sample_cosine
 from synthetic.render.gather import direct_light
 from synthetic.shapes.surface import Points, Surface
 from synthetic.vectors import local_frame, to_local, to_world
@@ -67,11 +67,7 @@ def _continued(
     share[(base == 0) & (gloss > 0)] = 1.0
     glossy = rng.random(count) < share
     u = rng.random((count, 2))
-    ring = np.sqrt(u[:, 0])
-    cosine = np.stack(
-        [ring * np.cos(2 * np.pi * u[:, 1]), ring * np.sin(2 * np.pi * u[:, 1]), np.sqrt(1 - u[:, 0])], axis=1
-    )
-    local = np.where(glossy[:, None], material.sample(wo, u), cosine)
+    local = np.where(glossy[:, None], material.sample(wo, u), sample_cosine(u))
     cos_i = local[:, 2]
     valid = (cos_i > 0) & (wo[:, 2] > 0)
     if material.is_mirror:
@@ -81,7 +77,7 @@ def _continued(
             np.pi * kd / np.maximum(1 - share, 1e-300)[:, None],
         )
     else:
-        density = share * material.density(local, wo) + (1 - share) * cos_i / np.pi
+        density = share * material.density(local, wo) + (1 - share) * cosine_density(local)
         brdf = kd + ks * material.lobe(local, wo)
         factors = brdf * (cos_i / np.maximum(density, 1e-300))[:, None]
     factors = np.where(valid[:, None], factors, 0.0)

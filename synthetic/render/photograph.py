@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from synthetic.lights.illumination import Illumination
 from synthetic.render.gather import direct_light
 from synthetic.render.lattice import dealt
 from synthetic.render.paths import indirect_light
 from synthetic.render.pixels import looked_at, pixel_coverage
-from synthetic.render.radiosity import bounced_light, parts_light
+from synthetic.render.radiosity import PartsLight, bounced_light, parts_light
 from synthetic.render.spherepixels import sphere_means
 from synthetic.scene import Scene, Shot
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Points
+from synthetic.vectors import sums_by_row
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -54,7 +54,7 @@ def photographs(scene: Scene, progress: Progress | None = None) -> Iterator[tupl
             coverages[index] = pixel_coverage(scene.surface, shot.camera)
             if not coverages[index].any():
                 raise ValueError(f"scene {scene.name!r}: camera {index} sees nothing of the object")
-            _prepare(scene, shot)
+            _parts(scene, shot)
             yield from tiles(index, coverages[index])
 
     done = parallel_map(lambda tile: (tile, tile_radiance(scene, tile)), work())
@@ -95,14 +95,18 @@ def _means(scene: Scene, tile: Tile, plain: bool) -> Floats:
     pixel, place, weight, points, views = looked_at(scene.surface, shot.camera, pixels, effort.per_side)
     lattices = dealt(effort.directions, effort.per_side**2)[place]
     radiance = weight[:, None] * _radiance(scene, shot, points, views, lattices, pixel, rng, plain)
-    return np.column_stack([np.bincount(pixel, channel, len(pixels)) for channel in radiance.T])
+    return sums_by_row(pixel, radiance, len(pixels))
 
 
-def _prepare(scene: Scene, shot: Shot) -> None:
-    """Compute once, on all cores, what all tiles of a photograph need."""
+def _parts(scene: Scene, shot: Shot) -> PartsLight | None:
+    """What the parts of the object send each other: computed by the first who asks, on all cores, and kept.
+
+    None where it doesn't apply: without bounces, and to mirrors, which show sharply what no vertex can hold.
+    """
     surface, material, bounces = scene.surface, scene.material, scene.effort.bounces
-    if bounces and isinstance(surface, MeshSurface) and not material.is_mirror:
-        parts_light(surface, material, shot.illumination, bounces)
+    if not bounces or material.is_mirror or not isinstance(surface, MeshSurface):
+        return None
+    return parts_light(surface, material, shot.illumination, bounces)
 
 
 def _radiance(
@@ -120,26 +124,12 @@ def _radiance(
     irradiance, lobe = direct_light(surface, material, light, points, views, lattices, rng, pixel)
     kd, ks = material.weights(points.uv)
     radiance: Floats = kd * irradiance + ks * lobe
-    if scene.effort.bounces and not surface.convex:
-        radiance += _from_other_parts(scene, light, points, views, lattices, pixel, rng, plain)
+    if (parts := _parts(scene, shot)) is not None:
+        radiance += bounced_light(parts, points, views, lattices, rng, pixel, everywhere=plain)
+    elif scene.effort.bounces and not surface.convex:
+        # A mirror's paths have one way to go: few do.
+        again = np.repeat(np.arange(len(points)), _MIRROR_PATHS)
+        bounces = scene.effort.bounces
+        followed = indirect_light(surface, material, light, points[again], views[again], bounces, rng)
+        radiance += followed.reshape(len(points), -1, 3).mean(axis=1)
     return radiance
-
-
-def _from_other_parts(
-    scene: Scene,
-    illumination: Illumination,
-    points: Points,
-    views: Floats,
-    lattices: Floats,
-    pixel: Ints,
-    rng: np.random.Generator,
-    plain: bool,
-) -> Floats:
-    surface, material, bounces = scene.surface, scene.material, scene.effort.bounces
-    if isinstance(surface, MeshSurface) and not material.is_mirror:
-        light = parts_light(surface, material, illumination, bounces)
-        return bounced_light(light, points, views, lattices, rng, pixel, everywhere=plain)
-    # Mirrors show their surroundings sharply, which nothing at vertices can: their paths have one way to go.
-    again = np.repeat(np.arange(len(points)), _MIRROR_PATHS)
-    followed = indirect_light(surface, material, illumination, points[again], views[again], bounces, rng)
-    return followed.reshape(len(points), -1, 3).mean(axis=1)

@@ -30,7 +30,7 @@ from synthetic.render.gather import direct_light, from_source
 from synthetic.render.lattice import lattice, shifted
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Points
-from synthetic.vectors import local_frame, to_local, to_world
+from synthetic.vectors import local_frame, sums_by_row, to_local, to_world
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]
@@ -93,9 +93,9 @@ def parts_light(
 
     from_lights = np.concatenate(list(parallel_map(soft, chunks)))
     exchanged = np.zeros_like(from_lights)
-    direct = from_lights.copy()
+    direct, no_lobe = from_lights.copy(), np.zeros_like(from_lights)
     for source in illumination.sources:
-        from_source(surface, _MATTE, source, vertices, vertices.normals, direct, exchanged)
+        from_source(surface, _MATTE, source, vertices, vertices.normals, direct, no_lobe)
     if bounces > 1:
         matrix = vstack(list(parallel_map(exchange, chunks))).tocsr()
         reflectance = _as_matte(material, vertices)
@@ -145,7 +145,7 @@ def _irradiance(
     for part in _chunks(lattices):
         local = sample_cosine(shifted(lattices[part], moves[part]))
         row, _, sent = _met(light, points[part], local @ frames[part], local[..., 2] > 0, rng)
-        irradiance[part] = _by_row(row, sent, len(local)) * (np.pi / lattices.shape[1])
+        irradiance[part] = sums_by_row(row, sent, len(local)) * (np.pi / lattices.shape[1])
     return irradiance
 
 
@@ -169,7 +169,7 @@ def _glossy(
         weight *= wo[..., 2] > 0
         row, column, sent = _met(light, points[part], local @ frames[part], weight > 0, rng)
         lobe = material.lobe(local, wo)[row, column] * weight[row, column, None]
-        total[part] = _by_row(row, sent * lobe, len(local))
+        total[part] = sums_by_row(row, sent * lobe, len(local))
     return total
 
 
@@ -261,8 +261,3 @@ def _between(values: Floats, points: Points) -> Floats:
     assert points.corners is not None, "points of meshes lie between vertices"
     assert points.shares is not None
     return np.asarray(np.einsum("nk,nkc->nc", points.shares, values[points.corners]))
-
-
-def _by_row(row: Ints, values: Floats, count: int) -> Floats:
-    """Sums (count, 3) of values (n, 3) by their rows (n,)."""
-    return np.column_stack([np.bincount(row, channel, count) for channel in values.T])

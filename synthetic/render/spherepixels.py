@@ -19,6 +19,7 @@ from synthetic.render.lobes import reflected_radiance
 from synthetic.render.pixels import looked_at
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.surface import Surface
+from synthetic.vectors import sums_by_row
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -58,6 +59,5 @@ def sphere_means(
         chosen = np.flatnonzero(per_side == count)
         pixel, _, weight, points, views = looked_at(surface, camera, pixels[chosen], count)
         radiance = reflected_radiance(material, areas, sources, points.normals, views)
-        for channel in range(3):
-            total[chosen, channel] = np.bincount(pixel, weight * radiance[:, channel], len(chosen))
+        total[chosen] = sums_by_row(pixel, weight[:, None] * radiance, len(chosen))
     return total
