@@ -118,22 +118,22 @@ class Camera:
         return points @ self.world_to_camera[2, :3] + self.world_to_camera[2, 3]
 
 
-def rigid_transform(matrix: ArrayLike) -> Floats:
+def rigid_transform(matrix: ArrayLike, name: str = "world_to_camera") -> Floats:
     """The 4x4 matrix if it is a rotation and a translation; otherwise a ValueError that says what it is."""
     matrix = np.asarray(matrix, float)
     if matrix.shape != (4, 4):
-        raise ValueError(f"world_to_camera has shape {matrix.shape}; it must be 4x4")
+        raise ValueError(f"{name} has shape {matrix.shape}; it must be 4x4")
     if not np.isfinite(matrix).all():
-        raise ValueError("world_to_camera holds a value that is not finite")
+        raise ValueError(f"{name} holds a value that is not finite")
     if not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):
         hint = "; it looks transposed" if np.allclose(matrix[:, 3], [0, 0, 0, 1], atol=1e-6) else ""
-        raise ValueError(f"the last row of world_to_camera is {matrix[3].tolist()}, not [0, 0, 0, 1]{hint}")
+        raise ValueError(f"the last row of {name} is {matrix[3].tolist()}, not [0, 0, 0, 1]{hint}")
     rotation = matrix[:3, :3]
     # 1e-3 admits poses that were printed with four digits.
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
-        raise ValueError("the 3x3 part of world_to_camera is not a rotation (rows not orthonormal)")
+        raise ValueError(f"the 3x3 part of {name} is not a rotation (rows not orthonormal)")
     if np.linalg.det(rotation) < 0:
-        raise ValueError("world_to_camera mirrors (its determinant is -1): the frame is left-handed")
+        raise ValueError(f"{name} mirrors (its determinant is -1): the frame is left-handed")
     u, _, vt = np.linalg.svd(rotation)
     rigid = matrix.copy()
     rigid[:3, :3] = u @ vt

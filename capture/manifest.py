@@ -231,6 +231,7 @@ class Manifest(Table):
     camera: CameraTable = CameraTable()
     radiometry: RadiometryTable = RadiometryTable()
     object: ObjectTable = ObjectTable()
+    poses: str | None = None
     gantry: GantryTable | None = None
     light_arc: ArcTable | None = None
     lighting: tuple[LightingTable, ...] = ()

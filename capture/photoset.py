@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from capture.arc.gantry import Arc
-from capture.camera import Camera
+from capture.camera import Camera, rigid_transform
 from capture.exposure import ExposureSettings, check_alike, read_exif_exposure
 from capture.files.documents import read_json
+from capture.found import ALIGNMENT_NAME, POSES_NAME, Poses, read_alignment, read_poses
 from capture.manifest import (
     ArcTable,
     CameraTable,
@@ -37,16 +38,20 @@ _ARC_FILE = f"a gantry.json holds {', '.join(_ARC_KEYS)}"
 class Photo:
     """One photograph: its files, its posed camera, the name of its lighting.
 
-    label : how the manifest names it, for messages and results.
+    label : how the manifest names it, for messages and results. name : its file, as the manifest writes it.
+    posed : false where nothing gives its pose, which only those may load who look for it; its camera then stands at
+        the world's origin.
     """
 
     label: str
+    name: str
     file: Path
     mask: Path | None
     camera: Camera
     lighting: str
     exposure: ExposureSettings
     held_out: bool
+    posed: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +59,8 @@ class PhotoSet:
     """A whole set, as the manifest gives it, with paths resolved and cameras posed.
 
     lightings : the tables of the manifest by their name; nothing of them is read yet.
-    calibration_files : the files of cameras, radiometry and arcs that were read.
+    calibration_files : the files of cameras, radiometry, arcs, poses and alignment that were read.
+    mesh_to_world : (4, 4) rigid, from the mesh of [object] in metres; None where there is none, or nothing places it.
     """
 
     name: str
@@ -64,6 +70,7 @@ class PhotoSet:
     lightings: tuple[LightingTable, ...]
     photos: tuple[Photo, ...]
     calibration_files: tuple[Path, ...] = ()
+    mesh_to_world: np.ndarray | None = None
 
     @property
     def folder(self) -> Path:
@@ -74,8 +81,12 @@ class PhotoSet:
         return resolve(self.manifest, path)
 
 
-def load_photoset(path: Path) -> PhotoSet:
-    """Read a photo set from its folder (or its `photoset.toml`); ValueError says what is wrong, where."""
+def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool = False) -> PhotoSet:
+    """Read a photo set from its folder (or its `photoset.toml`); ValueError says what is wrong, where.
+
+    find_poses : for who looks for the poses: only those of the manifest itself are read, and photos may lack one.
+    find_alignment : for who looks for the mesh's place: only mesh_to_world of the manifest itself is read.
+    """
     manifest_path = path / MANIFEST_NAME if path.is_dir() else path
     if not manifest_path.exists():
         what = "holds no photoset.toml" if path.is_dir() else "does not exist"
@@ -90,15 +101,22 @@ def load_photoset(path: Path) -> PhotoSet:
                 f"{manifest_path}: two [[lighting]] tables are named {name!r}; names must differ"
             )
     labels = _labels(manifest_path, [table.file for table in manifest.photo])
-    gantry = _arc(manifest_path, "gantry", manifest.gantry)
-    light_arc = _arc(manifest_path, "light_arc", manifest.light_arc)
-    photos, stops = [], 0
-    for table, label in zip(manifest.photo, labels, strict=True):
-        photos.append(_photo(manifest_path, manifest, names, gantry, table, label, stops))
-        stops += table.world_to_camera is None
+    poses = None if find_poses else _found_poses(manifest_path, manifest)
+    given = _poses(manifest_path, manifest, poses, find_poses)
+    mesh_to_world, world_scale, alignment_files = _placement(
+        manifest_path, manifest, poses, find_poses or find_alignment
+    )
+    photos = []
+    for table, label, pose in zip(manifest.photo, labels, given, strict=True):
+        if pose is not None:
+            pose = pose.copy()
+            pose[:3, 3] *= world_scale
+        photos.append(_photo(manifest_path, manifest, names, table, label, pose))
     if manifest.radiometry.exposure != "equal":
         _check_exposures(manifest_path, manifest, photos)
+    light_arc = _arc(manifest_path, "light_arc", manifest.light_arc)
     target = np.array(manifest.object.centre or (0.0, 0.0, 0.0))
+    found_files = ([] if poses is None else [poses.path]) + alignment_files
     return PhotoSet(
         name=manifest.name,
         manifest=manifest_path,
@@ -108,8 +126,49 @@ def load_photoset(path: Path) -> PhotoSet:
             _with_directions(manifest_path, light_arc, target, table) for table in manifest.lighting
         ),
         photos=tuple(photos),
-        calibration_files=_calibration_files(manifest_path, manifest),
+        calibration_files=(*_calibration_files(manifest_path, manifest), *found_files),
+        mesh_to_world=mesh_to_world,
     )
+
+
+def _found_poses(manifest_path: Path, manifest: Manifest) -> Poses | None:
+    """Registered poses: those that the manifest names, or that lie beside it where a photo has none of its own."""
+    if manifest.poses is not None:
+        return read_poses(resolve(manifest_path, manifest.poses))
+    path = manifest_path.parent / POSES_NAME
+    lacking = any(
+        table.world_to_camera is None and table.gantry_angle_deg is None for table in manifest.photo
+    )
+    return read_poses(path) if lacking and path.is_file() else None
+
+
+def _placement(
+    manifest_path: Path, manifest: Manifest, poses: Poses | None, only_given: bool
+) -> tuple[np.ndarray | None, float, list[Path]]:
+    """mesh_to_world (4, 4) or None, the factor on cameras' positions, and the files that told."""
+    table = manifest.object
+    if table.mesh is None:
+        return None, 1.0, []
+    if table.mesh_to_world is not None:
+        try:
+            return rigid_transform(table.mesh_to_world, "mesh_to_world"), 1.0, []
+        except ValueError as error:
+            raise ValueError(f"{manifest_path}: [object]: {error}") from error
+    if only_given:
+        return None, 1.0, []
+    path = manifest_path.parent / ALIGNMENT_NAME
+    if path.is_file():
+        files = {"mesh": resolve(manifest_path, table.mesh)}
+        if poses is not None:
+            files["poses"] = poses.path
+        alignment = read_alignment(path, files)
+        return alignment.mesh_to_world, alignment.world_scale, [path]
+    if table.align is not None:
+        raise ValueError(
+            f"{manifest_path}: [object] align = {table.align!r}, but the mesh has not been aligned yet:"
+            f" run `lightfactor align {manifest_path.parent}`"
+        )
+    return np.eye(4), 1.0, []
 
 
 def _radiometry(manifest: Path, table: RadiometryTable, photos: Sequence[Path]) -> Radiometry:
@@ -195,10 +254,9 @@ def _photo(
     manifest_path: Path,
     manifest: Manifest,
     lightings: list[str],
-    gantry: Arc | None,
     table: PhotoTable,
     label: str,
-    stop: int,
+    pose: np.ndarray | None,
 ) -> Photo:
     where = f'photo "{table.file}"'
     if table.lighting is None and len(lightings) > 1:
@@ -211,35 +269,67 @@ def _photo(
             f"{manifest_path}: {where}: lighting {table.lighting!r} is not defined;"
             f" the [[lighting]] tables are {', '.join(map(repr, lightings)) or 'none'}"
         )
-    pose = _pose(manifest_path, gantry, table, stop, where)
+    cameras = (manifest.camera, table.camera)
     return Photo(
         label=label,
+        name=table.file,
         file=resolve(manifest_path, table.file),
         mask=resolve(manifest_path, table.mask) if table.mask else None,
-        camera=build_camera(manifest_path, (manifest.camera, table.camera), pose, where),
+        camera=build_camera(manifest_path, cameras, np.eye(4) if pose is None else pose, where),
         lighting=table.lighting or (lightings[0] if lightings else ""),
         exposure=ExposureSettings(table.exposure_s, table.iso, table.f_number),
         held_out=table.held_out,
+        posed=pose is not None,
     )
 
 
-def _pose(manifest: Path, gantry: Arc | None, table: PhotoTable, stop: int, where: str) -> np.ndarray:
+def _poses(
+    manifest_path: Path, manifest: Manifest, registered: Poses | None, may_lack: bool
+) -> list[np.ndarray | None]:
+    """The photos' poses, (4, 4) each; None where nothing gives one, which is an error unless they may lack one."""
+    gantry = _arc(manifest_path, "gantry", manifest.gantry)
+    poses: list[np.ndarray | None] = []
+    stops = 0
+    for table in manifest.photo:
+        # Registered poses that the manifest names stand before all others: they were asked for.
+        if registered is not None and manifest.poses is not None:
+            poses.append(registered.of(table.file))
+            continue
+        try:
+            pose = _pose(manifest_path, gantry, table, stops, registered)
+        except ValueError:
+            if not may_lack or table.world_to_camera is not None or table.gantry_angle_deg is not None:
+                raise
+            pose = None
+        poses.append(pose)
+        stops += table.world_to_camera is None
+    return poses
+
+
+def _pose(
+    manifest: Path, gantry: Arc | None, table: PhotoTable, stop: int, registered: Poses | None
+) -> np.ndarray:
     """The pose of a photo; stop : how many photos before it stand on the gantry."""
+    where = f'photo "{table.file}"'
     if table.world_to_camera is not None:
         return matrix4(table.world_to_camera, f"{manifest}: {where}")
-    if gantry is None:
-        problem = "has gantry_angle_deg, but there is no [gantry] table"
-        if table.gantry_angle_deg is None:
-            problem = "has no pose; give world_to_camera (4x4), or gantry_angle_deg with a [gantry] table"
-        raise ValueError(f"{manifest}: {where} {problem}")
     if table.gantry_angle_deg is not None:
+        if gantry is None:
+            raise ValueError(f"{manifest}: {where} has gantry_angle_deg, but there is no [gantry] table")
         return gantry.pose(np.radians(table.gantry_angle_deg))
-    if gantry.step is None:
+    if registered is not None:
+        return registered.of(table.file)
+    if gantry is not None and gantry.step is not None:
+        return gantry.pose(stop * gantry.step)
+    if gantry is None:
         raise ValueError(
-            f"{manifest}: {where} has no pose; give gantry_angle_deg, or step_deg in [gantry] if the photos"
-            " were taken at equal steps in the order listed"
+            f"{manifest}: {where} has no pose; give world_to_camera (4x4), or gantry_angle_deg with a [gantry] table,"
+            f" or let `lightfactor register {manifest.parent}` find the poses"
         )
-    return gantry.pose(stop * gantry.step)
+    raise ValueError(
+        f"{manifest}: {where} has no pose; give gantry_angle_deg, or step_deg in [gantry] if the photos"
+        " were taken at equal steps in the order listed"
+    )
 
 
 def _arc(manifest: Path, name: str, table: ArcTable | None) -> Arc | None:

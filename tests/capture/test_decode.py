@@ -306,7 +306,7 @@ def test_a_bad_mask_is_named(tmp_path):
 
 def photo_of_set(path: Path, radiometry: Radiometry) -> tuple[PhotoSet, Photo]:
     camera = Camera(ORTHOGRAPHIC, [], 6, 4, np.eye(4))
-    photo = Photo(path.name, path, None, camera, "", ExposureSettings(exposure_s=0.5), False)
+    photo = Photo(path.name, path.name, path, None, camera, "", ExposureSettings(exposure_s=0.5), False)
     return PhotoSet("set", path.parent / "photoset.toml", radiometry, ObjectTable(), (), (photo,)), photo
 
 
