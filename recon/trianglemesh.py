@@ -154,7 +154,8 @@ def write_mesh(path: Path, mesh: TriangleMesh) -> None:
 def read_mesh(path: Path) -> TriangleMesh:
     """Read a mesh from PLY, OBJ, STL or GLB, in the file's own coordinates, taken as metres.
 
-    Normals are the file's if it has them, else smooth ones. Raises ValueError, which names the file, where it
+    Normals are the file's if it has them, else smooth ones. Faces without area, and vertices that no other face uses, are
+    left out: no ray meets them, and they have no normal. Raises ValueError, which names the file, where it
     cannot be read, has no faces, holds numbers that aren't finite, or is inside out.
     """
     # Slow to import, and needed only where a mesh is read.
@@ -179,9 +180,10 @@ def read_mesh(path: Path) -> TriangleMesh:
             row = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
             raise ValueError(f"vertices[{row}] is {vertices[row]}; all must be finite")
         normals, uv = _of_all([part[2] for part in parts]), _of_all([part[3] for part in parts])
-        mesh = TriangleMesh(
-            vertices, faces, smooth_normals(vertices, faces) if normals is None else _unit(normals), uv
-        )
+        used, faces = _with_area(vertices, faces)
+        vertices, uv = vertices[used], None if uv is None else uv[used]
+        normals = smooth_normals(vertices, faces) if normals is None else _unit(normals[used])
+        mesh = TriangleMesh(vertices, faces, normals, uv)
         _check_outward(mesh)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
@@ -211,6 +213,15 @@ def _of_all(values: list[Floats | None]) -> Floats | None:
     """The parts' values in one array; None where a part has none."""
     given = [value for value in values if value is not None]
     return np.concatenate(given) if len(given) == len(values) else None
+
+
+def _with_area(vertices: Floats, faces: Ints) -> tuple[Ints, Ints]:
+    """Which vertices the faces that have an area use, and those faces (f, 3) by their places among these."""
+    areas = np.linalg.norm(area_vectors(vertices, faces), axis=1)
+    if not areas.any():
+        raise ValueError(f"all {len(faces)} faces of the mesh are without area")
+    used, faces = np.unique(faces[areas > 0], return_inverse=True)
+    return used, faces.reshape(-1, 3)
 
 
 def _lines(form: str, rows: NDArray[Any]) -> str:

@@ -20,7 +20,7 @@ from capture.camera import Camera
 from capture.radiance import RadianceImage
 from recon.ball.compact import Pixels, Spot, find_spots
 from recon.ball.reflection import mirrored_directions, mirroring_points, solid_angles, to_camera
-from recon.lightfield import sphere_pixels
+from recon.bodies import SphereBody, body_pixels
 from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
@@ -153,7 +153,7 @@ def _mirrored_pixels(
 ) -> tuple[tuple[int, int], Pixels]:
     """What each pixel of the ball mirrors, in a window about it, and the window's first pixel (x, y)."""
     size = np.array(image.saturated.shape)
-    rows, columns = sphere_pixels(sphere, camera)
+    rows, columns = body_pixels(SphereBody(sphere), camera)
     if not len(rows):
         raise ValueError(f"{name}: no pixel of the ball is usable; it is too small or its mask misses it")
     low = np.maximum([rows.min() - _RIM_PX, columns.min() - _RIM_PX], 0)

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from capture.arc.gantry import Arc
 from capture.camera import Camera
@@ -18,7 +19,9 @@ from capture.parallel import one_blas_thread
 from capture.radiance import RadianceImage
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.transfer import light_elements
-from recon.lightfield import LightField, off_terminators, sample_sphere
+from recon.bodies import SphereBody
+from recon.lightfield import LightField, off_terminators
+from recon.sampling import NO_SOURCES, sample_body
 from recon.sphere import Sphere
 from synthetic.demo import write_demo
 from synthetic.lights.arealight import AreaLight
@@ -92,7 +95,13 @@ def known_lighting(
     )
 
 
-def sphere_field(angle_deg: float, samples: int = 150, radius_px: float = 60.0, seed: int = 0) -> LightField:
+def sphere_field(
+    angle_deg: float,
+    samples: int = 150,
+    radius_px: float = 60.0,
+    seed: int = 0,
+    sources: NDArray[np.floating] = NO_SOURCES,
+) -> LightField:
     """Samples, still black, of a sphere that a camera looks at from an angle on an arc from +X towards +Y.
 
     At 60 px radius the normals within 63 degrees of the camera have one ray each, those beyond it four.
@@ -103,7 +112,7 @@ def sphere_field(angle_deg: float, samples: int = 150, radius_px: float = 60.0, 
     black = np.zeros((side, side, 3), np.float32)
     image = RadianceImage(black, black, np.zeros((side, side), bool))
     rng = np.random.default_rng([seed, int(angle_deg * 1000) % 2**31])
-    return sample_sphere(_SPHERE, camera, image, None, samples, rng)
+    return sample_body(SphereBody(_SPHERE), camera, image, None, sources, samples, rng)
 
 
 def photograph(
@@ -122,7 +131,7 @@ def photograph(
     elements = light_elements(told)
     photos = []
     for angle in angles_deg:
-        field = off_terminators(sphere_field(angle, samples), told.directions)
+        field = off_terminators(sphere_field(angle, samples, sources=told.directions), told.directions)
         radiance = reflected_radiance(material, lights, sources, field.normals, field.views)
         field = replace(field, radiance=field.mean_over_rays(radiance))
         photos.append(photo_columns(told.name, elements, field))

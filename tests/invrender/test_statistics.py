@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -26,13 +26,14 @@ def random_weights(photo: PhotoColumns, rng: np.random.Generator) -> np.ndarray:
 
 
 def concatenated(photos: list[PhotoColumns]) -> PhotoColumns:
-    fields = [photo.field for photo in photos]
-    firsts = np.cumsum([0, *(len(field) for field in fields)])
+    fields_ = [photo.field for photo in photos]
+    firsts = np.cumsum([0, *(len(field) for field in fields_)])
     joined = {
-        name: np.concatenate([getattr(field, name) for field in fields])
-        for name in ("rows", "columns", "radiance", "variance", "normals", "views")
+        name: np.concatenate([getattr(field, name) for field in fields_])
+        for name in (entry.name for entry in fields(LightField))
+        if getattr(fields_[0], name) is not None and name != "ray_sample"
     }
-    rays = np.concatenate([field.ray_sample + first for field, first in zip(fields, firsts, strict=False)])
+    rays = np.concatenate([field.ray_sample + first for field, first in zip(fields_, firsts, strict=False)])
     return replace(
         photos[0],
         columns=np.concatenate([photo.columns for photo in photos], axis=1),

@@ -7,19 +7,27 @@ from numpy.testing import assert_allclose, assert_array_equal
 from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.radiance import RadianceImage
-from recon.lightfield import (
-    MIN_COS_EXITANT,
-    LightField,
-    sample_sphere,
-    samples_at,
-    sphere_coverage,
-    sphere_pixels,
-)
+from recon.bodies import SphereBody, body_coverage, body_pixels
+from recon.lightfield import LightField
+from recon.sampling import MIN_COS_EXITANT, NO_SOURCES, sample_body, samples_at
+from recon.sphere import Sphere
 
 WIDTH, HEIGHT = 64, 48
 # World axes as in the picture, but y up and z towards the camera.
 FLAT = Camera(ORTHOGRAPHIC, [1.0, 0, 0], WIDTH, HEIGHT, np.diag([1.0, -1, -1, 1]))
 NEAR = Camera("PINHOLE", [60.0, 60, 32, 24], WIDTH, HEIGHT, look_at([0.3, -2, 0.4], [0.1, 0, 0], [0, 0, 1]))
+
+
+def sample_sphere(
+    sphere: Sphere,
+    camera: Camera,
+    image: RadianceImage,
+    mask: np.ndarray | None = None,
+    budget: int | None = None,
+    rng: np.random.Generator | None = None,
+) -> LightField:
+    rng = rng or np.random.default_rng(6)
+    return sample_body(SphereBody(sphere), camera, image, mask, NO_SOURCES, budget, rng)
 
 
 def rng() -> np.random.Generator:
@@ -38,7 +46,9 @@ def flat_ball(ball):
 
 def test_normals_and_views_of_an_orthographic_picture(flat_ball):
     image = picture()
-    samples = samples_at(flat_ball, FLAT, image, *sphere_pixels(flat_ball, FLAT))
+    samples = samples_at(
+        SphereBody(flat_ball), FLAT, image, *body_pixels(SphereBody(flat_ball), FLAT), NO_SOURCES
+    )
     # By hand: the normal's x and y are the pixel's offset from the centre, in radii; z the rest.
     # A ball of 20 px curves within every pixel, so each is seen along 2x2 or 4x4 Gauss points.
     gauss = 0.5 / np.sqrt(3) * np.array([-1, 1])
@@ -113,9 +123,13 @@ def test_means_are_over_each_samples_own_rays():
         columns=np.zeros(3, int),
         radiance=np.zeros((3, 3)),
         variance=np.ones((3, 3)),
+        weight=np.ones(3),
         ray_sample=np.array([0, 1, 1, 1, 1, 2]),
+        positions=np.zeros((6, 3)),
         normals=np.ones((6, 3)),
         views=np.ones((6, 3)),
+        reflected_visible=np.ones(6, bool),
+        sources_visible=np.ones((6, 0), bool),
     )
     values = np.array([5.0, 1, 2, 3, 6, 7])
     assert field.mean_over_rays(values).tolist() == [5, 3, 7]
@@ -124,7 +138,7 @@ def test_means_are_over_each_samples_own_rays():
 
 
 def test_pixels_of_a_sphere_lie_wholly_on_it(flat_ball):
-    rows, columns = sphere_pixels(flat_ball, FLAT)
+    rows, columns = body_pixels(SphereBody(flat_ball), FLAT)
     # The farthest corner of a pixel from the centre.
     far = np.hypot(np.abs(columns + 0.5 - 31.7) + 0.5, np.abs(rows + 0.5 - 23.8) + 0.5)
     inside = np.zeros((HEIGHT, WIDTH), bool)
@@ -132,14 +146,14 @@ def test_pixels_of_a_sphere_lie_wholly_on_it(flat_ball):
     assert (far <= 20).all()
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     assert_array_equal(inside, np.hypot(np.abs(x - 31.7) + 0.5, np.abs(y - 23.8) + 0.5) < 20)
-    assert_array_equal(sphere_coverage(flat_ball, FLAT), np.hypot(x - 31.7, y - 23.8) < 20)
+    assert_array_equal(body_coverage(SphereBody(flat_ball), FLAT), np.hypot(x - 31.7, y - 23.8) < 20)
 
 
 def test_a_sphere_behind_or_around_the_camera_covers_nothing(ball):
     behind = NEAR.centre - 2 * NEAR.camera_to_world[:3, 2]
-    assert not sphere_coverage(ball(behind, 0.5), NEAR).any()
-    assert not sphere_coverage(ball(NEAR.centre, 0.5), NEAR).any()
-    assert len(sphere_pixels(ball(behind, 0.5), NEAR)[0]) == 0
+    assert not body_coverage(SphereBody(ball(behind, 0.5)), NEAR).any()
+    assert not body_coverage(SphereBody(ball(NEAR.centre, 0.5)), NEAR).any()
+    assert len(body_pixels(SphereBody(ball(behind, 0.5)), NEAR)[0]) == 0
 
 
 # Small enough, and the pixels at the rim turn too much within themselves, before they are too grazing.
@@ -156,7 +170,7 @@ def test_border_saturated_and_grazing_pixels_are_left_out(ball, radius):
     assert not saturated[samples.rows, samples.columns].any()
     assert not np.isin(samples.columns, [35, 36, 37]).any()
     # The others are all there: wholly on the sphere, and turned towards the camera.
-    rows, columns = sphere_pixels(sphere, FLAT)
+    rows, columns = body_pixels(SphereBody(sphere), FLAT)
     distance = np.hypot(columns + 0.5 - 31.7, rows + 0.5 - 23.8) / radius
     cos = np.sqrt(1 - distance**2)
     # Within a pixel the normal may turn by a quarter of a radian: 1 / (radius cos).
@@ -215,14 +229,18 @@ def test_lengths_must_agree():
         "columns": np.zeros(2, int),
         "radiance": np.zeros((2, 3)),
         "variance": np.zeros((2, 3)),
+        "weight": np.ones(2),
         "ray_sample": np.arange(2),
+        "positions": np.zeros((2, 3)),
+        "reflected_visible": np.ones(2, bool),
+        "sources_visible": np.ones((2, 1), bool),
         "normals": np.zeros((2, 3)),
         "views": np.zeros((2, 3)),
     }
     field = LightField(**good)
     with pytest.raises(ValueError, match="read-only"):
         field.normals[0] = 1
-    with pytest.raises(ValueError, match="2 pixels for 3 radiances"):
+    with pytest.raises(ValueError, match="radiance has 3 entries for 2 samples"):
         LightField(**(good | {"radiance": np.zeros((3, 3))}))
-    with pytest.raises(ValueError, match="2 rays for 1 normals"):
+    with pytest.raises(ValueError, match="normals has 1 entries for 2 rays"):
         LightField(**(good | {"normals": np.zeros((1, 3))}))

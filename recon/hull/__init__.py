@@ -1,0 +1,1 @@
+"""A mesh from silhouettes alone, where nobody scanned the object."""

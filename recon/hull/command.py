@@ -1,0 +1,75 @@
+"""lightfactor hull: a mesh from the silhouettes of a photo set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def hull(
+    photoset: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SET", help="Folder of a photo set with poses, or its photoset.toml.", show_default=False
+        ),
+    ],
+    cells: Annotated[
+        int,
+        typer.Option(
+            min=8,
+            max=1024,
+            help="Cells along the longest side of the object; time and memory grow with the cube.",
+        ),
+    ] = 160,
+    background: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="Of photographs without a mask, what is darker than this share of the brightest parts is background."
+            " Rather too low than too high: what one photograph has too much of, others cut away.",
+        ),
+    ] = 0.04,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="OUT", help="The mesh, .ply or .obj; an earlier one is replaced."
+        ),
+    ] = Path("hull.ply"),
+) -> None:
+    """Make a mesh of an object that nobody scanned: the largest body that fits all its silhouettes.
+
+    It uses the masks of the set, or the brightness where the background is black. The mesh is in the world of the
+    poses, so it needs no alignment: [object] shape = "mesh", mesh = "hull.ply". Hollows that no silhouette shows are
+    filled, and normals are off there: it is a stand-in, not a scan.
+    """
+    from capture.decode import decode_photo, read_mask
+    from capture.files.outfolder import result_files
+    from capture.photoset import load_photoset
+    from capture.terminal import console, leave_cleanly_when_stopped, track
+    from recon.hull.silhouette import bright_region
+    from recon.hull.visualhull import visual_hull
+    from recon.trianglemesh import volume, write_mesh
+
+    leave_cleanly_when_stopped()
+    loaded = load_photoset(photoset, find_alignment=True)
+    inputs = [path for photo in loaded.photos for path in (photo.file, photo.mask) if path is not None]
+    with result_files(output, inputs=inputs) as folder:
+        coverages = []
+        for photo in track(loaded.photos, "Reading silhouettes"):
+            if photo.mask is not None:
+                coverages.append(read_mask(photo.mask, (photo.camera.height, photo.camera.width)))
+            else:
+                coverages.append(bright_region(decode_photo(loaded, photo).radiance, background))
+            if not coverages[-1].any():
+                raise ValueError(f"{photo.file}: has no mask, and nothing in it is bright; give a mask")
+        mesh = visual_hull([photo.camera for photo in loaded.photos], coverages, cells, track)
+        write_mesh(folder / output.name, mesh)
+    size = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
+    console.print(
+        f"{len(mesh.faces)} faces, {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m, {volume(mesh):.4g} m^3."
+        f" Wrote {output}",
+        soft_wrap=True,
+    )

@@ -1,0 +1,1 @@
+"""From a photo set and a shape to light-field samples."""

@@ -1,0 +1,188 @@
+"""Which pixels of a photograph are sampled, and what is known of each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.camera import Camera
+from capture.radiance import RadianceImage
+from recon.bodies import Body, body_window
+from recon.lightfield import LightField
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.integer]
+
+# Exitant angles beyond 81 degrees are left out: the microfacet model grows without bound there
+# (RH01 section 5.2: grazing observations "are usually assigned low confidence anyway").
+MIN_COS_EXITANT = 0.15
+# From this cosine on (73 degrees) a pixel has its full weight; in between it rises evenly.
+_FULL_COS = 0.3
+# Weight of a pixel that isn't clear of edges, of the mask's border and of saturated pixels.
+_UNCLEAR = 0.5
+# Pixels around a sample in which the mask must be whole, for it to be taken; and for it to be clear.
+_BORDER, _CLEARANCE = 1, 3
+# A pixel across which the normal turns by more than a quarter of a radian says nothing of one angle.
+_MAX_TURN = 0.25
+# Coverage from which on a pixel counts as wholly the object's.
+_WHOLE = 0.999
+# (turn, rays per side): a pixel across which the normal turns by less than the first is one ray through its
+# centre; others are grids of 2-point Gauss rules. One rule in all would make 1 / cos theta_o, as the model
+# has it, 2.6% too small at cos theta_o = 0.15 on a sphere of 53 px.
+_RAYS_PER_SIDE = ((0.02, 1), (0.08, 2), (np.inf, 4))
+# How many times the budget is looked at in choosing it.
+_SPARE = 8
+# Bands of latitude by which normals are told apart; twice as many sectors in each, all of one solid angle.
+_BANDS = 16
+# For who asks for no source's visibility.
+NO_SOURCES = np.zeros((0, 3))
+
+
+def sample_body(
+    body: Body,
+    camera: Camera,
+    image: RadianceImage,
+    coverage: NDArray[np.float32] | None,
+    sources: Floats,
+    budget: int | None,
+    rng: np.random.Generator,
+) -> LightField:
+    """Samples of a body in one photograph, at most `budget` of them, spread over its normals.
+
+    coverage : (h, w) mask in 0 to 1, or None to trust the shape alone. sources : (k, 3) unit, towards them.
+    Pixels are usable when they show one smooth piece of surface, a pixel away from the mask's border, are not
+    saturated and not too grazing.
+    """
+    rows, columns = _candidates(body, camera, image, coverage, budget, rng)
+    geometry = body.pixel_geometry(camera, rows, columns)
+    usable = np.flatnonzero(geometry.whole & (geometry.cos >= MIN_COS_EXITANT) & (geometry.turn <= _MAX_TURN))
+    if budget is not None and len(usable) > budget:
+        usable = usable[spread(geometry.normals[usable], budget, rng)]
+    rows, columns = rows[usable], columns[usable]
+    clear = geometry.clear[usable] & ~_any_within(image.saturated, rows, columns, _CLEARANCE)
+    if coverage is not None:
+        clear &= ~_any_within(coverage < _WHOLE, rows, columns, _CLEARANCE)
+    grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
+    weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
+    return _gather(body, camera, image, rows, columns, geometry.turn[usable], weight, sources)
+
+
+def samples_at(
+    body: Body, camera: Camera, image: RadianceImage, rows: Ints, columns: Ints, sources: Floats
+) -> LightField:
+    """The samples of given pixels that lie wholly on the body, usable for a fit or not; their weight is 1."""
+    turn = body.pixel_geometry(camera, rows, columns).turn
+    return _gather(body, camera, image, rows, columns, turn, np.ones(len(rows)), sources)
+
+
+def spread(normals: Floats, budget: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Which `budget` of n samples to take, ascending, so that all normals (n, 3) count as evenly as can be.
+
+    The sphere of normals is cut into cells of one solid angle; the same number is drawn from each, all from those that
+    have fewer. A flat face of a mesh would otherwise take the budget of all that curves.
+    """
+    band = np.minimum(((normals[:, 2] + 1) / 2 * _BANDS).astype(int), _BANDS - 1)
+    azimuth = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi) + 0.5
+    sectors = 2 * _BANDS
+    cell = band * sectors + np.minimum((azimuth * sectors).astype(int), sectors - 1)
+    # In an order that is random within each cell, a sample's rank says whether its cell's quota takes it.
+    order = rng.permutation(len(cell))
+    order = order[np.argsort(cell[order], kind="stable")]
+    sorted_cell = cell[order]
+    first = np.flatnonzero(np.diff(sorted_cell, prepend=-1))
+    rank = np.arange(len(order)) - np.repeat(first, np.diff(first, append=len(order)))
+    # Ranks in turn: the first of each cell, the second of each ...; within one rank cells in random order.
+    turn = np.lexsort((rng.random(len(order)), rank))
+    return np.sort(order[turn[:budget]])
+
+
+def _candidates(
+    body: Body,
+    camera: Camera,
+    image: RadianceImage,
+    coverage: NDArray[np.float32] | None,
+    budget: int | None,
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pixels of the photograph that the body may be sampled at, a few times the budget of them."""
+    top, left, bottom, right = body_window(body, camera)
+    good = ~image.saturated[top:bottom, left:right]
+    if coverage is not None:
+        good &= coverage[top:bottom, left:right] >= _WHOLE
+    chosen = np.flatnonzero(good)
+    if budget is not None and len(chosen) > _SPARE * budget:
+        chosen = np.sort(rng.choice(chosen, _SPARE * budget, replace=False))
+    rows, columns = np.divmod(chosen, max(right - left, 1))
+    rows, columns = rows + top, columns + left
+    if coverage is not None:
+        inside = ~_any_within(coverage < _WHOLE, rows, columns, _BORDER)
+        rows, columns = rows[inside], columns[inside]
+    return rows, columns
+
+
+def _any_within(marked: NDArray[np.bool_], rows: Ints, columns: Ints, reach: int) -> NDArray[np.bool_]:
+    """Whether any pixel within `reach` of given ones, to the sides and corners, is marked; outside none is."""
+    height, width = marked.shape
+    found = np.zeros(len(rows), bool)
+    for down in range(-reach, reach + 1):
+        for along in range(-reach, reach + 1):
+            found |= marked[np.clip(rows + down, 0, height - 1), np.clip(columns + along, 0, width - 1)]
+    return found
+
+
+def _gather(
+    body: Body,
+    camera: Camera,
+    image: RadianceImage,
+    rows: Ints,
+    columns: Ints,
+    turn: Floats,
+    weight: Floats,
+    sources: Floats,
+) -> LightField:
+    limits = [limit for limit, _ in _RAYS_PER_SIDE]
+    sides = [side for _, side in _RAYS_PER_SIDE]
+    per_side = np.array(sides)[np.searchsorted(limits, turn)]
+    ray_sample = np.repeat(np.arange(len(rows)), per_side**2)
+    first = np.flatnonzero(np.diff(ray_sample, prepend=-1))
+    which = np.arange(len(ray_sample)) - first[ray_sample]
+    offsets = np.zeros((len(ray_sample), 2))
+    for side in sides:
+        mine = per_side[ray_sample] == side
+        nodes = _gauss_nodes(side)
+        offsets[mine] = np.column_stack([nodes[which[mine] % side], nodes[which[mine] // side]])
+    points = np.column_stack([columns, rows])[ray_sample] + 0.5 + offsets
+    views = -camera.rays(points)[1]
+    hits = body.hits(camera, points)
+    reflected = 2 * (hits.normals * views).sum(axis=1)[:, None] * hits.normals - views
+    seen = [
+        body.visible(hits.positions, hits.facets, np.broadcast_to(source, views.shape)) for source in sources
+    ]
+    field = LightField(
+        rows=rows,
+        columns=columns,
+        radiance=image.radiance[rows, columns],
+        variance=image.variance[rows, columns],
+        weight=weight,
+        ray_sample=ray_sample,
+        positions=hits.positions,
+        normals=hits.normals,
+        views=views,
+        reflected_visible=body.visible(hits.positions, hits.facets, reflected),
+        sources_visible=np.column_stack(seen) if seen else np.zeros((len(views), 0), bool),
+        faces=hits.faces,
+        corner_weights=hits.weights,
+    )
+    # A hole, or a sliver before the surface, may be smaller than the pixel.
+    complete = np.ones(len(rows), bool)
+    complete[ray_sample[~hits.hit]] = False
+    return field if complete.all() else field.where(complete)
+
+
+def _gauss_nodes(count: int) -> Floats:
+    """Nodes (count,) of equal weight across a pixel, -0.5 to 0.5: its centre, or 2-point Gauss rules abreast."""
+    if count == 1:
+        return np.zeros(1)
+    rules = count // 2
+    centres = (np.arange(rules) + 0.5) / rules - 0.5
+    return (centres[:, None] + np.array([-0.5, 0.5]) / np.sqrt(3) / rules).ravel()

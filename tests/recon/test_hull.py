@@ -1,0 +1,141 @@
+"""Visual hulls against bodies whose silhouettes are known by hand, and the command that makes them."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from capture.arc.gantry import look_at
+from capture.camera import ORTHOGRAPHIC, Camera
+from invrender.cli import main
+from recon.bodies import SphereBody, body_coverage
+from recon.hull.silhouette import bright_region
+from recon.hull.visualhull import visual_hull
+from recon.trianglemesh import is_watertight, read_mesh, volume
+
+CENTRE, RADIUS = np.array([0.1, -0.05, 0.2]), 0.3
+
+
+def eyes(count: int) -> np.ndarray:
+    """Directions all over the sphere, on a spiral."""
+    k = np.arange(count) + 0.5
+    z, azimuth = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
+    around = np.sqrt(1 - z**2)
+    return np.stack([around * np.cos(azimuth), around * np.sin(azimuth), z], axis=-1)
+
+
+def cameras(count: int = 24, size: int = 240) -> list[Camera]:
+    params = [1.4 * size, 1.4 * size, size / 2, size / 2]
+    return [
+        Camera("PINHOLE", params, size, size, look_at(CENTRE + 1.5 * eye, CENTRE, [0.1, 0.2, 1]))
+        for eye in eyes(count)
+    ]
+
+
+def masks(ball, views: list[Camera]) -> list[np.ndarray]:
+    body = SphereBody(ball(CENTRE, RADIUS))
+    return [body_coverage(body, camera).astype(np.float32) for camera in views]
+
+
+def test_the_hull_of_a_sphere_holds_it_and_little_more(ball):
+    views = cameras()
+    mesh = visual_hull(views, masks(ball, views), 64)
+    assert is_watertight(mesh)
+    distance = np.linalg.norm(mesh.vertices - CENTRE, axis=1) / RADIUS
+    # A pixel is 1/75 of the radius; binary masks are off by half of one at most.
+    assert distance.min() > 1 - 1 / 75
+    # It touches the sphere in a ring for each view, and stands off between: 24 views' rings lie 0.3 rad apart at most.
+    assert distance.max() < 1.06
+    # Of many views the smallest mask counts at each place: a third of a pixel of 75, three times for a volume.
+    assert 0.985 < volume(mesh) / (4 / 3 * np.pi * RADIUS**3) < 1.03
+    # Finer cells or coarser ones find the same body.
+    coarse = visual_hull(views, masks(ball, views), 40)
+    assert volume(coarse) == pytest.approx(volume(mesh), rel=0.01)
+
+
+def test_a_box_seen_along_its_sides_is_itself():
+    # Three orthographic views along the axes: the silhouettes are 40x60, 60x80 and 40x80 pixels.
+    sides = {(1.0, 0, 0): (60, 80), (0, 1.0, 0): (40, 80), (0, 0, 1.0): (40, 60)}
+    views, coverages = [], []
+    for eye, (width, height) in sides.items():
+        up = [0, 0, 1] if eye[2] == 0 else [0, 1, 0]
+        views.append(Camera(ORTHOGRAPHIC, [100.0, 60, 60], 120, 120, look_at(eye, [0, 0, 0], up)))
+        mask = np.zeros((120, 120), np.float32)
+        mask[60 - height // 2 : 60 + height // 2, 60 - width // 2 : 60 + width // 2] = 1
+        coverages.append(mask)
+    mesh = visual_hull(views, coverages, 80)
+    # A cell is 0.01 m: its surface lies within it, its corners are cut by as much.
+    assert_allclose(mesh.vertices.max(axis=0), [0.2, 0.3, 0.4], atol=0.002)
+    assert_allclose(mesh.vertices.min(axis=0), [-0.2, -0.3, -0.4], atol=0.002)
+    assert volume(mesh) == pytest.approx(0.4 * 0.6 * 0.8, rel=0.01)
+
+
+def test_a_mask_that_the_images_edge_cuts_off_carves_nothing_there(ball):
+    views = cameras()
+    body = SphereBody(ball(CENTRE, RADIUS))
+    # One camera comes so close that it sees the middle only.
+    near = views[0].posed(look_at(CENTRE + 0.45 * eyes(24)[0], CENTRE, [0.1, 0.2, 1]))
+    mask = body_coverage(body, near)
+    assert mask[0].any()
+    whole = volume(visual_hull(views, masks(ball, views), 64))
+    cut = volume(visual_hull([*views, near], [*masks(ball, views), mask.astype(np.float32)], 64))
+    assert cut == pytest.approx(whole, rel=0.01)
+
+
+def test_masks_that_contradict_each_other_are_refused(ball):
+    views = cameras(6)
+    good = masks(ball, views)
+    turned = [camera.posed(np.linalg.inv(camera.world_to_camera)) for camera in views]
+    with pytest.raises(ValueError, match="no body in common"):
+        visual_hull(turned, good, 32)
+    with pytest.raises(ValueError, match="2 masks are too few"):
+        visual_hull(views[:2], good[:2])
+    with pytest.raises(ValueError, match="taken from one direction"):
+        visual_hull([views[0]] * 3, [good[0]] * 3)
+    with pytest.raises(ValueError, match="mask is empty"):
+        visual_hull(views, [*good[:5], np.zeros_like(good[0])])
+
+
+def test_what_is_bright_before_black_is_the_object():
+    radiance = np.full((50, 60, 3), 0.001, np.float32)
+    radiance[10:40, 15:50] = np.linspace(0.1, 1, 35)[None, :, None]
+    radiance[20:25, 20:30] = 0  # a deep shadow within it
+    radiance[3:5, 3:5] = 1  # a reflection beside it
+    expected = np.zeros((50, 60))
+    expected[10:40, 15:50] = 1
+    np.testing.assert_array_equal(bright_region(radiance, 0.04), expected)
+
+
+def hull_set(folder: Path, ball, masked: bool) -> Path:
+    views = cameras(12, 120)
+    lines = ['format = 1\nname = "ball"\n[object]\nshape = "mesh"\nmesh = "hull.ply"\nalign = "auto"\n']
+    for k, (camera, mask) in enumerate(zip(views, masks(ball, views), strict=True)):
+        cv2.imwrite(str(folder / f"{k}.png"), (mask * 200).astype(np.uint8))
+        pose = camera.world_to_camera.tolist()
+        lines.append(f'[[photo]]\nfile = "{k}.png"\nworld_to_camera = {json.dumps(pose)}\n')
+        if masked:
+            cv2.imwrite(str(folder / f"mask-{k}.png"), (mask * 255).astype(np.uint8))
+            lines.append(f'mask = "mask-{k}.png"\n')
+        params = camera.params.tolist()
+        lines.append(f'camera = {{ model = "PINHOLE", params = {params}, width = 120, height = 120 }}\n')
+    (folder / "photoset.toml").write_text("".join(lines))
+    return folder
+
+
+@pytest.mark.parametrize("masked", [True, False])
+def test_the_command_writes_a_closed_mesh(tmp_path, ball, monkeypatch, capsys, masked):
+    folder = hull_set(tmp_path, ball, masked)
+    out = folder / "hull.ply"
+    monkeypatch.setattr("sys.argv", ["lightfactor", "hull", str(folder), "--cells", "48", "-o", str(out)])
+    with pytest.raises(SystemExit, match="0"):
+        main()
+    mesh = read_mesh(out)
+    assert is_watertight(mesh)
+    assert_allclose(mesh.vertices.mean(axis=0), CENTRE, atol=0.01)
+    assert re.search(r"\d+ faces, 0\.6\d+ x 0\.6\d+ x 0\.6\d+ m", capsys.readouterr().out)

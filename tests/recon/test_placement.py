@@ -1,0 +1,110 @@
+"""A mesh that isn't what the photographs show is refused, with what would explain it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from capture.arc.gantry import look_at
+from capture.camera import Camera
+from recon.bodies import MeshBody, body_coverage
+from recon.placement import MaskedView, check_placement
+from recon.shape import placed
+from recon.trianglemesh import TriangleMesh
+
+from .bodymeshes import ball_mesh, joined
+
+# A lopsided body off its own origin, so that no turn, flip or scale of it looks like another.
+BODY = joined(
+    ball_mesh((0.02, 0, 0.01), 0.03, 4),
+    ball_mesh((0.06, 0.01, 0.02), 0.02, 4),
+    ball_mesh((0.02, 0.04, 0.04), 0.015, 4),
+)
+TO_WORLD = np.array([[0, -1.0, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.05], [0, 0, 0, 1]])
+EYES = [(0.6, 0.1, 0.3), (-0.3, 0.5, 0.2), (0.1, -0.4, 0.4)]
+CAMERAS = [
+    Camera("PINHOLE", [420.0, 420, 120, 90], 240, 180, look_at(eye, [0.1, 0.23, 0.07], [0, 0, 1]))
+    for eye in EYES
+]
+MASKS = [body_coverage(MeshBody(placed(BODY, TO_WORLD)), camera).astype(np.float32) for camera in CAMERAS]
+
+
+def views(cameras=CAMERAS, masks=MASKS) -> list[MaskedView]:
+    return [
+        MaskedView(f"{k}.png", camera, mask)
+        for k, (camera, mask) in enumerate(zip(cameras, masks, strict=True))
+    ]
+
+
+def check(mesh: TriangleMesh = BODY, to_world: np.ndarray = TO_WORLD, **changed):
+    return check_placement(MeshBody(placed(mesh, to_world)), to_world, views(**changed))
+
+
+def test_a_mesh_in_its_place_overlaps_its_masks_wholly():
+    found = check()
+    assert found.overlaps == (1.0, 1.0, 1.0)
+    assert not found.warnings
+    assert check(masks=[None, None, None]).overlaps == (None, None, None)
+
+
+def test_a_mesh_somewhat_off_is_warned_of():
+    shifted = TO_WORLD.copy()
+    shifted[2, 3] += 0.004
+    found = check(to_world=shifted)
+    assert all(0.8 < overlap < 0.95 for overlap in found.overlaps)
+    assert "overlap by little more than 80% in 3 photographs (0.png 8" in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1000, "it would fit if it were 0.001 times as large: millimetres taken for metres"),
+        (0.001, "it would fit if it were 1000 times as large: metres taken for millimetres"),
+        (1 / 25.4, "it would fit if it were 25.4 times as large: inches"),
+        (1.4, "it would fit if it were 0.714 times as large"),
+    ],
+)
+def test_a_wrong_unit_is_named_with_its_factor(factor, said):
+    with pytest.raises(ValueError, match=r"0\.png: .*" + said.replace(".", r"\.")):
+        check(replace(BODY, vertices=BODY.vertices * factor))
+
+
+@pytest.mark.parametrize(
+    ("convert", "said"),
+    [
+        (np.linalg.inv, r"camera_to_world \(OpenCV axes\)"),
+        (lambda pose: np.diag([1.0, -1, -1, 1]) @ pose, "OpenGL axes"),
+        (
+            lambda pose: np.linalg.inv(pose) @ np.diag([1.0, -1, -1, 1]),
+            "camera_to_world with OpenGL or Blender",
+        ),
+    ],
+)
+def test_another_convention_of_poses_is_named(convert, said):
+    cameras = [camera.posed(convert(camera.world_to_camera)) for camera in CAMERAS]
+    with pytest.raises(ValueError, match=r"0\.png: .*the pose looks like .*" + said):
+        check(cameras=cameras)
+
+
+def test_faces_inside_out_are_named():
+    with pytest.raises(ValueError, match="turned over: the mesh is inside out"):
+        check(replace(BODY, faces=BODY.faces[:, ::-1], normals=-BODY.normals))
+
+
+def test_a_photo_that_does_not_show_the_object_is_named():
+    away = CAMERAS[1].posed(look_at(EYES[1], 2 * np.array(EYES[1]) - [0.1, 0.23, 0.07], [0, 0, 1]))
+    with pytest.raises(ValueError, match=r"1\.png: the mesh lies behind the camera"):
+        check(cameras=[CAMERAS[0], away, CAMERAS[2]], masks=[MASKS[0], None, MASKS[2]])
+    aside = CAMERAS[1].posed(look_at(EYES[1], [2, 0.5, 0.2], [0, 0, 1]))
+    with pytest.raises(ValueError, match=r"1\.png: the object isn't seen"):
+        check(cameras=[CAMERAS[0], aside, CAMERAS[2]])
+    # A mask of something else.
+    with pytest.raises(ValueError, match=r"2\.png: mesh and mask overlap by only \d+%; check"):
+        check(masks=[MASKS[0], MASKS[1], np.roll(MASKS[2], 30, axis=1)])
+
+
+def test_a_camera_within_the_mesh_is_said():
+    with pytest.raises(ValueError, match=r"0\.png: the camera stands within the mesh, from -"):
+        check(replace(BODY, vertices=BODY.vertices * 1000))
