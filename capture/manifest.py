@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -251,3 +252,11 @@ def read_manifest(path: Path) -> Manifest:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: is not valid TOML: {error}") from error
     return validated(Manifest, path, data)
+
+
+def resolve(manifest: Path, path: str) -> Path:
+    """`path` relative to the manifest's folder; `${NAME}` stands for an environment variable."""
+    expanded = os.path.expandvars(os.path.expanduser(path))
+    if "$" in expanded:
+        raise ValueError(f"{manifest}: path {path!r} names an environment variable that is not set")
+    return manifest.parent / expanded

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,28 +9,24 @@ from pathlib import Path
 import numpy as np
 
 from capture.arc.gantry import Arc
-from capture.camera import Camera, rigid_transform
+from capture.camera import Camera
 from capture.exposure import ExposureSettings, check_alike, read_exif_exposure
 from capture.files.documents import read_json
-from capture.found import ALIGNMENT_NAME, POSES_NAME, Poses, read_alignment, read_poses
 from capture.manifest import (
-    ArcTable,
     CameraTable,
-    GantryTable,
     LightingTable,
     Manifest,
-    Matrix4,
     ObjectTable,
     PhotoTable,
     RadiometryTable,
     SourceTable,
     read_manifest,
+    resolve,
 )
+from capture.placing import mesh_placement, photo_poses, read_arc, registered_poses
 from capture.radiometry import Radiometry, read_radiometry
 
 MANIFEST_NAME = "photoset.toml"
-_ARC_KEYS = ("centre", "axis", "radius", "start", "mount", "step_deg")
-_ARC_FILE = f"a gantry.json holds {', '.join(_ARC_KEYS)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +96,9 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
                 f"{manifest_path}: two [[lighting]] tables are named {name!r}; names must differ"
             )
     labels = _labels(manifest_path, [table.file for table in manifest.photo])
-    poses = None if find_poses else _found_poses(manifest_path, manifest)
-    given = _poses(manifest_path, manifest, poses, find_poses)
-    mesh_to_world, world_scale, alignment_files = _placement(
+    poses = None if find_poses else registered_poses(manifest_path, manifest)
+    given = photo_poses(manifest_path, manifest, poses, find_poses)
+    mesh_to_world, world_scale, alignment_files = mesh_placement(
         manifest_path, manifest, poses, find_poses or find_alignment
     )
     photos = []
@@ -114,7 +109,7 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         photos.append(_photo(manifest_path, manifest, names, table, label, pose))
     if manifest.radiometry.exposure != "equal":
         _check_exposures(manifest_path, manifest, photos)
-    light_arc = _arc(manifest_path, "light_arc", manifest.light_arc)
+    light_arc = read_arc(manifest_path, "light_arc", manifest.light_arc)
     target = np.array(manifest.object.centre or (0.0, 0.0, 0.0))
     found_files = ([] if poses is None else [poses.path]) + alignment_files
     return PhotoSet(
@@ -129,46 +124,6 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         calibration_files=(*_calibration_files(manifest_path, manifest), *found_files),
         mesh_to_world=mesh_to_world,
     )
-
-
-def _found_poses(manifest_path: Path, manifest: Manifest) -> Poses | None:
-    """Registered poses: those that the manifest names, or that lie beside it where a photo has none of its own."""
-    if manifest.poses is not None:
-        return read_poses(resolve(manifest_path, manifest.poses))
-    path = manifest_path.parent / POSES_NAME
-    lacking = any(
-        table.world_to_camera is None and table.gantry_angle_deg is None for table in manifest.photo
-    )
-    return read_poses(path) if lacking and path.is_file() else None
-
-
-def _placement(
-    manifest_path: Path, manifest: Manifest, poses: Poses | None, only_given: bool
-) -> tuple[np.ndarray | None, float, list[Path]]:
-    """mesh_to_world (4, 4) or None, the factor on cameras' positions, and the files that told."""
-    table = manifest.object
-    if table.mesh is None:
-        return None, 1.0, []
-    if table.mesh_to_world is not None:
-        try:
-            return rigid_transform(table.mesh_to_world, "mesh_to_world"), 1.0, []
-        except ValueError as error:
-            raise ValueError(f"{manifest_path}: [object]: {error}") from error
-    if only_given:
-        return None, 1.0, []
-    path = manifest_path.parent / ALIGNMENT_NAME
-    if path.is_file():
-        files = {"mesh": resolve(manifest_path, table.mesh)}
-        if poses is not None:
-            files["poses"] = poses.path
-        alignment = read_alignment(path, files)
-        return alignment.mesh_to_world, alignment.world_scale, [path]
-    if table.align is not None:
-        raise ValueError(
-            f"{manifest_path}: [object] align = {table.align!r}, but the mesh has not been aligned yet:"
-            f" run `lightfactor align {manifest_path.parent}`"
-        )
-    return np.eye(4), 1.0, []
 
 
 def _radiometry(manifest: Path, table: RadiometryTable, photos: Sequence[Path]) -> Radiometry:
@@ -203,14 +158,6 @@ def _calibration_files(manifest_path: Path, manifest: Manifest) -> tuple[Path, .
         *(arc.file for arc in (manifest.gantry, manifest.light_arc) if arc is not None),
     ]
     return tuple(resolve(manifest_path, name) for name in named if name is not None)
-
-
-def resolve(manifest: Path, path: str) -> Path:
-    """`path` relative to the manifest's folder; `${NAME}` stands for an environment variable."""
-    expanded = os.path.expandvars(os.path.expanduser(path))
-    if "$" in expanded:
-        raise ValueError(f"{manifest}: path {path!r} names an environment variable that is not set")
-    return manifest.parent / expanded
 
 
 def build_camera(
@@ -283,77 +230,6 @@ def _photo(
     )
 
 
-def _poses(
-    manifest_path: Path, manifest: Manifest, registered: Poses | None, may_lack: bool
-) -> list[np.ndarray | None]:
-    """The photos' poses, (4, 4) each; None where nothing gives one, which is an error unless they may lack one."""
-    gantry = _arc(manifest_path, "gantry", manifest.gantry)
-    poses: list[np.ndarray | None] = []
-    stops = 0
-    for table in manifest.photo:
-        # Registered poses that the manifest names stand before all others: they were asked for.
-        if registered is not None and manifest.poses is not None:
-            poses.append(registered.of(table.file))
-            continue
-        try:
-            pose = _pose(manifest_path, gantry, table, stops, registered)
-        except ValueError:
-            if not may_lack or table.world_to_camera is not None or table.gantry_angle_deg is not None:
-                raise
-            pose = None
-        poses.append(pose)
-        stops += table.world_to_camera is None
-    return poses
-
-
-def _pose(
-    manifest: Path, gantry: Arc | None, table: PhotoTable, stop: int, registered: Poses | None
-) -> np.ndarray:
-    """The pose of a photo; stop : how many photos before it stand on the gantry."""
-    where = f'photo "{table.file}"'
-    if table.world_to_camera is not None:
-        return matrix4(table.world_to_camera, f"{manifest}: {where}")
-    if table.gantry_angle_deg is not None:
-        if gantry is None:
-            raise ValueError(f"{manifest}: {where} has gantry_angle_deg, but there is no [gantry] table")
-        return gantry.pose(np.radians(table.gantry_angle_deg))
-    if registered is not None:
-        return registered.of(table.file)
-    if gantry is not None and gantry.step is not None:
-        return gantry.pose(stop * gantry.step)
-    if gantry is None:
-        raise ValueError(
-            f"{manifest}: {where} has no pose; give world_to_camera (4x4), or gantry_angle_deg with a [gantry] table,"
-            f" or let `lightfactor register {manifest.parent}` find the poses"
-        )
-    raise ValueError(
-        f"{manifest}: {where} has no pose; give gantry_angle_deg, or step_deg in [gantry] if the photos"
-        " were taken at equal steps in the order listed"
-    )
-
-
-def _arc(manifest: Path, name: str, table: ArcTable | None) -> Arc | None:
-    """The arc of a [gantry] or [light_arc] table, from the file that it names or its own keys."""
-    if table is None:
-        return None
-    step = table.step_deg if isinstance(table, GantryTable) else None
-    if table.file is not None:
-        table = read_json(resolve(manifest, table.file), GantryTable, _ARC_KEYS, _ARC_FILE)
-        step = table.step_deg if step is None else step
-    mount = table.mount if isinstance(table, GantryTable) else np.eye(3)
-    try:
-        return Arc(
-            centre=np.array(table.centre),
-            axis=np.array(table.axis),
-            radius=table.radius or 0.0,
-            start=np.array(table.start),
-            mount=np.array(mount),
-            step=None if step is None else float(np.radians(step)),
-        )
-    except ValueError as error:
-        raise ValueError(f"{manifest}: [{name}]: {error}") from error
-
-
 def _with_directions(
     manifest: Path, arc: Arc | None, target: np.ndarray, table: LightingTable
 ) -> LightingTable:
@@ -370,14 +246,6 @@ def _with_directions(
         direction = arc.position(np.radians(source.arc_angle_deg)) - target
         sources.append(SourceTable(direction=tuple(direction.tolist()), irradiance=source.irradiance))
     return table.model_copy(update={"directional": tuple(sources)})
-
-
-def matrix4(rows: Matrix4, where: str) -> np.ndarray:
-    """A manifest's matrix as an array, checked to be 4x4."""
-    matrix = np.array(rows, float)
-    if matrix.shape != (4, 4):
-        raise ValueError(f"{where}: world_to_camera has {len(rows)} rows; it must be 4x4")
-    return matrix
 
 
 def _camera_file(path: Path) -> dict[str, object]:

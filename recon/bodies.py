@@ -18,12 +18,12 @@ from recon.sphere import Sphere
 from recon.trianglemesh import TriangleMesh, area_vectors
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.integer]
+Ints = NDArray[np.int64]
 
 # Rays that are traced at once, to bound memory.
 _RAYS_AT_A_TIME = 200_000
 # A pixel's corners, in half its side, around it.
-_CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+_CORNERS: Floats = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 # Pixels around a pixel of a mesh in which no edge of it may be for the pixel to count as clear.
 _CLEARANCE = 3
 
@@ -84,7 +84,7 @@ class SphereBody:
     sphere: Sphere
 
     def pixel_geometry(self, camera: Camera, rows: Ints, columns: Ints) -> PixelGeometry:
-        centres = np.column_stack([columns, rows]) + 0.5
+        centres = _centres(rows, columns)
         whole = np.ones(len(centres), bool)
         for corner in _CORNERS:
             whole &= self.hits(camera, centres + 0.5 * corner).hit
@@ -128,10 +128,11 @@ class MeshBody:
         object.__setattr__(self, "_facets", areas / np.maximum(lengths, np.finfo(float).tiny))
 
     def pixel_geometry(self, camera: Camera, rows: Ints, columns: Ints) -> PixelGeometry:
-        centres = np.column_stack([columns, rows]) + 0.5
+        centres = _centres(rows, columns)
         views = -camera.rays(centres)[1]
         at = self.hits(camera, centres)
-        per_metre = camera.focal_px / (1.0 if camera.is_orthographic else camera.depth(at.positions))
+        depth = np.ones(len(centres)) if camera.is_orthographic else camera.depth(at.positions)
+        per_metre = camera.focal_px / np.where(at.hit, depth, 1.0)
         whole, turn = at.hit.copy(), np.zeros(len(centres))
         corners = []
         for corner in _CORNERS:
@@ -156,7 +157,7 @@ class MeshBody:
 
     def hits(self, camera: Camera, pixels: Floats) -> SurfaceHits:
         origins, directions = camera.rays(pixels)
-        reached = np.isfinite(directions).all(axis=1)
+        reached = np.asarray(np.isfinite(directions).all(axis=1))
         if not reached.all():
             # No ray belongs to pixels that the lens distortion doesn't reach.
             directions = np.where(reached[:, None], directions, [0.0, 0.0, 1.0])
@@ -167,7 +168,7 @@ class MeshBody:
         found = self.tracer.first_hits(origins, directions)
         facets = self._facets[found.faces]
         # The back of a face, seen through a hole, is no surface.
-        hit = reached & (found.faces >= 0) & ((facets * directions).sum(axis=1) < 0)
+        hit = np.asarray(reached & (found.faces >= 0) & ((facets * directions).sum(axis=1) < 0))
         corners = self.mesh.faces[found.faces]
         weights = np.where(hit[:, None], found.weights, 0.0)
         normals = _blended(self.mesh.normals, corners, weights)
@@ -177,7 +178,7 @@ class MeshBody:
             positions=_blended(self.mesh.vertices, corners, weights),
             normals=normals / np.where(hit[:, None], lengths, 1.0),
             facets=np.where(hit[:, None], facets, 0.0),
-            faces=np.where(hit, found.faces, -1),
+            faces=np.where(hit, found.faces, -1).astype(np.int64),
             weights=weights,
         )
 
@@ -237,6 +238,11 @@ def _bands(window: tuple[int, int, int, int]) -> Iterator[tuple[slice, slice]]:
     band = max(_RAYS_AT_A_TIME // max(right - left, 1), 1)
     for first in range(top, bottom, band):
         yield slice(first, min(first + band, bottom)), slice(left, right)
+
+
+def _centres(rows: Ints, columns: Ints) -> Floats:
+    """Image points (n, 2) of pixels' centres."""
+    return np.asarray(np.column_stack([columns, rows]) + 0.5, dtype=np.float64)
 
 
 def _continues(

@@ -11,7 +11,8 @@ from capture.decode import decode_in_set, read_mask
 from capture.exposure import ExposureSettings, relative_exposure
 from capture.lighting import Lighting, read_latlong
 from capture.manifest import BallViewTable, CameraTable, LightingTable, MirrorBallTable
-from capture.photoset import Photo, PhotoSet, build_camera, matrix4
+from capture.photoset import Photo, PhotoSet, build_camera
+from capture.placing import matrix4
 from recon.ball.ballbracket import view_bracket
 from recon.ball.ballview import BallView
 from recon.ball.findball import Disk

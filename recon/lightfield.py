@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ class LightField:
     def where(self, keep: NDArray[np.bool_]) -> LightField:
         """The samples marked by a mask (n,)."""
         rays = keep[self.ray_sample]
-        kept = {}
+        kept: dict[str, Any] = {}
         for name in (entry.name for entry in fields(self)):
             values = getattr(self, name)
             kept[name] = None if values is None else values[keep if name in _OF_SAMPLES else rays]

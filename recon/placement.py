@@ -102,9 +102,9 @@ def _remedy(body: MeshBody, mesh_to_world: Floats, view: MaskedView) -> str:
         for name, convert in other_conventions().items():
             if _fits(body, view.camera.posed(convert(view.camera.world_to_camera)), view.coverage):
                 return f"the pose looks like {name}"
-        factor = _area_factor(body, mesh_to_world, view.camera, view.coverage)
-        if factor is not None:
-            return f"it would fit if it were {factor:.3g} times as large: check [object] unit and the mesh"
+        filling = _area_factor(body, mesh_to_world, view.camera, view.coverage)
+        if filling is not None:
+            return f"it would fit if it were {filling:.3g} times as large: check [object] unit and the mesh"
     return (
         "check world_to_camera, mesh_to_world, unit and the mask, or let `lightfactor align` place the mesh"
     )

@@ -11,7 +11,7 @@ from recon.bodies import Body, body_window
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.integer]
+Ints = NDArray[np.int64]
 
 # Exitant angles beyond 81 degrees are left out: the microfacet model grows without bound there
 # (RH01 section 5.2: grazing observations "are usually assigned low confidence anyway").
@@ -161,8 +161,8 @@ def _gather(
     field = LightField(
         rows=rows,
         columns=columns,
-        radiance=image.radiance[rows, columns],
-        variance=image.variance[rows, columns],
+        radiance=image.radiance[rows, columns].astype(np.float64),
+        variance=image.variance[rows, columns].astype(np.float64),
         weight=weight,
         ray_sample=ray_sample,
         positions=hits.positions,

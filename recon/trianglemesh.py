@@ -154,8 +154,8 @@ def write_mesh(path: Path, mesh: TriangleMesh) -> None:
 def read_mesh(path: Path) -> TriangleMesh:
     """Read a mesh from PLY, OBJ, STL or GLB, in the file's own coordinates, taken as metres.
 
-    Normals are the file's if it has them, else smooth ones. Faces without area, and vertices that no other face uses, are
-    left out: no ray meets them, and they have no normal. Raises ValueError, which names the file, where it
+    Normals are the file's if it has them, else smooth ones. Faces without area, and vertices that no other face
+    uses, are left out: no ray meets them, and they have no normal. Raises ValueError, which names the file, where it
     cannot be read, has no faces, holds numbers that aren't finite, or is inside out.
     """
     # Slow to import, and needed only where a mesh is read.

@@ -15,7 +15,8 @@ from capture.decode import check_size, decode, read_mask
 from capture.exposure import bracket_exposures, read_exif_exposure, read_times, relative_exposure
 from capture.files.documents import read_json
 from capture.manifest import CameraTable, Matrix4, Table
-from capture.photoset import build_camera, matrix4
+from capture.photoset import build_camera
+from capture.placing import matrix4
 from capture.radiance import RadianceImage
 from capture.terminal import track
 from recon.ball.ballbracket import view_bracket

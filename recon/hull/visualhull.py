@@ -97,7 +97,9 @@ def _field(
             pixels = np.nan_to_num(camera.project(points) - 0.5, nan=-1e6).astype(np.float32)
             places = pixels.reshape(-1, len(axes[2]), 2)
             border = cv2.BORDER_REPLICATE
-            shown = cv2.remap(inside, places, None, cv2.INTER_LINEAR, borderMode=border).ravel()
+            shown = cv2.remap(
+                inside, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=border
+            ).ravel()
             size = np.ones(len(points)) if camera.is_orthographic else np.maximum(camera.depth(points), 1e-9)
             np.minimum(least, shown * (size / camera.focal_px).astype(np.float32), out=least)
         return least.reshape(grid[0].shape)
