@@ -21,13 +21,13 @@ import numpy as np
 from capture.decode import decode
 from capture.parallel import parallel_map
 
-_WIDTH, _HEIGHT, _PHOTOS, _ROUNDS = 4000, 3000, 60, 3
+WIDTH, HEIGHT, _PHOTOS, _ROUNDS = 4000, 3000, 60, 3
 
 
 def main(arguments: list[str]) -> None:
     """Print the ratio of times and the peak memory."""
     with tempfile.TemporaryDirectory() as folder:
-        photo = Path(arguments[0]) if arguments else _photograph(Path(folder) / "photo.jpg")
+        photo = Path(arguments[0]) if arguments else photograph(Path(folder) / "photo.jpg")
         paths = [photo] * _PHOTOS
         few = _peak_after(_radiance, paths[:6])
         times: dict[str, list[float]] = {"imread": [], "decode": []}
@@ -58,13 +58,13 @@ def _peak_after(work: Callable[[Path], Any], paths: list[Path]) -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def _photograph(path: Path) -> Path:
+def photograph(path: Path) -> Path:
     """A 12-megapixel JPEG with the detail and the noise of a photograph: 1/f texture, about 5 MB."""
     rng = np.random.default_rng(0)
-    picture = np.full((_HEIGHT, _WIDTH, 3), 110.0, np.float32)
+    picture = np.full((HEIGHT, WIDTH, 3), 110.0, np.float32)
     for octave in range(9):
-        cells = rng.normal(0, 18, (_HEIGHT >> octave, _WIDTH >> octave, 3)).astype(np.float32)
-        picture += cv2.resize(cells, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_CUBIC) * (0.2 + 0.1 * octave)
+        cells = rng.normal(0, 18, (HEIGHT >> octave, WIDTH >> octave, 3)).astype(np.float32)
+        picture += cv2.resize(cells, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC) * (0.2 + 0.1 * octave)
     cv2.imwrite(str(path), np.clip(picture, 0, 255).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 90])
     return path
 

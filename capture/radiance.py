@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_view
 
 Image = NDArray[np.float32]
+Places = NDArray[np.integer]
 # JPEG compression, in TIFF as well, spreads a clipped pixel's loss over its block of 8, two where colour is halved:
 # what is within this neighbourhood of it is unknown, too.
 LOSSY_REACH = np.ones((9, 9), np.uint8)
@@ -23,16 +24,22 @@ class RadianceImage:
         set takes as its unit. RAW files may be slightly negative: noise about black.
     variance : (h, w, 3) float32, of the noise: read noise, shot noise and quantisation. Given as an array, or as a
         function that makes it at first use: many readers never ask, and it is as large as the radiance.
+    variance_at : gives the variance (n, 3) of a few pixels, by their rows and columns (n,), without making all of it.
     saturated : (h, w) bool, true where any channel is at the file's white level; in JPEG files also within four
         pixels of there, in RAW files within the reach of demosaicing.
     """
 
     def __init__(
-        self, radiance: Image, variance: Image | Callable[[], Image], saturated: NDArray[np.bool_]
+        self,
+        radiance: Image,
+        variance: Image | Callable[[], Image],
+        saturated: NDArray[np.bool_],
+        variance_at: Callable[[Places, Places], Image] | None = None,
     ) -> None:
         self.radiance: Image = frozen_view(radiance, np.float32)
         self.saturated: NDArray[np.bool_] = frozen_view(saturated, np.bool_)
         self._variance = variance
+        self._variance_at = variance_at
         if self.radiance.shape[2:] != (3,):
             raise ValueError(f"radiance is {self.radiance.shape}; it must be (h, w, 3)")
         if self.saturated.shape != self.radiance.shape[:2]:
@@ -46,6 +53,12 @@ class RadianceImage:
         self._check(variance)
         view: Image = frozen_view(variance, np.float32)
         return view
+
+    def variance_at(self, rows: Places, columns: Places) -> Image:
+        """The variance (n, 3) float32 of pixels by their rows and columns (n,)."""
+        if self._variance_at is None or "variance" in self.__dict__:
+            return np.asarray(self.variance[rows, columns])
+        return self._variance_at(rows, columns)
 
     def _check(self, variance: Image) -> None:
         if variance.shape != self.radiance.shape:

@@ -12,6 +12,7 @@ import typer
 from capture.cli import add_commands
 from recon.cli import mirrorball
 from recon.hull.command import hull
+from recon.samples.command import samples
 from synthetic.cli import synth
 
 DEFAULT_SAMPLES = 60_000
@@ -100,6 +101,9 @@ def demo(
 
 app.command(short_help="Photograph a synthetic scene: a photo set with its truth beside it.")(synth)
 app.command(short_help="Read the light off photographs of a mirror (chrome) ball.")(mirrorball)
+app.command(short_help="What the photographs say of a mesh: samples, visibility, and a figure to check a set by.")(
+    samples
+)
 app.command(short_help="A mesh of an object that nobody scanned, from its silhouettes.")(hull)
 add_commands(app)
 

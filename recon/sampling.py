@@ -162,7 +162,7 @@ def _gather(
         rows=rows,
         columns=columns,
         radiance=image.radiance[rows, columns].astype(np.float64),
-        variance=image.variance[rows, columns].astype(np.float64),
+        variance=image.variance_at(rows, columns).astype(np.float64),
         weight=weight,
         ray_sample=ray_sample,
         positions=hits.positions,

@@ -16,12 +16,12 @@ from capture.files.jpegtables import JpegTables
 
 Floats = NDArray[np.float64]
 
-_BLOCK = 8
+BLOCK = 8
 # Error of all coefficients over that of the surviving ones. Measured on churches, a room, a plaster cast and shaded
 # spheres of 1500 to 20000 electrons, quality 75 to 98, with and without halved colour: 2 to 5.
 _LOST = 5.0
 # The coefficients (8, 8) of the highest octave.
-_FINEST = np.maximum(*np.indices((_BLOCK, _BLOCK))) >= _BLOCK // 2
+_FINEST = np.maximum(*np.indices((BLOCK, BLOCK))) >= BLOCK // 2
 # Components are rounded to integers before compression and after it.
 _ROUNDING = 2 / 12
 # Red, green and blue from Y, Cb, Cr, and back (JFIF 1.02, 1992).
@@ -60,7 +60,7 @@ def _component_variance(
     height, width = plane.shape
     down, across = reduction
     # As encoders do, the last row and column are repeated up to whole blocks.
-    below, beside = -height % (_BLOCK * down), -width % (_BLOCK * across)
+    below, beside = -height % (BLOCK * down), -width % (BLOCK * across)
     whole = np.pad(plane, ((0, below), (0, beside)), mode="edge")
     if reduction != (1, 1):
         size = (whole.shape[1] // across, whole.shape[0] // down)
@@ -74,17 +74,17 @@ def _component_variance(
     if reduction != (1, 1):
         # Detail finer than the reduced samples is lost; natural pictures hold about as much in each octave.
         total = total + np.where(survives & _FINEST, coefficients**2, 0).sum(axis=(2, 3))
-    variance = (total / _BLOCK**2 + _ROUNDING).astype(np.float32)
-    spread = variance.repeat(_BLOCK * down, axis=0).repeat(_BLOCK * across, axis=1)
+    variance = (total / BLOCK**2 + _ROUNDING).astype(np.float32)
+    spread = variance.repeat(BLOCK * down, axis=0).repeat(BLOCK * across, axis=1)
     return np.asarray(spread[:height, :width])
 
 
 def _coefficients(plane: NDArray[np.float32]) -> NDArray[Any]:
     """Orthonormal DCT coefficients (rows, columns, 8, 8) of the 8x8 blocks of a plane of whole blocks."""
-    frequency, place = np.mgrid[:_BLOCK, :_BLOCK]
-    basis = np.sqrt(2 / _BLOCK) * np.cos((2 * place + 1) * frequency * np.pi / (2 * _BLOCK))
+    frequency, place = np.mgrid[:BLOCK, :BLOCK]
+    basis = np.sqrt(2 / BLOCK) * np.cos((2 * place + 1) * frequency * np.pi / (2 * BLOCK))
     basis[0] /= np.sqrt(2)
     basis = basis.astype(np.float32)
-    rows, columns = plane.shape[0] // _BLOCK, plane.shape[1] // _BLOCK
-    blocks = plane.reshape(rows, _BLOCK, columns, _BLOCK).swapaxes(1, 2)
+    rows, columns = plane.shape[0] // BLOCK, plane.shape[1] // BLOCK
+    blocks = plane.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2)
     return np.asarray(basis @ blocks @ basis.T)

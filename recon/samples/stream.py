@@ -32,9 +32,7 @@ def light_fields(
         image = decode_photo(photoset, photo)
         # Seeded by place, so that neither order nor threads change what is drawn.
         rng = np.random.default_rng(index)
-        return sample_body(
-            body, photo.camera, image, photo_mask(photo), sources[photo.lighting], share, rng
-        )
+        return sample_body(body, photo.camera, image, photo_mask(photo), sources[photo.lighting], share, rng)
 
     return parallel_map(read, range(len(photoset.photos)))
 

@@ -100,6 +100,32 @@ def test_variance_of_float_files_is_that_of_their_step(tmp_path, kind):
         assert np.mean(error[part] ** 2) == pytest.approx(1, rel=0.01)
 
 
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "fine.jpg", "a.exr"])
+def test_variance_of_a_few_pixels_is_that_of_the_whole(tmp_path, name):
+    rng = np.random.default_rng(8)
+    # Sides that are no multiple of a block, or of two where colour is halved.
+    picture = cv2.GaussianBlur(rng.normal(120, 60, (93, 71, 3)), (0, 0), 2) + rng.normal(0, 4, (93, 71, 3))
+    codes = np.clip(picture, 0, 255).astype(np.uint8)
+    path = tmp_path / name
+    if name.endswith("exr"):
+        write_exr(path, codes.astype(np.float16), half=True)
+    else:
+        halving = (
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
+            if name == "fine.jpg"
+            else cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420
+        )
+        cv2.imwrite(str(path), codes, [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, halving] if "jpg" in name else [])
+    rows, columns = rng.integers(0, 93, 300), rng.integers(0, 71, 300)
+    rows[:3], columns[:3] = (0, 92, 92), (70, 0, 70)
+    few = decode(path, "srgb").variance_at(rows, columns)
+    whole = decode(path, "srgb").variance
+    assert (whole > 0).all()
+    assert_allclose(
+        few, whole[rows, columns], rtol=1e-5, equal_nan=False
+    )  # sums of a transform in another order
+
+
 @pytest.mark.parametrize("half", [False, True])
 def test_exr_keeps_what_was_written(tmp_path, half):
     rng = np.random.default_rng(5)
