@@ -62,7 +62,7 @@ def check_placement(body: MeshBody, mesh_to_world: Floats, views: Iterable[Maske
     poor = []
     for view in views:
         seen = _seen(body, view.camera)
-        overlap = None if view.coverage is None else _overlap(body, view.camera, view.coverage)
+        overlap = None if view.coverage is None else _overlap(seen, view.camera, view.coverage)
         if not seen.any() or (overlap is not None and overlap < _MIN_OVERLAP):
             raise ValueError(
                 f"{view.label}: {_fault(body, view, overlap)}; {_remedy(body, mesh_to_world, view)}"
@@ -111,7 +111,7 @@ def _remedy(body: MeshBody, mesh_to_world: Floats, view: MaskedView) -> str:
 
 
 def _fits(body: MeshBody, camera: Camera, coverage: Coverage) -> bool:
-    return _overlap(body, camera, coverage) >= _MIN_OVERLAP
+    return _overlap(_seen(body, camera), camera, coverage) >= _MIN_OVERLAP
 
 
 def _scaled(camera: Camera, mesh_to_world: Floats, factor: float) -> Camera:
@@ -141,9 +141,9 @@ def _inside_out(body: MeshBody) -> MeshBody:
     return MeshBody(replace(mesh, faces=mesh.faces[:, ::-1], normals=-mesh.normals))
 
 
-def _overlap(body: MeshBody, camera: Camera, coverage: Coverage) -> float:
+def _overlap(seen: NDArray[np.bool_], camera: Camera, coverage: Coverage) -> float:
     stride = _stride(camera)
-    seen, inside = _seen(body, camera), coverage[::stride, ::stride] >= 0.5
+    inside = coverage[::stride, ::stride] >= 0.5
     union = (seen | inside).sum()
     return float((seen & inside).sum() / union) if union else 0.0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from capture.lighting import read_latlong
 from capture.photoset import load_photoset
 from invrender.cli import main
 from invrender.theory.harmonics import project_latlong
+from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics
 from recon.samples.find import find_mesh
 from recon.samples.run import known_sources
 from recon.samples.stream import light_fields
@@ -48,6 +48,10 @@ area = [{{ azimuth_deg = 60, elevation_deg = 35, radiance = 1.0, width_deg = 30 
 width = 160
 height = 120
 focal_px = 500
+
+[sensor]
+noise = 0.0
+floor = 0.0
 
 [[view]]
 azimuth_deg = -35
@@ -91,6 +95,7 @@ def test_the_mesh_fits_its_masks(cat_fields):
 def test_sources_seen_and_hidden_explain_the_radiance_of_a_matte_cat(cat_fields):
     photoset, _, fields = cat_fields
     (sun,) = photoset.lightings[0].directional
+    shadowed = 0
     for field in fields[:2]:
         cos = np.maximum(field.normals @ np.array(sun.direction), 0)
         seen = field.sources_visible[:, 0]
@@ -99,10 +104,13 @@ def test_sources_seen_and_hidden_explain_the_radiance_of_a_matte_cat(cat_fields)
         wholly = (share == 0) | (share == 1)
         # Lit and dark pixels, self-shadowed ones among them: brute force and samples agree but at shadows' borders.
         dark = (share == 0) & (field.mean_over_rays(cos) > 0.1)
-        assert dark.sum() > 30
+        shadowed += int(dark.sum())
         off = np.abs(field.radiance[:, 0] - predicted)[wholly]
-        assert np.quantile(off, 0.98) < 0.004 * KD  # the pixel's mean against one ray or a few
+        # A pixel's mean over 4x4 points against one ray or a few.
+        assert np.median(off) < 2e-4 * KD
+        assert np.quantile(off, 0.98) < 2e-3 * KD
         assert wholly.mean() > 0.95
+    assert shadowed > 50
 
 
 def test_transfer_under_visibility_explains_the_radiance_under_a_wide_light(cat_set, cat_fields):
@@ -117,11 +125,13 @@ def test_transfer_under_visibility_explains_the_radiance_under_a_wide_light(cat_
     predicted = KD * field.mean_over_rays(at_rays)
     error = predicted - field.radiance[:, 0]
     # Against brute force at every pixel. Vertices stand for what lies between them, which shadows' borders cross.
-    assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(field.radiance[:, 0] ** 2))
-    # Without visibility the same light would be wrong by much more.
-    unshadowed = KD * np.pi * 1  # an upper bound is enough: the hidden part must be seen to matter
-    assert unshadowed > 0
+    assert np.sqrt(np.mean(error**2)) < 0.01 * np.sqrt(np.mean(field.radiance[:, 0] ** 2))
     assert abs(np.mean(error)) < 0.004 * np.mean(field.radiance[:, 0])
+    # Without visibility the same light explains it tens of times worse.
+    transfer = np.repeat(clamped_cosine_transfer(10), 2 * np.arange(11) + 1)
+    open_sky = KD * (evaluate_harmonics(field.normals, 10) * transfer) @ light
+    without = field.mean_over_rays(open_sky) - field.radiance[:, 0]
+    assert np.sqrt(np.mean(without**2)) > 10 * np.sqrt(np.mean(error**2))
 
 
 def test_a_budget_is_shared_by_the_photographs(cat_set):
