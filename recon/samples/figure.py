@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 
 # Pixels along the longer side of the part of the photograph that is drawn.
 _SIDE = 360
+_EMPTY = "lightsteelblue"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,7 @@ def samples_figure(panel: Panel, body: Body, faces: NDArray[np.int64] | None) ->
         if picture.ndim == 2:
             figure.colorbar(drawn, ax=axis, shrink=0.8)
         axis.set_title(title)
+        axis.set_facecolor(_EMPTY)
     for axis in axes[2 + len(pictures) :]:
         axis.set_axis_off()
     for axis in axes[: 2 + len(pictures)]:
@@ -79,14 +81,15 @@ def samples_figure(panel: Panel, body: Body, faces: NDArray[np.int64] | None) ->
 def _pictures(
     panel: Panel, body: Body, faces: NDArray[np.int64] | None, pixels: Floats, shape: tuple[int, ...]
 ) -> list[tuple[str, NDArray[Any]]]:
-    """Titles and pictures (h, w) or (h, w, 3); what the body doesn't cover is white."""
+    """Titles and pictures (h, w) or (h, w, 4); what the body doesn't cover is left empty."""
     hits = body.hits(panel.camera, pixels)
     # Where nothing is hit the lens may have no ray at all.
     views = np.where(hits.hit[:, None], -panel.camera.rays(pixels)[1], [0.0, 0.0, 1.0])
 
     def drawn(values: NDArray[Any]) -> NDArray[Any]:
-        covered = hits.hit if values.ndim == 1 else hits.hit[:, None]
-        return np.where(covered, values, 1.0).reshape(shape + values.shape[1:])
+        if values.ndim == 1:
+            return np.where(hits.hit, values, np.nan).reshape(shape)
+        return np.column_stack([values, hits.hit]).reshape(*shape, 4)  # opacity last
 
     mirrored = 2 * (hits.normals * views).sum(axis=1)[:, None] * hits.normals - views
     pictures = [("normals: red, green, blue = x, y, z from -1 to 1", drawn((hits.normals + 1) / 2))]
