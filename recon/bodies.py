@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
+from recon.harmonics import sphere_directions
 from recon.rays import RayTracer
 from recon.sphere import Sphere
 from recon.trianglemesh import TriangleMesh, area_vectors
@@ -105,12 +106,7 @@ class SphereBody:
         return (facets * directions).sum(axis=1) > 0
 
     def outline_points(self, camera: Camera) -> Floats:
-        # All over the sphere, on a spiral as even as their number allows.
-        k = np.arange(600) + 0.5
-        z, azimuth = 1 - 2 * k / len(k), np.pi * (1 + np.sqrt(5)) * k
-        around = np.sqrt(1 - z**2)
-        surface = np.stack([around * np.cos(azimuth), around * np.sin(azimuth), z], axis=-1)
-        return self.sphere.centre + self.sphere.radius * surface
+        return self.sphere.centre + self.sphere.radius * sphere_directions(600)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,7 @@ PHOTOSET_FILES = (
     TRUTH_NAME,
     SCENE_NAME,
     MESH_NAME,
+    f"{Path(MESH_NAME).stem}.transfer.npz",
     "truth",
     "mirrorball",
     "calibration",

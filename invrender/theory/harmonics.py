@@ -1,25 +1,16 @@
-"""Real spherical harmonics: orthonormal, without Condon-Shortley phase, Y[1,1] positive along +x.
-
-The coefficient of degree l (the papers say order) and order m is stored at l * l + l + m.
-"""
+"""Lighting in the spherical harmonics of `recon.harmonics`."""
 
 from __future__ import annotations
 
 import numpy as np
-import sphericart
 from numpy.typing import ArrayLike, NDArray
 
 from capture.lighting import latlong_directions, latlong_solid_angles
+from recon.harmonics import evaluate_harmonics
 
 Floats = NDArray[np.float64]
 
 _PIXELS_AT_A_TIME = 16_384
-
-
-def evaluate_harmonics(directions: ArrayLike, l_max: int) -> Floats:
-    """Y_lm at directions (n, 3), unit, as (n, (l_max + 1)^2)."""
-    directions = np.ascontiguousarray(np.asarray(directions, float).reshape(-1, 3))
-    return np.asarray(sphericart.SphericalHarmonics(l_max).compute(directions))
 
 
 def project_latlong(radiance_map: ArrayLike, l_max: int) -> Floats:

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.special import eval_legendre, sph_harm_y
 
-from invrender.theory.lambertian import clamped_cosine_transfer, irradiance
+from invrender.theory.lambertian import irradiance
+from recon.harmonics import clamped_cosine_transfer
 
 
 def test_transfer_is_the_integral_of_the_clamped_cosine():
