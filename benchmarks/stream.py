@@ -24,8 +24,8 @@ from capture.camera import Camera
 from capture.decode import decode_photo
 from capture.parallel import parallel_map
 from capture.photoset import PhotoSet, load_photoset
-from recon.bodies import MeshBody, body_coverage
-from recon.samples.find import find_mesh
+from recon.bodies import Body, MeshBody, body_coverage
+from recon.samples.find import find_body
 from recon.samples.stream import light_fields
 from recon.trianglemesh import TriangleMesh
 
@@ -42,7 +42,7 @@ def main(arguments: list[str]) -> None:
         photoset = load_photoset(folder)
         few = PhotoSet(**{**vars(photoset), "photos": photoset.photos[:4]})
         begin = time.perf_counter()
-        body = find_mesh(photoset).body
+        body = find_body(photoset).body
         checked = time.perf_counter() - begin
         samples = _stream(few, body)[1]
         after_few = _peak()
@@ -60,7 +60,7 @@ def main(arguments: list[str]) -> None:
     print(f"peak memory {after_few:.0f} MB after 4 photographs, {after_all:.0f} MB after all")
 
 
-def _stream(photoset: PhotoSet, body: MeshBody) -> tuple[float, int]:
+def _stream(photoset: PhotoSet, body: Body) -> tuple[float, int]:
     begin = time.perf_counter()
     samples = sum(len(field) for field in light_fields(photoset, body, {"": _SOURCE}, _BUDGET))
     return time.perf_counter() - begin, samples

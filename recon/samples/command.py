@@ -13,7 +13,7 @@ def samples(
         Path,
         typer.Argument(
             metavar="SET",
-            help="Folder of a photo set with poses and a mesh in its place, or its photoset.toml.",
+            help="Folder of a photo set with poses, or its photoset.toml; a mesh must be in its place.",
             show_default=False,
         ),
     ],
@@ -45,7 +45,7 @@ def samples(
         int, typer.Option(min=16, max=65_536, help="Rays per vertex that look for shadows of the sky.")
     ] = 256,
 ) -> None:
-    """See what a photo set says of its mesh: which pixels count, with which geometry, and what light reaches them.
+    """See what a photo set says of its object: which pixels count, with which geometry, and what light reaches them.
 
     Checks that the mesh projects into its masks; draws samples from every photograph; traces which mirrored rays and
     sources they see; computes how light from everywhere reaches every vertex (kept beside the mesh for next time).

@@ -44,7 +44,8 @@ def samples_figure(panel: Panel, body: Body, faces: NDArray[np.int64] | None) ->
     stride = max(-(-max(window[2] - window[0], window[3] - window[1]) // _SIDE), 1)
     rows, columns = (np.arange(window[k], window[k + 2], stride) for k in (0, 1))
     y, x = np.meshgrid(rows, columns, indexing="ij")
-    pictures = _pictures(panel, body, faces, np.column_stack([x.ravel(), y.ravel()]) + 0.5, y.shape)
+    pixels: Floats = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64) + 0.5
+    pictures = _pictures(panel, body, faces, pixels, y.shape)
     radiance = np.clip(panel.image.radiance[y, x], 0, None)
     shown = linear_to_srgb(np.minimum(radiance / max(float(np.quantile(radiance, 0.99)), 1e-12), 1))
     figure = Figure(figsize=(13, 8.2), layout="constrained")

@@ -1,32 +1,50 @@
-"""The body of a photo set: the sphere found in its masks, or its mesh, placed and checked against them."""
+"""The body of a photo set: its sphere found in the photographs, or its mesh, placed and checked against the masks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from capture.photoset import PhotoSet
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
-from recon.bodies import MeshBody
-from recon.placement import MaskedView, Placement, check_placement
+from recon.bodies import Body, MeshBody, SphereBody
+from recon.findsphere import find_sphere, sphere_mask
+from recon.placement import MaskedView, check_placement
 from recon.samples.stream import photo_mask
 from recon.shape import placed, read_object_mesh
 from recon.trianglemesh import TriangleMesh
 
+Mask = NDArray[np.float32]
+
 
 @dataclass(frozen=True, eq=False)
-class FoundMesh:
-    """A mesh where the set says that it lies. mesh : in its own frame, metres. body : in the world."""
+class FoundBody:
+    """The body of a set, in the world.
 
-    mesh: TriangleMesh
-    body: MeshBody
-    placement: Placement
-    warnings: tuple[str, ...]
+    mask_of : gives a photograph's mask, or None. overlaps : per photograph, intersection over union of a mesh and its
+    mask; None without one. mesh : in its own frame, metres; None for a sphere.
+    """
+
+    body: Body
+    mask_of: Callable[[Photo], Mask | None]
+    overlaps: tuple[float | None, ...]
+    mesh: TriangleMesh | None = None
+    warnings: tuple[str, ...] = ()
 
 
-def find_mesh(photoset: PhotoSet, track: Track = silent) -> FoundMesh:
-    """The mesh of a set, in its place, checked against all masks; ValueError says what contradicts what."""
+def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
+    """The body of a set, checked against all masks; ValueError says what contradicts what."""
+    if photoset.object.shape == "sphere":
+        sphere = find_sphere(photoset, track)
+        return FoundBody(
+            body=SphereBody(sphere),
+            mask_of=lambda photo: sphere_mask(photoset, photo, sphere),
+            overlaps=(None,) * len(photoset.photos),
+        )
     read = read_object_mesh(photoset)
     assert photoset.mesh_to_world is not None, "a loaded set with a mesh has a place for it"
     body = MeshBody(placed(read.mesh, photoset.mesh_to_world))
@@ -37,4 +55,5 @@ def find_mesh(photoset: PhotoSet, track: Track = silent) -> FoundMesh:
             yield MaskedView(str(photo.file), photo.camera, photo_mask(photo))
 
     placement = check_placement(body, photoset.mesh_to_world, views())
-    return FoundMesh(read.mesh, body, placement, (*read.warnings, *placement.warnings))
+    warnings = (*read.warnings, *placement.warnings)
+    return FoundBody(body, photo_mask, placement.overlaps, read.mesh, warnings)

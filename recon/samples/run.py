@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,16 @@ from capture.files.documents import input_hashes, software, write_json
 from capture.files.outfolder import result_folder
 from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
+from recon.bodies import MeshBody
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField
 from recon.samples.figure import Panel, samples_figure
-from recon.samples.find import FoundMesh, find_mesh
+from recon.samples.find import FoundBody, find_body
 from recon.samples.stream import light_fields
 from recon.sampling import NO_SOURCES
 from recon.transfer import TransferVectors
 from recon.transfercache import cached_transfer
+from recon.trianglemesh import TriangleMesh
 
 Floats = NDArray[np.float64]
 
@@ -36,19 +38,14 @@ def run_samples(source: Path, out: Path, budget: int | None, l_max: int, rays: i
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     with result_folder(out, OWN_FILES) as folder:
-        found = find_mesh(photoset, track)
+        found = find_body(photoset, track)
         sources = known_sources(photoset)
-        assert photoset.object.mesh is not None
-        mesh_file = photoset.resolve(photoset.object.mesh)
-        with console.status("Looking for shadows of the sky"):
-            transfer, warning = cached_transfer(found.mesh, mesh_file, l_max, rays)
-        assert photoset.mesh_to_world is not None
-        transfer = transfer.rotated(photoset.mesh_to_world[:3, :3])
+        transfer, warnings = _transfer(photoset, found, l_max, rays)
         rows = []
         (folder / "samples").mkdir()
-        streamed = light_fields(photoset, found.body, sources, budget)
+        streamed = light_fields(photoset, found.body, sources, budget, found.mask_of)
         for photo, overlap in track(
-            list(zip(photoset.photos, found.placement.overlaps, strict=True)), "Sampling photographs"
+            list(zip(photoset.photos, found.overlaps, strict=True)), "Sampling photographs"
         ):
             field = next(streamed)
             _write_field(folder / "samples" / f"{_stem(photo)}.npz", field)
@@ -56,28 +53,49 @@ def run_samples(source: Path, out: Path, budget: int | None, l_max: int, rays: i
         if not any(row["samples"] for row in rows):
             raise ValueError(
                 f"{photoset.manifest}: no pixel of any photograph is usable: not saturated, within the mask, on a"
-                " smooth piece of the mesh; look at the masks and at the mesh's place"
+                " smooth piece of the object; look at the masks and at the object's place"
             )
-        warnings = [*found.warnings, *([warning] if warning else [])]
-        _write_transfer(folder / "transfer.npz", found, transfer)
-        _draw(folder / "samples.png", photoset, found, sources, rows, transfer)
-        inputs = [mesh_file, photoset.manifest, *photoset.calibration_files]
-        inputs += [path for photo in photoset.photos for path in (photo.file, photo.mask) if path is not None]
+        sky = None
+        if transfer is not None:
+            assert isinstance(found.body, MeshBody)
+            _write_transfer(folder / "transfer.npz", found.body.mesh, transfer)
+            # The part of degree 0 is the cosine-weighted share of the sky, times pi Y_00.
+            sky = transfer.coefficients[:, 0] / (np.pi * np.sqrt(1 / (4 * np.pi)))
+        _draw(folder / "samples.png", photoset, found, sources, rows, sky)
         document = {
             "format": 1,
             "name": photoset.name,
             "photos": rows,
-            "transfer": {
-                "l_max": transfer.l_max,
-                "rays": rays,
-                "std_rms": float(np.sqrt(np.mean(transfer.std**2))),
-            },
+            "transfer": None
+            if transfer is None
+            else {"l_max": l_max, "rays": rays, "std_rms": float(np.sqrt(np.mean(transfer.std**2)))},
             "warnings": warnings,
+            "inputs": input_hashes(_inputs(photoset)),
+            "software": software(),
         }
-        write_json(
-            folder / "samples.json", document | {"inputs": input_hashes(inputs), "software": software()}
-        )
+        write_json(folder / "samples.json", document)
     _report(photoset, rows, warnings, out)
+
+
+def _transfer(
+    photoset: PhotoSet, found: FoundBody, l_max: int, rays: int
+) -> tuple[TransferVectors | None, list[str]]:
+    """Transfer vectors of a mesh in the world's axes, and all warnings so far; a sphere shadows nothing of itself."""
+    warnings = list(found.warnings)
+    if found.mesh is None:
+        return None, warnings
+    assert photoset.object.mesh is not None
+    assert photoset.mesh_to_world is not None
+    with console.status("Looking for shadows of the sky"):
+        mesh_file = photoset.resolve(photoset.object.mesh)
+        transfer, warning = cached_transfer(found.mesh, mesh_file, l_max, rays)
+    return transfer.rotated(photoset.mesh_to_world[:3, :3]), warnings + ([warning] if warning else [])
+
+
+def _inputs(photoset: PhotoSet) -> list[Path]:
+    mesh = [photoset.resolve(photoset.object.mesh)] if photoset.object.mesh else []
+    photos = [path for photo in photoset.photos for path in (photo.file, photo.mask) if path is not None]
+    return [photoset.manifest, *photoset.calibration_files, *mesh, *photos]
 
 
 def known_sources(photoset: PhotoSet) -> dict[str, Floats]:
@@ -94,8 +112,7 @@ def _write_field(path: Path, field: LightField) -> None:
     np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
 
 
-def _write_transfer(path: Path, found: FoundMesh, transfer: TransferVectors) -> None:
-    mesh = found.body.mesh
+def _write_transfer(path: Path, mesh: TriangleMesh, transfer: TransferVectors) -> None:
     np.savez(
         path,
         vertices=mesh.vertices,
@@ -121,26 +138,21 @@ def _summary(photo: Photo, field: LightField, overlap: float | None) -> dict[str
 def _draw(
     path: Path,
     photoset: PhotoSet,
-    found: FoundMesh,
+    found: FoundBody,
     sources: Mapping[str, Floats],
     rows: Sequence[Mapping[str, Any]],
-    transfer: TransferVectors,
+    sky: NDArray[np.floating] | None,
 ) -> None:
     """The figure of the photograph that has the median number of samples."""
     counts = [row["samples"] for row in rows]
     index = int(np.argsort(counts, kind="stable")[len(counts) // 2])
     photo = photoset.photos[index]
-    lights = {photo.lighting: sources[photo.lighting]}
-    alone = PhotoSet(
-        **{entry.name: getattr(photoset, entry.name) for entry in fields(photoset)} | {"photos": (photo,)}
-    )
-    (field,) = light_fields(alone, found.body, lights, None)
-    # The part of degree 0 is the cosine-weighted share of the sky, times pi Y_00.
-    sky = transfer.coefficients[:, 0] / (np.pi * np.sqrt(1 / (4 * np.pi)))
-    panel = Panel(
-        photo.label, photo.camera, decode_photo(photoset, photo), field, sources[photo.lighting], sky
-    )
-    samples_figure(panel, found.body, found.body.mesh.faces).savefig(path)
+    alone = replace(photoset, photos=(photo,))
+    (field,) = light_fields(alone, found.body, sources, None, found.mask_of)
+    image = decode_photo(photoset, photo)
+    panel = Panel(photo.label, photo.camera, image, field, sources[photo.lighting], sky)
+    faces = found.body.mesh.faces if isinstance(found.body, MeshBody) else None
+    samples_figure(panel, found.body, faces).savefig(path)
 
 
 def _stem(photo: Photo) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,28 @@ from recon.lightfield import LightField
 from recon.sampling import sample_body
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.float32]
+
+
+def photo_mask(photo: Photo) -> Mask | None:
+    """The mask of a photograph, (h, w) in 0 to 1, None if it has none."""
+    if photo.mask is None:
+        return None
+    return read_mask(photo.mask, (photo.camera.height, photo.camera.width))
 
 
 def light_fields(
-    photoset: PhotoSet, body: Body, sources: Mapping[str, Floats], budget: int | None = None
+    photoset: PhotoSet,
+    body: Body,
+    sources: Mapping[str, Floats],
+    budget: int | None = None,
+    mask_of: Callable[[Photo], Mask | None] = photo_mask,
 ) -> Iterator[LightField]:
     """Samples of each photograph of a set, in its order; one photograph per core is in memory, and one more.
 
     sources : per lighting, unit directions (k, 3) of its sources, whose visibility is told. budget : samples of all
-    photographs together, the same number from each as far as it has them; None for all usable pixels.
+    photographs together, the same number from each as far as it has them; None for all usable pixels. mask_of : gives a
+    photograph's mask (h, w) in 0 to 1, if it has one.
     """
     share = None if budget is None else -(-budget // len(photoset.photos))
 
@@ -32,13 +45,6 @@ def light_fields(
         image = decode_photo(photoset, photo)
         # Seeded by place, so that neither order nor threads change what is drawn.
         rng = np.random.default_rng(index)
-        return sample_body(body, photo.camera, image, photo_mask(photo), sources[photo.lighting], share, rng)
+        return sample_body(body, photo.camera, image, mask_of(photo), sources[photo.lighting], share, rng)
 
     return parallel_map(read, range(len(photoset.photos)))
-
-
-def photo_mask(photo: Photo) -> NDArray[np.float32] | None:
-    """The mask of a photograph, (h, w) in 0 to 1, None if it has none."""
-    if photo.mask is None:
-        return None
-    return read_mask(photo.mask, (photo.camera.height, photo.camera.width))

@@ -14,7 +14,7 @@ from capture.photoset import load_photoset
 from invrender.cli import main
 from invrender.theory.harmonics import project_latlong
 from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics
-from recon.samples.find import find_mesh
+from recon.samples.find import find_body
 from recon.samples.run import known_sources
 from recon.samples.stream import light_fields
 from recon.transfer import transfer_vectors
@@ -81,13 +81,13 @@ def cat_set(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def cat_fields(cat_set):
     photoset = load_photoset(cat_set)
-    found = find_mesh(photoset)
+    found = find_body(photoset)
     return photoset, found, list(light_fields(photoset, found.body, known_sources(photoset)))
 
 
 def test_the_mesh_fits_its_masks(cat_fields):
     _, found, fields = cat_fields
-    assert min(found.placement.overlaps) > 0.99
+    assert min(found.overlaps) > 0.99
     assert not found.warnings
     assert all(len(field) > 1000 for field in fields)
 
@@ -136,7 +136,7 @@ def test_transfer_under_visibility_explains_the_radiance_under_a_wide_light(cat_
 
 def test_a_budget_is_shared_by_the_photographs(cat_set):
     photoset = load_photoset(cat_set)
-    found = find_mesh(photoset)
+    found = find_body(photoset)
     fields = list(light_fields(photoset, found.body, known_sources(photoset), 300))
     assert [len(field) for field in fields] == [100, 100, 100]
     again = list(light_fields(photoset, found.body, known_sources(photoset), 300))
