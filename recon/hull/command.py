@@ -69,7 +69,8 @@ def hull(
         write_mesh(folder / output.name, mesh)
     size = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
     console.print(
-        f"{len(mesh.faces)} faces, {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m, {volume(mesh):.4g} m^3."
+        f"{len(mesh.faces)} faces, {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g}, volume {volume(mesh):.4g}, in the"
+        " poses' unit (metres, unless they are relative)."
         f" Wrote {output}",
         soft_wrap=True,
     )

@@ -48,7 +48,8 @@ def samples_figure(panel: Panel, body: Body, faces: NDArray[np.int64] | None) ->
     pictures = _pictures(panel, body, faces, pixels, y.shape)
     radiance = np.clip(panel.image.radiance[y, x], 0, None)
     shown = linear_to_srgb(np.minimum(radiance / max(float(np.quantile(radiance, 0.99)), 1e-12), 1))
-    figure = Figure(figsize=(13, 8.2), layout="constrained")
+    tall = np.clip(y.shape[0] / y.shape[1], 0.4, 1.5)
+    figure = Figure(figsize=(13, 2 * (0.9 + 3.2 * tall)), layout="constrained")
     axes = figure.subplots(2, 3).ravel()
     extent = (columns[0], columns[-1] + stride, rows[-1] + stride, rows[0])
     axes[0].imshow(shown, extent=extent)
@@ -93,7 +94,7 @@ def _pictures(
         return np.column_stack([values, hits.hit]).reshape(*shape, 4)  # opacity last
 
     mirrored = 2 * (hits.normals * views).sum(axis=1)[:, None] * hits.normals - views
-    pictures = [("normals: red, green, blue = x, y, z from -1 to 1", drawn((hits.normals + 1) / 2))]
+    pictures = [("normals: x, y, z as red, green, blue", drawn((hits.normals + 1) / 2))]
     if panel.sky is not None and faces is not None and hits.faces is not None:
         assert hits.weights is not None
         sky = (panel.sky[faces[hits.faces]] * hits.weights).sum(axis=1)

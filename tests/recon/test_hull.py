@@ -138,4 +138,4 @@ def test_the_command_writes_a_closed_mesh(tmp_path, ball, monkeypatch, capsys, m
     mesh = read_mesh(out)
     assert is_watertight(mesh)
     assert_allclose(mesh.vertices.mean(axis=0), CENTRE, atol=0.01)
-    assert re.search(r"\d+ faces, 0\.6\d+ x 0\.6\d+ x 0\.6\d+ m", capsys.readouterr().out)
+    assert re.search(r"\d+ faces, 0\.6\d+ x 0\.6\d+ x 0\.6\d+, volume", capsys.readouterr().out)

@@ -1,0 +1,86 @@
+"""A real object without a scan, from photographs alone: poses by features, a visual hull, samples with visibility."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture.photoset import load_photoset
+from invrender.cli import main
+from recon.rays import RayTracer
+from recon.trianglemesh import is_watertight, read_mesh
+
+# The published tight box about the temple, metres.
+BOX = np.array([[-0.073568, 0.021728, -0.012445], [0.028855, 0.181892, 0.062736]])
+
+
+def published_centres(folder: Path) -> np.ndarray:
+    """Where the sixteen cameras stood, by the published R and t."""
+    lines = [line.split() for line in (folder / "temple" / "templeSR_par.txt").read_text().splitlines()]
+    numbers = np.array([line[10:] for line in lines if len(line) == 22], float)
+    rotations, shifts = numbers[:, :9].reshape(-1, 3, 3), numbers[:, 9:]
+    return -np.einsum("nji,nj->ni", rotations, shifts)
+
+
+def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Scale, rotation and shift that take points (n, 3) to others [Umeyama 1991]."""
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    u, s, vt = np.linalg.svd(b.T @ a)
+    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
+    rotation = u @ sign @ vt
+    scale = float((s * np.diag(sign)).sum() / (a**2).sum())
+    return scale, rotation, target.mean(axis=0) - scale * rotation @ source.mean(axis=0)
+
+
+def run(monkeypatch, *arguments: str) -> None:
+    monkeypatch.setattr("sys.argv", ["lightfactor", *arguments])
+    with pytest.raises(SystemExit, match="0"):
+        main()
+
+
+def test_the_temple_from_photographs_to_samples(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setenv("LIGHTFACTOR_DATA", str(data_dir))
+    manifest = Path(__file__).parents[1] / "sets" / "temple" / "photoset.toml"
+    text = manifest.read_text().replace('shape = "mesh"', 'shape = "mesh"\nmesh = "hull.ply"')
+    (tmp_path / "photoset.toml").write_text(text)
+    run(monkeypatch, "register", str(tmp_path))
+    run(monkeypatch, "hull", str(tmp_path), "--cells", "100", "-o", str(tmp_path / "hull.ply"))
+    run(
+        monkeypatch,
+        "samples",
+        str(tmp_path),
+        "-o",
+        str(tmp_path / "out"),
+        "--samples",
+        "32000",
+        "--l-max",
+        "4",
+    )
+
+    photoset = load_photoset(tmp_path)
+    hull = read_mesh(tmp_path / "hull.ply")
+    assert is_watertight(hull)
+    # The hull holds the published box, but for what its corners have of empty space. Its centre, and points inside.
+    centres = np.array([photo.camera.centre for photo in photoset.photos])
+    scale, rotation, shift = similarity(published_centres(data_dir), centres)
+    rng = np.random.default_rng(0)
+    inner = BOX.mean(axis=0) + 0.25 * (BOX[1] - BOX[0]) * rng.uniform(-1, 1, (200, 3))
+    points = scale * inner @ rotation.T + shift
+    # From within a closed body every ray meets it.
+    upwards = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+    assert (RayTracer(hull.vertices, hull.faces).first_hits(points, upwards).faces >= 0).mean() > 0.95
+
+    summary = json.loads((tmp_path / "out" / "samples.json").read_text())
+    assert len(summary["photos"]) == 16
+    for photo in summary["photos"]:
+        assert photo["samples"] == 2000
+        # Hulls are hollow where silhouettes are: some mirrored rays meet it again, most don't.
+        assert 0.5 < photo["mirrored_rays_free"] < 1
+    with np.load(tmp_path / "out" / "transfer.npz") as arrays:
+        sky = arrays["coefficients"][:, 0] / np.sqrt(np.pi / 4)
+    # Within the error of a few hundred rays: none of the sky, and all of it.
+    assert -0.02 < sky.min() < 0.3
+    assert sky.max() == pytest.approx(1, abs=1e-5)
