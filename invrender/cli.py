@@ -10,8 +10,10 @@ from typing import Annotated
 import typer
 
 from capture.cli import add_commands
+from recon.align.command import align
 from recon.cli import mirrorball
 from recon.hull.command import hull
+from recon.register.command import register
 from recon.samples.command import samples
 from synthetic.cli import synth
 
@@ -101,6 +103,8 @@ def demo(
 
 app.command(short_help="Photograph a synthetic scene: a photo set with its truth beside it.")(synth)
 app.command(short_help="Read the light off photographs of a mirror (chrome) ball.")(mirrorball)
+app.command(short_help="Where photographs were taken from: features, a board, COLMAP, transforms.json.")(register)
+app.command(short_help="Where a mesh lies in the photographs: picked points, silhouettes, the cloud.")(align)
 app.command(short_help="What the photographs say of a mesh: samples, visibility, and a figure to check a set by.")(
     samples
 )

@@ -1,0 +1,1 @@
+"""Poses: where the photographs of a set were taken from."""

@@ -1,0 +1,291 @@
+"""Bundle adjustment with a weight for each observation, and the covariance of its poses.
+
+Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment: a modern synthesis", 1999: points are eliminated
+(section 6.1). What is left has seven null directions, the world's similarities. The covariance is given in inner
+constraints (section 9.2): it holds for poses whose frame is fitted to the cameras as a whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
+
+from capture.camera import Camera
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Cauchy's loss with this many standard deviations loses 5% of efficiency if errors are Gaussian.
+_CAUCHY = 2.385
+# Rounds in which the loss gets its width from the residuals anew, and steps in each.
+_ROUNDS, _STEPS = 3, 60
+# A step that lowers the cost by less than this share is the last one.
+_CONVERGED = 1e-6
+# Pixels within which points' errors may depend on each other: patches overlap, blur and light are shared.
+_TOGETHER = 30.0
+# Pixels: residuals are never held to be better than this, be a simulation ever so exact.
+_LEAST = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """Points seen by photographs.
+
+    lenses : perspective cameras, their poses without meaning. lens : (c,), which of them each photograph was taken by.
+    poses : (c, 4, 4), world to camera. points : (p, 3), in the same world.
+    photo, point : (n,), which photograph saw which point. pixels : (n, 2), where.
+    widths : (n,), standard deviations of the observations up to a common factor.
+    """
+
+    lenses: tuple[Camera, ...]
+    lens: Ints
+    poses: Floats
+    points: Floats
+    photo: Ints
+    point: Ints
+    pixels: Floats
+    widths: Floats
+
+    def kept(self, keep: NDArray[np.bool_]) -> Bundle:
+        """The same with fewer observations; points that fewer than two photographs are left to see go as well."""
+        seen = np.bincount(self.point[keep], minlength=len(self.points)) >= 2
+        keep = keep & seen[self.point]
+        return replace(
+            self,
+            points=self.points[seen],
+            photo=self.photo[keep],
+            point=(np.cumsum(seen) - 1)[self.point[keep]],
+            pixels=self.pixels[keep],
+            widths=self.widths[keep],
+        )
+
+    @property
+    def local(self) -> Floats:
+        """The point of each observation in its photograph's camera frame, (n, 3)."""
+        poses = self.poses[self.photo]
+        return np.einsum("nij,nj->ni", poses[:, :3, :3], self.points[self.point]) + poses[:, :3, 3]
+
+    @property
+    def residuals(self) -> Floats:
+        """Seen minus predicted, (n, 2) pixels; infinite where a point lies behind its camera."""
+        return self.pixels - self._projected(self.local)
+
+    @property
+    def distance(self) -> float:
+        """Median distance of the cameras from the middle of the points."""
+        offsets = self.poses[:, :3, 3] + self.poses[:, :3, :3] @ np.median(self.points, axis=0)
+        return float(np.median(np.linalg.norm(offsets, axis=1)))
+
+    def camera_jacobian(self) -> Floats:
+        """Derivatives (n, 2, 6) of image points by a small turn about the camera's centre, and a shift of it."""
+        local = self.local
+        step = 1e-6 * np.linalg.norm(local, axis=1)[:, None]
+        of_local = np.stack(
+            [
+                (self._projected(local + step * axis) - self._projected(local - step * axis)) / (2 * step)
+                for axis in np.eye(3)
+            ],
+            axis=2,
+        )
+        return np.concatenate([-of_local @ cross_matrix(local), of_local], axis=2)
+
+    def _projected(self, local: Floats) -> Floats:
+        pixels = np.empty((len(local), 2))
+        lens_of = self.lens[self.photo]
+        for number, lens in enumerate(self.lenses):
+            own = lens_of == number
+            pixels[own] = lens.posed(np.eye(4)).project(local[own])
+        return np.where(np.isfinite(pixels), pixels, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The normal equations of a bundle.
+
+    matrix : (6c, 6c) of the photographs, each a small turn about the camera's centre and axes, then a shift along them.
+    vector : (6c,). cross : (6c, 3p). blocks : (p, 3, 3), the points' own. pull : (p, 3).
+    """
+
+    matrix: Floats
+    vector: Floats
+    cross: csr_array
+    blocks: Floats
+    pull: Floats
+
+    def reduced(self, damping: float = 0.0) -> tuple[Floats, Floats, Floats]:
+        """Matrix (6c, 6c) and vector (6c,) with the points eliminated, and the inverses (p, 3, 3) of their blocks.
+
+        damping : share of their diagonal by which matrix and blocks are raised, as Levenberg and Marquardt do.
+        """
+        inverses = np.asarray(np.linalg.inv(_raised(self.blocks, damping)), float)
+        through = self.cross @ _sparse_blocks(inverses)
+        matrix: Floats = _raised(self.matrix, damping) - (through @ self.cross.T).toarray()
+        return matrix, self.vector - through @ self.pull.ravel(), inverses
+
+
+def adjust(bundle: Bundle) -> Bundle:
+    """The poses and points that fit the observations best under Cauchy's loss, by Levenberg's and Marquardt's steps."""
+    for _ in range(_ROUNDS):
+        scale = _CAUCHY * spread(bundle)
+        cost, damping = _cost(bundle, scale), 1e-4
+        for _ in range(_STEPS):
+            system = _system(bundle, _weights(bundle, scale))
+            new, moved = np.inf, bundle
+            while not new < cost and damping < 1e8:
+                moved = _moved(bundle, system, damping)
+                new = _cost(moved, scale)
+                damping *= 10
+            if not new < cost:
+                break
+            gain, bundle, cost, damping = cost - new, moved, new, max(damping / 100, 1e-9)
+            if gain < _CONVERGED * cost:
+                break
+    return bundle
+
+
+def spread(bundle: Bundle) -> float:
+    """Standard deviation of one coordinate of an observation of width 1, pixels, from the residuals' median."""
+    shares = np.abs(bundle.residuals) / bundle.widths[:, None]
+    # Each point takes three of its own residuals' degrees of freedom away, each photograph six.
+    taken = 3 * len(bundle.points) + 6 * len(bundle.poses) - 7
+    growth = np.sqrt(shares.size / max(shares.size - taken, 1))
+    return max(float(1.4826 * np.median(shares) * growth), _LEAST)
+
+
+def pose_covariance(bundle: Bundle) -> Floats:
+    """Covariance (6c, 6c) of the poses of an adjusted bundle, in inner constraints.
+
+    Of each photograph a small turn about the camera's centre and axes (radians), then a shift along them. The frame is
+    that in which the cameras as a whole neither turn, shift nor grow, radians counting as much as shifts over
+    `Bundle.distance`. Errors of one point's observations may depend on each other: what they pull at the poses is
+    squared point by point, not observation by observation (a sandwich with points as clusters), and raised by what
+    the point and the poses took out of its residuals.
+    """
+    weights = _weights(bundle, _CAUCHY * spread(bundle))
+    system = _system(bundle, weights)
+    matrix, _, inverses = system.reduced()
+    inverse = _inner_inverse(matrix, bundle)
+
+    pulls = np.einsum("nij,ni,n->nj", bundle.camera_jacobian(), bundle.residuals, weights)
+    columns = 6 * bundle.photo[:, None] + np.arange(6)
+    rows = np.broadcast_to(bundle.point[:, None], columns.shape)
+    shape = (len(bundle.points), len(matrix))
+    scores = csr_array((pulls.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+    places = np.arange(3 * len(bundle.points))
+    moves = np.einsum("pij,pj->pi", inverses, system.pull)
+    scores = scores - csr_array((moves.ravel(), (places // 3, places))) @ system.cross.T
+    cells = _cells(bundle)
+    seen = np.bincount(bundle.point, minlength=len(bundle.points))
+    free = 2 * seen.sum() - 3 * len(bundle.points)
+    growth = 1 / (1 - 3 / (2 * seen)) / (1 - min((6 * len(bundle.poses) - 7) / free, 0.9))
+    summed = _summed(scores * np.sqrt(growth)[:, None], cells)
+    filling = (summed.T @ summed).toarray()
+    return np.asarray(inverse @ filling @ inverse)
+
+
+def _cells(bundle: Bundle) -> Ints:
+    """Which cell of space, about `_TOGETHER` pixels wide in the pictures, each point (p,) lies in."""
+    focal = float(np.median([lens.focal_px for lens in bundle.lenses]))
+    side = _TOGETHER * bundle.distance / focal
+    return np.unique(np.floor(bundle.points / side).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+
+
+def _summed(scores: csr_array, cells: Ints) -> csr_array:
+    """Rows (p, k) summed by the cells (p,) they belong to."""
+    places = np.arange(len(cells))
+    return csr_array((np.ones(len(cells)), (cells, places)), shape=(cells.max() + 1, len(cells))) @ scores
+
+
+def frame_changes(poses: Floats) -> Floats:
+    """How poses (c, 4, 4) change, (6c, 7), with what no picture shows: the world's turn, shift and scale.
+
+    Rows as in `pose_covariance`. The world's points X become X + turn x X + shift + scale X.
+    """
+    rotations, shifts = poses[:, :3, :3], poses[:, :3, 3]
+    changes = np.zeros((len(poses), 6, 7))
+    changes[:, :3, :3] = -rotations
+    changes[:, 3:, :3] = -cross_matrix(shifts) @ rotations
+    changes[:, 3:, 3:6] = -rotations
+    changes[:, 3:, 6] = shifts
+    return changes.reshape(-1, 7)
+
+
+def cross_matrix(vectors: Floats) -> Floats:
+    """The matrices (..., 3, 3) that take the cross product with vectors (..., 3) from the left."""
+    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
+    o = np.zeros_like(x)
+    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
+
+
+def _inner_inverse(matrix: Floats, bundle: Bundle) -> Floats:
+    """The inverse (6c, 6c) of the reduced matrix, its null directions left out by inner constraints."""
+    unit = np.tile(np.repeat([1.0, bundle.distance], 3), len(bundle.poses))
+    basis, _ = np.linalg.qr(frame_changes(bundle.poses) / unit[:, None])
+    scaled = matrix * np.outer(unit, unit)
+    stiff = np.trace(scaled) / len(scaled)
+    inverse = np.linalg.inv(scaled + stiff * basis @ basis.T) - basis @ basis.T / stiff
+    return np.asarray(inverse * np.outer(unit, unit))
+
+
+def _weights(bundle: Bundle, scale: float) -> Floats:
+    """Weights (n,) of Cauchy's loss, the widths' included."""
+    shares = (bundle.residuals**2).sum(axis=1) / (scale * bundle.widths) ** 2
+    return np.asarray(1 / ((1 + shares) * bundle.widths**2))
+
+
+def _cost(bundle: Bundle, scale: float) -> float:
+    shares = (bundle.residuals**2).sum(axis=1) / (scale * bundle.widths) ** 2
+    return float(np.log1p(shares).sum())
+
+
+def _system(bundle: Bundle, weights: Floats) -> _System:
+    of_camera = bundle.camera_jacobian()
+    of_point = of_camera[:, :, 3:] @ bundle.poses[bundle.photo, :3, :3]
+    weighted = of_camera * weights[:, None, None]
+    residuals = bundle.residuals
+    photos, points = len(bundle.poses), len(bundle.points)
+
+    matrix = np.zeros((photos, 6, 6))
+    np.add.at(matrix, bundle.photo, weighted.mT @ of_camera)
+    vector = np.zeros((photos, 6))
+    np.add.at(vector, bundle.photo, np.einsum("nij,ni->nj", weighted, residuals))
+    blocks = np.zeros((points, 3, 3))
+    np.add.at(blocks, bundle.point, (of_point * weights[:, None, None]).mT @ of_point)
+    pull = np.zeros((points, 3))
+    np.add.at(pull, bundle.point, np.einsum("nij,ni,n->nj", of_point, residuals, weights))
+
+    products = weighted.mT @ of_point
+    rows = np.broadcast_to(6 * bundle.photo[:, None, None] + np.arange(6)[:, None], products.shape)
+    columns = np.broadcast_to(3 * bundle.point[:, None, None] + np.arange(3), products.shape)
+    shape = (6 * photos, 3 * points)
+    cross = csr_array((products.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+    return _System(_sparse_blocks(matrix).toarray(), vector.ravel(), cross, blocks, pull)
+
+
+def _moved(bundle: Bundle, system: _System, damping: float) -> Bundle:
+    """The bundle after one damped step."""
+    matrix, vector, inverses = system.reduced(damping)
+    step = np.linalg.solve(matrix, vector)
+    pull = system.pull - (system.cross.T @ step).reshape(-1, 3)
+    points = bundle.points + np.einsum("pij,pj->pi", inverses, pull)
+    after = np.tile(np.eye(4), (len(bundle.poses), 1, 1))
+    after[:, :3, :3] = Rotation.from_rotvec(step.reshape(-1, 6)[:, :3]).as_matrix()
+    after[:, :3, 3] = step.reshape(-1, 6)[:, 3:]
+    return replace(bundle, poses=after @ bundle.poses, points=points)
+
+
+def _raised(blocks: Floats, damping: float) -> Floats:
+    """Matrices (..., k, k) whose diagonals are larger by a share of them."""
+    return np.asarray(blocks + damping * blocks * np.eye(blocks.shape[-1]))
+
+
+def _sparse_blocks(blocks: Floats) -> csr_array:
+    """Square blocks (n, k, k) along the diagonal of a matrix (n k, n k)."""
+    count, side, _ = blocks.shape
+    places = np.arange(count * side).reshape(count, side)
+    rows, columns = np.repeat(places, side, axis=1), np.tile(places, side)
+    return csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(count * side,) * 2)
