@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.decode import decode_photo, read_mask
+from capture.decode import decode_photo
 from capture.lighting import Lighting
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
+from capture.progress import Track, silent
 from capture.radiance import RadianceImage
 from invrender.factorization import Factorization, FittedLighting, PhotoScore
 from invrender.findings import find_warnings
@@ -24,24 +24,17 @@ from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
 from invrender.solve.evidence import fit_strengths, ladder_steps, relative_rms
 from invrender.solve.factorize import Solution, factorize
+from recon.bodies import SphereBody, body_pixels
+from recon.findsphere import find_sphere, sphere_mask
 from recon.knownlight import read_lighting
-from recon.lightfield import LightField, off_terminators, sample_sphere, samples_at, sphere_pixels
-from recon.locate import View, disk_mask, locate_sphere
-
-Item = TypeVar("Item")
-# track(items, description) iterates over the items and may show progress.
-Track = Callable[[Iterable[Item], str], Iterable[Item]]
+from recon.lightfield import LightField, off_terminators
+from recon.sampling import NO_SOURCES, sample_body, samples_at
 
 DEFAULT_SAMPLES = 60_000
 _MIN_SAMPLES_PER_PHOTO = 20
 # Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
 _PIXELS_AT_A_TIME = 100_000
 _STAGES = ("capture", "recon", "invrender")
-
-
-def silent(items: Iterable[Item], description: str) -> Iterable[Item]:
-    """The track that shows nothing."""
-    return items
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +67,13 @@ class Run:
 
     def _predict(self, photo: Photo) -> Prediction:
         observed = decode_photo(self.photoset, photo)
-        rows, columns = sphere_pixels(self.result.sphere, photo.camera)
+        body = SphereBody(self.result.sphere)
+        rows, columns = body_pixels(body, photo.camera)
         elements, strengths = self.elements[photo.lighting], self.strengths[photo.label]
         predicted = np.zeros_like(observed.radiance)
         for part in np.array_split(np.arange(len(rows)), len(rows) // _PIXELS_AT_A_TIME + 1):
             pixels = rows[part], columns[part]
-            samples = samples_at(self.result.sphere, photo.camera, observed, *pixels)
+            samples = samples_at(body, photo.camera, observed, *pixels, NO_SOURCES)
             predicted[pixels] = predict(self.result.brdf, elements, strengths, samples)
         inside = np.zeros(observed.saturated.shape, bool)
         inside[rows, columns] = True
@@ -103,7 +97,7 @@ class _Clock:
                 self.seconds[stage] += time.perf_counter() - start
 
 
-def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track[Any] = silent) -> Run:
+def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track = silent) -> Run:
     """Recover the BRDF of a sphere, and what of its lighting is free, from a photo set.
 
     samples : about how many pixels of all photographs together enter the fit.
@@ -112,7 +106,7 @@ def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track[Any
         return _process(photoset, samples, track)
 
 
-def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
+def _process(photoset: PhotoSet, samples: int, track: Track) -> Run:
     begun = time.perf_counter()
     clock = _Clock()
     fitted = [photo for photo in photoset.photos if not photo.held_out]
@@ -120,9 +114,8 @@ def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
     with clock.on("recon"):
         lightings = _used_lightings(photoset)
         elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-        masks = _masks(photoset, track)
-        views = [View(str(photo.file), photo.camera, masks[photo.label]) for photo in photoset.photos]
-        sphere = locate_sphere(views, photoset.object.centre, photoset.object.radius)
+        sphere = find_sphere(photoset, track)
+        body = SphereBody(sphere)
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
 
     def read(index: int) -> PhotoColumns:
@@ -130,10 +123,12 @@ def _process(photoset: PhotoSet, samples: int, track: Track[Any]) -> Run:
         with clock.on("capture"):
             image = decode_photo(photoset, photo)
         with clock.on("recon"):
-            mask = masks[photo.label]
+            mask = sphere_mask(photoset, photo, sphere)
             # Seeded by place, so that neither order nor threads change what is drawn.
-            drawn = sample_sphere(sphere, photo.camera, image, mask, budget, np.random.default_rng(index))
-            drawn = off_terminators(drawn, lightings[photo.lighting].directions)
+            sources = lightings[photo.lighting].directions
+            rng = np.random.default_rng(index)
+            drawn = sample_body(body, photo.camera, image, mask, sources, budget, rng)
+            drawn = off_terminators(drawn, sources)
             _check_usable(photo, image, drawn, mask)
         with clock.on("invrender"):
             return photo_columns(photo.lighting, elements[photo.lighting], drawn)
@@ -207,22 +202,6 @@ def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
 def _used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
     used = {photo.lighting for photo in photoset.photos}
     return {table.name: read_lighting(photoset, table) for table in photoset.lightings if table.name in used}
-
-
-def _masks(photoset: PhotoSet, track: Track[Any]) -> dict[str, NDArray[np.float32] | None]:
-    """Each photo's mask; where none is given and the sphere must be found, its bright disk."""
-    must_find = photoset.object.centre is None or photoset.object.radius is None
-    masks: dict[str, NDArray[np.float32] | None] = {}
-    for photo in track(photoset.photos, "Finding the sphere"):
-        camera = photo.camera
-        if photo.mask is not None:
-            masks[photo.label] = read_mask(photo.mask, (camera.height, camera.width))
-        elif must_find:
-            radiance = decode_photo(photoset, photo).radiance
-            masks[photo.label] = disk_mask(str(photo.file), camera, radiance)
-        else:
-            masks[photo.label] = None
-    return masks
 
 
 def _check_usable(

@@ -15,7 +15,7 @@ from capture.photoset import Photo, PhotoSet, build_camera
 from capture.placing import matrix4
 from recon.ball.ballbracket import view_bracket
 from recon.ball.ballview import BallView
-from recon.ball.findball import Disk
+from recon.circle import Disk
 from recon.ball.mirrorball import ball_lighting, lighting_of_ball
 
 

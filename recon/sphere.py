@@ -1,28 +1,16 @@
-"""A sphere's centre and radius from its silhouettes.
-
-The rays through a sphere's outline touch it, so the distance from the centre to each such ray is the
-radius. That one statement holds for every camera, perspective (where the outline is an ellipse) or
-orthographic, and joins any number of views in one least-squares problem.
-"""
+"""A sphere in the world: where rays meet it, and its outline in images."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from capture.arrays import frozen_array
 from capture.camera import Camera
-from recon.outline import outline_points
 
 Floats = NDArray[np.float64]
-
-# Outline points per photo that enter the fit: beyond a few hundred the pixel grid's error is averaged out.
-_POINTS_PER_PHOTO = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +18,7 @@ class Sphere:
     """A sphere in the world.
 
     centre : (3,) metres. radius : metres.
-    covariance : (4, 4) of (centre, radius), metres^2, from the outlines' residuals; zero where given.
+    covariance : (4, 4) of (centre, radius), metres^2, from how the outlines disagree with it; zero where given.
         From one viewpoint the distance (and with it the size) is free: it is a gauge that no distant
         light can reveal, and its variance counts as zero here.
     residual_px : per photo, robust RMS distance of the outline from the sphere's; empty where given.
@@ -73,102 +61,27 @@ class Sphere:
         return camera.focal_px * self.radius / np.sqrt(max(distance**2 - self.radius**2, 1e-30))
 
 
-def fit_sphere(
-    cameras: Sequence[Camera],
-    coverages: Sequence[NDArray[np.float32]],
-    centre: Sequence[float] | None = None,
-    radius: float | None = None,
-) -> Sphere:
-    """Fit a sphere to its masks, one per camera; what is given is kept.
-
-    coverages : (h, w) in 0 to 1 each. centre : (3,) metres or None. radius : metres or None.
-    The loss is robust, so that a stand which the mask includes bends the result little.
-    """
-    outlines = [_thinned(outline_points(coverage)) for coverage in coverages]
-    rays = [camera.rays(points) for camera, points in zip(cameras, outlines, strict=True)]
-    if not all(np.isfinite(directions).all() for _, directions in rays):
-        raise ValueError("the camera's distortion cannot be undone at the mask's outline; check its params")
-    guess = _first_guess(cameras, coverages, radius)
-    if centre is not None:
-        guess[:3] = centre
-    if radius is not None:
-        guess[3] = radius
-    free = np.array([centre is None] * 3 + [radius is None])
-    origins = np.concatenate([o for o, _ in rays])
-    directions = np.concatenate([d for _, d in rays])
-    focal = _per_ray([camera.focal_px for camera in cameras], rays)
-    parallel = _per_ray([camera.is_orthographic for camera in cameras], rays)
-
-    def residuals(parameters: Floats) -> Floats:
-        full = guess.copy()
-        full[free] = parameters
-        offset = full[:3] - origins
-        along = (offset * directions).sum(axis=1)
-        distance = np.linalg.norm(offset - along[:, None] * directions, axis=1)
-        per_metre = focal / np.where(parallel, 1.0, np.maximum(np.abs(along), 1e-12))
-        return (distance - full[3]) * per_metre
-
-    covariance = np.zeros((4, 4))
-    full = guess.copy()
-    if free.any():
-        size = np.maximum(np.abs(guess[free]), guess[3])
-        # First a loss that finds its way from afar, then one that forgets what is far off.
-        fit = least_squares(residuals, guess[free], loss="soft_l1", x_scale=size)
-        fit = least_squares(residuals, fit.x, loss="cauchy", x_scale=size)
-        full[free] = fit.x
-        weight = 1 / (1 + fit.fun**2)
-        variance = float((weight * fit.fun**2).sum() / weight.sum())
-        block = np.linalg.pinv(fit.jac.T @ fit.jac, rcond=1e-9, hermitian=True) * variance
-        covariance[np.ix_(free, free)] = block
-    ends = np.cumsum([len(points) for points in outlines])[:-1]
-    # As robust as the fit: 1.4826 median absolute residual is the RMS of Gaussian ones.
-    per_photo = tuple(float(1.4826 * np.median(np.abs(r))) for r in np.split(residuals(full[free]), ends))
-    return Sphere(full[:3], float(abs(full[3])), covariance, per_photo)
+def to_camera(sphere: Sphere, camera: Camera) -> tuple[Floats, float]:
+    """The unit direction (3,) from the sphere to the camera, and the sphere's radius over their distance."""
+    if camera.is_orthographic:
+        return -camera.camera_to_world[:3, 2], 0.0
+    offset = camera.centre - sphere.centre
+    distance = float(np.linalg.norm(offset))
+    return offset / distance, sphere.radius / distance
 
 
-def _per_ray(values: Sequence[float], rays: Sequence[tuple[Floats, Floats]]) -> NDArray[Any]:
-    """Each photo's value repeated for each of its rays."""
-    return np.repeat(values, [len(origins) for origins, _ in rays])
+def sphere_outline(sphere: Sphere, camera: Camera, count: int) -> Floats:
+    """Image points (count, 2) around a sphere's outline: the circle in which the camera's rays touch it."""
+    axis, nearness = to_camera(sphere, camera)
+    return camera.project(
+        sphere.centre + sphere.radius * cone(axis, np.arccos(nearness), np.arange(count) * 2 * np.pi / count)
+    )
 
 
-def _thinned(points: Floats) -> Floats:
-    if len(points) < 12:
-        raise ValueError(
-            "the mask's outline has fewer than 12 points; the object is too small or fills the image"
-        )
-    # Along the outline, not in the pixels' order: there every second point may be of one side only.
-    offset = points - points.mean(axis=0)
-    points = points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
-    return points[np.linspace(0, len(points) - 1, min(len(points), _POINTS_PER_PHOTO)).astype(int)]
-
-
-def _first_guess(
-    cameras: Sequence[Camera], coverages: Sequence[NDArray[np.float32]], radius: float | None
-) -> Floats:
-    """Centre and radius from the masks' centroids and areas: axes through the centroids, intersected."""
-    axes, sizes = [], []
-    for camera, coverage in zip(cameras, coverages, strict=True):
-        row, column = np.nonzero(coverage >= 0.5)
-        centroid = np.array([[column.mean() + 0.5, row.mean() + 0.5]])
-        origin, direction = camera.rays(centroid)
-        axes.append((origin[0], direction[0]))
-        sizes.append(np.sqrt(len(row) / np.pi) / camera.focal_px)
-    # Distance along the first axis that holds if the axes say nothing of it: all views from one place.
-    if cameras[0].is_orthographic:
-        depth = float(-axes[0][0] @ axes[0][1])
-    else:
-        depth = radius / sizes[0] if radius is not None else float(np.linalg.norm(cameras[0].centre)) or 1.0
-    start = axes[0][0] + depth * axes[0][1]
-    weak = 1e-6
-    matrix = weak * np.eye(3)
-    vector = weak * start
-    for origin, direction in axes:
-        across = np.eye(3) - np.outer(direction, direction)
-        matrix += across
-        vector += across @ origin
-    centre = np.linalg.solve(matrix, vector)
-    spans = [
-        size if camera.is_orthographic else size * float(np.linalg.norm(centre - camera.centre))
-        for camera, size in zip(cameras, sizes, strict=True)
-    ]
-    return np.append(centre, np.median(spans))
+def cone(axis: Floats, half_angle: float, turn: Floats) -> Floats:
+    """Unit directions (n, 3) at an angle from an axis, at the angles `turn` (n,) around it."""
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+    return np.asarray(np.cos(half_angle) * axis + np.sin(half_angle) * around)

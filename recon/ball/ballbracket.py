@@ -13,8 +13,9 @@ from capture.bracket.hdr import merge
 from capture.camera import Camera
 from capture.radiance import RadianceImage
 from recon.ball.ballview import CAMERA_MASK_DEG, BallView, view_ball
-from recon.ball.findball import Disk, find_ball
+from recon.ball.findball import find_ball
 from recon.ball.shift import WHOLE, Window, bracket_shifts, moved_image
+from recon.circle import Disk
 from recon.sphere import Sphere
 
 # What of the picture, in radii about the ball's centre, aligns it: the ball, and little of what is farther away.

@@ -14,7 +14,8 @@ from capture.radiance import RadianceImage
 from capture.srgb import linear_to_srgb
 from recon.ball.ballview import BallSource, BallView
 from recon.ball.mirrorball import BallLighting
-from recon.ball.reflection import mirroring_points, sphere_outline
+from recon.ball.reflection import mirroring_points
+from recon.sphere import sphere_outline
 
 Floats = NDArray[np.float64]
 

@@ -23,8 +23,8 @@ from recon.ball.ballbracket import view_bracket
 from recon.ball.ballfigure import panel
 from recon.ball.ballresult import Reading
 from recon.ball.ballview import BallView
-from recon.ball.findball import Disk
 from recon.ball.mirrorball import ball_lighting
+from recon.circle import Disk
 
 Floats = NDArray[np.float64]
 

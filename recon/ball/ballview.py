@@ -19,9 +19,9 @@ from capture.arrays import frozen_array
 from capture.camera import Camera
 from capture.radiance import RadianceImage
 from recon.ball.compact import Pixels, Spot, find_spots
-from recon.ball.reflection import mirrored_directions, mirroring_points, solid_angles, to_camera
+from recon.ball.reflection import mirrored_directions, mirroring_points, solid_angles
 from recon.bodies import SphereBody, body_pixels
-from recon.sphere import Sphere
+from recon.sphere import Sphere, to_camera
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

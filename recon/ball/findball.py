@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from recon.ball.ballcircle import Disk, refined
+from recon.ball.ballcircle import refined
 from recon.ball.shift import moved, shift_between
-from recon.locate import View, disk_mask, locate_sphere
+from recon.circle import Disk
+from recon.finddisk import find_rim
+from recon.locate import View, locate_sphere
+from recon.outline import mask_silhouette
 from recon.sphere import Sphere
 
 Coverage = NDArray[np.float32]
@@ -50,18 +53,16 @@ def find_ball(
     check_size(image.saturated, camera, f"{name}: the photograph")
     if mask is not None:
         check_size(mask, camera, f"{name}: the mask")
-        return locate_sphere([View(name, camera, mask)])
+        return locate_sphere([View(name, camera, mask_silhouette(mask))])
     if disk is not None:
         return refined(_contrast(image), camera, disk, _BY_HAND, _AS_GOOD, name)[0]
     if background is not None:
         check_size(background.saturated, camera, f"{name}: the background")
         return _against(image, background, camera, name)
-    try:
-        return locate_sphere([View(name, camera, disk_mask(name, camera, image.radiance))])
-    except ValueError as error:
-        raise ValueError(
-            f"{name}: no mask is given and no ball stands out from the background; {_REMEDY}"
-        ) from error
+    rim = find_rim(camera, image)
+    if rim is None:
+        raise ValueError(f"{name}: no mask is given and no ball stands out from the background; {_REMEDY}")
+    return rim.sphere
 
 
 def check_size(pixels: NDArray[np.generic], camera: Camera, what: str) -> None:

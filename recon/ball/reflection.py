@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from recon.sphere import Sphere
+from recon.sphere import Sphere, to_camera
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -53,32 +53,6 @@ def mirroring_points(sphere: Sphere, camera: Camera, directions: Floats) -> tupl
     sideways = across / np.maximum(sine, 1e-300)[:, None]
     normals = np.cos(psi)[:, None] * axis + np.sin(psi)[:, None] * sideways
     return visible, camera.project(sphere.centre + sphere.radius * normals)
-
-
-def to_camera(sphere: Sphere, camera: Camera) -> tuple[Floats, float]:
-    """The unit direction (3,) from the ball to the camera, and the ball's radius over their distance."""
-    if camera.is_orthographic:
-        return -camera.camera_to_world[:3, 2], 0.0
-    offset = camera.centre - sphere.centre
-    distance = float(np.linalg.norm(offset))
-    return offset / distance, sphere.radius / distance
-
-
-def sphere_outline(sphere: Sphere, camera: Camera, count: int) -> Floats:
-    """Image points (count, 2) around a sphere's outline: the circle in which the camera's rays touch it."""
-    axis, nearness = to_camera(sphere, camera)
-    return camera.project(
-        sphere.centre + sphere.radius * cone(axis, np.arccos(nearness), np.arange(count) * 2 * np.pi / count)
-    )
-
-
-def cone(axis: Floats, half_angle: float, turn: Floats) -> Floats:
-    """Unit directions (n, 3) at an angle from an axis, at the angles `turn` (n,) around it."""
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    second = np.cross(axis, first)
-    around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
-    return np.asarray(np.cos(half_angle) * axis + np.sin(half_angle) * around)
 
 
 def solid_angles(corners: Floats) -> Floats:
