@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict
@@ -37,13 +38,12 @@ _IN_MASKS = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """outlines : by index of the photo in the set. from_background : they come from the photographs, not from masks.
+    """What there is. outlines : by index of the photo in the set. metric : the poses are in metres.
 
-    cloud : (n, 3) world, the points that may be the object's; None without. metric : the poses are in metres.
+    cloud : (n, 3) world, the points that may be the object's, if they are more than a few.
     """
 
     outlines: dict[int, Outline]
-    from_background: bool
     cloud: Floats | None
     metric: bool
     warnings: tuple[str, ...]
@@ -112,7 +112,7 @@ def gather(photoset: PhotoSet, poses: Path | None, without_masks: bool, track: T
         own = cloud[(votes[1] > 0) & (votes[0] >= _IN_MASKS * votes[1])]
         # Without its background a cloud may be gone altogether: the object had no features.
         cloud = own if len(own) >= LEAST_POINTS else None
-    return Evidence(outlines, from_background, cloud, metric, tuple(warnings))
+    return Evidence(outlines, cloud, metric, tuple(warnings))
 
 
 def picked_points(picks: Picks, photos: Sequence[Photo], file: str, swapped: bool = False) -> PickedPoints:
@@ -159,5 +159,6 @@ def _seen(photo: Photo, coverage: Coverage, cloud: Floats) -> NDArray[np.bool_]:
         within = ((pixels >= 0) & (pixels < size)).all(axis=1)
     column, row = np.floor(pixels[within]).astype(int).T
     inside = np.zeros(len(cloud), bool)
-    inside[within] = coverage[row, column] >= 0.5
+    # Points on the rim lie in one mask and beside the next, as they err by a pixel or two.
+    inside[within] = cv2.dilate(coverage, np.ones((5, 5)))[row, column] >= 0.5
     return np.stack([inside, within])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recon.align.candidates import APART, best_of, starts_from_picks, suspected_convention
 from recon.align.refine import PickedRays, Refined, refine
@@ -14,8 +13,6 @@ from recon.align.silhouettes import overlap
 from recon.align.task import Found, NoFitError, Task, from_several_places, resized
 from recon.align.uncertainty import Uncertainty, uncertainty
 from recon.align.verdicts import fits, misfit_px, off_px, open_axis, tolerated_px, wrong_size
-
-Floats = NDArray[np.float64]
 
 # Photographs that are off by so many times what the others are, and by more than is tolerated, are left out.
 _LEFT_OUT = 5.0
@@ -33,7 +30,8 @@ def place_mesh(task: Task) -> Found:
     try:
         return _placed(task)
     except NoFitError as error:
-        name = None if task.picks is not None else suspected_convention(task)
+        from_nothing = task.picks is None and task.start is None
+        name = suspected_convention(task) if from_nothing else None
         if name is None:
             raise
         raise ValueError(f"the mesh fits its masks nowhere; the poses look like {name}") from error
@@ -97,7 +95,7 @@ def _placed(task: Task) -> Found:
         warnings.append(
             "orthographic cameras from one side: the mesh's depth can't be told, and changes nothing that they see"
         )
-    warnings += _pick_warnings(task, best, pull, kept)
+    warnings += _pick_warnings(task, best, pull)
     return Found(best.place, uncertain, best.pivot, known, best, kept, tuple(warnings))
 
 
@@ -117,15 +115,14 @@ def _check(task: Task, fit: Refined) -> None:
 def _at_given_scale(task: Task, free: Refined, pull: PickedRays | None) -> tuple[Refined, list[str]]:
     """The fit at scale 1, and a sentence if the mesh fits better at another; ValueError if it fits there only."""
     size = free.place.scale
-    if abs(np.log(size)) > _SAME_SIZE:
-        if fits(task.tracer, task.outlines, free):
-            raise ValueError(wrong_size(size, task.unit))
-        held = free
+    spread = uncertainty(free, size * task.tracer.size / 2, bool(task.outlines)).covariance[6, 6]
+    sure = abs(np.log(size)) > max(4 * np.sqrt(spread), 0.003)
+    if sure and abs(np.log(size)) > _SAME_SIZE and fits(task.tracer, task.outlines, free):
+        raise ValueError(wrong_size(size, task.unit))
     held = refine(task.tracer, task.outlines, resized(task, free.place, 1.0), False, pull)
     if not fits(task.tracer, task.outlines, held) and fits(task.tracer, task.outlines, free):
         raise ValueError(wrong_size(size, task.unit))
-    spread = uncertainty(free, size * task.tracer.size / 2, bool(task.outlines)).covariance[6, 6]
-    if abs(np.log(size)) > max(4 * np.sqrt(spread), 0.003):
+    if sure:
         return held, [
             f"the mesh would fit better if it were {size:.4f} times as large (± {size * np.sqrt(spread):.4f}): is the"
             " scale of the poses, or the mesh's, exact? --free-scale estimates it"
@@ -201,7 +198,7 @@ def _without_misfits(task: Task, fit: Refined, pull: PickedRays | None) -> tuple
     return task, fit, notes
 
 
-def _pick_warnings(task: Task, best: Refined, pull: PickedRays | None, kept: NDArray[np.bool_]) -> list[str]:
+def _pick_warnings(task: Task, best: Refined, pull: PickedRays | None) -> list[str]:
     if pull is None or not task.outlines:
         return []
     off = float(np.sqrt((best.left.picks**2).sum(axis=1).mean() / 2))

@@ -85,7 +85,6 @@ class Refined:
     information: Floats
     free: NDArray[np.bool_]
     left: Residuals
-    cost: float
 
     def __post_init__(self) -> None:
         for name in ("pivot", "information"):
@@ -192,7 +191,7 @@ class _Problem:
 
     def result(self, place: Similarity, growth: float) -> Refined:
         now = self.evaluated(place, growth)
-        return Refined(place, growth, now.pivot, now.information, self.free, now.residuals, now.cost)
+        return Refined(place, growth, now.pivot, now.information, self.free, now.residuals)
 
     def evaluated(self, place: Similarity, growth: float) -> _Evaluated:
         return self._objective(place, growth, self._met(place), None)

@@ -21,8 +21,8 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PickedPoints:
-    """Picks as rays. rays : n of them. points : (n, 3) mesh frame. focal_px : typical focal length of their photographs,
-    or their size where they have none. names : (n,) for messages."""
+    """Picks as rays. rays : n of them. points : (n, 3) mesh frame. focal_px : typical focal length of their
+    photographs, or their size where they have none. names : (n,) for messages."""
 
     rays: PixelRays
     points: Floats

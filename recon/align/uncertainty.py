@@ -55,8 +55,8 @@ def uncertainty(refined: Refined, radius: float, silhouettes: bool) -> Uncertain
     gauges = vectors[:, ~known]
     spread = bread
     if silhouettes:
-        spread = _jackknife(refined, information, unit, known=vectors[:, known])
-        spread = spread + _whole_photos(refined, bread, unit)
+        of_photos, explained = _whole_photos(refined, bread, unit)
+        spread = of_photos + _jackknife(refined, information, unit, vectors[:, known], explained)
     covariance = np.zeros((8, 8))
     covariance[np.ix_(free, free)] = spread * np.outer(unit, unit)
     # A gauge that turns is no gauge: the picture doesn't tell how the mesh is turned.
@@ -86,16 +86,19 @@ def in_mesh_metres(covariance: Floats, place: Similarity, pivot: Floats) -> Floa
     return np.asarray(change @ covariance @ change.T)
 
 
-def _jackknife(refined: Refined, information: Floats, unit: Floats, known: Floats) -> Floats:
+def _jackknife(
+    refined: Refined, information: Floats, unit: Floats, known: Floats, explained: Floats
+) -> Floats:
     """Scatter of the estimate when each part of an outline is left out in turn: a sector, or a quarter of the outline,
     whichever scatters more, for nobody knows how far errors of masks reach.
 
     One step of Gauss-Newton stands for fitting again. What doesn't come from silhouettes, picks and the prior of the
     masks' growth, counts with the covariance that it was given. known : (p, k) directions that are no gauge.
+    explained : (n,) part of the residuals that is accounted for elsewhere.
     """
     left, free = refined.left, refined.free
     jacobian = left.jacobian[:, free] * unit @ known
-    residual = np.where(left.found, left.offsets - refined.growth, 0)
+    residual = np.where(left.found, left.offsets - refined.growth, 0) - explained
     whole = known.T @ information @ known
     bread = np.linalg.inv(whole)
     scatters: list[Floats] = []
@@ -111,15 +114,17 @@ def _jackknife(refined: Refined, information: Floats, unit: Floats, known: Float
         informs = left.curvature * np.add.reduceat(pulled[:, :, None] * rows[:, None, :], starts, axis=0)
         floor = 1e-9 * np.trace(whole) * np.eye(len(whole))
         steps = np.linalg.solve(whole - informs + floor, scores[:, :, None])[:, :, 0]
-        shifts = np.add.reduceat(pulled, starts, axis=0) @ bread * _READ_PX
+        shifts = left.curvature * np.add.reduceat(pulled, starts, axis=0) @ bread * _READ_PX
         scatters.append(steps.T @ steps * (1 - 1 / len(starts)) + shifts.T @ shifts)
     of_silhouettes = left.curvature * (jacobian * left.weights[:, None]).T @ jacobian
     given = bread @ (whole - of_silhouettes) @ bread
     return np.asarray(known @ (max(scatters, key=np.trace) + given) @ known.T)
 
 
-def _whole_photos(refined: Refined, bread: Floats, unit: Floats) -> Floats:
-    """What comes on top where whole photographs are shifted against the others, as by errors of their poses."""
+def _whole_photos(refined: Refined, bread: Floats, unit: Floats) -> tuple[Floats, Floats]:
+    """What whole photographs that are shifted against the others, as by errors of their poses, add to the covariance,
+    and the part of the residuals (n,) that these shifts explain.
+    """
     left, free = refined.left, refined.free
     residual = np.where(left.found, left.offsets - refined.growth, 0)
     jacobian = left.jacobian[:, free] * unit
@@ -127,20 +132,22 @@ def _whole_photos(refined: Refined, bread: Floats, unit: Floats) -> Floats:
     freedom = 2 * len(photos) - parameters
     # The fit itself takes up what few photographs are off.
     if freedom < 3:
-        return np.zeros_like(bread)
+        return np.zeros_like(bread), np.zeros_like(residual)
     square = noise = 0.0
-    influence = np.zeros((parameters, parameters))
+    influence, explained = np.zeros_like(bread), np.zeros_like(residual)
     for photo in photos:
         mine = left.photo == photo
         normals = left.normals[mine]
         weighted = normals * left.weights[mine, None]
         inverse = np.linalg.pinv(weighted.T @ normals, rcond=1e-6, hermitian=True)
         shift = inverse @ weighted.T @ residual[mine]
-        scores = weighted * residual[mine, None]
+        explained[mine] = normals @ shift
+        scores = weighted * (residual[mine] - explained[mine])[:, None]
         sums = np.stack([np.bincount(left.sector[mine], column) for column in scores.T], axis=1)
-        square += float(shift @ shift)
+        square += float(shift @ shift) / freedom
         # Shifts that sectors' own errors make.
         noise += float(np.trace(inverse @ sums.T @ sums @ inverse)) / (2 * len(photos))
-        follows = bread @ jacobian[mine].T @ weighted
+        follows = left.curvature * bread @ jacobian[mine].T @ weighted
         influence += follows @ follows.T
-    return max(square / freedom - noise, 0.0) * influence
+    excess = max(square - noise, 0.0)
+    return excess * influence, explained * excess / max(square, 1e-30)

@@ -47,7 +47,8 @@ def drawn(tracer: RayTracer, place: Similarity, camera: Camera, n: int = 4) -> n
     x, y = ((np.arange(size)[:, None] + steps).ravel() for size in (WIDTH, HEIGHT))
     body = RayTracer(place.apply(tracer.vertices), tracer.faces)
     origins, directions = camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
-    hit = body.first_hits(origins, directions).faces >= 0
+    starts = origins - directions if camera.is_orthographic else origins
+    hit = body.first_hits(starts, directions).faces >= 0
     return hit.reshape(HEIGHT, n, WIDTH, n).mean(axis=(1, 3), dtype=np.float32)
 
 
@@ -130,9 +131,9 @@ def test_from_ten_degrees_and_five_percent_it_converges(task, cat, seed):
 
 def test_from_far_it_converges_or_says_that_it_did_not(task, cat):
     outcomes = []
-    for seed in range(4):
+    for seed in range(3):
         try:
-            found = place_mesh(replace(task, start=start_off(cat, 20 + 50 * seed, 0.05, seed)))
+            found = place_mesh(replace(task, start=start_off(cat, 20 + 60 * seed, 0.05, seed)))
         except ValueError as error:
             assert "did not find its place" in str(error)  # noqa: PT017
             outcomes.append(False)
@@ -155,7 +156,9 @@ def test_from_nothing_in_a_world_of_any_size(cat, masks, world):
 
 
 def test_orthographic_views_place_it_but_for_the_depth(cat):
-    cameras = [camera_at(20, 10, ORTHOGRAPHIC)]
+    through_it = camera_at(20, 10, ORTHOGRAPHIC).world_to_camera.copy()
+    through_it[2, 3] = 0  # parallel rays have no beginning: the camera's plane may cut the object
+    cameras = [camera_at(20, 10, ORTHOGRAPHIC).posed(through_it)]
     masks = [drawn(cat, TRUTH, camera) for camera in cameras]
     found = place_mesh(task_of(cat, cameras, masks))
     assert np.degrees(found.place.angle_to(TRUTH)) < 0.05
@@ -263,6 +266,20 @@ def test_error_bars_cover_when_masks_are_drawn_by_a_shaky_hand(cat, task):
     rms = np.sqrt(np.mean(np.square(scores), axis=0))
     # 20 draws know an RMS to 16%, and seven are looked at.
     assert_allclose(rms, 1, atol=0.5)
+
+
+def test_error_bars_cover_when_poses_shift_whole_photographs(task):
+    """Errors over standard deviations where every photograph is shifted by 0.7 px, 16 draws."""
+    scores = []
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        shifted = [replace(o, points=o.points + 0.7 * rng.normal(size=2)) for o in task.outlines]
+        found = place_mesh(replace(task, outlines=shifted, start=TRUTH))
+        turn = Rotation.from_matrix(found.place.rotation @ TRUTH.rotation.T).as_rotvec()
+        error = np.concatenate([turn, found.pivot - TRUTH.apply(task.tracer.centre[None])[0]])
+        scores.append(error / np.sqrt(np.diag(found.uncertain.covariance)[:6]))
+    # 16 draws, each of whose error bars rests on what six photos leave: 12 coordinates less 7 parameters.
+    assert_allclose(np.sqrt(np.mean(np.square(scores), axis=0)), 1, atol=0.5)
 
 
 def test_the_covariance_moves_to_the_scaled_world_as_the_places_do():

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.photoset import load_photoset
+from recon.align.evidence import gather, registered_poses
 from recon.align.run import run_align
 from recon.align.similarity import Similarity
 from recon.rays import RayTracer
@@ -157,6 +158,12 @@ def test_a_set_is_aligned_by_its_masks_and_what_is_held_out_agrees(tmp_path, lum
 def test_relative_poses_get_the_mesh_s_metres(tmp_path, lump):
     folder = write_set(tmp_path / "set", lump, posed=False)
     write_poses(folder, lump, 37.0)
+    photoset = load_photoset(folder, find_alignment=True)
+    evidence = gather(photoset, registered_poses(photoset), True, lambda photos, _: iter(photos))
+    # 400 points are the object's; of 400 around it few lie before it in all photos.
+    assert evidence.cloud is not None
+    assert 360 < len(evidence.cloud) < 430
+    assert not evidence.metric
     run_align(folder, None, False, False)
     document = check_placed(folder)
     assert document["world_scale"] == pytest.approx(1 / 37, rel=1e-3)
