@@ -39,7 +39,7 @@ _EVERY = 4
 _BETTER, _KNOWN_PX = 0.5, 0.4
 # Contrast below which an edge counts for nothing, and error beyond which it does, in those of the others: noise makes
 # an edge look like a rim that darkens further out.
-_FAINT, _VAGUE = 0.2, 3.0
+_FAINT, _VAGUE = 0.2, 2.0
 
 
 def disk_sphere(camera: Camera, disk: Disk) -> Sphere | None:
@@ -93,20 +93,21 @@ def profiles(picture: Picture, outline: Floats, outward: Floats, span: float) ->
 
 
 def rim_edges(
-    picture: Picture, saturated: Picture, outline: Floats, outward: Floats
+    picture: Picture, saturated: Picture, outline: Floats, outward: Floats, blur: float | None = None
 ) -> tuple[Floats, Bools, float]:
     """Offsets (n,) in pixels outward from an outline at which a sphere's edge lies, where it is a clear one (n,), and
     how blurred it is: a standard deviation in pixels, of 0 to 2.6.
 
     picture : (h, w, c), linear. saturated : (h, w), nonzero where it is not known. outline, outward : (n, 2), as of
-    `rim`, in the picture's pixels.
+    `rim`, in the picture's pixels. blur : if it is known.
     """
     height, width = picture.shape[:2]
     across = np.moveaxis(profiles(picture, outline, outward, _SPAN), 2, 1)
     across -= across.mean(axis=2, keepdims=True)
     _, channels, samples = across.shape
     plain = _left(across, _smooth_basis(samples)[None])[:, 0]
-    blur = _likely_blur(across[::_EVERY], plain[::_EVERY])
+    if blur is None:
+        blur = _likely_blur(across[::_EVERY], plain[::_EVERY])
     cost = _left(across, _edge_bases(samples, blur))
     best = np.clip(cost.argmin(axis=1), 1, len(_TRIED) - 2)
     before, least, after = (np.take_along_axis(cost, (best + k)[:, None], axis=1)[:, 0] for k in (-1, 0, 1))
@@ -132,7 +133,7 @@ def _left(across: Floats, bases: Floats) -> Floats:
     flat = across.reshape(-1, across.shape[2])
     explained = (flat @ np.moveaxis(bases, 1, 0).reshape(flat.shape[1], -1)) ** 2
     rest = (flat**2).sum(axis=1)[:, None] - explained.reshape(len(flat), len(bases), -1).sum(axis=2)
-    return rest.reshape(*across.shape[:2], len(bases)).sum(axis=1)
+    return np.asarray(rest.reshape(*across.shape[:2], len(bases)).sum(axis=1))
 
 
 def _likely_blur(across: Floats, plain: Floats) -> float:

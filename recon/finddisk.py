@@ -29,7 +29,7 @@ Picture = NDArray[np.float32]
 # Pixels along the longer side of the picture in which circles are searched for.
 _SEARCHED_PX = 480
 # Edges that are looked for and that vote, and circles that are looked at closely.
-_EDGES, _VOTERS, _CANDIDATES = 8000, 2000, 12
+_EDGES, _VOTERS, _CANDIDATES = 8000, 2000, 8
 # Smallest radius in pixels of the picture that is searched, and largest as a share of its longer side.
 _SMALLEST_PX, _LARGEST = 8.0, 1.0
 # Share of an outline along which it must show for a sphere to be believed where nothing else is known, and where
@@ -43,8 +43,9 @@ _ROUNDS = 4
 _HIDDEN_PX = 0.1
 # And the share of its blur: a blurred edge looks like a dark rim.
 _HIDDEN_BLUR = 0.1
-# How far, in pixels and as a share of the radius, an edge may be off the outline and count as its.
-_AGREE_PX, _AGREE_SHARE = 0.15, 0.003
+# How far, in pixels and as shares of the blur (of up to a pixel) and of the radius, an edge may be off the outline and
+# count as its.
+_AGREE_PX, _AGREE_BLUR, _AGREE_SHARE = 0.15, 0.15, 0.003
 # Blur in pixels up to which a picture may be looked at in thrice the size.
 _SHARP_PX = 0.85
 # Share of a circle's turn along which there are edges for it to be looked at closely.
@@ -141,22 +142,24 @@ def _sharpened(camera: Camera, finer: Iterable[_Level], found: Rim, least: float
 
 def _refined(camera: Camera, level: _Level, sphere: Sphere, least: float) -> Rim | None:
     """The outline near a sphere's; None where less than a share `least` of it shows."""
-    factor = level.factor
-    for _ in range(_ROUNDS):
+    factor, blur = level.factor, np.nan
+    for turn in range(_ROUNDS):
         outline, outward = rim(sphere, camera)
         if not np.isfinite(outline).all():
             return None
-        offset, clear, blur = rim_edges(level.picture, level.saturated, outline * factor, outward)
+        offset, clear, blur = rim_edges(
+            level.picture, level.saturated, outline * factor, outward, None if turn < 2 else blur
+        )
         if clear.mean() < least or clear.sum() < 12:
             return None
         points = (outline + offset[:, None] / factor * outward)[clear]
         hidden = float(np.hypot(_HIDDEN_PX, _HIDDEN_BLUR * blur)) / factor
         start = np.append(sphere.centre, sphere.radius)
         sphere = fit_to_outlines([camera], [points], start, np.ones(4, bool), [hidden])
-    left = np.abs(_outside(sphere, camera, points)) * factor
-    good = left < _AGREE_PX + _AGREE_SHARE * sphere.pixel_radius(camera) * factor
+    agreed = (_AGREE_PX + _AGREE_BLUR * min(blur, 1.0)) / factor + _AGREE_SHARE * sphere.pixel_radius(camera)
+    good = np.abs(_outside(sphere, camera, points)) < agreed
     share = good.sum() / len(outline)
-    if share < least or good.sum() < 12:
+    if share < least or good.sum() < 12 or sphere.residual_px[0] > agreed:
         return None
     return Rim(sphere, points[good], hidden, 2 * np.pi * sphere.pixel_radius(camera) * share, blur)
 
@@ -232,5 +235,5 @@ def _edges(picture: Picture) -> tuple[Floats, Floats]:
     edges = cv2.Canny(dx, dy, level * scale, 2 * level * scale, L2gradient=True)
     row, column = np.nonzero(edges)
     slope = np.column_stack([across[row, column], down[row, column]]).astype(float)
-    normals: Floats = slope / np.linalg.norm(slope, axis=1, keepdims=True)
-    return np.column_stack([column, row]) + 0.5, normals
+    normals = slope / np.linalg.norm(slope, axis=1, keepdims=True)
+    return np.column_stack([column, row]).astype(float) + 0.5, normals

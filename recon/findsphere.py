@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import decode_photo, read_mask
-from capture.parallel import parallel_map
+from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from recon.bodies import SphereBody, body_coverage
@@ -23,6 +23,11 @@ def find_sphere(photoset: PhotoSet, track: Track = silent) -> Sphere:
 
     Photographs and masks are read by turns: of each, its outline and the bits of its mask are kept.
     """
+    with one_blas_thread():
+        return _find_sphere(photoset, track)
+
+
+def _find_sphere(photoset: PhotoSet, track: Track) -> Sphere:
     must_find = _must_find(photoset)
 
     def silhouette(photo: Photo) -> Silhouette | None:
@@ -37,11 +42,16 @@ def find_sphere(photoset: PhotoSet, track: Track = silent) -> Sphere:
     sphere = _located(photoset, silhouettes)
     lost = [k for k, found in enumerate(silhouettes) if found is None] if must_find else []
 
-    # Those that show too little of it to find it by themselves may show something where the others say it is.
-    def nearby(index: int) -> Silhouette | None:
+    # Those that show too little of it to find it by themselves may show enough where the others say it is.
+    def nearby(index: int) -> Silhouette:
         photo = photoset.photos[index]
         rim = rim_near(sphere, photo.camera, decode_photo(photoset, photo))
-        return None if rim is None else rim_silhouette(rim, photo.camera)
+        if rim is None:
+            raise ValueError(
+                f"{photo.file}: no mask is given, and no sphere was found in the photograph, not even where the others"
+                " show it; write mask = '...' in its table (nonzero where the object is), or leave it out"
+            )
+        return rim_silhouette(rim, photo.camera)
 
     for index, found in zip(lost, parallel_map(nearby, lost), strict=True):
         silhouettes[index] = found

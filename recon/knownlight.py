@@ -15,8 +15,8 @@ from capture.photoset import Photo, PhotoSet, build_camera
 from capture.placing import matrix4
 from recon.ball.ballbracket import view_bracket
 from recon.ball.ballview import BallView
-from recon.circle import Disk
 from recon.ball.mirrorball import ball_lighting, lighting_of_ball
+from recon.circle import Disk
 
 
 def read_lighting(photoset: PhotoSet, table: LightingTable) -> Lighting:

@@ -139,26 +139,32 @@ def _robust_rms(residual: Floats) -> float:
 def _solve(touching: _Touching, guess: Floats, free: Bools) -> tuple[Floats, Floats]:
     """The sphere (4,), and each ray's scatter (n,) in pixels: that of its photo, or the usual one if larger."""
     told = _told(touching.residuals(guess)[1], free)
-    sphere = guess.astype(float)
+    starts = [guess.astype(float)]
     if free.any():
-        # First a loss whose scale is a pixel; then one whose scale is the points' own.
-        sphere += (
-            told
-            @ least_squares(
-                lambda step: touching.residuals(guess + told @ step)[0],
-                np.zeros(told.shape[1]),
-                lambda step: touching.residuals(guess + told @ step)[1] @ told,
-                loss="cauchy",
-                x_scale=guess[3],
-            ).x
+        # A guess may be far off, and the best fit to all points, to the pixel, be bent by those that stray.
+        near = least_squares(
+            lambda step: touching.residuals(guess + told @ step)[0],
+            np.zeros(told.shape[1]),
+            lambda step: touching.residuals(guess + told @ step)[1] @ told,
+            loss="cauchy",
+            x_scale=guess[3],
         )
+        starts.append(guess + told @ near.x)
+    return min(
+        (_reweighted(touching, start, told) for start in starts), key=lambda fit: float(np.median(fit[1]))
+    )
+
+
+def _reweighted(touching: _Touching, start: Floats, told: Floats) -> tuple[Floats, Floats]:
+    """The nearest fit that forgets what strays by more than the points' own scatter, and that scatter (n,)."""
+    sphere = start
     for _ in range(_STEPS):
         residual, slope = touching.residuals(sphere)
         scatter = _scatter(residual, touching.view)
         weight = _weight(residual / scatter)[0] / scatter**2
         slope = slope @ told
         step = -told @ _inverse(slope.T @ (slope * weight[:, None])) @ (slope.T @ (weight * residual))
-        sphere += step
+        sphere = sphere + step
         # Far below what any outline tells.
         if np.linalg.norm(step) <= 1e-9 * abs(sphere[3]):
             break

@@ -1,7 +1,7 @@
 """A mesh's place from picks in photographs of known pose, without a first guess.
 
 For a given rotation the distances of points from their rays are linear in shift and scale [Lu, Hager & Mjolsness 2000,
-"Fast and globally convergent pose estimation from video images", eq. 16, here for several cameras and with scale]: that
+"Fast and globally convergent pose estimation from video images", here for several cameras and with scale]: that
 is solved for rotations all over, the best are refined to least reprojection, and what agrees best is kept.
 """
 

@@ -214,7 +214,7 @@ class _Problem:
         per_point = 1 / (sigma**2 * self._correlated)
         weights = np.where(met.found, per_point / (1 + (residual / loss) ** 2), 0.0)
         square = (residual / loss) ** 2
-        # Second derivative of the Cauchy loss over its weight [Huber 1981, sec. 7.6].
+        # Second derivative of the Cauchy loss over its weight [Huber 1981].
         curved = float((weights * (1 - square) / (1 + square)).sum())
         curvature = max(curved / max(float(weights.sum()), 1e-30), 0.2) if len(lines) else 1.0
         cost = per_point * loss**2 * float(np.log1p((residual / loss) ** 2).sum())

@@ -73,7 +73,7 @@ def motion_jacobian(points: Floats, pivot: Floats) -> Floats:
 def rotations_all_over(count: int) -> Floats:
     """Rotations (count, 3, 3) spread evenly over all orientations.
 
-    Super-Fibonacci spirals [Alexa 2022, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", alg. 1].
+    Super-Fibonacci spirals [Alexa 2022, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)"].
     """
     s = np.arange(count) + 0.5
     # Roots that the paper found best: sqrt(2), and that of psi^4 = psi + 4.

@@ -12,13 +12,16 @@ from recon.register.features import Matches
 _REMEDY = (
     "Shiny or untextured objects show too few features that stay in place. Let a textured backdrop, printed paper for"
     " one, move with the object and register with --whole-image; or put a charuco board beside it (`lightfactor board`"
-    " prints one) and register with --board; or give gantry angles in the manifest"
+    " prints one) and register with --board; or give gantry angles in the manifest;"
+    " or, where there is texture, take photos at smaller steps, 10 to 15 degrees apart"
 )
 # Features of a photograph that are few, and the share of matching pairs that are.
 _FEW_FEATURES = 100
-# RMS distance of features from their points beyond which they don't stay in place, and beyond which that is in doubt:
-# pixels, and the same for large pictures as a share of their width. Honest ones reach a tenth of a pixel or so.
-_UNSTEADY, _DOUBTFUL = (1.0, 8e-4), (0.5, 4e-4)
+# Patches in reflections match each other well, but agree with nothing at rest: by how many of their standard deviations
+# features are off beyond which that is in doubt, and beyond which poses mean nothing if features are also so many pixels
+# off, and so large a share of a picture's width. Bodies at rest were 0.5 to 1.1 off, also glossy ones; a mirror ball 16 to
+# 24 and 0.8 to 2 px, its poses being wrong by tens of degrees.
+_DOUBTFUL, _UNSTEADY, _UNSTEADY_PX, _UNSTEADY_SHARE = 4.0, 8.0, 0.5, 1e-4
 # Share of matching pairs without parallax from which on the camera did not move.
 _STILL = 0.8
 
@@ -46,24 +49,24 @@ def nothing_matches(photoset: PhotoSet, matches: Matches, masked: bool) -> str:
             f"{start}What matches agrees with no single object at rest: check the camera's parameters, and that nothing"
             f" but camera moved, or register with --masked where the object turned before a backdrop. {_REMEDY}"
         )
-    return f"{start}{_REMEDY}; or take photos at smaller steps, 10 to 15 degrees apart"
+    return f"{start}{_REMEDY}"
 
 
-def unsteady(rms_px: float, width: int) -> str | None:
-    """None if features lie as close to their points as they should, RMS in pictures of that width; otherwise a warning.
+def unsteady(disagreement: float, rms_px: float, width: int) -> str | None:
+    """None if features agree with points at rest as well as they match each other; otherwise a warning.
 
-    ValueError where they lie so far off that the poses mean nothing.
+    disagreement : as in `Structure`. rms_px : of features from their points. width : of the pictures.
+    ValueError where the poses mean nothing.
     """
-    for (pixels, share), hopeless in ((_UNSTEADY, True), (_DOUBTFUL, False)):
-        if rms_px > max(pixels, share * width):
-            sentence = (
-                f"features lie {rms_px:.2f} px (RMS) from where points at rest would be seen: they are reflections,"
-                " which move over the object, or the camera's parameters are wrong"
-            )
-            if hopeless:
-                raise ValueError(f"the photos could not be placed by their features: {sentence}. {_REMEDY}")
-            return sentence
-    return None
+    if disagreement <= _DOUBTFUL:
+        return None
+    sentence = (
+        f"features lie {rms_px:.2f} px (RMS) from where points at rest would be seen, {disagreement:.0f} times as far as"
+        " they match each other: they are reflections, which move over the object, or the camera's parameters are wrong"
+    )
+    if disagreement > _UNSTEADY and rms_px > max(_UNSTEADY_PX, _UNSTEADY_SHARE * width):
+        raise ValueError(f"the photos could not be placed by their features: {sentence}. {_REMEDY}")
+    return sentence
 
 
 def some_missing(photoset: PhotoSet, reasons: Mapping[int, str], placed: int) -> str:

@@ -150,14 +150,13 @@ def _differences(poses: Floats, given: Floats) -> Floats:
 
 
 def _scatter(frame: Frame, poses: Floats, left: Floats, unit: Floats) -> Floats:
-    """Covariance (7, 7) of a frame fitted to poses: each pose's error counts once, poses that are far off hardly."""
+    """Covariance (7, 7) of a frame fitted to poses, of which those that are far off hardly count."""
     shares = np.linalg.norm(left / unit, axis=1)
     size = 1.4826 * float(np.median(shares)) + 1e-12
     weights = 1 / (1 + (shares / size) ** 2)
     design = (frame_changes(frame.of_poses(poses)) / np.tile(unit, len(poses))[:, None]).reshape(-1, 6, 7)
-    inverse = np.linalg.inv(np.einsum("nij,nik,n->jk", design, design, weights))
-    # A fit to few poses leaves less than they are off by.
-    variance = (
-        float((weights * shares**2).sum() / weights.sum()) / 6 * 6 * len(poses) / max(6 * len(poses) - 7, 1)
-    )
-    return np.asarray(inverse * variance)
+    # Poses that have nothing to do with each other may leave no scale at all.
+    inverse = np.linalg.pinv(np.einsum("nij,nik,n->jk", design, design, weights), hermitian=True)
+    # Six residuals a pose, of which the fit took seven out of all.
+    variance = float((weights * shares**2).sum() / weights.sum()) / 6
+    return np.asarray(inverse * variance * 6 * len(poses) / (6 * len(poses) - 7))

@@ -92,7 +92,8 @@ def register_by_features(
         raise ValueError(f"{photoset.manifest}: {nothing_matches(photoset, matches, masked)}")
     assert structure.rms_px is not None
     try:
-        doubt = unsteady(float(np.median(structure.rms_px)), max(camera.width for camera in cameras))
+        rms, width = float(np.median(structure.rms_px)), max(camera.width for camera in cameras)
+        doubt = unsteady(structure.disagreement, rms, width)
     except ValueError as error:
         raise ValueError(f"{photoset.manifest}: {error}") from error
     reasons = {**_unplaced(matches, photos, len(cameras)), **weak}

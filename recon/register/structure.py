@@ -40,7 +40,8 @@ class Structure:
     covariance : (6c, 6c) as in `recon.register.bundle.pose_covariance`; None where nothing tells it.
     points : (p, 3), colours : (p, 3) uint8.
     rms_px : (c,) RMS distance of features from where their points project, false matches left out.
-    observations : (c,) how many points each photograph sees. false_share : of all observations, those left out.
+    observations : (c,) how many points each photograph sees.
+    disagreement : by how many of their stated standard deviations observations are off (robust); 1 is as it should be.
     """
 
     photos: Ints
@@ -50,7 +51,7 @@ class Structure:
     colours: NDArray[np.uint8]
     rms_px: Floats | None = None
     observations: Ints | None = None
-    false_share: float = 0.0
+    disagreement: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +195,7 @@ def structure_of(bundle: Bundle, photos: Ints, colours: NDArray[np.uint8]) -> St
         colours=colours[~wrong],
         rms_px=np.sqrt(squares / np.maximum(count, 1)),
         observations=count,
-        false_share=float(far.mean()),
+        disagreement=spread(bundle),
     )
 
 

@@ -41,7 +41,7 @@ def photo_set(tmp_path, draw, ball):
     def write(masked=(), light=(1.0, 0.6, 0.5)) -> Path:
         params = [700.0, 700, 100, 75]
         lines = [
-            "format = 1",
+            'format = 1\nname = "ball"',
             '[camera]\nmodel = "PINHOLE"',
             f"width = 200\nheight = 150\nparams = {params}",
             '[radiometry]\nencoding = "linear"',
@@ -124,7 +124,7 @@ def test_memory_does_not_grow_with_the_masks(tmp_path):
     cv2.circle(mask, (1000, 750), 400, 255, -1, cv2.LINE_AA)
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
     lines = [
-        'format = 1\n[camera]\nmodel = "ORTHOGRAPHIC"\nwidth = 2000\nheight = 1500\n[object]\nshape = "sphere"'
+        'format = 1\nname = "disk"\n[camera]\nmodel = "ORTHOGRAPHIC"\nwidth = 2000\nheight = 1500\n[object]\nshape = "sphere"'
         '\n[radiometry]\nencoding = "linear"'
     ]
     for k in range(12):

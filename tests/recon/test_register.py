@@ -20,7 +20,6 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from capture.boards.board import parse_board
-from capture.found import read_poses
 from capture.photoset import load_photoset
 from capture.progress import silent
 from recon.register.command import register
