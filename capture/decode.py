@@ -140,6 +140,8 @@ def _decode_integers(
         return total
 
     def variance_at(rows: Places, columns: Places) -> Image:
+        if not len(rows):
+            return np.zeros((0, 3), np.float32)
         _, tables = noise_model()
         # What compression did to a pixel is told by its whole block.
         side = 1 if tables is None else BLOCK * max(max(pair) for pair in tables.reduction)

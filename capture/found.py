@@ -102,7 +102,9 @@ def read_alignment(path: Path, files: Mapping[str, Path]) -> Alignment:
     ValueError if those files have changed since.
     """
     keys = ("mesh_to_world", "world_scale", "made_from")
-    what = "an alignment.json, as `lightfactor align` writes it, holds mesh_to_world, world_scale and made_from"
+    what = (
+        "an alignment.json, as `lightfactor align` writes it, holds mesh_to_world, world_scale and made_from"
+    )
     table = read_json(path, _Alignment, keys, what)
     for name in sorted({*files, *table.made_from}):
         now = file_hash(files[name]) if name in files else None

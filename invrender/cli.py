@@ -103,11 +103,13 @@ def demo(
 
 app.command(short_help="Photograph a synthetic scene: a photo set with its truth beside it.")(synth)
 app.command(short_help="Read the light off photographs of a mirror (chrome) ball.")(mirrorball)
-app.command(short_help="Where photographs were taken from: features, a board, COLMAP, transforms.json.")(register)
-app.command(short_help="Where a mesh lies in the photographs: picked points, silhouettes, the cloud.")(align)
-app.command(short_help="What the photographs say of a mesh: samples, visibility, and a figure to check a set by.")(
-    samples
+app.command(short_help="Where photographs were taken from: features, a board, COLMAP, transforms.json.")(
+    register
 )
+app.command(short_help="Where a mesh lies in the photographs: picked points, silhouettes, the cloud.")(align)
+app.command(
+    short_help="What the photographs say of a mesh: samples, visibility, and a figure to check a set by."
+)(samples)
 app.command(short_help="A mesh of an object that nobody scanned, from its silhouettes.")(hull)
 add_commands(app)
 

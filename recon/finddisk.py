@@ -7,7 +7,7 @@ spheres' outlines, and the best is taken if enough of its outline shows.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -127,15 +127,16 @@ def _levels(image: RadianceImage) -> Iterator[_Level]:
     yield _Level(image.radiance, saturated, 1.0)
 
 
-def _sharpened(camera: Camera, finer: Iterable[_Level], found: Rim, least: float) -> Rim:
-    """The outline as finer levels show it, as far as they do: a large photograph may be blurred over many pixels."""
+def _sharpened(camera: Camera, finer: Sequence[_Level], found: Rim, least: float) -> Rim | None:
+    """The outline as finer levels show it, as far as they do: a large photograph may be blurred over many pixels, and
+    noisy in each; None where already the first one, of 1440 pixels or less, denies it."""
     for level in finer:
         # One thrice as large would be blurred beyond what is tried.
         if found.blur > _SHARP_PX:
             break
         sharper = _refined(camera, level, found.sphere, least)
         if sharper is None:
-            break
+            return None if level is finer[0] else found
         found = sharper
     return found
 

@@ -17,10 +17,10 @@ _REMEDY = (
 )
 # Features of a photograph that are few, and the share of matching pairs that are.
 _FEW_FEATURES = 100
-# Patches in reflections match each other well, but agree with nothing at rest: by how many of their standard deviations
-# features are off beyond which that is in doubt, and beyond which poses mean nothing if features are also so many pixels
-# off, and so large a share of a picture's width. Bodies at rest were 0.5 to 1.1 off, also glossy ones; a mirror ball 16 to
-# 24 and 0.8 to 2 px, its poses being wrong by tens of degrees.
+# Patches in reflections match each other well, but agree with nothing at rest: by how many of their standard
+# deviations features are off beyond which that is in doubt, and beyond which poses mean nothing if features are also so
+# many pixels off, and so large a share of a picture's width. Bodies at rest were 0.5 to 1.1 off, also glossy ones; a
+# mirror ball 16 to 24 and 0.8 to 2 px, its poses being wrong by tens of degrees.
 _DOUBTFUL, _UNSTEADY, _UNSTEADY_PX, _UNSTEADY_SHARE = 4.0, 8.0, 0.5, 1e-4
 # Share of matching pairs without parallax from which on the camera did not move.
 _STILL = 0.8
@@ -61,8 +61,9 @@ def unsteady(disagreement: float, rms_px: float, width: int) -> str | None:
     if disagreement <= _DOUBTFUL:
         return None
     sentence = (
-        f"features lie {rms_px:.2f} px (RMS) from where points at rest would be seen, {disagreement:.0f} times as far as"
-        " they match each other: they are reflections, which move over the object, or the camera's parameters are wrong"
+        f"features lie {rms_px:.2f} px (RMS) from where points at rest would be seen, {disagreement:.0f} times as far"
+        " as they match each other: they are reflections, which move over the object, or the camera's parameters are"
+        " wrong"
     )
     if disagreement > _UNSTEADY and rms_px > max(_UNSTEADY_PX, _UNSTEADY_SHARE * width):
         raise ValueError(f"the photos could not be placed by their features: {sentence}. {_REMEDY}")

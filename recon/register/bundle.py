@@ -1,8 +1,7 @@
-"""Bundle adjustment with a weight for each observation, and the covariance of its poses.
+"""Bundle adjustment with a weight for each observation.
 
 Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment: a modern synthesis", 1999: points are eliminated
-(section 6.1). What is left has seven null directions, the world's similarities. The covariance is given in inner
-constraints (section 9.2): it holds for poses whose frame is fitted to the cameras as a whole.
+(section 6.1), and what is left is solved for the poses.
 """
 
 from __future__ import annotations
@@ -20,13 +19,11 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 # Cauchy's loss with this many standard deviations loses 5% of efficiency if errors are Gaussian.
-_CAUCHY = 2.385
+CAUCHY = 2.385
 # Rounds in which the loss gets its width from the residuals anew, and steps in each.
 _ROUNDS, _STEPS = 3, 60
 # A step that lowers the cost by less than this share is the last one.
 _CONVERGED = 1e-6
-# Pixels within which points' errors may depend on each other: patches overlap, blur and light are shared.
-_TOGETHER = 30.0
 # Pixels: residuals are never held to be better than this, be a simulation ever so exact.
 _LEAST = 1e-6
 
@@ -103,7 +100,7 @@ class Bundle:
 
 
 @dataclass(frozen=True, eq=False)
-class _System:
+class NormalEquations:
     """The normal equations of a bundle.
 
     matrix : (6c, 6c) of the photographs, each a small turn about the camera's centre and axes, then a shift along them.
@@ -130,10 +127,10 @@ class _System:
 def adjust(bundle: Bundle) -> Bundle:
     """The poses and points that fit the observations best under Cauchy's loss, by Levenberg's and Marquardt's steps."""
     for _ in range(_ROUNDS):
-        scale = _CAUCHY * spread(bundle)
+        scale = CAUCHY * spread(bundle)
         cost, damping = _cost(bundle, scale), 1e-4
         for _ in range(_STEPS):
-            system = _system(bundle, _weights(bundle, scale))
+            system = normal_equations(bundle, cauchy_weights(bundle, scale))
             new, moved = np.inf, bundle
             while not new < cost and damping < 1e8:
                 moved = _moved(bundle, system, damping)
@@ -156,64 +153,6 @@ def spread(bundle: Bundle) -> float:
     return max(float(1.4826 * np.median(shares) * growth), _LEAST)
 
 
-def pose_covariance(bundle: Bundle) -> Floats:
-    """Covariance (6c, 6c) of the poses of an adjusted bundle, in inner constraints.
-
-    Of each photograph a small turn about the camera's centre and axes (radians), then a shift along them. The frame is
-    that in which the cameras as a whole neither turn, shift nor grow, radians counting as much as shifts over
-    `Bundle.distance`. Errors of one point's observations may depend on each other: what they pull at the poses is
-    squared point by point, not observation by observation (a sandwich with points as clusters), and raised by what
-    the point and the poses took out of its residuals.
-    """
-    weights = _weights(bundle, _CAUCHY * spread(bundle))
-    system = _system(bundle, weights)
-    matrix, _, inverses = system.reduced()
-    inverse = _inner_inverse(matrix, bundle)
-
-    pulls = np.einsum("nij,ni,n->nj", bundle.camera_jacobian(), bundle.residuals, weights)
-    columns = 6 * bundle.photo[:, None] + np.arange(6)
-    rows = np.broadcast_to(bundle.point[:, None], columns.shape)
-    shape = (len(bundle.points), len(matrix))
-    scores = csr_array((pulls.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
-    places = np.arange(3 * len(bundle.points))
-    moves = np.einsum("pij,pj->pi", inverses, system.pull)
-    scores = scores - csr_array((moves.ravel(), (places // 3, places))) @ system.cross.T
-    cells = _cells(bundle)
-    seen = np.bincount(bundle.point, minlength=len(bundle.points))
-    free = 2 * seen.sum() - 3 * len(bundle.points)
-    growth = 1 / (1 - 3 / (2 * seen)) / (1 - min((6 * len(bundle.poses) - 7) / free, 0.9))
-    summed = _summed(scores * np.sqrt(growth)[:, None], cells)
-    filling = (summed.T @ summed).toarray()
-    return np.asarray(inverse @ filling @ inverse)
-
-
-def _cells(bundle: Bundle) -> Ints:
-    """Which cell of space, about `_TOGETHER` pixels wide in the pictures, each point (p,) lies in."""
-    focal = float(np.median([lens.focal_px for lens in bundle.lenses]))
-    side = _TOGETHER * bundle.distance / focal
-    return np.unique(np.floor(bundle.points / side).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
-
-
-def _summed(scores: csr_array, cells: Ints) -> csr_array:
-    """Rows (p, k) summed by the cells (p,) they belong to."""
-    places = np.arange(len(cells))
-    return csr_array((np.ones(len(cells)), (cells, places)), shape=(cells.max() + 1, len(cells))) @ scores
-
-
-def frame_changes(poses: Floats) -> Floats:
-    """How poses (c, 4, 4) change, (6c, 7), with what no picture shows: the world's turn, shift and scale.
-
-    Rows as in `pose_covariance`. The world's points X become X + turn x X + shift + scale X.
-    """
-    rotations, shifts = poses[:, :3, :3], poses[:, :3, 3]
-    changes = np.zeros((len(poses), 6, 7))
-    changes[:, :3, :3] = -rotations
-    changes[:, 3:, :3] = -cross_matrix(shifts) @ rotations
-    changes[:, 3:, 3:6] = -rotations
-    changes[:, 3:, 6] = shifts
-    return changes.reshape(-1, 7)
-
-
 def cross_matrix(vectors: Floats) -> Floats:
     """The matrices (..., 3, 3) that take the cross product with vectors (..., 3) from the left."""
     x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
@@ -221,18 +160,8 @@ def cross_matrix(vectors: Floats) -> Floats:
     return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
 
 
-def _inner_inverse(matrix: Floats, bundle: Bundle) -> Floats:
-    """The inverse (6c, 6c) of the reduced matrix, its null directions left out by inner constraints."""
-    unit = np.tile(np.repeat([1.0, bundle.distance], 3), len(bundle.poses))
-    basis, _ = np.linalg.qr(frame_changes(bundle.poses) / unit[:, None])
-    scaled = matrix * np.outer(unit, unit)
-    stiff = np.trace(scaled) / len(scaled)
-    inverse = np.linalg.inv(scaled + stiff * basis @ basis.T) - basis @ basis.T / stiff
-    return np.asarray(inverse * np.outer(unit, unit))
-
-
-def _weights(bundle: Bundle, scale: float) -> Floats:
-    """Weights (n,) of Cauchy's loss, the widths' included."""
+def cauchy_weights(bundle: Bundle, scale: float) -> Floats:
+    """Weights (n,) of Cauchy's loss that bends at scale, in widths; the widths themselves included."""
     shares = (bundle.residuals**2).sum(axis=1) / (scale * bundle.widths) ** 2
     return np.asarray(1 / ((1 + shares) * bundle.widths**2))
 
@@ -242,7 +171,8 @@ def _cost(bundle: Bundle, scale: float) -> float:
     return float(np.log1p(shares).sum())
 
 
-def _system(bundle: Bundle, weights: Floats) -> _System:
+def normal_equations(bundle: Bundle, weights: Floats) -> NormalEquations:
+    """The normal equations of a bundle under weights (n,)."""
     of_camera = bundle.camera_jacobian()
     of_point = of_camera[:, :, 3:] @ bundle.poses[bundle.photo, :3, :3]
     weighted = of_camera * weights[:, None, None]
@@ -263,10 +193,10 @@ def _system(bundle: Bundle, weights: Floats) -> _System:
     columns = np.broadcast_to(3 * bundle.point[:, None, None] + np.arange(3), products.shape)
     shape = (6 * photos, 3 * points)
     cross = csr_array((products.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
-    return _System(_sparse_blocks(matrix).toarray(), vector.ravel(), cross, blocks, pull)
+    return NormalEquations(_sparse_blocks(matrix).toarray(), vector.ravel(), cross, blocks, pull)
 
 
-def _moved(bundle: Bundle, system: _System, damping: float) -> Bundle:
+def _moved(bundle: Bundle, system: NormalEquations, damping: float) -> Bundle:
     """The bundle after one damped step."""
     matrix, vector, inverses = system.reduced(damping)
     step = np.linalg.solve(matrix, vector)

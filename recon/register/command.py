@@ -74,14 +74,10 @@ def register(
     from capture.found import POSES_NAME
     from capture.photoset import load_photoset
     from capture.terminal import console, leave_cleanly_when_stopped, track
+    from recon.register.importing import register_by_colmap, register_by_transforms
     from recon.register.posefigure import pose_figure
     from recon.register.posesfile import poses_document, write_cloud
-    from recon.register.registration import (
-        masks_of,
-        register_by_colmap,
-        register_by_features,
-        register_by_transforms,
-    )
+    from recon.register.registration import masks_of, register_by_features
 
     leave_cleanly_when_stopped()
     given = [

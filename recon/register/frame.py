@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from recon.register.bundle import cross_matrix, frame_changes
+from recon.register.bundle import cross_matrix
+from recon.register.posecovariance import frame_changes
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ class Frame:
         return placed
 
     def of_covariance(self, covariance: Floats, placed: Floats) -> Floats:
-        """Covariance (6c, 6c) of poses, as `recon.register.bundle.pose_covariance` has it, in the world.
+        """Covariance (6c, 6c) of poses, as `recon.register.posecovariance.pose_covariance` has it, in the world.
 
         placed : (c, 4, 4), the poses in the world. What the frame itself may be off by is added.
         """
@@ -100,7 +101,7 @@ def frame_of_poses(poses: Floats, given: Floats, distance: float) -> Frame:
 def frame_of_points(points: Floats, known: Floats) -> Frame:
     """The frame in which points (n, 3) come nearest to known ones, least squares; never mirrored.
 
-    Umeyama 1991, "Least-squares estimation of transformation parameters between two point patterns", eq. 40 to 43.
+    Umeyama 1991, "Least-squares estimation of transformation parameters between two point patterns".
     Frame.residuals : (n, 3), known minus found, in the world's unit. n at least 4, not on a line.
     """
     a, b = points - points.mean(axis=0), known - known.mean(axis=0)

@@ -24,7 +24,8 @@ class Registration:
 
     names : (c,) of the photographs that have a pose, as the manifest writes their files; labels : the same, short.
     poses : (c, 4, 4), world to camera.
-    covariance : (6c, 6c) as in `recon.register.bundle.pose_covariance`, or None. rms_px, observations : (c,) or None.
+    covariance : (6c, 6c) as in `recon.register.posecovariance.pose_covariance`, or None.
+    rms_px, observations : (c,) or None.
     unregistered : names of the others, and why. points : (p, 3) in the world, colours : (p, 3) uint8; may be empty.
     scale_from : what gives the world's place and size; "free" if nothing does. relative_std : of its size, if known.
     """

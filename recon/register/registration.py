@@ -1,4 +1,4 @@
-"""The poses of a photo set's photographs: by features, a board, or another program's files; framed and checked."""
+"""The poses of a photo set's photographs by features and by a board, in the frame that these or the set itself give."""
 
 from __future__ import annotations
 
@@ -11,26 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.boards.board import Board
-from capture.camera import Camera
 from capture.decode import decode_photo, read_mask
 from capture.manifest import read_manifest
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
-from recon.conventions import other_conventions
 from recon.register.advice import nothing_matches, some_missing, unsteady
 from recon.register.boards import BoardSightings, board_structure, corner_landmarks, find_board
 from recon.register.bundle import Bundle, adjust, spread
 from recon.register.features import Matches, Shot, match_features
 from recon.register.frame import Frame, frame_of_points, frame_of_poses, free_frame
-from recon.register.importcolmap import read_colmap
-from recon.register.imported import ImportedPose, camera_warning, same_camera
-from recon.register.importtransforms import read_transforms, transforms_conventions
-from recon.register.names import match_names, missing_reason
+from recon.register.outcome import checked, distinct_lenses, perspective_cameras, registration_of
 from recon.register.patches import refine_places
 from recon.register.pictures import feature_picture
-from recon.register.posesfile import Method, Registration, ScaleSource
-from recon.register.silhouettes import Conventions, check_sight, check_silhouettes
+from recon.register.posesfile import Registration, ScaleSource
 from recon.register.structure import (
     Model,
     Structure,
@@ -60,7 +54,7 @@ def register_by_features(
     A board that all photographs show makes features needless: then its corners give each pose.
     ValueError, with advice, where too few photographs can be placed.
     """
-    cameras = _perspective(photoset)
+    cameras = perspective_cameras(photoset)
     if len(cameras) < 2:
         raise ValueError(
             f"{photoset.manifest}: lists one photo; poses are found from two or more, of many sides"
@@ -68,7 +62,7 @@ def register_by_features(
     sightings = None if board is None else find_board(photoset, board, track)
     if sightings is not None and len(sightings.detections) == len(cameras):
         return _by_board(photoset, sightings)
-    lenses, lens_of = _distinct(cameras)
+    lenses, lens_of = distinct_lenses(cameras)
     shots = _write_pictures(photoset, folder, masked, lens_of, track)
     database = folder / "features.db"
     matches = match_features(database, folder, shots, lenses, masked, track)
@@ -112,68 +106,19 @@ def register_by_features(
         warnings = [*warnings, doubt]
     if reasons:
         warnings = [*warnings, some_missing(photoset, reasons, len(structure.photos))]
-    found = _registration(photoset, "features", structure, frame, source, reasons, warnings)
+    found = registration_of(photoset, "features", structure, frame, source, reasons, warnings)
     otherwise = (
         "check the masks"
         if masked
         else "if the object turned before a backdrop that stood still, the poses are the backdrop's: register with"
         " --masked"
     )
-    return _checked(photoset, found, otherwise)
-
-
-def register_by_colmap(photoset: PhotoSet, folder: Path) -> Registration:
-    """Poses and points of a COLMAP model, as they are; in the frame of the manifest's own poses if it has some."""
-    cameras = _perspective(photoset)
-    model, numbers, poses = read_colmap(folder)
-    entries, reasons, warnings = _matched(photoset, cameras, poses, folder.name)
-    place_of = {numbers[entry]: place for place, entry in entries.items()}
-    same = all(same_camera(cameras[place], poses[entry].camera) for place, entry in entries.items())
-    structure = _imported_structure(poses, entries)
-    if same and len(entries) >= 2:
-        lenses, lens_of = _distinct(cameras)
-        mapped = bundle_of(model, place_of, lenses, lens_of)
-        # A model without points, as a renderer writes it, has poses only.
-        if len(mapped.bundle.points) > 2 * len(mapped.photos):
-            structure = structure_of(mapped.bundle, mapped.photos, mapped.colours)
-    elif model.num_points3D():
-        points = [point for _, point in sorted(model.points3D.items())]
-        colours = np.array([point.color for point in points], np.uint8)
-        structure = replace(structure, points=np.array([point.xyz for point in points]), colours=colours)
-    return _finish_import(photoset, "colmap", structure, reasons, warnings, other_conventions())
-
-
-def register_by_transforms(photoset: PhotoSet, path: Path) -> Registration:
-    """Poses of a transforms.json, as they are; in the frame of the manifest's own poses if it has some."""
-    cameras = _perspective(photoset)
-    poses = read_transforms(path)
-    entries, reasons, warnings = _matched(photoset, cameras, poses, path.name)
-    structure = _imported_structure(poses, entries)
-    return _finish_import(photoset, "transforms", structure, reasons, warnings, transforms_conventions())
+    return checked(photoset, found, otherwise)
 
 
 def masks_of(photoset: PhotoSet) -> bool:
     """Whether every photograph has a mask."""
     return all(photo.mask is not None for photo in photoset.photos)
-
-
-def _perspective(photoset: PhotoSet) -> list[Camera]:
-    for photo in photoset.photos:
-        if photo.camera.is_orthographic:
-            raise ValueError(
-                f'{photoset.manifest}: photo "{photo.name}": poses are found for perspective cameras; an ORTHOGRAPHIC'
-                " one needs world_to_camera"
-            )
-    return [photo.camera for photo in photoset.photos]
-
-
-def _distinct(cameras: Sequence[Camera]) -> tuple[list[Camera], Ints]:
-    """The different cameras, and which of them each photograph was taken by."""
-    keys = [(camera.model, tuple(camera.params.tolist()), camera.width, camera.height) for camera in cameras]
-    unique = list(dict.fromkeys(keys))
-    return [cameras[keys.index(key)] for key in unique], np.array(
-        [unique.index(key) for key in keys], np.int64
-    )
 
 
 def _write_pictures(
@@ -215,8 +160,8 @@ def _by_board(photoset: PhotoSet, sightings: BoardSightings) -> Registration:
     reasons = {place: f"the board: {why}" for place, why in {**sightings.reasons, **failed}.items()}
     warnings = [some_missing(photoset, reasons, len(structure.photos))] if reasons else []
     frame = Frame(np.eye(3), np.zeros(3), 1.0)
-    found = _registration(photoset, "board", structure, frame, "board", reasons, warnings)
-    return _checked(photoset, found, "check the masks, and that the board moved with the object")
+    found = registration_of(photoset, "board", structure, frame, "board", reasons, warnings)
+    return checked(photoset, found, "check the masks, and that the board moved with the object")
 
 
 def _sound(structure: Structure) -> tuple[Structure, dict[int, str]]:
@@ -283,111 +228,3 @@ def _frame(photoset: PhotoSet, structure: Structure) -> tuple[Frame, ScaleSource
     manifest = read_manifest(photoset.manifest)
     source: ScaleSource = "gantry" if manifest.gantry is not None else "poses"
     return frame, source, [sentence] if off[worst] > _NOTABLE_DEG else []
-
-
-def _matched(
-    photoset: PhotoSet, cameras: Sequence[Camera], poses: Sequence[ImportedPose], source: str
-) -> tuple[dict[int, int], dict[int, str], list[str]]:
-    """Which entry belongs to which photograph, by place; why the others have none; and what is to be warned of."""
-    names, others = [photo.name for photo in photoset.photos], [pose.name for pose in poses]
-    found = match_names(names, others, source)
-    entries = {place: entry for place, entry in enumerate(found) if entry is not None}
-    reasons = {
-        place: missing_reason(names[place], others, source)
-        for place, entry in enumerate(found)
-        if entry is None
-    }
-    labels = [photoset.photos[place].label for place in entries]
-    warning = camera_warning(
-        [cameras[place] for place in entries], [poses[entry].camera for entry in entries.values()], labels
-    )
-    warnings = [] if warning is None else [warning]
-    if reasons:
-        warnings.append(some_missing(photoset, reasons, len(entries)))
-    return entries, reasons, warnings
-
-
-def _imported_structure(poses: Sequence[ImportedPose], entries: dict[int, int]) -> Structure:
-    return Structure(
-        photos=np.array(list(entries), np.int64),
-        poses=np.array([poses[entry].world_to_camera for entry in entries.values()]),
-        covariance=None,
-        points=np.zeros((0, 3)),
-        colours=np.zeros((0, 3), np.uint8),
-    )
-
-
-def _finish_import(
-    photoset: PhotoSet,
-    method: Method,
-    structure: Structure,
-    reasons: dict[int, str],
-    warnings: list[str],
-    conventions: Conventions,
-) -> Registration:
-    frame = Frame(np.eye(3), np.zeros(3), 1.0)
-    found = _registration(photoset, method, structure, frame, "free", reasons, warnings)
-    return _checked(photoset, found, "check that the file belongs to this set, and the masks", conventions)
-
-
-def _registration(
-    photoset: PhotoSet,
-    method: Method,
-    structure: Structure,
-    frame: Frame,
-    source: ScaleSource,
-    reasons: dict[int, str],
-    warnings: Sequence[str],
-) -> Registration:
-    """A structure in its frame, under the names of the set."""
-    poses = frame.of_poses(structure.poses)
-    covariance = structure.covariance
-    stated = [photo.label for photo in photoset.photos if photo.posed]
-    if stated and source in ("free", "board"):
-        mixed = (
-            f"the manifest itself states poses ({stated[0]}), in another frame than the found ones: write poses ="
-            " with the name of the result at its top, so that all are taken from there, or take its own out"
-        )
-        warnings = [*warnings, mixed]
-    return Registration(
-        method=method,
-        names=tuple(photoset.photos[place].name for place in structure.photos),
-        labels=tuple(photoset.photos[place].label for place in structure.photos),
-        poses=poses,
-        covariance=None if covariance is None else frame.of_covariance(covariance, poses),
-        rms_px=structure.rms_px,
-        observations=structure.observations,
-        unregistered={photoset.photos[place].name: why for place, why in sorted(reasons.items())},
-        points=frame.of_points(structure.points),
-        colours=structure.colours,
-        scale_from=source,
-        relative_std=None if frame.covariance is None else float(np.sqrt(frame.covariance[6, 6])),
-        warnings=tuple(warnings),
-    )
-
-
-def _checked(
-    photoset: PhotoSet, found: Registration, otherwise: str, conventions: Conventions | None = None
-) -> Registration:
-    """The registration if poses and masks agree, with a warning where they hardly do.
-
-    conventions : in which another program may have written the poses; found ones are in none but ours.
-    """
-    by_name = {photo.name: photo for photo in photoset.photos}
-    photos = [by_name[name] for name in found.names]
-    cameras = [photo.camera.posed(pose) for photo, pose in zip(photos, found.poses, strict=True)]
-    coverages = [
-        read_mask(photo.mask, (photo.camera.height, photo.camera.width))
-        for photo in photos
-        if photo.mask is not None
-    ]
-    warning = None
-    try:
-        if len(photos) >= _FEWEST and len(coverages) == len(photos):
-            labels = [photo.label for photo in photos]
-            warning = check_silhouettes(cameras, coverages, labels, conventions or {}, otherwise)
-        elif conventions is not None:
-            check_sight(cameras, conventions)
-    except ValueError as error:
-        raise ValueError(f"{photoset.manifest}: {error}") from error
-    return found if warning is None else replace(found, warnings=(*found.warnings, warning))

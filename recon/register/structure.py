@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from recon.register.bundle import Bundle, pose_covariance, spread
+from recon.register.bundle import Bundle, spread
 from recon.register.features import feature_sizes, quiet_colmap
+from recon.register.posecovariance import pose_covariance
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,7 +38,7 @@ class Structure:
     """Poses and points in a frame of their own, and what they rest on.
 
     photos : (c,) places in the set of the photographs that were placed. poses : (c, 4, 4), world to camera.
-    covariance : (6c, 6c) as in `recon.register.bundle.pose_covariance`; None where nothing tells it.
+    covariance : (6c, 6c) as in `recon.register.posecovariance.pose_covariance`; None where nothing tells it.
     points : (p, 3), colours : (p, 3) uint8.
     rms_px : (c,) RMS distance of features from where their points project, false matches left out.
     observations : (c,) how many points each photograph sees.

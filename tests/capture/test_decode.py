@@ -121,6 +121,7 @@ def test_variance_of_a_few_pixels_is_that_of_the_whole(tmp_path, name):
     few = decode(path, "srgb").variance_at(rows, columns)
     whole = decode(path, "srgb").variance
     assert (whole > 0).all()
+    assert decode(path, "srgb").variance_at(rows[:0], columns[:0]).shape == (0, 3)
     assert_allclose(
         few, whole[rows, columns], rtol=1e-5, equal_nan=False
     )  # sums of a transform in another order

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.photoset import load_photoset
+from recon.register.importing import register_by_colmap, register_by_transforms
 from recon.register.names import match_names
-from recon.register.registration import register_by_colmap, register_by_transforms
 from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
