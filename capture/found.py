@@ -39,9 +39,14 @@ class _UnposedPhoto(_Lenient):
     reason: str
 
 
+class _Scale(_Lenient):
+    source: Annotated[str, Field(alias="from")]
+
+
 class _Poses(_Lenient):
     photos: tuple[_PosedPhoto, ...]
     unregistered: tuple[_UnposedPhoto, ...]
+    scale: _Scale
 
 
 class _Alignment(_Lenient):
@@ -54,12 +59,14 @@ class _Alignment(_Lenient):
 class Poses:
     """Poses of photographs by the manifest's names of their files.
 
-    world_to_camera : (4, 4) each. unregistered : why the others have none.
+    world_to_camera : (4, 4) each. unregistered : why the others have none. own_frame : whether place, direction and
+        size of their world are the finder's own choice, so that nothing else can be given in it.
     """
 
     path: Path
     world_to_camera: Mapping[str, Floats]
     unregistered: Mapping[str, str]
+    own_frame: bool = False
 
     def of(self, file: str) -> Floats:
         """The pose of a photograph; ValueError says why it has none."""
@@ -86,12 +93,13 @@ class Alignment:
 
 def read_poses(path: Path) -> Poses:
     """The poses of a poses.json, as `lightfactor register` writes it."""
-    what = "a poses.json, as `lightfactor register` writes it, holds photos and unregistered"
-    table = read_json(path, _Poses, ("photos", "unregistered"), what)
+    what = "a poses.json, as `lightfactor register` writes it, holds photos, unregistered and scale"
+    table = read_json(path, _Poses, ("photos", "unregistered", "scale"), what)
     return Poses(
         path,
         {photo.file: np.array(photo.world_to_camera) for photo in table.photos},
         {photo.file: photo.reason for photo in table.unregistered},
+        table.scale.source == "free",
     )
 
 

@@ -56,6 +56,7 @@ class PhotoSet:
     lightings : the tables of the manifest by their name; nothing of them is read yet.
     calibration_files : the files of cameras, radiometry, arcs, poses and alignment that were read.
     mesh_to_world : (4, 4) rigid, from the mesh of [object] in metres; None where there is none, or nothing places it.
+    own_frame : whether the poses were registered in a frame of their own, which light directions can't know of.
     """
 
     name: str
@@ -66,6 +67,7 @@ class PhotoSet:
     photos: tuple[Photo, ...]
     calibration_files: tuple[Path, ...] = ()
     mesh_to_world: np.ndarray | None = None
+    own_frame: bool = False
 
     @property
     def folder(self) -> Path:
@@ -123,6 +125,7 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         photos=tuple(photos),
         calibration_files=(*_calibration_files(manifest_path, manifest), *found_files),
         mesh_to_world=mesh_to_world,
+        own_frame=poses is not None and poses.own_frame,
     )
 
 

@@ -53,6 +53,8 @@ def result_document(
             "shape": "sphere",
             "centre": _numbers(result.sphere.centre),
             "radius": result.sphere.radius,
+            # In order of centre and radius; zero where given.
+            "std": _numbers(np.sqrt(np.diag(result.sphere.covariance))),
             "outline_rms_px": [round(r, 4) for r in result.sphere.residual_px],
         },
         "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in result.lightings],

@@ -73,8 +73,13 @@ def check_placement(body: MeshBody, mesh_to_world: Floats, views: Iterable[Maske
     warnings = []
     if poor:
         warnings.append(
-            f"mesh and mask overlap by little more than {_MIN_OVERLAP:.0%} in {len(poor)} photographs"
+            f"mesh and mask overlap by less than {_GOOD_OVERLAP:.0%} in {len(poor)} of the photographs"
             f" ({', '.join(poor[:3])}{', ...' if len(poor) > 3 else ''}): `lightfactor align` may help"
+        )
+    if all(overlap is None for overlap in overlaps):
+        warnings.append(
+            "no photograph has a mask, so nothing has shown whether the mesh lies where it is seen: look at the figure,"
+            " or give masks"
         )
     return Placement(tuple(overlaps), tuple(warnings))
 
@@ -99,6 +104,14 @@ def _remedy(body: MeshBody, mesh_to_world: Floats, view: MaskedView) -> str:
         for factor, mistake in _UNIT_FACTORS.items():
             if _fits(body, _scaled(view.camera, mesh_to_world, factor), view.coverage):
                 return f"it would fit if it were {factor:g} times as large: {mistake}? set unit in [object]"
+        for factor, mistake in _UNIT_FACTORS.items():
+            pose = view.camera.world_to_camera.copy()
+            pose[:3, 3] *= factor
+            if _fits(body, view.camera.posed(pose), view.coverage):
+                return (
+                    f"it would fit if the cameras' positions were {factor:g} times as large: {mistake}? give"
+                    " world_to_camera in metres"
+                )
         for name, convert in other_conventions().items():
             if _fits(body, view.camera.posed(convert(view.camera.world_to_camera)), view.coverage):
                 return f"the pose looks like {name}"

@@ -66,12 +66,12 @@ def without_strays(mesh: TriangleMesh) -> tuple[TriangleMesh, list[str]]:
     """
     piece = _pieces(mesh)
     areas = np.linalg.norm(area_vectors(mesh.vertices, mesh.faces), axis=1)
-    of_piece = np.bincount(piece, areas)
+    of_piece = np.asarray(np.bincount(piece, areas), float)
     if not of_piece.max() > 0:
         raise ValueError("all faces of the mesh are without area; export it again")
     stray = of_piece < _STRAY * of_piece.max()
     if not stray.any():
-        return mesh, []
+        return mesh, _pieces_warning(of_piece)
     share = float(of_piece[stray].sum() / of_piece.sum())
     if share > _MOST_STRAY:
         raise ValueError(
@@ -79,8 +79,18 @@ def without_strays(mesh: TriangleMesh) -> tuple[TriangleMesh, list[str]]:
             " area; merge vertices that are at one place, or remove what isn't the object, in a mesh editor"
         )
     kept = _faces_of(mesh, ~stray[piece])
-    return kept, [
-        f"{int(stray.sum())} loose pieces, {share:.2g} of the area, are left out as dirt of the scan"
+    left_out = f"{int(stray.sum())} loose pieces, {share:.2g} of the area, are left out as dirt of the scan"
+    return kept, [*_pieces_warning(of_piece[~stray]), left_out]
+
+
+def _pieces_warning(areas: NDArray[np.floating]) -> list[str]:
+    """A sentence if the mesh has several pieces, by their areas."""
+    if len(areas) == 1:
+        return []
+    share = 1 - float(areas.max() / areas.sum())
+    return [
+        f"the mesh has {len(areas)} separate pieces; all but the largest hold {share:.1%} of its area: if they aren't"
+        " the object, remove them in a mesh editor"
     ]
 
 

@@ -245,5 +245,5 @@ def _check_outward(mesh: TriangleMesh) -> None:
         raise ValueError("the normals point against the faces, which run counterclockwise seen from outside")
     if is_watertight(mesh) and volume(mesh) < 0:
         raise ValueError(
-            f"the mesh is inside out (volume {volume(mesh):.3g} m^3); flip its faces and normals"
+            f"the mesh is inside out (its volume is {volume(mesh):.3g}); flip its faces and normals"
         )

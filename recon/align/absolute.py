@@ -235,8 +235,9 @@ def _consensus(
 def _disagreement(rays: PixelRays, points: Floats, places: list[Similarity], tolerance: float) -> str:
     if not places:
         return "the picks fit no place of the mesh in front of all cameras; check the photos' poses and the picks"
+    worst = _off(rays, points, places[0]).max()
     return (
-        f"the picks don't agree: the best place leaves them {_rms(rays, points, places[0]):.3g} px (RMS) off, more than"
-        f" {tolerance:.3g} px; check that u is the column and v the row, that no rows are swapped, and the photos'"
-        " poses; with 8 or more picks a wrong one is found and named"
+        f"the picks don't agree: the best place leaves one of them {worst:.3g} px off, more than {tolerance:.3g} px;"
+        " check that u is the column and v the row, that no rows are swapped, and the photos' poses; with 8 or more"
+        " picks a wrong one is found and named"
     )

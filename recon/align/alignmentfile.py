@@ -19,7 +19,8 @@ Floats = NDArray[np.float64]
 @dataclass(frozen=True)
 class PhotoFit:
     """How a photograph fits. rms_px : of its mask's outline from the mesh's, robust; overlap : intersection over union,
-    both None without a mask. picks_px : RMS of its picks, None without. held_out : it was not fitted to."""
+    both None without a mask. picks_px : RMS of its picks, None without. held_out, left_out : it was not
+    fitted to, as the manifest says, or because it contradicts the others."""
 
     file: str
     label: str
@@ -27,6 +28,7 @@ class PhotoFit:
     overlap: float | None
     picks_px: float | None
     held_out: bool
+    left_out: bool
 
 
 def placement(place: Similarity) -> tuple[Floats, float]:
@@ -64,6 +66,7 @@ def alignment_document(
                 "overlap": photo.overlap,
                 "picks_rms_px": photo.picks_px,
                 "held_out": photo.held_out,
+                "left_out": photo.left_out,
             }
             for photo in photos
         ],

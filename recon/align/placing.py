@@ -30,15 +30,16 @@ def place_mesh(task: Task) -> Found:
     try:
         return _placed(task)
     except NoFitError as error:
-        from_nothing = task.picks is None and task.start is None
-        name = suspected_convention(task) if from_nothing else None
+        name = suspected_convention(task) if task.picks is None else None
+        if name is None and task.start is not None:
+            raise ValueError(f"{error}; or start from nothing (--auto) instead of mesh_to_world") from error
         if name is None:
             raise
         raise ValueError(f"the mesh fits its masks nowhere; the poses look like {name}") from error
 
 
 def _placed(task: Task) -> Found:
-    several = from_several_places(task)
+    several, labels = from_several_places(task), task.labels
     kept = np.ones(0 if task.picks is None else len(task.picks.points), bool)
     warnings: list[str] = []
     pull = None
@@ -96,7 +97,8 @@ def _placed(task: Task) -> Found:
             "orthographic cameras from one side: the mesh's depth can't be told, and changes nothing that they see"
         )
     warnings += _pick_warnings(task, best, pull)
-    return Found(best.place, uncertain, best.pivot, known, best, kept, tuple(warnings))
+    left_out = tuple(label for label in labels if label not in task.labels)
+    return Found(best.place, uncertain, best.pivot, known, best, kept, tuple(warnings), left_out)
 
 
 def _check(task: Task, fit: Refined) -> None:

@@ -168,8 +168,11 @@ def _photo_fits(
         if picks is not None and mine.any():
             seen = photo.camera.project(found.place.apply(picks.points[mine]))
             of_picks = float(np.sqrt(((seen - picks.pixels[mine]) ** 2).sum(axis=1).mean()))
+        left_out = photo.label in found.left_out
         area = overlap(tracer, found.place, evidence.outlines[index]) if index in evidence.outlines else None
-        fits.append(PhotoFit(photo.name, photo.label, off.get(index), area, of_picks, photo.held_out))
+        fits.append(
+            PhotoFit(photo.name, photo.label, off.get(index), area, of_picks, photo.held_out, left_out)
+        )
     return fits
 
 
@@ -196,7 +199,9 @@ def _panels(
             to = photo.camera.project(found.place.apply(picks.points[picks.photos == index]))
         overlays.append(
             Overlay(
-                title=title_of(photo.label, what, fit.rms_px, fit.overlap, photo.camera),
+                title=title_of(
+                    photo.label, "left out" if fit.left_out else what, fit.rms_px, fit.overlap, photo.camera
+                ),
                 radiance=decode_photo(photoset, photo).radiance,
                 mesh=body_coverage(body, _scaled(photo.camera, world_scale)),
                 mask=None if photo.mask is None else read_mask(photo.mask, _size(photo)),
@@ -218,7 +223,7 @@ def _scaled(camera: Camera, world_scale: float) -> Camera:
 
 
 def _summary(found: Found, fits: list[PhotoFit]) -> str:
-    off = [fit.rms_px for fit in fits if fit.rms_px is not None and not fit.held_out]
+    off = [fit.rms_px for fit in fits if fit.rms_px is not None and not (fit.held_out or fit.left_out)]
     if off:
         return f"silhouettes {np.median(off):.2f} px from {len(off)} outlines, median"
     picked = [fit.picks_px for fit in fits if fit.picks_px is not None]

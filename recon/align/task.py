@@ -55,6 +55,7 @@ class Found:
     """The mesh's place. uncertain : its covariance. scale_known : the world's scale was held, or is determined.
 
     refined : the fit to silhouettes and picks; None where only a cloud was there. kept : (n,) bool, picks that agree.
+    left_out : labels of photographs that contradict the others, so that nothing was fitted to them.
     """
 
     place: Similarity
@@ -64,6 +65,7 @@ class Found:
     refined: Refined | None
     kept: NDArray[np.bool_]
     warnings: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
 
 
 class NoFitError(ValueError):

@@ -93,7 +93,10 @@ def wrong_size(factor: float, unit: str) -> str:
     metres = factor * METRES[unit]
     for name, size in METRES.items():
         if abs(np.log(metres / size)) < 0.06 and name != unit:
-            return f"the mesh fits its masks if it is {factor:.4g} times as large: set unit = {name!r} in [object]"
+            return (
+                f"the mesh fits its masks if it is {factor:.4g} times as large: set unit = {name!r} in"
+                " [object], or give poses in metres if it is they that aren't"
+            )
     if abs(np.log(metres / 0.0254)) < 0.06:
         return (
             f"the mesh fits its masks if it is {factor:.4g} times as large: it looks like inches; scale it by 25.4 in"

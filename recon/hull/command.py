@@ -54,6 +54,8 @@ def hull(
     from recon.trianglemesh import volume, write_mesh
 
     leave_cleanly_when_stopped()
+    if output.suffix.lower() not in (".ply", ".obj"):
+        raise ValueError(f"{output}: must end in .ply or .obj")
     loaded = load_photoset(photoset, find_alignment=True)
     inputs = [path for photo in loaded.photos for path in (photo.file, photo.mask) if path is not None]
     with result_files(output, inputs=inputs) as folder:

@@ -45,9 +45,10 @@ def nothing_matches(photoset: PhotoSet, matches: Matches, masked: bool) -> str:
     if masked and middle < _FEW_FEATURES:
         return f"{start}{_REMEDY}"
     if len(matches.pairs) >= count - 1:
+        backdrop = "" if masked else ", or register with --masked where the object turned before a backdrop"
         return (
             f"{start}What matches agrees with no single object at rest: check the camera's parameters, and that nothing"
-            f" but camera moved, or register with --masked where the object turned before a backdrop. {_REMEDY}"
+            f" but camera moved{backdrop}. {_REMEDY}"
         )
     return f"{start}{_REMEDY}"
 

@@ -20,6 +20,9 @@ from recon.trianglemesh import TriangleMesh
 
 Mask = NDArray[np.float32]
 
+# Cameras closer together than this share of their distance from the origin are at one place.
+_ONE_PLACE = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class FoundBody:
@@ -38,12 +41,14 @@ class FoundBody:
 
 def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
     """The body of a set, checked against all masks; ValueError says what contradicts what."""
+    frame = _frame_warnings(photoset)
     if photoset.object.shape == "sphere":
         sphere = find_sphere(photoset, track)
         return FoundBody(
             body=SphereBody(sphere),
             mask_of=lambda photo: sphere_mask(photoset, photo, sphere),
             overlaps=(None,) * len(photoset.photos),
+            warnings=(*frame, *_size_warnings(photoset)),
         )
     read = read_object_mesh(photoset)
     assert photoset.mesh_to_world is not None, "a loaded set with a mesh has a place for it"
@@ -55,5 +60,34 @@ def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
             yield MaskedView(str(photo.file), photo.camera, photo_mask(photo))
 
     placement = check_placement(body, photoset.mesh_to_world, views())
-    warnings = (*read.warnings, *placement.warnings)
+    warnings = (*frame, *read.warnings, *placement.warnings)
     return FoundBody(body, photo_mask, placement.overlaps, read.mesh, warnings)
+
+
+def _frame_warnings(photoset: PhotoSet) -> list[str]:
+    """A sentence if lights, or a mesh's place, are given in a frame that the registered poses don't share."""
+    if not photoset.own_frame:
+        return []
+    given = [f"lighting {table.name!r}" for table in photoset.lightings if not table.unknown]
+    if photoset.object.mesh_to_world is not None:
+        given.append("mesh_to_world")
+    if not given:
+        return []
+    return [
+        f"the poses were registered in a frame of their own: {', '.join(given)} must be given in that frame, or the"
+        " frame be set by a board, by gantry angles or by given poses of some photos"
+    ]
+
+
+def _size_warnings(photoset: PhotoSet) -> list[str]:
+    """A sentence if a sphere's size and distance are free together."""
+    cameras = [photo.camera for photo in photoset.photos]
+    if photoset.object.radius is not None or photoset.object.centre is not None or cameras[0].is_orthographic:
+        return []
+    centres = np.array([camera.centre for camera in cameras])
+    if np.ptp(centres, axis=0).max() > _ONE_PLACE * np.linalg.norm(centres[0]):
+        return []
+    return [
+        "all photographs were taken from one place, from which a sphere's size and distance are free together: its"
+        " radius and the positions are right up to a common factor; give radius in [object]"
+    ]

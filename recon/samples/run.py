@@ -37,6 +37,9 @@ def run_samples(source: Path, out: Path, budget: int | None, l_max: int, rays: i
     """Sample a photo set into a folder and print what was found."""
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
+    for path in _inputs(photoset):
+        if not path.is_file():
+            raise ValueError(f"{path}: there is no such file; see {photoset.manifest}")
     with result_folder(out, OWN_FILES) as folder:
         found = find_body(photoset, track)
         sources = known_sources(photoset)

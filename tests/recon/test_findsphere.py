@@ -124,8 +124,8 @@ def test_memory_does_not_grow_with_the_masks(tmp_path):
     cv2.circle(mask, (1000, 750), 400, 255, -1, cv2.LINE_AA)
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
     lines = [
-        'format = 1\nname = "disk"\n[camera]\nmodel = "ORTHOGRAPHIC"\nwidth = 2000\nheight = 1500\n[object]\nshape = "sphere"'
-        '\n[radiometry]\nencoding = "linear"'
+        'format = 1\nname = "disk"\n[camera]\nmodel = "ORTHOGRAPHIC"\nwidth = 2000\nheight = 1500\n[object]\n'
+        'shape = "sphere"\n[radiometry]\nencoding = "linear"'
     ]
     for k in range(12):
         cv2.imwrite(str(tmp_path / f"{k}.png"), mask)

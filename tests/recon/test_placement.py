@@ -46,7 +46,9 @@ def test_a_mesh_in_its_place_overlaps_its_masks_wholly():
     found = check()
     assert found.overlaps == (1.0, 1.0, 1.0)
     assert not found.warnings
-    assert check(masks=[None, None, None]).overlaps == (None, None, None)
+    unmasked = check(masks=[None, None, None])
+    assert unmasked.overlaps == (None, None, None)
+    assert "no photograph has a mask" in unmasked.warnings[0]
 
 
 def test_a_mesh_somewhat_off_is_warned_of():
@@ -54,7 +56,7 @@ def test_a_mesh_somewhat_off_is_warned_of():
     shifted[2, 3] += 0.004
     found = check(to_world=shifted)
     assert all(0.8 < overlap < 0.95 for overlap in found.overlaps)
-    assert "overlap by little more than 80% in 3 photographs (0.png 8" in found.warnings[0]
+    assert "overlap by less than 95% in 3 of the photographs (0.png 8" in found.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -69,6 +71,18 @@ def test_a_mesh_somewhat_off_is_warned_of():
 def test_a_wrong_unit_is_named_with_its_factor(factor, said):
     with pytest.raises(ValueError, match=r"0\.png: .*" + said.replace(".", r"\.")):
         check(replace(BODY, vertices=BODY.vertices * factor))
+
+
+def test_poses_in_millimetres_are_named():
+    cameras = []
+    for camera in CAMERAS:
+        pose = camera.world_to_camera.copy()
+        pose[:3, 3] *= 1000
+        cameras.append(camera.posed(pose))
+    with pytest.raises(
+        ValueError, match=r"if the cameras' positions were 0\.001 times as large: millimetres taken"
+    ):
+        check(cameras=cameras)
 
 
 @pytest.mark.parametrize(
