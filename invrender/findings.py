@@ -10,6 +10,7 @@ from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.solve.evidence import MISFIT_REMEDY, outlying
 from invrender.solve.factorize import Solution
+from recon.knownlight import frame_warnings
 from recon.sphere import Sphere
 
 # Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
@@ -22,7 +23,7 @@ def find_warnings(
     photoset: PhotoSet, solution: Solution, sphere: Sphere, lightings: Mapping[str, Lighting]
 ) -> tuple[str, ...]:
     """Sentences on all that a user should know before using the numbers; empty if there is nothing."""
-    warnings = []
+    warnings = [f"{text[0].upper()}{text[1:]}." for text in frame_warnings(photoset)]
     rung = solution.rungs[solution.chosen]
     if rung.error > _POOR:
         warnings.append(

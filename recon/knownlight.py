@@ -62,6 +62,21 @@ def read_lighting(photoset: PhotoSet, table: LightingTable) -> Lighting:
     return lighting
 
 
+def frame_warnings(photoset: PhotoSet) -> list[str]:
+    """A sentence if lights, or a mesh's place, are given in a frame that the registered poses don't share."""
+    if not photoset.own_frame:
+        return []
+    given = [f"lighting {table.name!r}" for table in photoset.lightings if not table.unknown]
+    if photoset.object.mesh_to_world is not None:
+        given.append("mesh_to_world")
+    if not given:
+        return []
+    return [
+        f"the poses were registered in a frame of their own: {', '.join(given)} must be given in that frame, or the"
+        " frame be set by a board, by gantry angles or by given poses of some photos"
+    ]
+
+
 def _from_ball(photoset: PhotoSet, table: LightingTable, ball: MirrorBallTable, where: str) -> Lighting:
     users = [photo for photo in photoset.photos if photo.lighting == table.name]
     if not users:

@@ -13,6 +13,7 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from recon.bodies import Body, MeshBody, SphereBody
 from recon.findsphere import find_sphere, sphere_mask
+from recon.knownlight import frame_warnings
 from recon.placement import MaskedView, check_placement
 from recon.samples.stream import photo_mask
 from recon.shape import placed, read_object_mesh
@@ -41,7 +42,7 @@ class FoundBody:
 
 def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
     """The body of a set, checked against all masks; ValueError says what contradicts what."""
-    frame = _frame_warnings(photoset)
+    frame = frame_warnings(photoset)
     if photoset.object.shape == "sphere":
         sphere = find_sphere(photoset, track)
         return FoundBody(
@@ -62,21 +63,6 @@ def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
     placement = check_placement(body, photoset.mesh_to_world, views())
     warnings = (*frame, *read.warnings, *placement.warnings)
     return FoundBody(body, photo_mask, placement.overlaps, read.mesh, warnings)
-
-
-def _frame_warnings(photoset: PhotoSet) -> list[str]:
-    """A sentence if lights, or a mesh's place, are given in a frame that the registered poses don't share."""
-    if not photoset.own_frame:
-        return []
-    given = [f"lighting {table.name!r}" for table in photoset.lightings if not table.unknown]
-    if photoset.object.mesh_to_world is not None:
-        given.append("mesh_to_world")
-    if not given:
-        return []
-    return [
-        f"the poses were registered in a frame of their own: {', '.join(given)} must be given in that frame, or the"
-        " frame be set by a board, by gantry angles or by given poses of some photos"
-    ]
 
 
 def _size_warnings(photoset: PhotoSet) -> list[str]:

@@ -193,6 +193,7 @@ def test_a_mesh_two_percent_too_large_is_placed_and_named(cat, task):
 def test_a_photo_that_contradicts_the_others_is_left_out_and_named(cat, masks, task):
     wrong = [*masks[:2], np.roll(masks[2], 25, axis=1), *masks[3:]]
     found = place_mesh(task_of(cat, CAMERAS, wrong))
+    assert found.left_out == ("2.png",)
     assert np.degrees(found.place.angle_to(TRUTH)) < 0.03
     assert any(warning.startswith("2.png is left out") for warning in found.warnings)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -185,3 +186,35 @@ def test_the_command_says_in_a_sentence_what_is_wrong(cat_set, tmp_path, monkeyp
         assert run(monkeypatch, "samples", str(folder), "-o", str(tmp_path / name)) == 1
         assert said in capsys.readouterr().err
         assert not (tmp_path / name).exists()
+
+
+def test_lights_given_in_a_frame_that_the_poses_do_not_share_are_warned_of(cat_set, tmp_path):
+    lines = (cat_set / "photoset.toml").read_text().splitlines()
+    poses = [json.loads(line.split("=", 1)[1]) for line in lines if line.startswith("world_to_camera")]
+    kept = [line for line in lines if not line.startswith("world_to_camera")]
+    (tmp_path / "photoset.toml").write_text("\n".join(kept))
+    for path in cat_set.iterdir():
+        if path.is_file() and path.name != "photoset.toml":
+            (tmp_path / path.name).symlink_to(path)
+    photos = [{"file": f"00{k}.exr", "world_to_camera": pose} for k, pose in enumerate(poses)]
+    for source, warned in (("free", True), ("board", False)):
+        document = {"photos": photos, "unregistered": [], "scale": {"from": source}}
+        (tmp_path / "poses.json").write_text(json.dumps(document))
+        warnings = find_body(load_photoset(tmp_path)).warnings
+        said = "frame of their own: lighting 'sun', lighting 'sky', mesh_to_world must be given in that frame"
+        assert any(said in warning for warning in warnings) == warned
+
+
+def test_a_sphere_from_one_place_is_told_to_be_of_unknown_size(tmp_path):
+    disk = np.zeros((100, 120), np.uint8)
+    cv2.circle(disk, (60, 50), 30, 255, -1)
+    cv2.imwrite(str(tmp_path / "a.png"), disk)
+    pose = "world_to_camera = [[1.0,0,0,0],[0,1,0,0],[0,0,1,0.5],[0,0,0,1]]"
+    manifest = (
+        'format = 1\nname = "disk"\n[object]\n{}[camera]\nmodel = "PINHOLE"\nparams = [200.0, 200, 60, 50]\n'
+        f'width = 120\nheight = 100\n[[photo]]\nfile = "a.png"\nmask = "a.png"\n{pose}\n'
+    )
+    for given, warned in (("", True), ("radius = 0.07\n", False)):
+        (tmp_path / "photoset.toml").write_text(manifest.format(given))
+        warnings = find_body(load_photoset(tmp_path)).warnings
+        assert any("size and distance are free together" in warning for warning in warnings) == warned
