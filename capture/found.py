@@ -40,7 +40,7 @@ class _UnposedPhoto(_Lenient):
 
 
 class _Scale(_Lenient):
-    source: Annotated[str, Field(alias="from")]
+    metric: bool
 
 
 class _Poses(_Lenient):
@@ -99,7 +99,7 @@ def read_poses(path: Path) -> Poses:
         path,
         {photo.file: np.array(photo.world_to_camera) for photo in table.photos},
         {photo.file: photo.reason for photo in table.unregistered},
-        table.scale.source == "free",
+        not table.scale.metric,
     )
 
 

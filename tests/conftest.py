@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
+
+from capture.parallel import one_blas_thread
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_blas_thread() -> Iterator[None]:
+    """The cores are shared by processes of tests: threads within each would wait for each other."""
+    with one_blas_thread():
+        yield
 
 
 def _find_data(environ: Mapping[str, str]) -> Path:

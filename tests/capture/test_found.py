@@ -35,7 +35,7 @@ def poses(*files: str, **unregistered: str) -> dict[str, Any]:
     return {
         "format": 1,
         "photos": [{"file": file, "world_to_camera": TURNED, "rms_px": 0.3} for file in files],
-        "scale": {"metric": False, "from": "board", "relative_std": None},
+        "scale": {"metric": True, "from": "board", "relative_std": None},
         "unregistered": [{"file": f"{stem}.png", "reason": reason} for stem, reason in unregistered.items()],
     }
 

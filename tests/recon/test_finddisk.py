@@ -77,7 +77,7 @@ SCENES = {
 def test_a_sphere_is_found_where_it_is(ball, scene, blur):
     light, ambient, behind, tolerance = SCENES[scene]
     rng = np.random.default_rng(1)
-    for _ in range(3):
+    for _ in range(2):
         truth = ball([*(np.array([125, 85]) + rng.uniform(-3, 3, 2)), 200], rng.uniform(45, 60))
         image = noisy(rng, shaded(truth, FLAT, light, ambient, behind(rng), blur=blur))
         rim = find_rim(FLAT, picture(image))

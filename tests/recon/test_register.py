@@ -24,7 +24,6 @@ from capture.photoset import load_photoset
 from capture.progress import silent
 from recon.register.command import register
 from recon.register.features import likely_pairs
-from recon.register.frame import frame_of_poses
 from recon.register.posesfile import Registration
 from recon.register.registration import register_by_features
 
@@ -242,35 +241,3 @@ def test_very_many_photos_match_those_that_look_alike() -> None:
     # All neighbours within three, of which a fifth or more is shared; and far fewer pairs than all 7140.
     assert all(frozenset((n, n + k)) in found for k in (1, 2, 3) for n in range(120 - k))
     assert len(pairs) < 5000
-
-
-def test_the_published_temple_is_found_without_its_poses(data_dir: Path, tmp_path: Path) -> None:
-    published = {}
-    for line in (data_dir / "temple" / "templeSR_par.txt").read_text(encoding="utf-8").splitlines()[1:]:
-        name, *values = line.split()
-        pose = np.eye(4)
-        pose[:3, :3] = np.array(values[9:18], float).reshape(3, 3)
-        pose[:3, 3] = np.array(values[18:21], float)
-        published[name] = pose
-    found = _register(Path(__file__).parents[1] / "sets" / "temple", tmp_path / "work", masked=False)
-    assert len(found.names) == len(published) == 16
-    assert not found.warnings
-    truth = np.array([published[Path(name).name] for name in found.names])
-    # Similarity by the cameras' places alone (Umeyama), as such comparisons are usually made.
-    a, b = (_centres(poses) - _centres(poses).mean(axis=0) for poses in (found.poses, truth))
-    u, values, vt = np.linalg.svd(b.T @ a)
-    sign = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
-    rotation, scale = (u * sign) @ vt, (values * sign).sum() / (a**2).sum()
-    turns = Rotation.from_matrix(
-        truth[:, :3, :3] @ rotation @ found.poses[:, :3, :3].transpose(0, 2, 1)
-    ).magnitude()
-    middle = np.array([-0.022, 0.102, 0.025])  # of the bounding box that is published with the photographs
-    distances = np.linalg.norm(_centres(truth) - middle, axis=1)
-    shifts = np.linalg.norm(scale * a @ rotation.T - b, axis=1) / distances
-    # Asked for: 0.4 degrees and 0.8%. Reached: 0.15 and 0.16%, of which the published calibration has its part.
-    assert np.degrees(turns).max() < 0.25
-    assert shifts.max() < 0.004
-    # Fitted to turns and places together it can only be nearer.
-    frame = frame_of_poses(found.poses, truth, 1.0)
-    assert frame.residuals is not None
-    assert np.degrees(np.linalg.norm(frame.residuals[:, :3], axis=1)).max() < 0.25

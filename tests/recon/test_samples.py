@@ -197,12 +197,12 @@ def test_lights_given_in_a_frame_that_the_poses_do_not_share_are_warned_of(cat_s
         if path.is_file() and path.name != "photoset.toml":
             (tmp_path / path.name).symlink_to(path)
     photos = [{"file": f"00{k}.exr", "world_to_camera": pose} for k, pose in enumerate(poses)]
-    for source, warned in (("free", True), ("board", False)):
-        document = {"photos": photos, "unregistered": [], "scale": {"from": source}}
+    for metric in (False, True):
+        document = {"photos": photos, "unregistered": [], "scale": {"metric": metric}}
         (tmp_path / "poses.json").write_text(json.dumps(document))
         warnings = find_body(load_photoset(tmp_path)).warnings
         said = "frame of their own: lighting 'sun', lighting 'sky', mesh_to_world must be given in that frame"
-        assert any(said in warning for warning in warnings) == warned
+        assert any(said in warning for warning in warnings) != metric
 
 
 def test_a_sphere_from_one_place_is_told_to_be_of_unknown_size(tmp_path):

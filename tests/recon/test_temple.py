@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from capture.photoset import load_photoset
 from invrender.cli import main
@@ -17,12 +18,12 @@ from recon.trianglemesh import is_watertight, read_mesh
 BOX = np.array([[-0.073568, 0.021728, -0.012445], [0.028855, 0.181892, 0.062736]])
 
 
-def published_centres(folder: Path) -> np.ndarray:
-    """Where the sixteen cameras stood, by the published R and t."""
+def published(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations (16, 3, 3) and centres (16, 3) of the cameras, by the published R and t."""
     lines = [line.split() for line in (folder / "temple" / "templeSR_par.txt").read_text().splitlines()]
     numbers = np.array([line[10:] for line in lines if len(line) == 22], float)
     rotations, shifts = numbers[:, :9].reshape(-1, 3, 3), numbers[:, 9:]
-    return -np.einsum("nji,nj->ni", rotations, shifts)
+    return rotations, -np.einsum("nji,nj->ni", rotations, shifts)
 
 
 def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -61,11 +62,23 @@ def test_the_temple_from_photographs_to_samples(data_dir, tmp_path, monkeypatch)
     )
 
     photoset = load_photoset(tmp_path)
+    # Similarity by the cameras' places alone, as such comparisons are usually made. Reached: 0.19 degrees and 0.2% of
+    # the distance, of which the published calibration has its part.
+    centres = np.array([photo.camera.centre for photo in photoset.photos])
+    rotations, places = published(data_dir)
+    scale, rotation, shift = similarity(centres, places)
+    distances = np.linalg.norm(places - BOX.mean(axis=0), axis=1)
+    off = np.linalg.norm(scale * centres @ rotation.T + shift - places, axis=1) / distances
+    found = np.array([photo.camera.world_to_camera[:3, :3] for photo in photoset.photos])
+    turns = Rotation.from_matrix(rotations @ rotation @ found.transpose(0, 2, 1)).magnitude()
+    assert len(photoset.photos) == 16
+    assert off.max() < 0.004
+    assert np.degrees(turns).max() < 0.25
+
     hull = read_mesh(tmp_path / "hull.ply")
     assert is_watertight(hull)
     # The hull holds the published box, but for what its corners have of empty space. Its centre, and points inside.
-    centres = np.array([photo.camera.centre for photo in photoset.photos])
-    scale, rotation, shift = similarity(published_centres(data_dir), centres)
+    scale, rotation, shift = similarity(places, centres)
     rng = np.random.default_rng(0)
     inner = BOX.mean(axis=0) + 0.25 * (BOX[1] - BOX[0]) * rng.uniform(-1, 1, (200, 3))
     points = scale * inner @ rotation.T + shift

@@ -16,6 +16,7 @@ from capture.decode import decode_photo, read_mask
 from capture.lighting import read_latlong
 from capture.photoset import PhotoSet, load_photoset
 from recon.locate import View, locate_sphere
+from recon.outline import mask_silhouette
 from recon.sphere import Sphere
 from synthetic.demo import demo_staging, write_demo
 from synthetic.render.photograph import photographs
@@ -41,7 +42,7 @@ def found_sphere(photoset: PhotoSet) -> Sphere:
     for photo in photoset.photos:
         assert photo.mask is not None
         size = (photo.camera.height, photo.camera.width)
-        views.append(View(photo.label, photo.camera, read_mask(photo.mask, size)))
+        views.append(View(photo.label, photo.camera, mask_silhouette(read_mask(photo.mask, size))))
     return locate_sphere(views)
 
 
