@@ -118,7 +118,9 @@ def test_a_mirrored_mesh_is_never_fitted_but_named():
 def test_picks_that_contradict_each_other_are_refused():
     rng, place = np.random.default_rng(8), truth(8)
     points = points_of(8, rng)
-    with pytest.raises(ValueError, match=r"the picks don't agree: the best place leaves one of them .* px off"):
+    with pytest.raises(
+        ValueError, match=r"the picks don't agree: the best place leaves one of them .* px off"
+    ):
         fit_picks(picked(cameras(4), points, place, 1, rng), points_of(8, rng), True, FOCAL)
 
 
