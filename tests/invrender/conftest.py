@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
-from capture.parallel import one_blas_thread
 from capture.radiance import RadianceImage
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.transfer import light_elements
@@ -152,13 +151,6 @@ def with_noise(
         deviation = np.hypot(relative * photo.radiance, floor * photo.radiance.mean())
         noisy.append(with_radiance(photo, photo.radiance + deviation * rng.standard_normal(deviation.shape)))
     return noisy
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _one_blas_thread() -> Iterator[None]:
-    """As in a run, which spreads its own work: many small fits take ten times as long without."""
-    with one_blas_thread():
-        yield
 
 
 @pytest.fixture(scope="session")
