@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -100,20 +101,32 @@ def seconds(work: Callable[[], object]) -> tuple[float, float]:
     return time.perf_counter() - clock, time.process_time() - processors
 
 
-def measured(work: Work, single: RayTracer, spread: RayTracer) -> tuple[float, float, float, float]:
+def measured(work: Work, single: RayTracer, spread: RayTracer) -> tuple[float, float, float, float, float]:
     """Bare rays per second and core, and the shares of it that the tracer reaches.
 
-    On all cores by the clock and by the processors' time, and in one thread by the processor's time.
+    On all cores by the clock and by the processors' time, and in one thread by the processor's time; and, by the
+    clock, what bare calls themselves reach of that when every core makes one at once.
     """
-    bare, alone, together = [], [], []
+    bare, alone, together, crowd = [], [], [], []
     for _ in range(_ROUNDS):
         bare.append(seconds(work.bare))
         alone.append(seconds(lambda: work.traced(single)))
         together.append(seconds(lambda: work.traced(spread)))
-    (clock, busy), (_, one), (all_cores, all_busy) = (
-        np.median(each, axis=0) for each in (bare, alone, together)
+        crowd.append(seconds(lambda: all_at_once(work.bare)))
+    (clock, busy), (_, one), (all_cores, all_busy), (crowded, _) = (
+        np.median(each, axis=0) for each in (bare, alone, together, crowd)
     )
-    return work.rays / clock, clock / (os.cpu_count() or 1) / all_cores, busy / all_busy, busy / one
+    cores = os.cpu_count() or 1
+    return work.rays / clock, clock / cores / all_cores, busy / all_busy, busy / one, clock / crowded
+
+
+def all_at_once(work: Callable[[], object]) -> None:
+    """The same work in as many threads as there are cores."""
+    threads = [threading.Thread(target=work) for _ in range(os.cpu_count() or 1)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
 
 
 def main(out: Path) -> None:
@@ -122,8 +135,11 @@ def main(out: Path) -> None:
 
     shares: dict[str, list[float]] = {}
     counts = []
-    print(f"{'':>32} | {'all cores':^21} | one thread")
-    print(f"{'faces':>8} {'rays':12} {'bare 1/s':>10} | {'clock':>10} {'processor':>10} | {'processor':>10}")
+    print(f"{'':>32} | {'all cores':^21} | one thread | bare on all")
+    print(
+        f"{'faces':>8} {'rays':12} {'bare 1/s':>10} | {'clock':>10} {'processor':>10} | {'processor':>10}"
+        f" | {'clock':>10}"
+    )
     for edge in _EDGES:
         mesh = mesh_implicit(cat_field, REACH, edge)
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -133,7 +149,7 @@ def main(out: Path) -> None:
         counts.append(len(mesh.faces))
         for work in works(mesh, single):
             bare, *share = measured(work, single, spread)
-            columns = "{:10.0%} {:10.0%} | {:10.0%}".format(*share)
+            columns = "{:10.0%} {:10.0%} | {:10.0%} | {:10.0%}".format(*share)
             print(f"{len(mesh.faces):8d} {work.name:12} {bare:10.3g} | {columns}")
             shares.setdefault(work.name, []).append(share[0])
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")

@@ -91,7 +91,7 @@ class RayTracer:
         given |= {} if facets is None else {"facets": facets}
         _check_shapes(given)
         faces = np.empty(len(origins), np.int32)
-        weights = np.empty((len(origins), 3))
+        weights = np.zeros((3, len(origins)))  # corner by corner: rows are written at one go
 
         def trace(part: slice) -> None:
             starts = self._starts(origins[part], None if facets is None else facets[part])
@@ -105,12 +105,14 @@ class RayTracer:
             faces[part] = found["primID"]
             hit = faces[part] >= 0
             # Of rays that meet nothing, u and v are anything.
-            u, v = np.where(hit, found["u"], 0), np.where(hit, found["v"], 0)
-            weights[part, 0] = hit - u.astype(np.float64) - v
-            weights[part, 1], weights[part, 2] = u, v
+            w, u, v = weights[:, part]
+            np.copyto(u, found["u"], where=hit)
+            np.copyto(v, found["v"], where=hit)
+            np.subtract(hit, u, out=w)
+            w -= v
 
         self._spread(trace, len(origins))
-        return Hits(faces, weights)
+        return Hits(faces, weights.T)
 
     def occluded(
         self,
