@@ -33,12 +33,14 @@ _CLEARANCE = 3
 class SurfaceHits:
     """Where n rays meet a body first. Rows of rays that miss it are zero.
 
-    hit : (n,) bool. positions : (n, 3) metres. normals : (n, 3) unit, of the smooth surface. facets : (n, 3) unit, of
-    the surface that rays meet: a mesh's flat triangles, on the side that is seen.
+    hit : (n,) bool. views : (n, 3) unit, back along the rays, of those that miss, too. positions : (n, 3) metres.
+    normals : (n, 3) unit, of the smooth surface. facets : (n, 3) unit, of the surface that rays meet: a mesh's flat
+    triangles, on the side that is seen.
     faces : (n,) triangle, -1 where none, and weights : (n, 3) of its corners; None of both on a sphere.
     """
 
     hit: NDArray[np.bool_]
+    views: Floats
     positions: Floats
     normals: Floats
     facets: Floats
@@ -89,10 +91,10 @@ class SphereBody:
         whole = np.ones(len(centres), bool)
         for corner in _CORNERS:
             whole &= self.hits(camera, centres + 0.5 * corner).hit
-        normals = self.hits(camera, centres).normals
-        cos = -(normals * camera.rays(centres)[1]).sum(axis=1)
+        at = self.hits(camera, centres)
+        cos = (at.normals * at.views).sum(axis=1)
         turn = 1 / (self.sphere.pixel_radius(camera) * np.maximum(cos, 1e-9))
-        return PixelGeometry(whole, whole, normals, cos, turn)
+        return PixelGeometry(whole, whole, at.normals, cos, turn)
 
     def hits(self, camera: Camera, pixels: Floats) -> SurfaceHits:
         origins, directions = camera.rays(pixels)
@@ -100,7 +102,7 @@ class SphereBody:
         if not camera.is_orthographic and camera.depth(self.sphere.centre)[0] <= self.sphere.radius:
             hit, normals = np.zeros_like(hit), np.zeros_like(normals)  # behind the camera, or around it
         positions = np.where(hit[:, None], self.sphere.centre + self.sphere.radius * normals, 0.0)
-        return SurfaceHits(hit, positions, normals, normals)
+        return SurfaceHits(hit, -directions, positions, normals, normals)
 
     def visible(self, positions: Floats, facets: Floats, directions: Floats) -> NDArray[np.bool_]:
         return (facets * directions).sum(axis=1) > 0
@@ -125,7 +127,6 @@ class MeshBody:
 
     def pixel_geometry(self, camera: Camera, rows: Ints, columns: Ints) -> PixelGeometry:
         centres = _centres(rows, columns)
-        views = -camera.rays(centres)[1]
         at = self.hits(camera, centres)
         depth = np.ones(len(centres)) if camera.is_orthographic else camera.depth(at.positions)
         per_metre = camera.focal_px / np.where(at.hit, depth, 1.0)
@@ -149,7 +150,7 @@ class MeshBody:
         clear = whole.copy()
         for corner in _CORNERS:
             clear &= _continues(at, self.hits(camera, centres + _CLEARANCE * corner), per_metre, _CLEARANCE)
-        return PixelGeometry(whole, clear, at.normals, (at.normals * views).sum(axis=1), turn)
+        return PixelGeometry(whole, clear, at.normals, (at.normals * at.views).sum(axis=1), turn)
 
     def hits(self, camera: Camera, pixels: Floats) -> SurfaceHits:
         origins, directions = camera.rays(pixels)
@@ -171,6 +172,7 @@ class MeshBody:
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return SurfaceHits(
             hit=hit,
+            views=-directions,
             positions=_blended(self.mesh.vertices, corners, weights),
             normals=normals / np.where(hit[:, None], lengths, 1.0),
             facets=np.where(hit[:, None], facets, 0.0),
@@ -215,15 +217,14 @@ def body_coverage(body: Body, camera: Camera, stride: int = 1) -> NDArray[np.boo
 
 
 def body_pixels(body: Body, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the pixels whose corners and centre all lie on the body."""
-    covered = body_coverage(body, camera)
+    """Rows and columns of the pixels whose corners all lie on the body."""
     corners = np.zeros((camera.height + 1, camera.width + 1), bool)
     top, left, bottom, right = body_window(body, camera)
     for rows, columns in _bands((top, left, bottom + 1, right + 1)):
         y, x = np.mgrid[rows, columns]
         pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)
         corners[rows, columns] = body.hits(camera, pixels).hit.reshape(y.shape)
-    whole = corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:] & covered
+    whole = corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]
     rows_, columns_ = np.nonzero(whole)
     return rows_, columns_
 

@@ -152,8 +152,8 @@ def _gather(
         nodes = _gauss_nodes(side)
         offsets[mine] = np.column_stack([nodes[which[mine] % side], nodes[which[mine] // side]])
     points = np.column_stack([columns, rows])[ray_sample] + 0.5 + offsets
-    views = -camera.rays(points)[1]
     hits = body.hits(camera, points)
+    views = hits.views
     reflected = 2 * (hits.normals * views).sum(axis=1)[:, None] * hits.normals - views
     seen = [
         body.visible(hits.positions, hits.facets, np.broadcast_to(source, views.shape)) for source in sources

@@ -86,7 +86,7 @@ def _pictures(
     """Titles and pictures (h, w) or (h, w, 4); what the body doesn't cover is left empty."""
     hits = body.hits(panel.camera, pixels)
     # Where nothing is hit the lens may have no ray at all.
-    views = np.where(hits.hit[:, None], -panel.camera.rays(pixels)[1], [0.0, 0.0, 1.0])
+    views = np.where(hits.hit[:, None], hits.views, [0.0, 0.0, 1.0])
 
     def drawn(values: NDArray[Any]) -> NDArray[Any]:
         if values.ndim == 1:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from recon.lightfield import LightField
 from recon.samples.figure import Panel, samples_figure
 from recon.samples.find import FoundBody, find_body
 from recon.samples.stream import light_fields
-from recon.sampling import NO_SOURCES
+from recon.sampling import NO_SOURCES, sample_body
 from recon.transfer import TransferVectors
 from recon.transfercache import cached_transfer
 from recon.trianglemesh import TriangleMesh
@@ -150,10 +150,10 @@ def _draw(
     counts = [row["samples"] for row in rows]
     index = int(np.argsort(counts, kind="stable")[len(counts) // 2])
     photo = photoset.photos[index]
-    alone = replace(photoset, photos=(photo,))
-    (field,) = light_fields(alone, found.body, sources, None, found.mask_of)
-    image = decode_photo(photoset, photo)
-    panel = Panel(photo.label, photo.camera, image, field, sources[photo.lighting], sky)
+    image, lights = decode_photo(photoset, photo), sources[photo.lighting]
+    whole = np.random.default_rng(0)  # asked for nothing where every pixel is taken
+    field = sample_body(found.body, photo.camera, image, found.mask_of(photo), lights, None, whole)
+    panel = Panel(photo.label, photo.camera, image, field, lights, sky)
     faces = found.body.mesh.faces if isinstance(found.body, MeshBody) else None
     samples_figure(panel, found.body, faces).savefig(path)
 
