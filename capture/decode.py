@@ -70,6 +70,13 @@ def decode_photo(photoset: PhotoSet, photo: Photo) -> RadianceImage:
     return decode_in_set(photoset.radiometry, photo.file, photo.exposure, size)
 
 
+def photo_mask(photo: Photo) -> Image | None:
+    """The mask of a photograph of a set as coverage, (h, w) float32 in 0 to 1; None if it has none."""
+    if photo.mask is None:
+        return None
+    return read_mask(photo.mask, (photo.camera.height, photo.camera.width))
+
+
 def decode_in_set(
     radiometry: Radiometry, path: Path, settings: ExposureSettings, size: tuple[int, int]
 ) -> RadianceImage:

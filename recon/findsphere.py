@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.decode import decode_photo, read_mask
+from capture.decode import decode_photo, photo_mask
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
@@ -31,7 +31,7 @@ def _find_sphere(photoset: PhotoSet, track: Track) -> Sphere:
     must_find = _must_find(photoset)
 
     def silhouette(photo: Photo) -> Silhouette | None:
-        mask = _photo_mask(photo)
+        mask = photo_mask(photo)
         if mask is not None:
             return mask_silhouette(mask)
         rim = find_rim(photo.camera, decode_photo(photoset, photo)) if must_find else None
@@ -61,7 +61,7 @@ def _find_sphere(photoset: PhotoSet, track: Track) -> Sphere:
 def sphere_mask(photoset: PhotoSet, photo: Photo, sphere: Sphere) -> NDArray[np.float32] | None:
     """A photo's mask (h, w) in 0 to 1. Without one, that of the sphere if it was found: its rim is known to a share
     of a pixel only, which samples keep away from; None if it was given."""
-    mask = _photo_mask(photo)
+    mask = photo_mask(photo)
     if mask is None and _must_find(photoset):
         return body_coverage(SphereBody(sphere), photo.camera).astype(np.float32)
     return mask
@@ -69,10 +69,6 @@ def sphere_mask(photoset: PhotoSet, photo: Photo, sphere: Sphere) -> NDArray[np.
 
 def _must_find(photoset: PhotoSet) -> bool:
     return photoset.object.centre is None or photoset.object.radius is None
-
-
-def _photo_mask(photo: Photo) -> NDArray[np.float32] | None:
-    return None if photo.mask is None else read_mask(photo.mask, (photo.camera.height, photo.camera.width))
 
 
 def _located(photoset: PhotoSet, silhouettes: Sequence[Silhouette | None]) -> Sphere:

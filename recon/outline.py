@@ -111,6 +111,11 @@ def largest_blob(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.zeros(luminance.shape, np.float32)
     codes = np.round(luminance / peak * 255).astype(np.uint8)
     _, bright = cv2.threshold(codes, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    return largest_filled(bright)
+
+
+def largest_filled(bright: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Coverage (h, w), 0 or 1, of the largest connected region of nonzero pixels (h, w), its holes filled."""
     contours, _ = cv2.findContours(bright, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros_like(bright)
     if contours:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict
 
-from capture.decode import decode_photo, read_mask
+from capture.decode import decode_photo, photo_mask
 from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.found import POSES_NAME
 from capture.manifest import read_manifest
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
 from recon.align.cloud import LEAST_POINTS, read_cloud
 from recon.align.outlines import Outline, outline_of
 from recon.align.picks import Picks
@@ -27,7 +28,6 @@ from recon.outline import largest_blob
 
 Floats = NDArray[np.float64]
 Coverage = NDArray[np.float32]
-Track = Callable[[Iterable[Photo], str], Iterator[Photo]]
 
 # A background counts as dark if its radiance is below this share of the object's; and an object as one that isn't the
 # whole picture if it covers at most so much of the image's rim.
@@ -85,7 +85,7 @@ def gather(photoset: PhotoSet, poses: Path | None, without_masks: bool, track: T
     outlines: dict[int, Outline] = {}
 
     def looked_at(photo: Photo) -> tuple[Outline | str, NDArray[np.bool_]]:
-        coverage = _object_on_dark(photoset, photo) if from_background else _mask(photo)
+        coverage = _object_on_dark(photoset, photo) if from_background else photo_mask(photo)
         if coverage is None:
             return "its background isn't dark", np.zeros(votes.shape, bool)
         seen = np.zeros(votes.shape, bool) if cloud is None else _seen(photo, coverage, cloud)
@@ -131,11 +131,6 @@ def picked_points(picks: Picks, photos: Sequence[Photo], file: str, swapped: boo
         for line, photo in zip(picks.lines, picks.photos, strict=True)
     ]
     return PickedPoints(joined(rays), picks.points, float(np.median(focal)), names)
-
-
-def _mask(photo: Photo) -> Coverage:
-    assert photo.mask is not None
-    return read_mask(photo.mask, (photo.camera.height, photo.camera.width))
 
 
 def _object_on_dark(photoset: PhotoSet, photo: Photo) -> Coverage | None:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from capture.decode import decode_photo, read_mask
+from capture.decode import decode_photo, photo_mask
 from capture.files.documents import file_hash, input_hashes, software, write_json
 from capture.files.outfolder import result_files
 from capture.found import ALIGNMENT_NAME
 from capture.parallel import one_blas_thread
-from capture.photoset import Photo, PhotoSet, load_photoset
+from capture.photoset import PhotoSet, load_photoset
 from capture.terminal import console, track
 from recon.align.absolute import fit_picks
 from recon.align.alignmentfile import PhotoFit, alignment_document, placement, std_of
@@ -204,16 +204,12 @@ def _panels(
                 ),
                 radiance=decode_photo(photoset, photo).radiance,
                 mesh=body_coverage(body, _scaled(photo.camera, world_scale)),
-                mask=None if photo.mask is None else read_mask(photo.mask, _size(photo)),
+                mask=photo_mask(photo),
                 picks=clicked,
                 to=to,
             )
         )
     return overlays, f"{photoset.name}: the aligned mesh on the photographs ({_summary(found, fits)})"
-
-
-def _size(photo: Photo) -> tuple[int, int]:
-    return photo.camera.height, photo.camera.width
 
 
 def _scaled(camera: Camera, world_scale: float) -> Camera:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from recon.align.outlines import Outline
 from recon.align.pixelrays import from_one_place, pixel_rays
 from recon.align.similarity import Similarity, rotations_all_over
+from recon.harmonics import sphere_directions
 
 Floats = NDArray[np.float64]
 
@@ -143,10 +144,7 @@ def _hull_points(points: Floats) -> Floats:
     if len(corners) <= _HULL_POINTS:
         return np.asarray(corners)
     # The farthest in so many directions.
-    k = np.arange(4 * _HULL_POINTS) + 0.5
-    z, azimuth = 1 - 2 * k / len(k), np.pi * (1 + np.sqrt(5)) * k
-    around = np.sqrt(1 - z**2)
-    ways = np.stack([around * np.cos(azimuth), around * np.sin(azimuth), z], axis=-1)
+    ways = sphere_directions(4 * _HULL_POINTS)
     return np.asarray(corners[np.unique((corners @ ways.T).argmax(axis=0))])
 
 

@@ -45,7 +45,7 @@ def hull(
     poses, so it needs no alignment: [object] shape = "mesh", mesh = "hull.ply". Hollows that no silhouette shows are
     filled, and normals are off there: it is a stand-in, not a scan.
     """
-    from capture.decode import decode_photo, read_mask
+    from capture.decode import decode_photo, photo_mask
     from capture.files.outfolder import result_files
     from capture.photoset import load_photoset
     from capture.terminal import console, leave_cleanly_when_stopped, track
@@ -61,10 +61,10 @@ def hull(
     with result_files(output, inputs=inputs) as folder:
         coverages = []
         for photo in track(loaded.photos, "Reading silhouettes"):
-            if photo.mask is not None:
-                coverages.append(read_mask(photo.mask, (photo.camera.height, photo.camera.width)))
-            else:
-                coverages.append(bright_region(decode_photo(loaded, photo).radiance, background))
+            mask = photo_mask(photo)
+            if mask is None:
+                mask = bright_region(decode_photo(loaded, photo).radiance, background)
+            coverages.append(mask)
             if not coverages[-1].any():
                 raise ValueError(f"{photo.file}: has no mask, and nothing in it is bright; give a mask")
         mesh = visual_hull([photo.camera for photo in loaded.photos], coverages, cells, track)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from recon.outline import largest_filled
 
 
 def bright_region(radiance: NDArray[np.float32], share: float) -> NDArray[np.float32]:
@@ -15,9 +16,4 @@ def bright_region(radiance: NDArray[np.float32], share: float) -> NDArray[np.flo
     """
     luminance = radiance.mean(axis=2)
     level = share * float(np.quantile(luminance, 0.999))
-    bright = (luminance > level).astype(np.uint8)
-    contours, _ = cv2.findContours(bright, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    filled = np.zeros_like(bright)
-    if contours and level > 0:
-        cv2.drawContours(filled, [max(contours, key=cv2.contourArea)], -1, 1, thickness=cv2.FILLED)
-    return filled.astype(np.float32)
+    return largest_filled(((luminance > level) & (level > 0)).astype(np.uint8))

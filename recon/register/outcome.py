@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from capture.decode import read_mask
+from capture.decode import photo_mask
 from capture.photoset import PhotoSet
 from recon.register.frame import Frame
 from recon.register.posesfile import Method, Registration, ScaleSource
@@ -87,11 +87,7 @@ def checked(
     by_name = {photo.name: photo for photo in photoset.photos}
     photos = [by_name[name] for name in found.names]
     cameras = [photo.camera.posed(pose) for photo, pose in zip(photos, found.poses, strict=True)]
-    coverages = [
-        read_mask(photo.mask, (photo.camera.height, photo.camera.width))
-        for photo in photos
-        if photo.mask is not None
-    ]
+    coverages = [mask for mask in map(photo_mask, photos) if mask is not None]
     warning = None
     try:
         if len(photos) >= _FEWEST and len(coverages) == len(photos):

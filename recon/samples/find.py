@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.decode import photo_mask
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from recon.bodies import Body, MeshBody, SphereBody
 from recon.findsphere import find_sphere, sphere_mask
 from recon.knownlight import frame_warnings
 from recon.placement import MaskedView, check_placement
-from recon.samples.stream import photo_mask
 from recon.shape import placed, read_object_mesh
 from recon.trianglemesh import TriangleMesh
 

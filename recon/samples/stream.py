@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.decode import decode_photo, read_mask
+from capture.decode import decode_photo, photo_mask
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from recon.bodies import Body
@@ -16,13 +16,6 @@ from recon.sampling import sample_body
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.float32]
-
-
-def photo_mask(photo: Photo) -> Mask | None:
-    """The mask of a photograph, (h, w) in 0 to 1, None if it has none."""
-    if photo.mask is None:
-        return None
-    return read_mask(photo.mask, (photo.camera.height, photo.camera.width))
 
 
 def light_fields(
