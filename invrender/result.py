@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from capture.files.documents import software
 from invrender.factorization import Factorization, FittedLighting, Quantity
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
-from invrender.theory.harmonics import project_latlong, project_sources
+from invrender.theory.harmonics import project_sources
+from invrender.theory.latlong import map_coefficients
 
 FORMAT = 1
 # The first nine coefficients are the ones that a diffuse surface sees.
@@ -156,7 +157,7 @@ def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any]
 
 def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
     lighting = entry.lighting
-    coefficients = project_latlong(lighting_map(entry), _L_MAX)
+    coefficients = map_coefficients(lighting_map(entry), _L_MAX)
     coefficients += project_sources(lighting.directions, lighting.irradiances, _L_MAX)
     return {
         "name": lighting.name,

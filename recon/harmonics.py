@@ -5,7 +5,7 @@ The coefficient of degree l (the papers say order) and order m is stored at l * 
 
 from __future__ import annotations
 
-from math import factorial, pi
+from math import factorial, isqrt, pi
 
 import numpy as np
 import sphericart
@@ -13,11 +13,69 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
+# How far a direction's length may be from 1: rounding of single precision, and no more.
+_UNIT = 1e-5
+
 
 def evaluate_harmonics(directions: ArrayLike, l_max: int) -> Floats:
-    """Y_lm at directions (n, 3), unit, as (n, (l_max + 1)^2)."""
+    """Y_lm at directions (n, 3), unit, as (n, (l_max + 1)^2).
+
+    Raises ValueError for l_max below 0 and for directions that aren't finite and unit.
+    """
+    check_degree(l_max)
     directions = np.ascontiguousarray(np.asarray(directions, float).reshape(-1, 3))
+    check_unit(directions)
     return np.asarray(sphericart.SphericalHarmonics(l_max).compute(directions))
+
+
+def check_degree(l_max: int, name: str = "l_max") -> None:
+    """Raise ValueError for a highest degree below 0."""
+    if l_max < 0:
+        raise ValueError(f"{name} is {l_max}; it must be an integer >= 0")
+
+
+def check_unit(directions: Floats, name: str = "directions") -> None:
+    """Raise ValueError, with the worst of them, for directions (..., 3) that aren't finite and unit."""
+    x, y, z = (directions[..., k] for k in range(3))
+    off = np.abs(x * x + y * y + z * z - 1)
+    # `not <=`: NaN is no length either.
+    if off.size and not off.max() <= 2 * _UNIT:
+        worst = np.unravel_index(np.argmax(np.where(np.isnan(off), np.inf, off)), off.shape)
+        raise ValueError(
+            f"{name}[{', '.join(map(str, worst))}] is {directions[worst].tolist()}; directions must be finite and of"
+            " length 1: divide them by their length"
+        )
+
+
+def degree_of(count: int) -> int:
+    """l_max of `count` coefficients, (l_max + 1)^2 of them; ValueError for any other number."""
+    l_max = isqrt(count) - 1
+    if count < 1 or (l_max + 1) ** 2 != count:
+        raise ValueError(
+            f"there are {count} coefficients; a function of degree l_max has (l_max + 1)^2: 1, 4, 9, 16, ..."
+        )
+    return l_max
+
+
+def degrees(l_max: int) -> NDArray[np.int64]:
+    """Degree l of each coefficient in storage order, ((l_max + 1)^2,)."""
+    return np.repeat(np.arange(l_max + 1), 2 * np.arange(l_max + 1) + 1)
+
+
+def orders(l_max: int) -> NDArray[np.int64]:
+    """Order m of each coefficient in storage order, ((l_max + 1)^2,)."""
+    l = degrees(l_max)
+    return np.arange(len(l)) - l * l - l
+
+
+def to_degree(coefficients: ArrayLike, l_max: int) -> Floats:
+    """Coefficients ((l_max + 1)^2, ...) of the same function, cut off above l_max or filled up with zeros."""
+    coefficients = np.asarray(coefficients, float)
+    degree_of(len(coefficients))
+    result = np.zeros(((l_max + 1) ** 2, *coefficients.shape[1:]))
+    kept = min(len(result), len(coefficients))
+    result[:kept] = coefficients[:kept]
+    return result
 
 
 def clamped_cosine_transfer(l_max: int) -> Floats:
@@ -26,6 +84,7 @@ def clamped_cosine_transfer(l_max: int) -> Floats:
     [RH01, eq. 15 and 16]: A_0 = pi, A_1 = 2 pi / 3, A_2 = pi / 4, zero for odd l > 1, and for even l
     2 pi (-1)^(l/2-1) / ((l+2)(l-1)) * l! / (2^l (l/2)!^2), which falls off as l^(-5/2).
     """
+    check_degree(l_max)
     transfer = np.zeros(l_max + 1)
     for degree in range(l_max + 1):
         if degree == 1:
@@ -35,24 +94,6 @@ def clamped_cosine_transfer(l_max: int) -> Floats:
             central = factorial(degree) / (2**degree * factorial(half) ** 2)
             transfer[degree] = 2 * pi * (-1) ** (half - 1) / ((degree + 2) * (degree - 1)) * central
     return transfer
-
-
-def rotated_harmonics(coefficients: ArrayLike, rotation: ArrayLike) -> NDArray[np.floating]:
-    """Coefficients (..., (l_max + 1)^2) of the functions that a rotation (3, 3) makes of functions on the sphere.
-
-    What had its value in direction w has it in direction R w. Degree by degree the harmonics of turned directions are
-    combinations of those of the directions themselves; they are solved for.
-    """
-    coefficients, rotation = np.asarray(coefficients), np.asarray(rotation, float)
-    l_max = int(np.sqrt(coefficients.shape[-1])) - 1
-    directions = sphere_directions(4 * (l_max + 1) ** 2)
-    here, turned = (evaluate_harmonics(ways, l_max) for ways in (directions, directions @ rotation.T))
-    result = np.empty_like(coefficients)
-    for degree in range(l_max + 1):
-        band = slice(degree**2, (degree + 1) ** 2)
-        matrix = np.linalg.lstsq(turned[:, band], here[:, band])[0]
-        result[..., band] = coefficients[..., band] @ matrix.T.astype(coefficients.dtype)
-    return result
 
 
 def sphere_directions(count: int) -> Floats:

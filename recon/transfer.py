@@ -19,8 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from capture.arrays import frozen_array
 from capture.parallel import one_blas_thread, parallel_map
-from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics, rotated_harmonics, sphere_directions
+from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics, sphere_directions
 from recon.rays import RayTracer
+from recon.rotations import rotated_harmonics
 from recon.trianglemesh import TriangleMesh
 
 Floats = NDArray[np.float64]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting, latlong_directions, latlong_solid_angles
 from invrender.model.half_vectors import PreparedMap, map_transfer
 from invrender.model.microfacet import lobe
-from invrender.theory.harmonics import project_latlong
 from invrender.theory.lambertian import irradiance
+from invrender.theory.latlong import map_coefficients
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -49,9 +49,9 @@ class LightElement:
         return self.irradiances.shape[1]
 
     @cached_property
-    def map_coefficients(self) -> Floats | None:
+    def diffuse_coefficients(self) -> Floats | None:
         """Harmonic coefficients of the map, ((l + 1)^2, channels), as far as diffuse reflection shows them."""
-        return None if self.slow_map is None else project_latlong(self.slow_map, _DIFFUSE_DEGREE)
+        return None if self.slow_map is None else map_coefficients(self.slow_map, _DIFFUSE_DEGREE)
 
     @cached_property
     def prepared_map(self) -> PreparedMap | None:
@@ -110,8 +110,8 @@ def diffuse_transfer(element: LightElement, normals: Floats) -> Floats:
     """Irradiance (m, channels) at unit normals (m, 3) from a unit strength of the element."""
     cos = np.maximum(normals @ element.directions.T, 0)
     result = cos @ element.irradiances + np.pi * element.uniform
-    if element.map_coefficients is not None:
-        result += irradiance(normals, element.map_coefficients)
+    if element.diffuse_coefficients is not None:
+        result += irradiance(normals, element.diffuse_coefficients)
     return result
 
 

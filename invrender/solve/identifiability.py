@@ -19,7 +19,8 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.uncertainty import PRIOR_STD
-from invrender.theory.harmonics import project_latlong, project_sources
+from invrender.theory.harmonics import project_sources
+from invrender.theory.latlong import map_coefficients
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ def lighting_degree(lightings: Sequence[Lighting], share: float = 0.99) -> int |
         if len(lighting.directions):
             total += project_sources(lighting.directions, lighting.irradiances, _DEGREE).mean(axis=1)
         if lighting.radiance_map is not None and not lighting.recover_ambient:
-            total += project_latlong(lighting.radiance_map, _DEGREE).mean(axis=1)
+            total += map_coefficients(lighting.radiance_map, _DEGREE).mean(axis=1)
         degrees = np.repeat(np.arange(_DEGREE + 1), 2 * np.arange(_DEGREE + 1) + 1)
         power = np.bincount(degrees, total**2)[1:]
         if power.sum() <= _UNIFORM * total[0] ** 2:

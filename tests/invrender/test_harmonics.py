@@ -12,7 +12,9 @@ from numpy.testing import assert_allclose
 from scipy.special import sph_harm_y
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.theory.harmonics import evaluate_harmonics, project_latlong, project_sources
+from invrender.theory.harmonics import project_sources
+from invrender.theory.latlong import project_latlong
+from recon.harmonics import evaluate_harmonics
 
 AXES = np.concatenate([np.eye(3), -np.eye(3)])
 

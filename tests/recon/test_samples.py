@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from capture.lighting import read_latlong
 from capture.photoset import load_photoset
 from invrender.cli import main
-from invrender.theory.harmonics import project_latlong
+from invrender.theory.latlong import project_latlong
 from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics
 from recon.samples.find import find_body
 from recon.samples.run import known_sources

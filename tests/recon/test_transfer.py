@@ -9,7 +9,8 @@ from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from recon.harmonics import evaluate_harmonics, rotated_harmonics, sphere_directions
+from recon.harmonics import evaluate_harmonics, sphere_directions
+from recon.rotations import rotated_harmonics
 from recon.transfer import TransferVectors, transfer_vectors
 from recon.trianglemesh import TriangleMesh, area_vectors, smooth_normals
 

@@ -1,0 +1,179 @@
+"""How spherical harmonics turn: Wigner's matrices [R02, eq. 2.29 to 2.35] and rotation of real coefficients.
+
+Euler angles are those of R02: R(alpha, beta, gamma) = Rz(beta) Ry(alpha) Rz(gamma), which puts the north pole at polar
+angle alpha and azimuth beta.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln
+
+from recon.harmonics import check_degree, degree_of, degrees, orders
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+_ORTHOGONAL = 1e-6
+
+
+def wigner_d(l_max: int, alpha: ArrayLike) -> list[Floats]:
+    """d^l(alpha) for l = 0 to l_max, (..., 2 l + 1, 2 l + 1) each, rows m and columns m' from -l to l.
+
+    alpha : (...) radians. Y_lm(Ry(alpha) w) = sum over m' of d^l_mm'(alpha) Y_lm'(w) [R02, eq. 2.29 and 2.32], for
+    complex harmonics. Up from l = max(|m|, |m'|), where d is a single product, by the three-term recurrence in l, which
+    is stable in this direction [Kostelec and Rockmore 2008, eq. 11].
+    """
+    check_degree(l_max)
+    alpha = np.asarray(alpha, float)
+    cos = np.cos(alpha)[..., None, None]
+    result: list[Floats] = []
+    for l in range(l_max + 1):
+        m = np.arange(-l, l + 1)
+        here = np.zeros((*alpha.shape, 2 * l + 1, 2 * l + 1))
+        if l > 0:
+            # d^(l-1) and d^(l-2), padded with the zeros that stand for |m| > l.
+            before = _padded(result[l - 1], 1)
+            two_before = _padded(result[l - 2], 2) if l > 1 else np.zeros_like(here)
+            inner = np.abs(m) < l
+            a, b = m[inner][:, None].astype(float), m[inner][None, :].astype(float)
+            k = l - 1
+            up = np.sqrt((l**2 - a**2) * (l**2 - b**2)) / (l * (2 * k + 1))
+            down = np.sqrt((k**2 - a**2) * (k**2 - b**2)).clip(0) / (max(k, 1) * (2 * k + 1))
+            along = a * b / max(k * l, 1)
+            part = np.ix_(inner, inner)
+            here[..., part[0], part[1]] = (
+                (cos - along) * before[..., part[0], part[1]] - down * two_before[..., part[0], part[1]]
+            ) / up
+        _fill_border(here, l, alpha)
+        result.append(here)
+    return result
+
+
+def _padded(matrix: Floats, by: int) -> Floats:
+    return np.pad(matrix, [(0, 0)] * (matrix.ndim - 2) + [(by, by)] * 2)
+
+
+def _fill_border(matrix: Floats, l: int, alpha: Floats) -> None:
+    """Rows and columns of d^l with |m| = l or |m'| = l: binomials of half the angle."""
+    m = np.arange(-l, l + 1)
+    root = np.exp(0.5 * (gammaln(2 * l + 1) - gammaln(l + m + 1) - gammaln(l - m + 1)))
+    cos, sin = np.cos(alpha / 2)[..., None], np.sin(alpha / 2)[..., None]
+    # 0.0 ** 0 is 1, as it should be.
+    rising = root * cos ** (l + m) * sin ** (l - m)
+    alternating = (-1.0) ** (l - m)
+    matrix[..., -1, :] = alternating * rising
+    matrix[..., :, -1] = rising
+    matrix[..., 0, :] = rising[..., ::-1]
+    matrix[..., :, 0] = ((-1.0) ** (l + m)) * rising[..., ::-1]
+
+
+def wigner_D(l_max: int, alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike = 0.0) -> list[Complexes]:  # noqa: N802
+    """D^l_mm' = d^l_mm'(alpha) e^(i m beta) e^(i m' gamma) for l = 0 to l_max, shapes as `wigner_d` [R02, eq. 2.31]."""
+    beta, gamma = np.asarray(beta, float), np.asarray(gamma, float)
+    result: list[Complexes] = []
+    for l, matrix in enumerate(wigner_d(l_max, alpha)):
+        m = np.arange(-l, l + 1)
+        rows = np.exp(1j * beta[..., None] * m)[..., :, None]
+        turned: Complexes = matrix * rows * np.exp(1j * gamma[..., None] * m)[..., None, :]
+        result.append(turned)
+    return result
+
+
+def euler_angles(rotation: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """alpha (0 to pi), beta, gamma of rotations (..., 3, 3), R = Rz(beta) Ry(alpha) Rz(gamma); gamma is 0 at the poles.
+
+    Raises ValueError for a matrix that isn't a rotation.
+    """
+    rotation = np.asarray(rotation, float)
+    error = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3))
+    # `not <=`: a matrix with NaN is no rotation either.
+    if not (error.max() <= _ORTHOGONAL and np.all(np.linalg.det(rotation) > 0)):
+        raise ValueError(
+            "rotation isn't one: its columns must be orthonormal and its determinant 1, not"
+            f" {float(np.min(np.linalg.det(rotation))):.6g} with columns off by {float(error.max()):.2g}"
+        )
+    sin = np.hypot(rotation[..., 0, 2], rotation[..., 1, 2])
+    alpha = np.arctan2(sin, rotation[..., 2, 2])
+    at_pole = sin < 1e-12
+    beta = np.where(
+        at_pole,
+        np.arctan2(-rotation[..., 0, 1], rotation[..., 1, 1]),
+        np.arctan2(rotation[..., 1, 2], rotation[..., 0, 2]),
+    )
+    gamma = np.where(at_pole, 0.0, np.arctan2(rotation[..., 2, 1], -rotation[..., 2, 0]))
+    return alpha, beta, gamma
+
+
+def rotated_harmonics(coefficients: ArrayLike, rotation: ArrayLike) -> NDArray[np.floating]:
+    """Real coefficients (..., (l_max + 1)^2) of what rotations (..., 3, 3) make of functions on the sphere.
+
+    What had its value in direction w has it in direction R w. Leading axes broadcast: one rotation for many functions,
+    or one for each. Keeps the dtype. A turn about z mixes only m and -m; one about y is one about z between two quarter
+    turns about x, whose matrices are the same for all: so many rotations cost two matrix products.
+    """
+    coefficients = np.asarray(coefficients)
+    if not np.issubdtype(coefficients.dtype, np.floating):
+        coefficients = coefficients.astype(float)
+    l_max = degree_of(coefficients.shape[-1])
+    alpha, beta, gamma = euler_angles(rotation)
+    turned = _about_z(coefficients, gamma, l_max)
+    turned = _by_degree(turned, _quarter_turns(l_max))
+    turned = _about_z(turned, alpha, l_max)
+    turned = _by_degree(turned, [quarter.T for quarter in _quarter_turns(l_max)])
+    return _about_z(turned, beta, l_max)
+
+
+def _about_z(coefficients: NDArray[np.floating], angle: Floats, l_max: int) -> NDArray[np.floating]:
+    """Coefficients of functions turned about z: cos(m (phi - angle)) for cos(m phi), and so on."""
+    l, m = degrees(l_max), orders(l_max)
+    phase = angle[..., None] * np.arange(l_max + 1)
+    cos, sin = np.cos(phase).astype(coefficients.dtype), np.sin(phase).astype(coefficients.dtype)
+    mirrored = l * l + l - m
+    # y_m is cos(m phi) and y_-m is sin(m phi), of m > 0.
+    return coefficients * cos[..., np.abs(m)] + coefficients[..., mirrored] * (
+        -np.sign(m).astype(coefficients.dtype) * sin[..., np.abs(m)]
+    )
+
+
+def _by_degree(coefficients: NDArray[np.floating], matrices: Sequence[Floats]) -> NDArray[np.floating]:
+    result = np.empty_like(coefficients)
+    for l, matrix in enumerate(matrices):
+        band = slice(l * l, (l + 1) ** 2)
+        result[..., band] = coefficients[..., band] @ matrix.T.astype(coefficients.dtype)
+    return result
+
+
+@lru_cache(maxsize=4)
+def _quarter_turns(l_max: int) -> tuple[Floats, ...]:
+    """Matrices that turn real coefficients of each degree by 90 degrees about x, which takes y to z.
+
+    The turn is Rz(-90) Ry(90) Rz(90), so in Wigner's terms alpha = 90 and gamma = -beta = 90 degrees. A function turned
+    by R has in direction w the value that it had in R^-1 w, which is why the matrix is that of the inverse.
+    """
+    half = np.pi / 2
+    turns = []
+    for matrix in wigner_D(l_max, -half, -half, half):
+        to_complex = complex_from_real(len(matrix) // 2)
+        # Y(R^-1 w) = D Y(w), so coefficients c of Y turn into D^T c.
+        turns.append((to_complex.conj().T @ matrix.T @ to_complex).real)
+    return tuple(turns)
+
+
+def complex_from_real(l: int) -> Complexes:
+    """The unitary matrix (2 l + 1, 2 l + 1) that takes a degree's real coefficients to those of complex harmonics.
+
+    Of m > 0, Y_lm = (-1)^m (y_lm + i y_l-m) / sqrt(2) and Y_l-m = (y_lm - i y_l-m) / sqrt(2) in terms of our real y;
+    Y are those of [R02, eq. 2.26 and 2.27], with the Condon-Shortley phase.
+    """
+    matrix = np.zeros((2 * l + 1, 2 * l + 1), complex)
+    matrix[l, l] = 1
+    for m in range(1, l + 1):
+        sign = (-1) ** m
+        matrix[l + m, l + m], matrix[l + m, l - m] = sign / np.sqrt(2), -1j * sign / np.sqrt(2)
+        matrix[l - m, l + m], matrix[l - m, l - m] = 1 / np.sqrt(2), 1j / np.sqrt(2)
+    return matrix
