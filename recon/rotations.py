@@ -75,12 +75,12 @@ def _fill_border(matrix: Floats, l: int, alpha: Floats) -> None:
 def wigner_D(l_max: int, alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike = 0.0) -> list[Complexes]:  # noqa: N802
     """D^l_mm' = d^l_mm'(alpha) e^(i m beta) e^(i m' gamma) for l = 0 to l_max, shapes as `wigner_d` [R02, eq. 2.31]."""
     beta, gamma = np.asarray(beta, float), np.asarray(gamma, float)
-    result: list[Complexes] = []
+    result = []
     for l, matrix in enumerate(wigner_d(l_max, alpha)):
         m = np.arange(-l, l + 1)
         rows = np.exp(1j * beta[..., None] * m)[..., :, None]
-        turned: Complexes = matrix * rows * np.exp(1j * gamma[..., None] * m)[..., None, :]
-        result.append(turned)
+        columns = np.exp(1j * gamma[..., None] * m)[..., None, :]
+        result.append(np.asarray(rows * matrix * columns, complex))
     return result
 
 
