@@ -1,0 +1,191 @@
+"""Harmonic coefficients of BRDFs [R02, eq. 2.38, 2.53, 2.56 and 5.22].
+
+What is expanded is the transfer function rho^ = rho cos theta_i, zero unless light and viewer are above the surface.
+BRDFs are functions of local directions towards the light and the viewer, z along the normal, and yield one value
+each.
+
+Integrals over the incident hemisphere are Gauss-Legendre in theta and equal steps in phi: the horizon is an end of
+the rule, so that they converge exponentially for smooth BRDFs. Nodes are doubled until the coefficients stand still.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from invrender.theory.harmonics import evaluate_complex
+from invrender.theory.latlong import theta_factors
+from recon.harmonics import check_degree, degree_of
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+# rho(incident (..., 3), exitant (..., 3)) -> (...), 1/sr, broadcasting.
+BRDF = Callable[[Floats, Floats], Floats]
+
+Array = TypeVar("Array", bound=NDArray[Any])
+
+_FIRST_NODES, _LAST_NODES = 32, 1024
+_VALUES_AT_A_TIME = 1 << 21
+
+
+def outgoing_coefficients(brdf: BRDF, l_max: int, cos_exitant: ArrayLike, tolerance: float = 1e-9) -> Floats:
+    """Real coefficients (k, (l_max + 1)^2) of rho^ over incident directions, for views at cosines (k,) in the xz plane.
+
+    Of an isotropic BRDF those of order q < 0 vanish. tolerance : of each, relative to the largest. Raises ValueError
+    for cosines that aren't in (0, 1], values that aren't finite, and BRDFs too narrow to be integrated.
+    """
+    check_degree(l_max)
+    cos_exitant = np.asarray(cos_exitant, float)
+    if not ((cos_exitant > 0) & (cos_exitant <= 1)).all():
+        raise ValueError(f"cosines of exitant angles are {cos_exitant}; they must be in (0, 1]")
+    rows = []
+    for cos in np.atleast_1d(cos_exitant).tolist():
+        integrals = partial(_incident_integrals, brdf, l_max, cos)
+        rows.append(_refined(integrals, tolerance, f"over incident directions, at cos theta_o = {cos:.3g}"))
+    return np.stack(rows)
+
+
+def fixed_exitant_coefficients(outgoing: ArrayLike) -> Floats:
+    """rho^_lq(theta_o) of an isotropic BRDF, (l_max + 1, l_max + 1), l by q >= 0 [R02, eq. 2.56]; rho^_l(-q) = rho^_lq.
+
+    outgoing : ((l_max + 1)^2,), those of one exitant angle of `outgoing_coefficients`.
+    """
+    outgoing = np.asarray(outgoing, float)
+    l_max = degree_of(len(outgoing))
+    result = np.zeros((l_max + 1, l_max + 1))
+    for q in range(l_max + 1):
+        l = np.arange(q, l_max + 1)
+        # Y_lq = (-1)^q (y_lq + i y_l-q) / sqrt(2) in real harmonics.
+        result[q:, q] = np.sqrt(2 * np.pi) * outgoing[l * l + l + q] * ((-1) ** q / np.sqrt(2) if q else 1)
+    return result
+
+
+def isotropic_coefficients(
+    brdf: BRDF, l_max: int, p_max: int, reciprocal: bool = False, tolerance: float = 1e-9
+) -> Floats:
+    """rho^_lpq of an isotropic BRDF, (l_max + 1, p_max + 1, min(l_max, p_max) + 1) [R02, eq. 2.53, by 5.22].
+
+    q >= 0 only: rho^_lp(-q) = rho^_lpq. Zero where q > min(l, p). reciprocal : expand rho~ = rho cos theta_i cos
+    theta_o instead [eq. 2.58], which is symmetric in l and p where the BRDF obeys reciprocity. Raises ValueError for
+    a BRDF whose integral over exitant directions grows without bound, as that of a lobe over cos theta_o.
+    """
+    check_degree(p_max, "p_max")
+    q_max = min(l_max, p_max)
+
+    def at(nodes: int) -> Floats:
+        theta, weight = _half_circle_rule(nodes)
+        cos = np.cos(theta)
+        local = outgoing_coefficients(brdf, l_max, cos, tolerance / 10)
+        weight = weight * np.sin(theta) * (cos if reciprocal else 1)
+        factors = theta_factors(cos, p_max)
+        rho = np.zeros((l_max + 1, p_max + 1, q_max + 1))
+        for q in range(q_max + 1):
+            l = np.arange(q, l_max + 1)
+            # theta_factors hold sqrt(2) for q > 0, and so do the real coefficients.
+            azimuth = 2 * np.pi if q == 0 else np.pi
+            rho[q:, q:, q] = azimuth * (local[:, l * l + l + q].T * weight) @ factors[q, q:].T
+        return rho
+
+    return _refined(at, tolerance, "over exitant angles", first=16, last=128)
+
+
+def anisotropic_coefficients(
+    brdf: BRDF, l_max: int, p_max: int, reciprocal: bool = False, tolerance: float = 1e-9
+) -> Complexes:
+    """rho^_ln,pq of any BRDF, ((l_max + 1)^2, (p_max + 1)^2) complex [R02, eq. 2.38]; see `isotropic_coefficients`."""
+    check_degree(l_max)
+    check_degree(p_max, "p_max")
+
+    def at(nodes: int) -> Complexes:
+        directions, weight = hemisphere_rule(nodes)
+        incident = evaluate_complex(directions, l_max) * (weight * directions[:, 2])[:, None]
+        exitant = evaluate_complex(directions, p_max).conj()
+        exitant *= (weight * (directions[:, 2] if reciprocal else 1))[:, None]
+        rho = np.zeros((incident.shape[1], exitant.shape[1]), complex)
+        for part in np.array_split(np.arange(len(directions)), len(directions) ** 2 // _VALUES_AT_A_TIME + 1):
+            rho += incident.T @ (_values(brdf, directions[:, None], directions[None, part]) @ exitant[part])
+        return rho
+
+    return _refined(at, tolerance, "over pairs of directions", first=12, last=48)
+
+
+def hemisphere_rule(nodes: int) -> tuple[Floats, Floats]:
+    """Directions (2 nodes^2, 3) over the upper hemisphere, and their weights in steradian."""
+    theta, weight = _half_circle_rule(nodes)
+    directions = _directions(theta, np.pi / nodes * np.arange(2 * nodes))
+    return directions.reshape(-1, 3), np.repeat(weight * np.sin(theta) * np.pi / nodes, 2 * nodes)
+
+
+def _half_circle_rule(nodes: int) -> tuple[Floats, Floats]:
+    """Angles and weights (nodes,) of Gauss-Legendre between 0 and pi / 2."""
+    node, weight = np.polynomial.legendre.leggauss(nodes)
+    return (node + 1) * np.pi / 4, weight * np.pi / 4
+
+
+def _incident_integrals(brdf: BRDF, l_max: int, cos_exitant: float, nodes: int) -> Floats:
+    """Coefficients of rho^ for one view: waves in phi first, then degrees in theta [R02, eq. 5.22].
+
+    Towards grazing views a lobe narrows in azimuth as cos theta_o: phi = pi + 2 atan(e tan(t / 2)), periodic and
+    smooth in t, gathers nodes about the mirror direction; e between 1 and that cosine, for the rest to be seen as
+    well.
+    """
+    theta, weight = _half_circle_rule(nodes)
+    gather = np.sqrt(cos_exitant)
+    t = np.pi / nodes * (np.arange(2 * nodes) + 0.5) - np.pi
+    phi = np.asarray(np.pi + 2 * np.arctan(gather * np.tan(t / 2)), float)
+    step = np.pi / nodes * gather / (np.cos(t / 2) ** 2 + (gather * np.sin(t / 2)) ** 2)
+    incident = _directions(theta, phi)
+    view = np.array([np.sqrt(1 - cos_exitant**2), 0.0, cos_exitant])
+    values = _values(brdf, incident, view) * (weight * np.sin(theta) * np.cos(theta))[:, None]
+    azimuths = np.arange(l_max + 1)[:, None] * phi
+    cosines, sines = values @ (np.cos(azimuths) * step).T, values @ (np.sin(azimuths) * step).T
+    factors = theta_factors(np.cos(theta), l_max)
+    result = np.zeros((l_max + 1) ** 2)
+    for m in range(l_max + 1):
+        l = np.arange(m, l_max + 1)
+        # In this order: of m = 0 both lines write the same places, and it is the cosine's that counts.
+        result[l * l + l - m] = factors[m, m:] @ sines[:, m]
+        result[l * l + l + m] = factors[m, m:] @ cosines[:, m]
+    return result
+
+
+def _directions(theta: Floats, phi: Floats) -> Floats:
+    """Unit vectors (len(theta), len(phi), 3)."""
+    sin, cos = np.sin(theta)[:, None], np.cos(theta)[:, None]
+    up = np.broadcast_to(cos, (len(theta), len(phi)))
+    return np.stack([sin * np.cos(phi), sin * np.sin(phi), up], axis=-1)
+
+
+def _values(brdf: BRDF, incident: Floats, exitant: Floats) -> Floats:
+    values = np.asarray(brdf(incident, exitant), float)
+    expected = np.broadcast_shapes(incident.shape[:-1], exitant.shape[:-1])
+    if values.shape != expected:
+        raise ValueError(f"the BRDF yields {values.shape} values for {expected} pairs of directions")
+    if not np.isfinite(values).all():
+        raise ValueError(f"the BRDF yields {np.sum(~np.isfinite(values))} values that are not finite")
+    return values
+
+
+def _refined(
+    at: Callable[[int], Array],
+    tolerance: float,
+    where: str,
+    first: int = _FIRST_NODES,
+    last: int = _LAST_NODES,
+) -> Array:
+    """The integrals with as many nodes as it takes for twice as many to change nothing."""
+    nodes, found = first, at(first)
+    while nodes < last:
+        nodes, before = 2 * nodes, found
+        found = at(nodes)
+        change, largest = np.abs(found - before).max(), np.abs(found).max()
+        if change <= tolerance * largest:
+            return found
+    raise ValueError(
+        f"the BRDF's coefficients still change by {change / largest:.1g} of the largest, {where}, from {last // 2} to"
+        f" {last} nodes; {tolerance:.1g} is asked: the BRDF is too narrow or grows without bound"
+    )
