@@ -92,11 +92,13 @@ def euler_angles(rotation: ArrayLike) -> tuple[Floats, Floats, Floats]:
     rotation = np.asarray(rotation, float)
     error = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3))
     # `not <=`: a matrix with NaN is no rotation either.
-    if not (error.max() <= _ORTHOGONAL and np.all(np.linalg.det(rotation) > 0)):
+    if not error.max() <= _ORTHOGONAL:
         raise ValueError(
-            "rotation isn't one: its columns must be orthonormal and its determinant 1, not"
-            f" {float(np.min(np.linalg.det(rotation))):.6g} with columns off by {float(error.max()):.2g}"
+            f"rotation isn't one: its columns are off by {float(error.max()):.2g} from being of length 1 and square to each"
+            " other"
         )
+    if (np.linalg.det(rotation) < 0).any():
+        raise ValueError("rotation isn't one: its determinant is -1; it mirrors")
     sin = np.hypot(rotation[..., 0, 2], rotation[..., 1, 2])
     alpha = np.arctan2(sin, rotation[..., 2, 2])
     at_pole = sin < 1e-12

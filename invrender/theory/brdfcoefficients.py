@@ -30,6 +30,8 @@ Array = TypeVar("Array", bound=NDArray[Any])
 
 _FIRST_NODES, _LAST_NODES = 32, 1024
 _VALUES_AT_A_TIME = 1 << 21
+# Share of a highlight's peak that some node must meet.
+_SEEN = 0.5
 
 
 def outgoing_coefficients(brdf: BRDF, l_max: int, cos_exitant: ArrayLike, tolerance: float = 1e-9) -> Floats:
@@ -45,13 +47,15 @@ def outgoing_coefficients(brdf: BRDF, l_max: int, cos_exitant: ArrayLike, tolera
     rows = []
     for cos in np.atleast_1d(cos_exitant).tolist():
         integrals = partial(_incident_integrals, brdf, l_max, cos)
-        rows.append(_refined(integrals, tolerance, f"over incident directions, at cos theta_o = {cos:.3g}"))
+        where = f"over incident directions, at cos theta_o = {cos:.3g}"
+        rows.append(_refined(integrals, tolerance, where, first=_nodes_that_see(brdf, cos)))
     return np.stack(rows)
 
 
 def fixed_exitant_coefficients(outgoing: ArrayLike) -> Floats:
-    """rho^_lq(theta_o) of an isotropic BRDF, (l_max + 1, l_max + 1), l by q >= 0 [R02, eq. 2.56]; rho^_l(-q) = rho^_lq.
+    """rho^_lq(theta_o) of an isotropic BRDF, (l_max + 1, l_max + 1), l by q >= 0 [R02, eq. 2.56].
 
+    rho^_l(-q) = (-1)^q rho^_lq: with one exitant angle there is no second harmonic whose sign would make up for it.
     outgoing : ((l_max + 1)^2,), those of one exitant angle of `outgoing_coefficients`.
     """
     outgoing = np.asarray(outgoing, float)
@@ -126,18 +130,27 @@ def _half_circle_rule(nodes: int) -> tuple[Floats, Floats]:
     return (node + 1) * np.pi / 4, weight * np.pi / 4
 
 
-def _incident_integrals(brdf: BRDF, l_max: int, cos_exitant: float, nodes: int) -> Floats:
-    """Coefficients of rho^ for one view: waves in phi first, then degrees in theta [R02, eq. 5.22].
+def _nodes_that_see(brdf: BRDF, cos_exitant: float) -> int:
+    """The fewest nodes with which the rule meets the highlight, if there is one in the mirror direction.
 
-    Towards grazing views a lobe narrows in azimuth as cos theta_o: phi = pi + 2 atan(e tan(t / 2)), periodic and
-    smooth in t, gathers nodes about the mirror direction; e between 1 and that cosine, for the rest to be seen as
-    well.
+    A lobe that falls between all nodes of two rules would pass for none.
     """
+    view = np.array([np.sqrt(1 - cos_exitant**2), 0.0, cos_exitant])
+    peak = float(_values(brdf, view * [-1, -1, 1], view))
+    nodes = _FIRST_NODES
+    while nodes < _LAST_NODES // 2:
+        theta, _ = _half_circle_rule(nodes)
+        phi, _ = _azimuths(nodes, cos_exitant)
+        if _values(brdf, _directions(theta, phi), view).max() >= _SEEN * peak:
+            break
+        nodes *= 2
+    return nodes
+
+
+def _incident_integrals(brdf: BRDF, l_max: int, cos_exitant: float, nodes: int) -> Floats:
+    """Coefficients of rho^ for one view: waves in phi first, then degrees in theta [R02, eq. 5.22]."""
     theta, weight = _half_circle_rule(nodes)
-    gather = np.sqrt(cos_exitant)
-    t = np.pi / nodes * (np.arange(2 * nodes) + 0.5) - np.pi
-    phi = np.asarray(np.pi + 2 * np.arctan(gather * np.tan(t / 2)), float)
-    step = np.pi / nodes * gather / (np.cos(t / 2) ** 2 + (gather * np.sin(t / 2)) ** 2)
+    phi, step = _azimuths(nodes, cos_exitant)
     incident = _directions(theta, phi)
     view = np.array([np.sqrt(1 - cos_exitant**2), 0.0, cos_exitant])
     values = _values(brdf, incident, view) * (weight * np.sin(theta) * np.cos(theta))[:, None]
@@ -153,7 +166,19 @@ def _incident_integrals(brdf: BRDF, l_max: int, cos_exitant: float, nodes: int) 
     return result
 
 
-def _directions(theta: Floats, phi: Floats) -> Floats:
+def _azimuths(nodes: int, cos_exitant: float) -> tuple[Floats, Floats]:
+    """Azimuths (2 nodes,) and their steps, gathered about the mirror direction.
+
+    Towards grazing views a lobe narrows in azimuth as cos theta_o: phi = pi + 2 atan(e tan(t / 2)), periodic and
+    smooth in t, is as dense there as e is small; e between 1 and that cosine, for the rest to be seen as well.
+    """
+    gather = np.sqrt(cos_exitant)
+    t = np.pi / nodes * (np.arange(2 * nodes) + 0.5) - np.pi
+    phi = np.pi + 2 * np.arctan(gather * np.tan(t / 2))
+    return phi, np.pi / nodes * gather / (np.cos(t / 2) ** 2 + (gather * np.sin(t / 2)) ** 2)
+
+
+def _directions(theta: NDArray[np.floating], phi: NDArray[np.floating]) -> Floats:
     """Unit vectors (len(theta), len(phi), 3)."""
     sin, cos = np.sin(theta)[:, None], np.cos(theta)[:, None]
     up = np.broadcast_to(cos, (len(theta), len(phi)))

@@ -87,7 +87,8 @@ def fixed_exitant(lighting: ArrayLike, rho: ArrayLike) -> Complexes:
     """
     lighting, rho = np.asarray(lighting, complex), np.asarray(rho, float)
     l_max = _lighting_degree(lighting, rho.shape[0] - 1)
-    by_order = rho[:, np.abs(np.arange(-l_max, l_max + 1))]
+    q = np.arange(-l_max, l_max + 1)
+    by_order = rho[:, np.abs(q)] * np.where(q < 0, (-1.0) ** q, 1)
     return np.asarray((normalisation(l_max)[degrees(l_max)] * lighting)[:, None] * by_order[degrees(l_max)])
 
 

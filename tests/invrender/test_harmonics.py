@@ -9,37 +9,15 @@ import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.special import sph_harm_y
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.theory.harmonics import project_sources
+from invrender.theory.harmonics import evaluate_complex, project_sources, to_complex, to_real
 from invrender.theory.latlong import project_latlong
-from recon.harmonics import evaluate_harmonics
+from recon.harmonics import degrees, evaluate_harmonics, orders, to_degree
+
+from .quadrature import scipy_complex, scipy_harmonics, sphere_grid
 
 AXES = np.concatenate([np.eye(3), -np.eye(3)])
-
-
-def scipy_harmonics(directions: np.ndarray, l_max: int) -> np.ndarray:
-    """The real orthonormal harmonics from scipy's complex ones, which carry the Condon-Shortley phase."""
-    theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
-    phi = np.arctan2(directions[:, 1], directions[:, 0])
-    columns = []
-    for degree in range(l_max + 1):
-        for order in range(-degree, degree + 1):
-            value = sph_harm_y(degree, abs(order), theta, phi) * (-1) ** order
-            part = value.imag if order < 0 else value.real
-            columns.append(part * (np.sqrt(2) if order else 1))
-    return np.stack(columns, axis=1)
-
-
-def sphere_grid(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Directions and weights that integrate polynomials of degree below 2 * order exactly."""
-    node, weight = np.polynomial.legendre.leggauss(order)
-    phi = np.arange(2 * order) * np.pi / order
-    ring = np.sqrt(1 - node**2)[:, None]
-    z = np.broadcast_to(node[:, None], (order, 2 * order))
-    directions = np.stack([ring * np.cos(phi), ring * np.sin(phi), z], axis=-1)
-    return directions.reshape(-1, 3), np.repeat(weight, 2 * order) * np.pi / order
 
 
 def test_values_order_and_signs_are_those_of_the_real_form_without_phase(rng):
@@ -61,6 +39,63 @@ def test_gram_matrix_is_the_identity():
     directions, weights = sphere_grid(14)  # exact for products of two of degree 12
     basis = evaluate_harmonics(directions, 12)
     assert_allclose(basis.T @ (weights[:, None] * basis), np.eye(169), atol=1e-12, equal_nan=False)
+
+
+def test_complex_harmonics_are_scipys(rng):
+    scattered = rng.normal(size=(100, 3))
+    directions = np.concatenate([AXES, scattered / np.linalg.norm(scattered, axis=1, keepdims=True)])
+    assert_allclose(evaluate_complex(directions, 12), scipy_complex(directions, 12), atol=1e-13)
+
+
+def test_the_first_complex_harmonics_are_as_printed():
+    # [R02, eq. 2.27], in which the sign of Y_11 shows the Condon-Shortley phase.
+    x, y, z = 0.48, 0.6, 0.64
+    found = evaluate_complex([[x, y, z]], 2)[0]
+    eighth, fifteen = np.sqrt(3 / (8 * np.pi)), np.sqrt(15 / (8 * np.pi))
+    printed = {
+        0: np.sqrt(1 / (4 * np.pi)),
+        2: np.sqrt(3 / (4 * np.pi)) * z,
+        3: -eighth * (x + 1j * y),
+        6: 0.5 * np.sqrt(5 / (4 * np.pi)) * (3 * z * z - 1),
+        7: -fifteen * z * (x + 1j * y),
+        8: 0.5 * fifteen * (x + 1j * y) ** 2,
+    }
+    for place, value in printed.items():
+        assert_allclose(found[place], value, rtol=1e-14)
+    l, m = degrees(2), orders(2)
+    mirrored = l * l + l - m
+    assert_allclose(found[mirrored], (-1.0) ** m * found.conj(), rtol=1e-14)  # Y_l-m = (-1)^m conj(Y_lm)
+
+
+def test_a_function_is_the_same_in_both_bases(rng):
+    coefficients = rng.normal(size=(64, 2))
+    directions, _ = sphere_grid(6)
+    found = scipy_complex(directions, 7) @ to_complex(coefficients)
+    assert_allclose(found, scipy_harmonics(directions, 7) @ coefficients, atol=1e-12)
+    assert_allclose(to_real(to_complex(coefficients)), coefficients, atol=1e-14)
+
+
+def test_what_is_no_real_function_has_no_real_coefficients():
+    with pytest.raises(ValueError, match=r"not those of a real function: f_l-m differs .* of the largest"):
+        to_real([1.0, 0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: evaluate_harmonics([[0, 0, 1.0]], -1), r"l_max is -1; it must be an integer >= 0"),
+        (
+            lambda: evaluate_harmonics([[0, 0, 1.0], [0, 2.0, 0]], 2),
+            r"directions\[1\] is \[0.0, 2.0, 0.0\].*length",
+        ),
+        (lambda: evaluate_harmonics([[0, 0, 1.0], [np.nan, 0, 0]], 2), r"directions\[1\] is \[nan"),
+        (lambda: to_complex(np.zeros(10)), r"there are 10 coefficients.*1, 4, 9, 16"),
+        (lambda: to_degree(np.zeros(0), 2), r"there are 0 coefficients"),
+    ],
+)
+def test_bad_input_gets_a_sentence(call, message: str):
+    with pytest.raises(ValueError, match=message):
+        call()
 
 
 def test_projection_of_a_map_finds_what_it_was_made_of(rng):

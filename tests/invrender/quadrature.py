@@ -1,0 +1,67 @@
+"""Witnesses that share no formula with the theory: scipy's harmonics, and rules that integrate over spheres."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import sph_harm_y
+
+Floats = np.ndarray
+
+
+def angles(directions: Floats) -> tuple[Floats, Floats]:
+    """Polar angle and azimuth (n,) of directions (n, 3)."""
+    theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
+    return theta, np.arctan2(directions[:, 1], directions[:, 0])
+
+
+def scipy_complex(directions: Floats, l_max: int) -> Floats:
+    """Complex orthonormal harmonics (n, (l_max + 1)^2), with the Condon-Shortley phase."""
+    theta, phi = angles(directions)
+    pairs = [(degree, order) for degree in range(l_max + 1) for order in range(-degree, degree + 1)]
+    return np.stack([sph_harm_y(degree, order, theta, phi) for degree, order in pairs], axis=1)
+
+
+def scipy_harmonics(directions: Floats, l_max: int) -> Floats:
+    """Real orthonormal harmonics without that phase, from scipy's complex ones."""
+    theta, phi = angles(directions)
+    columns = []
+    for degree in range(l_max + 1):
+        for order in range(-degree, degree + 1):
+            value = sph_harm_y(degree, abs(order), theta, phi) * (-1) ** order
+            part = value.imag if order < 0 else value.real
+            columns.append(part * (np.sqrt(2) if order else 1))
+    return np.stack(columns, axis=1)
+
+
+def sphere_grid(order: int) -> tuple[Floats, Floats]:
+    """Directions and weights that integrate polynomials of degree below 2 * order exactly."""
+    node, weight = np.polynomial.legendre.leggauss(order)
+    return _product(node, weight, 2 * order)
+
+
+def hemisphere_grid(order: int, azimuths: int) -> tuple[Floats, Floats]:
+    """Directions and weights over z > 0: Gauss-Legendre in cos(theta), equal steps in azimuth."""
+    node, weight = np.polynomial.legendre.leggauss(order)
+    return _product((node + 1) / 2, weight / 2, azimuths)
+
+
+def _product(z: Floats, weight: Floats, azimuths: int) -> tuple[Floats, Floats]:
+    phi = np.arange(azimuths) * 2 * np.pi / azimuths
+    ring = np.sqrt(1 - z**2)[:, None]
+    up = np.broadcast_to(z[:, None], (len(z), azimuths))
+    directions = np.stack([ring * np.cos(phi), ring * np.sin(phi), up], axis=-1)
+    return directions.reshape(-1, 3), np.repeat(weight, azimuths) * 2 * np.pi / azimuths
+
+
+def reflected(rho, light, rotations: Floats, exitant: Floats, rule: tuple[Floats, Floats]) -> Floats:
+    """The reflection integral (n,) at frames (n, 3, 3) towards local directions (n, 3), summed up [R02, eq. 2.11].
+
+    rho : BRDF of local directions. light : radiance (k,) from directions (k, 3) of the world. rule : of the
+    hemisphere.
+    """
+    incident, weight = rule
+    result = []
+    for rotation, towards in zip(rotations, exitant, strict=True):
+        radiance = light(incident @ rotation.T)
+        result.append(np.sum(rho(incident, towards) * incident[:, 2] * weight * radiance))
+    return np.array(result)
