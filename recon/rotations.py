@@ -94,8 +94,8 @@ def euler_angles(rotation: ArrayLike) -> tuple[Floats, Floats, Floats]:
     # `not <=`: a matrix with NaN is no rotation either.
     if not error.max() <= _ORTHOGONAL:
         raise ValueError(
-            f"rotation isn't one: its columns are off by {float(error.max()):.2g} from being of length 1 and square to each"
-            " other"
+            f"rotation isn't one: its columns are off by {float(error.max()):.2g} from being of length 1 and square to"
+            " each other"
         )
     if (np.linalg.det(rotation) < 0).any():
         raise ValueError("rotation isn't one: its determinant is -1; it mirrors")

@@ -54,7 +54,7 @@ def test_one_degree_more_than_the_grid_carries_is_refused_for_good_reason(rng):
     zonal = scipy_harmonics(directions, 4)[:, (l == 4) & (m == 0)].reshape(8, 16, 1)
     assert abs(analyse_latlong(zonal, 3)).max() < 1e-14
     with pytest.raises(
-        ValueError, match="l_max is 4; a lat-long grid of 8 rows carries degrees up to 3.*9 rows"
+        ValueError, match=r"l_max is 4; a lat-long grid of 8 rows carries degrees up to 3.*9 rows"
     ):
         analyse_latlong(zonal, 4)
 

@@ -26,7 +26,7 @@ def seen_from(view: np.ndarray, lowest: float) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("brdf", "tolerance", "rule"),
-    # As asked for, and found to be smaller: doubling goes on until nothing changes. GGX's tails have a root at the horizon.
+    # Doubling goes on until nothing changes, so that errors are below what is asked. GGX has a root at the horizon.
     [
         (matte, 1e-9, (12, 24)),
         (glossy, 1e-9, (30, 60)),
