@@ -6,6 +6,7 @@ The coefficient of degree l (the papers say order) and order m is stored at l * 
 from __future__ import annotations
 
 from math import factorial, isqrt, pi
+from typing import Any
 
 import numpy as np
 import sphericart
@@ -32,6 +33,13 @@ def check_degree(l_max: int, name: str = "l_max") -> None:
     """Raise ValueError for a highest degree below 0."""
     if l_max < 0:
         raise ValueError(f"{name} is {l_max}; it must be an integer >= 0")
+
+
+def check_finite(values: NDArray[Any], name: str) -> None:
+    """Raise ValueError, with their number, where values aren't finite."""
+    wrong = values.size - int(np.isfinite(values).sum())
+    if wrong:
+        raise ValueError(f"{name}: {wrong} of {values.size} values are not finite")
 
 
 def check_unit(directions: Floats, name: str = "directions") -> None:

@@ -8,11 +8,13 @@ Coefficients of the lighting L_lm lie at l * l + l + m along their first axis; t
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invrender.theory.harmonics import evaluate_complex
-from recon.harmonics import check_degree, check_unit, degree_of, degrees, orders
+from recon.harmonics import check_degree, check_finite, check_unit, degree_of, degrees, orders
 from recon.rotations import euler_angles, wigner_D
 
 Floats = NDArray[np.float64]
@@ -33,6 +35,8 @@ def filtered(lighting: ArrayLike, transfer: ArrayLike) -> NDArray[np.generic]:
     """
     lighting, transfer = np.asarray(lighting), np.asarray(transfer, float)
     l_max = degree_of(len(lighting))
+    check_finite(lighting, "lighting")
+    check_finite(transfer, "transfer")
     if transfer.shape != (l_max + 1,):
         raise ValueError(f"transfer is {transfer.shape}; lighting of degree {l_max} needs ({l_max + 1},)")
     return lighting * transfer[degrees(l_max)].reshape(-1, *[1] * (lighting.ndim - 1))
@@ -51,7 +55,7 @@ def isotropic_light_field(lighting: ArrayLike, rho: ArrayLike) -> Complexes:
     cos theta_o, these are the coefficients of B~ = B cos theta_o [R02, eq. 2.58 and 2.59].
     """
     lighting, rho = np.asarray(lighting, complex), np.asarray(rho, float)
-    l_max = _lighting_degree(lighting, rho.shape[0] - 1)
+    l_max = _common_degree(lighting, rho, rho.shape[0] - 1)
     p_max = rho.shape[1] - 1
     if rho.shape[2] != min(l_max, p_max) + 1:
         raise ValueError(
@@ -72,7 +76,7 @@ def anisotropic_light_field(lighting: ArrayLike, rho: ArrayLike) -> Complexes:
     turn gamma of the tangent frame.
     """
     lighting, rho = np.asarray(lighting, complex), np.asarray(rho, complex)
-    l_max = _lighting_degree(lighting, degree_of(rho.shape[0]))
+    l_max = _common_degree(lighting, rho, degree_of(rho.shape[0]))
     l = degrees(l_max)
     by_order = np.zeros((l_max + 1, 2 * l_max + 1, rho.shape[1]), complex)
     by_order[l, orders(l_max) + l_max] = rho
@@ -86,7 +90,7 @@ def fixed_exitant(lighting: ArrayLike, rho: ArrayLike) -> Complexes:
     rho : (l_max + 1, l_max + 1), l by q >= 0, of `fixed_exitant_coefficients`. The last index is q + l_max.
     """
     lighting, rho = np.asarray(lighting, complex), np.asarray(rho, float)
-    l_max = _lighting_degree(lighting, rho.shape[0] - 1)
+    l_max = _common_degree(lighting, rho, rho.shape[0] - 1)
     q = np.arange(-l_max, l_max + 1)
     by_order = rho[:, np.abs(q)] * np.where(q < 0, (-1.0) ** q, 1)
     return np.asarray((normalisation(l_max)[degrees(l_max)] * lighting)[:, None] * by_order[degrees(l_max)])
@@ -99,6 +103,7 @@ def isotropic_radiance(coefficients: ArrayLike, rotations: ArrayLike, exitant: A
     turning an isotropic surface about its normal turns the local directions alike.
     """
     coefficients = np.asarray(coefficients, complex)
+    check_finite(coefficients, "coefficients")
     l_max, p_max = degree_of(coefficients.shape[0]), degree_of(coefficients.shape[1])
     exitant = np.asarray(exitant, float)
     alpha, beta, gamma = euler_angles(rotations)
@@ -120,6 +125,7 @@ def anisotropic_radiance(coefficients: ArrayLike, rotations: ArrayLike, exitant:
     Frames are rotations from local axes, x along the tangent and z along the normal, to the world's.
     """
     coefficients = np.asarray(coefficients, complex)
+    check_finite(coefficients, "coefficients")
     l_max, p_max = degree_of(coefficients.shape[0]), degree_of(coefficients.shape[2])
     matrices = wigner_D(l_max, *euler_angles(rotations))
     basis = evaluate_complex(np.asarray(exitant, float), p_max)
@@ -138,7 +144,9 @@ def local_directions(rotations: ArrayLike, directions: ArrayLike) -> Floats:
     return np.einsum("nkj,nk->nj", np.asarray(rotations, float), directions)
 
 
-def _lighting_degree(lighting: Complexes, expected: int) -> int:
+def _common_degree(lighting: Complexes, rho: NDArray[Any], expected: int) -> int:
+    check_finite(lighting, "lighting")
+    check_finite(rho, "rho")
     l_max = degree_of(len(lighting))
     if l_max != expected:
         raise ValueError(

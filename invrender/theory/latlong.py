@@ -13,7 +13,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from capture.lighting import latlong_solid_angles
-from recon.harmonics import check_degree, degree_of, to_degree
+from recon.harmonics import check_degree, check_finite, degree_of, to_degree
 
 Floats = NDArray[np.float64]
 
@@ -76,8 +76,7 @@ def synthesise_latlong(coefficients: ArrayLike, height: int) -> Floats:
     """
     coefficients = np.asarray(coefficients, float)
     l_max = degree_of(len(coefficients))
-    if not np.isfinite(coefficients).all():
-        raise ValueError(f"{np.sum(~np.isfinite(coefficients))} coefficients are not finite")
+    check_finite(coefficients, "coefficients")
     _check_carried(l_max, height)
     channels = coefficients.shape[1]
     by_order = np.zeros((l_max + 1, l_max + 1, 2 * channels))
@@ -119,9 +118,7 @@ def theta_factors(cos_theta: ArrayLike, l_max: int) -> Floats:
 def _checked_height(values: Floats) -> int:
     if values.ndim != 3 or values.shape[1] != 2 * values.shape[0] or not values.size:
         raise ValueError(f"a lat-long grid is (H, 2H, channels), not {values.shape}")
-    wrong = np.sum(~np.isfinite(values))
-    if wrong:
-        raise ValueError(f"{wrong} of {values.size} values of the lat-long grid are not finite")
+    check_finite(values, "lat-long grid")
     return len(values)
 
 

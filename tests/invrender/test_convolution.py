@@ -235,6 +235,12 @@ def test_directions_of_the_world_are_told_in_local_axes():
             "lighting is of degree 2 and the BRDF of 1",
         ),
         (lambda: fixed_exitant(np.zeros(8), np.zeros((3, 3))), "there are 8 coefficients"),
+        (lambda: filtered([np.nan], [1.0]), "lighting: 1 of 1 values are not finite"),
+        (lambda: isotropic_light_field(np.zeros(4), np.full((2, 2, 2), np.nan)), "rho: 8 of 8 values"),
+        (
+            lambda: isotropic_radiance(np.full((1, 1), np.inf), np.eye(3)[None], [[0, 0, 1.0]]),
+            "coefficients: 1 of 1",
+        ),
         (lambda: local_directions(np.eye(3)[None], [[0, 0, 2.0]]), "of length 1"),
     ],
 )

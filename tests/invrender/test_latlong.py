@@ -99,9 +99,15 @@ def test_a_coarse_maps_high_degrees_are_zero_where_asked_for(rng):
         (lambda: analyse_latlong(np.zeros((8, 16, 1)), -1), "l_max is -1"),
         (lambda: analyse_latlong(np.zeros((8, 15, 1)), 1), r"\(H, 2H, channels\), not \(8, 15, 1\)"),
         (lambda: analyse_latlong(np.zeros((8, 16)), 1), r"not \(8, 16\)"),
-        (lambda: project_latlong(np.full((8, 16, 1), np.nan), 1), "128 of 128 values .* not finite"),
+        (
+            lambda: project_latlong(np.full((8, 16, 1), np.nan), 1),
+            "lat-long grid: 128 of 128 values are not finite",
+        ),
         (lambda: synthesise_latlong(np.zeros((5, 1)), 8), "there are 5 coefficients"),
-        (lambda: synthesise_latlong(np.full((4, 1), np.inf), 8), "4 coefficients are not finite"),
+        (
+            lambda: synthesise_latlong(np.full((4, 1), np.inf), 8),
+            "coefficients: 4 of 4 values are not finite",
+        ),
         (lambda: synthesise_latlong(np.zeros((36, 1)), 8), "l_max is 5; a lat-long grid of 8 rows"),
     ],
 )
