@@ -6,13 +6,14 @@ The coefficient of degree l (the papers say order) and order m is stored at l * 
 from __future__ import annotations
 
 from math import factorial, isqrt, pi
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import sphericart
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
+Array = TypeVar("Array", bound=NDArray[Any])
 
 # How far a direction's length may be from 1: rounding of single precision, and no more.
 _UNIT = 1e-5
@@ -35,11 +36,12 @@ def check_degree(l_max: int, name: str = "l_max") -> None:
         raise ValueError(f"{name} is {l_max}; it must be an integer >= 0")
 
 
-def check_finite(values: NDArray[Any], name: str) -> None:
-    """Raise ValueError, with their number, where values aren't finite."""
+def finite(values: Array, name: str) -> Array:
+    """The values, if all are finite; ValueError with the number of those that aren't."""
     wrong = values.size - int(np.isfinite(values).sum())
     if wrong:
         raise ValueError(f"{name}: {wrong} of {values.size} values are not finite")
+    return values
 
 
 def check_unit(directions: Floats, name: str = "directions") -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
-from recon.harmonics import check_degree, check_finite, degree_of, degrees, orders
+from recon.harmonics import check_degree, degree_of, degrees, finite, orders
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -122,7 +122,7 @@ def rotated_harmonics(coefficients: ArrayLike, rotation: ArrayLike) -> NDArray[n
     if not np.issubdtype(coefficients.dtype, np.floating):
         coefficients = coefficients.astype(float)
     l_max = degree_of(coefficients.shape[-1])
-    check_finite(coefficients, "coefficients")
+    finite(coefficients, "coefficients")
     alpha, beta, gamma = euler_angles(rotation)
     turned = _about_z(coefficients, gamma, l_max)
     turned = _by_degree(turned, _quarter_turns(l_max))

@@ -12,21 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invrender.theory.harmonics import evaluate_complex
 from invrender.theory.latlong import theta_factors
-from recon.harmonics import check_degree, degree_of
+from invrender.theory.refinement import interval_rule, refined
+from recon.harmonics import check_degree, degree_of, finite
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 # rho(incident (..., 3), exitant (..., 3)) -> (...), 1/sr, broadcasting.
 BRDF = Callable[[Floats, Floats], Floats]
-
-Array = TypeVar("Array", bound=NDArray[Any])
 
 _FIRST_NODES, _LAST_NODES = 32, 1024
 _VALUES_AT_A_TIME = 1 << 21
@@ -47,8 +45,8 @@ def outgoing_coefficients(brdf: BRDF, l_max: int, cos_exitant: ArrayLike, tolera
     rows = []
     for cos in np.atleast_1d(cos_exitant).tolist():
         integrals = partial(_incident_integrals, brdf, l_max, cos)
-        where = f"over incident directions, at cos theta_o = {cos:.3g}"
-        rows.append(_refined(integrals, tolerance, where, first=_nodes_that_see(brdf, cos)))
+        what = f"the BRDF's coefficients over incident directions, at cos theta_o = {cos:.3g},"
+        rows.append(refined(integrals, tolerance, what, _nodes_that_see(brdf, cos), _LAST_NODES))
     return np.stack(rows)
 
 
@@ -81,7 +79,7 @@ def isotropic_coefficients(
     q_max = min(l_max, p_max)
 
     def at(nodes: int) -> Floats:
-        theta, weight = _half_circle_rule(nodes)
+        theta, weight = interval_rule(nodes, 0, np.pi / 2)
         cos = np.cos(theta)
         local = outgoing_coefficients(brdf, l_max, cos, tolerance / 10)
         weight = weight * np.sin(theta) * (cos if reciprocal else 1)
@@ -94,7 +92,7 @@ def isotropic_coefficients(
             rho[q:, q:, q] = azimuth * (local[:, l * l + l + q].T * weight) @ factors[q, q:].T
         return rho
 
-    return _refined(at, tolerance, "over exitant angles", first=16, last=128)
+    return refined(at, tolerance, "the BRDF's coefficients over exitant angles", 16, 128)
 
 
 def anisotropic_coefficients(
@@ -114,20 +112,14 @@ def anisotropic_coefficients(
             rho += incident.T @ (_values(brdf, directions[:, None], directions[None, part]) @ exitant[part])
         return rho
 
-    return _refined(at, tolerance, "over pairs of directions", first=12, last=48)
+    return refined(at, tolerance, "the BRDF's coefficients over pairs of directions", 12, 48)
 
 
 def hemisphere_rule(nodes: int) -> tuple[Floats, Floats]:
     """Directions (2 nodes^2, 3) over the upper hemisphere, and their weights in steradian."""
-    theta, weight = _half_circle_rule(nodes)
+    theta, weight = interval_rule(nodes, 0, np.pi / 2)
     directions = _directions(theta, np.pi / nodes * np.arange(2 * nodes))
     return directions.reshape(-1, 3), np.repeat(weight * np.sin(theta) * np.pi / nodes, 2 * nodes)
-
-
-def _half_circle_rule(nodes: int) -> tuple[Floats, Floats]:
-    """Angles and weights (nodes,) of Gauss-Legendre between 0 and pi / 2."""
-    node, weight = np.polynomial.legendre.leggauss(nodes)
-    return (node + 1) * np.pi / 4, weight * np.pi / 4
 
 
 def _nodes_that_see(brdf: BRDF, cos_exitant: float) -> int:
@@ -139,7 +131,7 @@ def _nodes_that_see(brdf: BRDF, cos_exitant: float) -> int:
     peak = float(_values(brdf, view * [-1, -1, 1], view))
     nodes = _FIRST_NODES
     while nodes < _LAST_NODES // 2:
-        theta, _ = _half_circle_rule(nodes)
+        theta, _ = interval_rule(nodes, 0, np.pi / 2)
         phi, _ = _azimuths(nodes, cos_exitant)
         if _values(brdf, _directions(theta, phi), view).max() >= _SEEN * peak:
             break
@@ -149,7 +141,7 @@ def _nodes_that_see(brdf: BRDF, cos_exitant: float) -> int:
 
 def _incident_integrals(brdf: BRDF, l_max: int, cos_exitant: float, nodes: int) -> Floats:
     """Coefficients of rho^ for one view: waves in phi first, then degrees in theta [R02, eq. 5.22]."""
-    theta, weight = _half_circle_rule(nodes)
+    theta, weight = interval_rule(nodes, 0, np.pi / 2)
     phi, step = _azimuths(nodes, cos_exitant)
     incident = _directions(theta, phi)
     view = np.array([np.sqrt(1 - cos_exitant**2), 0.0, cos_exitant])
@@ -190,27 +182,4 @@ def _values(brdf: BRDF, incident: Floats, exitant: Floats) -> Floats:
     expected = np.broadcast_shapes(incident.shape[:-1], exitant.shape[:-1])
     if values.shape != expected:
         raise ValueError(f"the BRDF yields {values.shape} values for {expected} pairs of directions")
-    if not np.isfinite(values).all():
-        raise ValueError(f"the BRDF yields {np.sum(~np.isfinite(values))} values that are not finite")
-    return values
-
-
-def _refined(
-    at: Callable[[int], Array],
-    tolerance: float,
-    where: str,
-    first: int = _FIRST_NODES,
-    last: int = _LAST_NODES,
-) -> Array:
-    """The integrals with as many nodes as it takes for twice as many to change nothing."""
-    nodes, found = first, at(first)
-    while nodes < last:
-        nodes, before = 2 * nodes, found
-        found = at(nodes)
-        change, largest = np.abs(found - before).max(), np.abs(found).max()
-        if change <= tolerance * largest:
-            return found
-    raise ValueError(
-        f"the BRDF's coefficients still change by {change / largest:.1g} of the largest, {where}, from {last // 2} to"
-        f" {last} nodes; {tolerance:.1g} is asked: the BRDF is too narrow or grows without bound"
-    )
+    return finite(values, "the BRDF")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invrender.theory.harmonics import evaluate_complex
-from recon.harmonics import check_degree, check_finite, check_unit, degree_of, degrees, orders
+from recon.harmonics import check_degree, check_unit, degree_of, degrees, finite, orders
 from recon.rotations import euler_angles, wigner_D
 
 Floats = NDArray[np.float64]
@@ -33,10 +33,9 @@ def filtered(lighting: ArrayLike, transfer: ArrayLike) -> NDArray[np.generic]:
     For BRDFs that are a function of the angle to one central direction, of which the light field is then a function
     too. transfer : (l_max + 1,), Lambda_l rho_l.
     """
-    lighting, transfer = np.asarray(lighting), np.asarray(transfer, float)
+    lighting = finite(np.asarray(lighting), "lighting")
+    transfer = finite(np.asarray(transfer, float), "transfer")
     l_max = degree_of(len(lighting))
-    check_finite(lighting, "lighting")
-    check_finite(transfer, "transfer")
     if transfer.shape != (l_max + 1,):
         raise ValueError(f"transfer is {transfer.shape}; lighting of degree {l_max} needs ({l_max + 1},)")
     return lighting * transfer[degrees(l_max)].reshape(-1, *[1] * (lighting.ndim - 1))
@@ -102,8 +101,7 @@ def isotropic_radiance(coefficients: ArrayLike, rotations: ArrayLike, exitant: A
     Frames are rotations from local axes, z along the normal, to the world's: any azimuth of them will do, since
     turning an isotropic surface about its normal turns the local directions alike.
     """
-    coefficients = np.asarray(coefficients, complex)
-    check_finite(coefficients, "coefficients")
+    coefficients = finite(np.asarray(coefficients, complex), "coefficients")
     l_max, p_max = degree_of(coefficients.shape[0]), degree_of(coefficients.shape[1])
     exitant = np.asarray(exitant, float)
     alpha, beta, gamma = euler_angles(rotations)
@@ -124,8 +122,7 @@ def anisotropic_radiance(coefficients: ArrayLike, rotations: ArrayLike, exitant:
 
     Frames are rotations from local axes, x along the tangent and z along the normal, to the world's.
     """
-    coefficients = np.asarray(coefficients, complex)
-    check_finite(coefficients, "coefficients")
+    coefficients = finite(np.asarray(coefficients, complex), "coefficients")
     l_max, p_max = degree_of(coefficients.shape[0]), degree_of(coefficients.shape[2])
     matrices = wigner_D(l_max, *euler_angles(rotations))
     basis = evaluate_complex(np.asarray(exitant, float), p_max)
@@ -145,9 +142,8 @@ def local_directions(rotations: ArrayLike, directions: ArrayLike) -> Floats:
 
 
 def _common_degree(lighting: Complexes, rho: NDArray[Any], expected: int) -> int:
-    check_finite(lighting, "lighting")
-    check_finite(rho, "rho")
-    l_max = degree_of(len(lighting))
+    finite(rho, "rho")
+    l_max = degree_of(len(finite(lighting, "lighting")))
     if l_max != expected:
         raise ValueError(
             f"the lighting is of degree {l_max} and the BRDF of {expected}; both must be the same"

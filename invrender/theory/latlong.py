@@ -13,7 +13,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from capture.lighting import latlong_solid_angles
-from recon.harmonics import check_degree, check_finite, degree_of, to_degree
+from recon.harmonics import check_degree, degree_of, finite, to_degree
 
 Floats = NDArray[np.float64]
 
@@ -74,9 +74,8 @@ def synthesise_latlong(coefficients: ArrayLike, height: int) -> Floats:
 
     Raises ValueError for a wrong number of coefficients, ones that aren't finite, or a grid too coarse to carry them.
     """
-    coefficients = np.asarray(coefficients, float)
+    coefficients = finite(np.asarray(coefficients, float), "coefficients")
     l_max = degree_of(len(coefficients))
-    check_finite(coefficients, "coefficients")
     _check_carried(l_max, height)
     channels = coefficients.shape[1]
     by_order = np.zeros((l_max + 1, l_max + 1, 2 * channels))
@@ -118,7 +117,7 @@ def theta_factors(cos_theta: ArrayLike, l_max: int) -> Floats:
 def _checked_height(values: Floats) -> int:
     if values.ndim != 3 or values.shape[1] != 2 * values.shape[0] or not values.size:
         raise ValueError(f"a lat-long grid is (H, 2H, channels), not {values.shape}")
-    check_finite(values, "lat-long grid")
+    finite(values, "lat-long grid")
     return len(values)
 
 
