@@ -1,0 +1,50 @@
+"""The lobe's table against the reflection integral over incident directions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from invrender.model.lobetable import lobe_table, specular_rows
+from invrender.theory.brdfcoefficients import outgoing_coefficients
+from invrender.theory.operator import view_frames
+
+from .quadrature import hemisphere_grid, reflected, scipy_harmonics
+from .test_brdfcoefficients import rh01
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.1, 0.3, 0.7])
+def test_all_roughnesses_and_exitant_angles_are_those_of_the_integral(sigma: float):
+    cos = np.array([1.0, 0.9, 0.5, 0.25, 0.15])
+    found = lobe_table(10).coefficients(cos, sigma)
+    # By adaptive sums over incident directions: another rule in other variables.
+    expected = outgoing_coefficients(rh01(sigma, mu=None), 10, cos, tolerance=1e-8)
+    # Wide lobes at grazing angles are the hardest to interpolate between exitant angles.
+    assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.4])
+def test_slopes_are_those_of_finite_differences(sigma: float):
+    table, cos, step = lobe_table(6), np.linspace(0.16, 1, 9), 1e-4
+    before, after = (table.coefficients(cos, sigma * np.exp(way)) for way in (-step, step))
+    found = table.slopes(cos, sigma)
+    assert_allclose(found, (after - before) / (2 * step), atol=1e-6 * np.abs(found).max())
+
+
+def test_rows_of_samples_yield_the_reflected_radiance(bench, rng):
+    field = bench.sphere_field(40.0, samples=15)
+    lighting = rng.normal(size=49)
+    rows, _ = specular_rows(field, 6, 0.15)
+    frames = view_frames(field.normals, field.views)
+    local = np.einsum("nkj,nk->nj", frames, field.views)
+    rays = reflected(
+        rh01(0.15, mu=None),
+        lambda ways: scipy_harmonics(ways, 6) @ lighting,
+        frames,
+        local,
+        hemisphere_grid(60, 300),
+    )
+    expected = field.mean_over_rays(rays)
+    # Rows are in single precision.
+    assert_allclose(rows @ lighting, expected, atol=3e-6 * np.abs(expected).max())
