@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import latlong_pixels, latlong_solid_angles
-from invrender.model.microfacet import lobe
+from invrender.theory.specialcases import lobe
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 
-from invrender.model.microfacet import lobe
 from invrender.theory.operator import view_frames
 from invrender.theory.refinement import interval_rule
+from invrender.theory.specialcases import lobe
 from recon.harmonics import evaluate_harmonics, orders
 from recon.lightfield import LightField
 from recon.rotations import rotated_harmonics

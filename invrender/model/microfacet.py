@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from invrender.theory.specialcases import lobe as lobe
 
 Floats = NDArray[np.float64]
 
@@ -32,12 +33,6 @@ class Microfacet:
     def __post_init__(self) -> None:
         object.__setattr__(self, "kd", frozen_array(self.kd))
         object.__setattr__(self, "ks", frozen_array(self.ks))
-
-
-def lobe(theta_half: ArrayLike, sigma: ArrayLike) -> Floats:
-    """S = exp(-(theta_h / sigma)^2) / (pi sigma^2), 1/sr [RH01, section 5.2]; angles in radians."""
-    sigma = np.asarray(sigma, float)
-    return np.exp(-((np.asarray(theta_half, float) / sigma) ** 2)) / (np.pi * sigma**2)
 
 
 def sigma_nodes() -> Floats:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting, latlong_directions, latlong_solid_angles
 from invrender.model.half_vectors import PreparedMap, map_transfer
-from invrender.model.microfacet import lobe
 from invrender.theory.lambertian import irradiance
 from invrender.theory.latlong import map_coefficients
+from invrender.theory.specialcases import lobe
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from capture.arrays import frozen_array
 from invrender.theory.convolution import normalisation
 from invrender.theory.explicit import LightFieldFactors
-from recon.harmonics import degree_of, degrees
+from recon.harmonics import degree_of, degrees, finite
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -32,7 +33,7 @@ class Conditioning:
     gains: Floats
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gains", _read_only(self.gains))
+        object.__setattr__(self, "gains", frozen_array(self.gains))
         if self.gains.ndim != 1 or not len(self.gains):
             raise ValueError(f"gains are {self.gains.shape}; there must be one per degree, (l_max + 1,)")
         if not (np.isfinite(self.gains) & (self.gains >= 0)).all():
@@ -124,11 +125,10 @@ class Information:
     matrix: Floats
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "matrix", _read_only(self.matrix))
+        object.__setattr__(self, "matrix", frozen_array(self.matrix))
         if self.matrix.ndim != 2 or self.matrix.shape[0] != self.matrix.shape[1]:
             raise ValueError(f"information is {self.matrix.shape}; it must be (k, k)")
-        if not np.isfinite(self.matrix).all():
-            raise ValueError(f"{np.sum(~np.isfinite(self.matrix))} entries of the information are not finite")
+        finite(self.matrix, "information")
 
     def __add__(self, other: Information) -> Information:
         if self.matrix.shape != other.matrix.shape:
@@ -193,19 +193,11 @@ class Determination:
         return np.bincount(l, self.shares) / np.bincount(l)
 
 
-def _read_only(values: ArrayLike) -> Floats:
-    copy = np.array(values, float)
-    copy.setflags(write=False)
-    return copy
-
-
 def _finite(values: ArrayLike, dimensions: int, name: str) -> Floats:
     values = np.asarray(values, float)
     if values.ndim != dimensions:
         raise ValueError(f"{name} has {values.ndim} axes; it must have {dimensions}")
-    if not np.isfinite(values).all():
-        raise ValueError(f"{np.sum(~np.isfinite(values))} of {values.size} values of {name} are not finite")
-    return values
+    return finite(values, name)
 
 
 def _deviations(values: ArrayLike, count: int, name: str) -> Floats:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from invrender.model.microfacet import lobe
 from invrender.theory.convolution import normalisation
 from recon.harmonics import check_degree, degrees, orders
 
@@ -68,6 +67,12 @@ def phong_gaussian(shininess: float, l_max: int) -> Floats:
     """
     check_degree(l_max)
     return np.exp(-(np.arange(l_max + 1) ** 2) / (2 * _positive(shininess, "shininess")))
+
+
+def lobe(theta_half: ArrayLike, sigma: ArrayLike) -> Floats:
+    """S = exp(-(theta_h / sigma)^2) / (pi sigma^2), 1/sr [RH01, section 5.2]; angles in radians."""
+    sigma = np.asarray(sigma, float)
+    return np.exp(-((np.asarray(theta_half, float) / sigma) ** 2)) / (np.pi * sigma**2)
 
 
 def microfacet_transfer(sigma: float, l_max: int) -> Floats:

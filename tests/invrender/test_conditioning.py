@@ -179,7 +179,7 @@ def test_a_cap_of_normals_determines_less_than_the_whole_sphere():
     ("call", "message"),
     [
         (lambda: inverse_lighting(np.ones((3, 3))), "rho has 2 axes; it must have 3"),
-        (lambda: inverse_filter([1.0, np.nan]), "1 of 2 values of transfer are not finite"),
+        (lambda: inverse_filter([1.0, np.nan]), "transfer: 1 of 2 values are not finite"),
         (lambda: inverse_brdf(np.ones(7)), "there are 7 coefficients"),
         (lambda: Conditioning(np.array([1.0, -1.0])), "must be finite and >= 0"),
         (lambda: Conditioning(np.ones(2)).determined(0.0), "noise_to_signal is 0.0"),
@@ -188,7 +188,7 @@ def test_a_cap_of_normals_determines_less_than_the_whole_sphere():
             lambda: information(np.ones((3, 4)), np.ones(4)),
             r"noise_std is \(4,\); it must be one number or \(3,\)",
         ),
-        (lambda: information(np.full((3, 4), np.inf), 1.0), "12 of 12 values of rows are not finite"),
+        (lambda: information(np.full((3, 4), np.inf), 1.0), "rows: 12 of 12 values are not finite"),
         (lambda: Information(np.ones((2, 3))), r"must be \(k, k\)"),
         (
             lambda: Information(np.eye(2)) + Information(np.eye(3)),

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from invrender.model.microfacet import SIGMA_RANGE, lobe, sigma_nodes, sigma_weights
+from invrender.model.microfacet import SIGMA_RANGE, sigma_nodes, sigma_weights
+from invrender.theory.specialcases import lobe
 
 
 @pytest.mark.parametrize("sigma", [0.02, 0.1, 0.3, 0.7])
