@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from capture.cli import add_commands
+from invrender.plan.command import plan
 from recon.align.command import align
 from recon.cli import mirrorball
 from recon.hull.command import hull
@@ -102,6 +103,9 @@ def demo(
 
 
 app.command(short_help="Photograph a synthetic scene: a photo set with its truth beside it.")(synth)
+app.command(
+    short_help="Before anyone shoots: what a scene's photographs will determine, and what would help."
+)(plan)
 app.command(short_help="Read the light off photographs of a mirror (chrome) ball.")(mirrorball)
 app.command(short_help="Where photographs were taken from: features, a board, COLMAP, transforms.json.")(
     register
