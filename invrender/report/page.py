@@ -10,7 +10,6 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from invrender.factorization import Quantity
-from invrender.model.predict import predict_columns
 from invrender.pipeline import Prediction, Run
 from invrender.report.pictures import (
     difference_picture,
@@ -69,10 +68,6 @@ class ReportWriter:
     def write(self, path: Path) -> None:
         """Write the page as one self-contained file."""
         result = self._run.result
-        residuals = [
-            entry.radiance - predict_columns(entry, result.brdf, self._run.strengths[label])
-            for label, entry in self._run.columns.items()
-        ]
         environment = Environment(
             loader=PackageLoader("invrender.report", "."),
             undefined=StrictUndefined,
@@ -96,7 +91,7 @@ class ReportWriter:
                 np.median([s.cross_validated for s in result.photos if s.cross_validated is not None])
             ),
             figures={
-                "residual": figure_url(residual_figure(list(self._run.columns.values()), residuals)),
+                "residual": figure_url(residual_figure(self._run.fields, self._run.solved.residuals)),
                 "photos": figure_url(photo_error_figure(result.photos)),
                 "lighting": figure_url(lighting_figure(result.lightings)),
             },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import matplotlib
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from capture.srgb import linear_to_srgb
 from invrender.factorization import FittedLighting, PhotoScore
-from invrender.model.columns import PhotoColumns
 from invrender.result import lighting_map
+from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
@@ -65,11 +65,14 @@ def figure_url(figure: Figure) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
-def residual_figure(photos: Sequence[PhotoColumns], residuals: Sequence[Floats]) -> Figure:
-    """Relative residual against exitant angle: mean (bias) and RMS per bin of four degrees."""
-    angle = np.degrees(np.arccos(np.clip(np.concatenate([p.field.cos_exitant for p in photos]), 0, 1)))
-    radiance = np.concatenate([p.radiance.mean(axis=1) for p in photos])
-    residual = np.concatenate([r.mean(axis=1) for r in residuals])
+def residual_figure(fields: Mapping[str, LightField], residuals: Mapping[str, Floats]) -> Figure:
+    """Relative residual against exitant angle: mean (bias) and RMS per bin of four degrees.
+
+    fields : samples of each photograph. residuals : (n, 3), of the same.
+    """
+    angle = np.degrees(np.arccos(np.clip(np.concatenate([f.cos_exitant for f in fields.values()]), 0, 1)))
+    radiance = np.concatenate([field.radiance.mean(axis=1) for field in fields.values()])
+    residual = np.concatenate([residuals[label].mean(axis=1) for label in fields])
     edges = np.arange(0, 92, 4)
     cell = np.digitize(angle, edges) - 1
     count = np.bincount(cell, minlength=len(edges))

@@ -10,12 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from capture.photoset import load_photoset
-from invrender.model.columns import PhotoColumns
+from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.predict import predict_columns
+from invrender.model.transfer import light_elements
 from invrender.pipeline import Run, process
 from invrender.solve.evidence import fit_strengths, relative_rms
 from invrender.solve.search import fit
 from invrender.solve.statistics import by_lighting, photo_statistics
+from recon.lightfield import LightField
 
 SET = Path(__file__).parents[1] / "sets" / "psm"
 
@@ -26,10 +28,10 @@ def psm(data_dir: Path) -> Run:
     return process(load_photoset(SET), samples=24_000)
 
 
-def shading_direction(photo: PhotoColumns, start: NDArray[np.float64]) -> NDArray[np.float64]:
+def shading_direction(field: LightField, start: NDArray[np.float64]) -> NDArray[np.float64]:
     """The direction whose clamped cosine, with a constant, explains the sphere's own shading best."""
-    direction, normals = start, photo.field.sample_normals
-    brightness = photo.radiance.mean(axis=1)
+    direction, normals = start, field.sample_normals
+    brightness = field.radiance.mean(axis=1)
     for _ in range(20):
         lit = normals @ direction > 0.1
         design = np.column_stack([normals[lit], np.ones(lit.sum())])
@@ -40,9 +42,9 @@ def shading_direction(photo: PhotoColumns, start: NDArray[np.float64]) -> NDArra
 
 def test_the_spheres_shading_agrees_with_the_balls_highlight(psm: Run) -> None:
     angles = []
-    for entry, photo in zip(psm.result.lightings, psm.columns.values(), strict=True):
+    for entry, field in zip(psm.result.lightings, psm.fields.values(), strict=True):
         (direction,) = entry.lighting.directions
-        shading = shading_direction(photo, direction)
+        shading = shading_direction(field, direction)
         angles.append(np.degrees(np.arccos(np.clip(shading @ direction, -1, 1))))
     # Two witnesses that share nothing but the light; stains on the paint (5%) move the shading's by 2 to 3.
     assert np.median(angles) < 3
@@ -55,7 +57,10 @@ def lit_part(photo: PhotoColumns, direction: NDArray[np.float64]) -> PhotoColumn
 
 
 def test_a_photograph_left_out_is_predicted_within_five_percent(psm: Run) -> None:
-    photos = list(psm.columns.values())
+    photos = [
+        photo_columns(entry.lighting.name, light_elements(entry.lighting), field)
+        for entry, field in zip(psm.result.lightings, psm.fields.values(), strict=True)
+    ]
     directions = [entry.lighting.directions[0] for entry in psm.result.lightings]
     even = [np.ones_like(photo.radiance) for photo in photos]
     statistics = [photo_statistics(*pair) for pair in zip(photos, even, strict=True)]

@@ -1,0 +1,28 @@
+"""Where the time goes, package by package."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+STAGES = ("capture", "recon", "invrender")
+
+
+@dataclass
+class Clock:
+    """Time spent per stage, added up over threads."""
+
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @contextmanager
+    def on(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            with self.lock:
+                self.seconds[stage] += time.perf_counter() - start

@@ -1,0 +1,164 @@
+"""The main job where lighting is known, or all of it but strengths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from capture.parallel import parallel_map
+from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
+from invrender.clock import Clock
+from invrender.factorization import Factorization, FittedLighting, PhotoScore
+from invrender.findings import find_warnings
+from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.predict import predict, predict_columns
+from invrender.model.transfer import LightElement, light_elements
+from invrender.reading import read_samples
+from invrender.solve.evidence import fit_strengths, ladder_steps, relative_rms
+from invrender.solve.factorize import Solution, factorize
+from invrender.solved import Solved
+from recon.knownlight import read_lighting
+from recon.lightfield import LightField
+from recon.sphere import Sphere
+
+
+def solve_known_light(photoset: PhotoSet, sphere: Sphere, samples: int, clock: Clock, track: Track) -> Solved:
+    """Recover the BRDF of a sphere, and what of its lighting is free."""
+    with clock.on("recon"):
+        lightings = _used_lightings(photoset)
+    sources = {name: lighting.directions for name, lighting in lightings.items()}
+    fields = read_samples(photoset, sphere, sources, samples, clock, track)
+    with clock.on("invrender"):
+        elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+        columns = _columns(photoset, fields, elements)
+    _check_lit(photoset, lightings, columns)
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    with clock.on("invrender"):
+        steps = iter(track(range(ladder_steps(len(fitted))), "Fitting and cross-validating"))
+        next(steps)
+        # A light that only held-out photographs are under is no evidence: it is scored, not fitted.
+        seen = {photo.lighting for photo in fitted}
+        solution = factorize(
+            [columns[photo.label] for photo in fitted],
+            [lighting for name, lighting in lightings.items() if name in seen],
+            lambda: next(steps, None),
+        )
+        strengths = {
+            photo.label: _strengths(solution, columns[photo.label], photo.held_out)
+            for photo in photoset.photos
+        }
+        scored = []
+        for name in [name for name in lightings if name not in seen]:
+            label = next(photo.label for photo in photoset.photos if photo.lighting == name)
+            scored.append(_scored_lighting(lightings[name], elements[name], strengths[label]))
+        residuals = {
+            label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
+            for label, entry in columns.items()
+        }
+        scores = _scores(photoset, solution, fields, residuals)
+    result = Factorization(
+        name=photoset.name,
+        gauge=solution.gauge,
+        sphere=sphere,
+        brdf=solution.estimate.brdf,
+        quantities=solution.quantities,
+        lightings=(*solution.lightings, *scored),
+        rungs=solution.rungs,
+        chosen=solution.chosen,
+        photos=scores,
+        noise_floor=solution.noise.floor,
+        noise_relative=solution.noise.relative,
+        structured=solution.structured,
+        covariance=solution.covariance,
+        covariance_names=solution.covariance_names,
+        warnings=find_warnings(photoset, solution, sphere, lightings),
+    )
+
+    def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
+        return predict(result.brdf, elements[photo.lighting], strengths[photo.label], field)
+
+    return Solved(result, fields, residuals, radiance)
+
+
+def _columns(
+    photoset: PhotoSet, fields: Mapping[str, LightField], elements: Mapping[str, Sequence[LightElement]]
+) -> dict[str, PhotoColumns]:
+    def of(photo: Photo) -> PhotoColumns:
+        return photo_columns(photo.lighting, elements[photo.lighting], fields[photo.label])
+
+    photos = photoset.photos
+    return {photo.label: found for photo, found in zip(photos, parallel_map(of, photos), strict=True)}
+
+
+def _used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
+    used = {photo.lighting for photo in photoset.photos}
+    return {table.name: read_lighting(photoset, table) for table in photoset.lightings if table.name in used}
+
+
+def _check_lit(
+    photoset: PhotoSet, lightings: Mapping[str, Lighting], columns: Mapping[str, PhotoColumns]
+) -> None:
+    for name, lighting in lightings.items():
+        users = [columns[photo.label] for photo in photoset.photos if photo.lighting == name]
+        for k, direction in enumerate(lighting.directions):
+            highest = max(float((photo.field.sample_normals @ direction).max()) for photo in users)
+            if highest <= 0:
+                raise ValueError(
+                    f'{photoset.manifest}: [[lighting]] "{name}": source {k + 1} at {np.round(direction, 3).tolist()}'
+                    " is below the horizon of everything that is seen; directions point from the object to the"
+                    " light, in the world's frame: check its sign and frame"
+                )
+
+
+def _strengths(solution: Solution, photo: PhotoColumns, held_out: bool) -> NDArray[np.float64]:
+    known = solution.estimate.strengths.get(photo.lighting)
+    if known is not None:
+        return known
+    assert held_out
+    return fit_strengths(photo, 1 / solution.noise.variance(photo.radiance), solution.estimate)
+
+
+def _scored_lighting(
+    lighting: Lighting, elements: Sequence[LightElement], strengths: NDArray[np.float64]
+) -> FittedLighting:
+    """A lighting that only held-out photographs are under, with strengths fitted to score them; no error bars."""
+    irradiances, std = lighting.irradiances.copy(), np.zeros_like(lighting.irradiances)
+    ambient = None
+    for element, strength in zip(elements, strengths, strict=True):
+        if element.name.startswith("source"):
+            k = int(element.name.removeprefix("source ")) - 1
+            irradiances[k], std[k] = np.maximum(strength, 0), np.nan
+        elif element.name == "ambient":
+            ambient = strength
+    ambient_std = None if ambient is None else np.full(3, np.nan)
+    return FittedLighting(replace(lighting, irradiances=irradiances), std, ambient, ambient_std)
+
+
+def _scores(
+    photoset: PhotoSet,
+    solution: Solution,
+    fields: Mapping[str, LightField],
+    residuals: Mapping[str, NDArray[np.float64]],
+) -> tuple[PhotoScore, ...]:
+    scores = []
+    unseen = iter(solution.rungs[solution.chosen].photo_errors)
+    weights = iter(solution.weights)
+    for photo in photoset.photos:
+        field, residual = fields[photo.label], residuals[photo.label]
+        trust = None if photo.held_out else next(weights).trust
+        scores.append(
+            PhotoScore(
+                label=photo.label,
+                lighting=photo.lighting,
+                held_out=photo.held_out,
+                samples=len(field),
+                rms=relative_rms(residual, field.radiance, trust),
+                cross_validated=None if photo.held_out else float(next(unseen)),
+            )
+        )
+    return tuple(scores)

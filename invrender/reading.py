@@ -1,0 +1,77 @@
+"""Photographs of a sphere to samples: decoded, masked, drawn, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.decode import decode_photo
+from capture.parallel import parallel_map
+from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
+from capture.radiance import RadianceImage
+from invrender.clock import Clock
+from recon.bodies import SphereBody
+from recon.findsphere import sphere_mask
+from recon.lightfield import LightField, off_terminators
+from recon.sampling import NO_SOURCES, sample_body
+from recon.sphere import Sphere
+
+_MIN_SAMPLES_PER_PHOTO = 20
+
+
+def read_samples(
+    photoset: PhotoSet,
+    sphere: Sphere,
+    sources: Mapping[str, NDArray[np.float64]],
+    samples: int,
+    clock: Clock,
+    track: Track,
+) -> dict[str, LightField]:
+    """Samples of every photograph by its label, on all cores.
+
+    sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
+    how many in all, evenly over the photographs that are fitted; each that is held out gets as many.
+    """
+    body = SphereBody(sphere)
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
+
+    def read(index: int) -> LightField:
+        photo = photoset.photos[index]
+        with clock.on("capture"):
+            image = decode_photo(photoset, photo)
+        with clock.on("recon"):
+            mask = sphere_mask(photoset, photo, sphere)
+            directions = sources.get(photo.lighting, NO_SOURCES)
+            # Seeded by place, so that neither order nor threads change what is drawn.
+            rng = np.random.default_rng(index)
+            drawn = sample_body(body, photo.camera, image, mask, directions, budget, rng)
+            drawn = off_terminators(drawn, directions)
+            _check_usable(photo, image, drawn, mask)
+        return drawn
+
+    found: dict[str, LightField] = {}
+    work = parallel_map(read, range(len(photoset.photos)))
+    for photo in track(photoset.photos, "Reading photographs"):
+        found[photo.label] = next(work)
+    return found
+
+
+def _check_usable(
+    photo: Photo, image: RadianceImage, samples: LightField, coverage: NDArray[np.float32] | None
+) -> None:
+    inside = coverage >= 0.5 if coverage is not None else np.ones(image.saturated.shape, bool)
+    if image.saturated[inside].all():
+        raise ValueError(
+            f"{photo.file}: every pixel of the object is saturated; expose shorter, or leave it out"
+        )
+    if len(samples) < _MIN_SAMPLES_PER_PHOTO:
+        raise ValueError(
+            f"{photo.file}: only {len(samples)} pixels of the object are usable (not saturated, not at its rim);"
+            " the object must be larger in the image, or the exposure shorter"
+        )
+    if not samples.radiance.any():
+        raise ValueError(f"{photo.file}: the object is black in every pixel; expose longer, or leave it out")
