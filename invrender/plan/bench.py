@@ -1,0 +1,96 @@
+"""An experiment made ready, so that any photograph of it can be asked what it tells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.camera import Camera
+from capture.parallel import parallel_map
+from invrender.pipeline import DEFAULT_SAMPLES as FIT_SAMPLES
+from invrender.plan.experiment import Experiment, View
+from invrender.plan.information import Information, photograph_information
+from invrender.plan.lightprospect import UnknownLight
+from invrender.plan.photographs import Draw, Shown, draw, picture, reflected, shown
+from invrender.plan.reflected import Optics, Parts
+from invrender.plan.unknowns import Unknowns, unknowns_of
+
+Floats = NDArray[np.float64]
+
+# Samples of a photograph below which `process` refuses it.
+FEWEST = 20
+# No noise is below this share of the radiance (RMS): the fit believes in none.
+_LEAST_NOISE = 1e-4
+
+
+class Bench:
+    """An experiment made ready.
+
+    unknowns, parts : one per light. unknown_lights : by their index, those that nobody tells. budget : samples that a
+    fit takes of a photograph. looked_at : how many of them are looked at here.
+    """
+
+    def __init__(self, experiment: Experiment, degree: int, samples: int) -> None:
+        self.experiment = experiment
+        gauge = experiment.gauge_light
+        self.unknowns: list[Unknowns] = [
+            unknowns_of(experiment.brdf, light, degree, k == gauge)
+            for k, light in enumerate(experiment.lights)
+        ]
+        self.unknown_lights = {
+            k: UnknownLight.of(light, self.unknowns[k])
+            for k, light in enumerate(experiment.lights)
+            if not light.known
+        }
+        self.optics = Optics(experiment.body, experiment.brdf, degree)
+        self.parts: list[Parts] = [self.optics.parts(light) for light in experiment.lights]
+        count = len(experiment.views)
+        self.budget = max(FIT_SAMPLES // (count * experiment.sensor.exposures), 4 * FEWEST)
+        self.looked_at = max(samples // count, 4 * FEWEST)
+
+    def draws(self, views: Sequence[View], looked_at: int | None = None) -> Iterator[Draw]:
+        """Samples of photographs; as many of each as `looked_at` says."""
+
+        def one(numbered: tuple[int, View]) -> Draw:
+            # Seeded by place, so that threads don't change what is drawn.
+            rng = np.random.default_rng(numbered[0])
+            view, count = numbered[1], looked_at or self.looked_at
+            return draw(self.experiment.body, view.camera, self.parts[view.light], self.budget, count, rng)
+
+        return parallel_map(one, enumerate(views))
+
+    def brightness(self, view: View) -> Floats:
+        """Radiance (k, 3) of the object's pixels in a photograph."""
+        parts = self.parts[view.light]
+        field = picture(self.experiment.body, view.camera, parts)
+        return reflected(self.optics, parts, field).radiance(self.experiment.brdf)
+
+    def shown(self, light: int, draws: Sequence[Draw]) -> Iterator[Shown]:
+        """What photographs under a light show."""
+        return shown(self.optics, self.parts[light], self.unknowns[light], [one.field for one in draws])
+
+    def information(
+        self, light: int, drawn: Draw, seen: Shown, brightness: Floats, exposure_s: float
+    ) -> Information:
+        """What a photograph tells, all the files of its bracket together; brightness : (k, 3), its radiance."""
+        sensor = self.experiment.sensor
+        radiance = seen.radiance
+        weights = sensor.information(radiance, brightness, exposure_s)
+        least = _LEAST_NOISE * float(np.sqrt(np.mean(brightness**2)))
+        weights = np.minimum(weights, 1 / max(least, 1e-150) ** 2)
+        told = photograph_information(self.unknowns[light], drawn.field, radiance, seen.columns, weights)
+        return told.times(drawn.stands_for * sensor.exposures)
+
+    def one_more(self, light: int, drawn: Draw, seen: Shown) -> Information:
+        """What one more photograph tells, exposed for itself, by the samples that are looked at."""
+        brightness = seen.radiance
+        if not brightness.any():
+            return Information.none(self.unknowns[light].size)
+        exposure_s = self.experiment.sensor.exposure_s([brightness])
+        return self.information(light, drawn, seen, brightness, exposure_s)
+
+    def posed(self, pose: Floats) -> Camera:
+        """The first photograph's camera at a world_to_camera (4, 4)."""
+        return self.experiment.views[0].camera.posed(pose)

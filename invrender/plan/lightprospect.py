@@ -1,0 +1,227 @@
+"""How much of an unknown lighting a set of photographs will determine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from invrender.factorization import Quantity
+from invrender.plan.experiment import Light
+from invrender.plan.information import Posterior, Spread
+from invrender.plan.prospect import Expected, counted
+from invrender.plan.reflected import tangents
+from invrender.plan.unknowns import Unknowns
+from invrender.solve.identifiability import _WEAK as WEAK
+from invrender.solve.identifiability import ACCURACY, Scalar
+from invrender.theory.harmonics import project_sources
+from invrender.theory.latlong import map_coefficients
+from recon.harmonics import degree_of, degrees, evaluate_harmonics, sphere_directions
+from recon.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+# A diffuse surface sees degrees up to this [RH01, eq. 16].
+FIRST_NINE = 2
+# Shares of degrees from which on they count as determined, and as weak: a posterior a tenth, and half, of the prior.
+DETERMINED, HALF = 1 - WEAK**2, 0.75
+_STEP = 1e-5
+_HIDDEN = "its highlight can't be told from the rest of the light"
+_MIRROR_BALL = "photograph a mirror ball in the object's place"
+_SHOW_IT = f"{_MIRROR_BALL}, or add photographs that show its highlight"
+
+
+@dataclass(frozen=True, eq=False)
+class LightProspect:
+    """What will be known of all light under one name, its sources among it.
+
+    coefficients, std : ((l_max + 1)^2, 3), of all the light as harmonics. shares : (l_max + 1,), how much of each
+    degree the photographs determine, 0 to 1: 1 less the mean variance relative to the prior's, a model error of 0.5%
+    included.
+    reached : share of all directions that mirrored rays look at.
+    """
+
+    name: str
+    coefficients: Floats
+    std: Floats
+    shares: Floats
+    reached: float
+
+    @property
+    def l_max(self) -> int:
+        return len(self.shares) - 1
+
+    @property
+    def highest(self) -> int:
+        """The degree up to which all are determined; -1 if none is."""
+        lacking = np.flatnonzero(self.shares < DETERMINED)
+        return int(lacking[0]) - 1 if len(lacking) else self.l_max
+
+    @property
+    def rank(self) -> float:
+        """How many coefficients of a channel are determined: the degrees of freedom of the light's estimate."""
+        return float((self.shares * (2 * np.arange(self.l_max + 1) + 1)).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownLight:
+    """A light that nobody tells, and what is asked of it.
+
+    coefficients : ((l_max + 1)^2, 3), of all of it, its sources among it. rows : (3 (l_max + 1)^2, p - b), their
+    derivatives in the light's unknown numbers, in units of the prior, channels fastest.
+    """
+
+    light: Light
+    unknowns: Unknowns
+    coefficients: Floats
+    rows: Floats
+
+    @classmethod
+    def of(cls, light: Light, unknowns: Unknowns) -> UnknownLight:
+        """A light whose unknown coefficients are those of `unknowns`."""
+        lighting, l_max = light.lighting, degree_of(len(unknowns.harmonics))
+        total = project_sources(lighting.directions, lighting.irradiances, l_max)
+        if lighting.radiance_map is not None:
+            total = total + map_coefficients(lighting.radiance_map, l_max)
+        return cls(light, unknowns, np.asarray(total), coefficient_rows(light, unknowns))
+
+    @property
+    def l_max(self) -> int:
+        return degree_of(len(self.coefficients))
+
+    @property
+    def prior(self) -> Floats:
+        """(3,), of any coefficient."""
+        return self.unknowns.scale[self.unknowns.harmonics[0]]
+
+    def prospect(self, posterior: Posterior, index: int, fields: Sequence[LightField]) -> LightProspect:
+        """How much of it is known after a posterior, in which it is the lighting of the marginal `index`."""
+        spread = posterior.asked(index, self.rows).of_lighting(index)
+        std, _ = counted(spread, np.abs(self.coefficients).ravel())
+        doubt = (std**2 + (ACCURACY * spread.fragility) ** 2).reshape(-1, 3) / self.prior**2
+        per_degree = np.bincount(degrees(self.l_max), doubt.mean(axis=1)) / (
+            2 * np.arange(self.l_max + 1) + 1
+        )
+        shares = np.clip(1 - per_degree, 0, 1)
+        return LightProspect(
+            self.light.lighting.name, self.coefficients, std.reshape(-1, 3), shares, _reached(fields)
+        )
+
+    @cached_property
+    def asked(self) -> Floats:
+        """Rows (r, p - b) of `quantities`: the first nine coefficients, sources' irradiances, their directions."""
+        shared = self.unknowns.shared
+        unit = np.diag(self.unknowns.scale[shared:])
+        sources = [
+            unit[places.ravel() - shared] for places in (self.unknowns.irradiance, self.unknowns.direction)
+        ]
+        return np.concatenate([self.rows[: 3 * (FIRST_NINE + 1) ** 2], *sources])
+
+    def quantities(self, posterior: Posterior, index: int) -> list[Expected]:
+        """Its first nine coefficients as one quantity, and each source's irradiance and direction.
+
+        The posterior's marginal `index` must have been asked the rows `asked`.
+        """
+        lighting = self.light.lighting
+        highest = min(FIRST_NINE, self.l_max)
+        nine, count = 3 * (highest + 1) ** 2, len(lighting.directions)
+        spread = posterior.of_lighting(index)
+        found = [
+            _assessed(
+                f"{lighting.name}/degrees 0 to {highest}",
+                f"light {lighting.name!r}, degrees 0 to {highest}",
+                _norm(self.coefficients.ravel()[:nine]),
+                Spread(_norm(spread.std[:nine]), _norm(spread.fragility[:nine])),
+                _norm(self.prior),
+                "these views show too little of the light that falls on the object",
+                _MIRROR_BALL,
+            )
+        ]
+        for k in range(count):
+            first, second = nine + 3 * k, nine + 3 * count + 2 * k
+            at, towards = slice(first, first + 3), slice(second, second + 2)
+            irradiance = _assessed(
+                f"{lighting.name}/source {k + 1} irradiance",
+                f"source {k + 1} of {lighting.name!r}, irradiance",
+                lighting.irradiances[k],
+                Spread(spread.std[at], spread.fragility[at]),
+                self.unknowns.scale[self.unknowns.irradiance[k]],
+                _HIDDEN,
+                _SHOW_IT,
+            )
+            direction = _assessed(
+                f"{lighting.name}/source {k + 1} direction",
+                f"source {k + 1} of {lighting.name!r}, direction",
+                np.ones(1),
+                Spread(_norm(spread.std[towards]), _norm(spread.fragility[towards])),
+                np.ones(1),
+                _HIDDEN,
+                _SHOW_IT,
+            )
+            found += [irradiance, replace(direction, truth=lighting.directions[k])]
+        return found
+
+
+def coefficient_rows(light: Light, unknowns: Unknowns) -> Floats:
+    """Derivatives (3 (l_max + 1)^2, p - b) of all the light's coefficients in its unknown numbers, in prior's units."""
+    lighting, count = light.lighting, len(unknowns.harmonics)
+    l_max = degree_of(count)
+    rows = np.zeros((count, 3, unknowns.size - unknowns.shared))
+    for channel in range(3):
+        rows[np.arange(count), channel, unknowns.harmonics[:, channel] - unknowns.shared] = 1
+    for k, (direction, irradiance) in enumerate(zip(lighting.directions, lighting.irradiances, strict=True)):
+        harmonics = evaluate_harmonics(direction[None], l_max)[0]
+        for channel in range(3):
+            rows[:, channel, unknowns.irradiance[k, channel] - unknowns.shared] = harmonics
+        for tangent, place in zip(tangents(direction), unknowns.direction[k] - unknowns.shared, strict=True):
+            ends = direction + np.outer([-_STEP, _STEP], tangent)
+            ends /= np.linalg.norm(ends, axis=1, keepdims=True)
+            before, after = evaluate_harmonics(ends, l_max)
+            rows[:, :, place] = np.outer((after - before) / (2 * _STEP), irradiance)
+    return rows.reshape(3 * count, -1) * unknowns.scale[unknowns.shared :]
+
+
+def _norm(values: Floats) -> Floats:
+    """Several numbers as one, (1,): the root of the summed squares."""
+    return np.sqrt(np.sum(values**2, keepdims=True))
+
+
+def _assessed(
+    name: str, label: str, size: Floats, spread: Spread, prior: Floats, why: str, remedy: str
+) -> Expected:
+    std, reducible = counted(spread, size)
+    unknown = [
+        Scalar(*map(float, numbers[:3])).unknown(float(numbers[3]), (0.0, np.inf))
+        for numbers in zip(size, std, spread.fragility, prior, strict=True)
+        if numbers[0] > 0
+    ]
+    reasons = [text for text in unknown if text]
+    if reasons:
+        quantity = Quantity(None, None, "undetermined", f"{reasons[0]}: {why}", remedy)
+    elif np.any(std > WEAK * size):
+        quantity = Quantity(
+            size, std, "weak", f"its standard deviation is above a tenth of its value: {why}", remedy
+        )
+    else:
+        quantity = Quantity(size, std, "determined")
+    relative_to = np.maximum(size, 1e-3 * size.max())
+    return Expected(name, label, size, std, spread.std, quantity, relative_to, reducible)
+
+
+def _reached(fields: Sequence[LightField]) -> float:
+    """Share of all directions that some free mirrored ray comes within five degrees of."""
+    mirrored = [
+        (2 * (field.normals * field.views).sum(axis=1)[:, None] * field.normals - field.views)[
+            field.reflected_visible
+        ]
+        for field in fields
+    ]
+    rays = np.concatenate(mirrored)
+    if not len(rays):
+        return 0.0
+    distance, _ = cKDTree(rays).query(sphere_directions(1000))
+    return float((distance < 2 * np.sin(np.radians(5) / 2)).mean())

@@ -1,0 +1,151 @@
+"""The plan: an experiment in, what its photographs will determine out. No terminal, no files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import one_blas_thread, parallel_map
+from capture.progress import Track, silent
+from invrender.plan.bench import FEWEST, Bench
+from invrender.plan.experiment import Experiment
+from invrender.plan.information import Information, Marginal, Posterior
+from invrender.plan.lightprospect import LightProspect
+from invrender.plan.photographs import Draw
+from invrender.plan.prospect import Expected, brdf_prospect
+from invrender.solve.identifiability import lighting_degree
+from recon.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+DEFAULT_DEGREE, DEFAULT_SAMPLES = 10, 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What the photographs of an experiment will determine.
+
+    told : per light, what its photographs tell. draws : the samples looked at, in the order of the views.
+    """
+
+    bench: Bench
+    told: tuple[Information, ...]
+    draws: tuple[Draw, ...]
+
+    @property
+    def experiment(self) -> Experiment:
+        return self.bench.experiment
+
+    @property
+    def fit_samples(self) -> int:
+        """How many samples a fit would take."""
+        count = sum(drawn.stands_for * len(drawn.field) for drawn in self.draws)
+        return round(count) * self.experiment.sensor.exposures
+
+    @cached_property
+    def degree(self) -> int | None:
+        """Of `lighting_degree`, of all lights."""
+        return lighting_degree([light.lighting for light in self.experiment.lights])
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """What all of it leaves uncertain."""
+        return self._posterior(1.0)
+
+    @cached_property
+    def expected(self) -> tuple[Expected, ...]:
+        """All quantities, those of unknown lightings after those of the BRDF."""
+        return self.outlook(self.posterior, self.degree)
+
+    @cached_property
+    def repeated(self) -> tuple[Expected, ...]:
+        """The same with every photograph taken twice."""
+        return self.outlook(self._posterior(2.0), self.degree)
+
+    @cached_property
+    def lights(self) -> tuple[LightProspect, ...]:
+        """How much of each unknown light is determined."""
+        return tuple(
+            light.prospect(self.posterior, k, self._fields(k))
+            for k, light in self.bench.unknown_lights.items()
+        )
+
+    def outlook(
+        self, posterior: Posterior, degree: int | None, more: Sequence[LightField] = ()
+    ) -> tuple[Expected, ...]:
+        """All quantities under a posterior, in lightings of a degree as `degree` is, with `more` samples."""
+        experiment, unknowns = self.experiment, self.bench.unknowns[0]
+        fields = [self._most_grazing, *(field for field in more if len(field))]
+        absolute = experiment.gauge_light is None
+        found = brdf_prospect(experiment.brdf, unknowns, posterior, absolute, degree, fields)
+        for k, light in self.bench.unknown_lights.items():
+            found += light.quantities(posterior, k)
+        return tuple(found)
+
+    @cached_property
+    def _most_grazing(self) -> LightField:
+        return min((drawn.field for drawn in self.draws), key=lambda field: float(field.cos_exitant.min()))
+
+    def _fields(self, light: int) -> list[LightField]:
+        views = self.experiment.views
+        return [drawn.field for drawn, view in zip(self.draws, views, strict=True) if view.light == light]
+
+    def _posterior(self, times: float) -> Posterior:
+        bench = self.bench
+        asked = [
+            bench.unknown_lights[k].asked if k in bench.unknown_lights else np.zeros((0, 0))
+            for k in range(len(bench.unknowns))
+        ]
+        parts = zip(bench.unknowns, self.told, asked, strict=True)
+        return Posterior([Marginal(unknowns, told.times(times), rows) for unknowns, told, rows in parts])
+
+
+def make_plan(
+    experiment: Experiment,
+    degree: int = DEFAULT_DEGREE,
+    samples: int = DEFAULT_SAMPLES,
+    track: Track = silent,
+) -> Plan:
+    """Plan an experiment.
+
+    degree : highest degree of unknown light, >= 0. samples : pixels of all photographs together that are looked at;
+    what they tell is scaled to those that `process` takes. ValueError where a photograph shows nothing usable.
+    """
+    if samples < 1:
+        raise ValueError(f"samples is {samples}; at least one pixel must be looked at")
+    with one_blas_thread():
+        bench = Bench(experiment, degree, samples)
+        views = experiment.views
+        drawn = bench.draws(views)
+        draws = [next(drawn) for _ in track(views, "Looking through the cameras")]
+        _check_usable(experiment, draws)
+        brightness = list(parallel_map(bench.brightness, views))
+        if not any(one.any() for one in brightness):
+            raise ValueError(
+                f"{experiment.name}: no light reaches what the photographs show; turn the lights"
+            )
+        exposure_s = experiment.sensor.exposure_s(brightness)
+        told = [Information.none(unknowns.size) for unknowns in bench.unknowns]
+        seen = {
+            light: bench.shown(
+                light, [one for one, view in zip(draws, views, strict=True) if view.light == light]
+            )
+            for light in {view.light for view in views}
+        }
+        steps = list(zip(views, draws, brightness, strict=True))
+        for view, one, bright in track(steps, "Weighing what they tell"):
+            told[view.light] += bench.information(view.light, one, next(seen[view.light]), bright, exposure_s)
+        return Plan(bench, tuple(told), tuple(draws))
+
+
+def _check_usable(experiment: Experiment, draws: Sequence[Draw]) -> None:
+    for index, one in enumerate(draws):
+        if one.stands_for * len(one.field) < FEWEST:
+            raise ValueError(
+                f"{experiment.name}: photograph {index} shows {round(one.stands_for * len(one.field))} usable pixels"
+                f" of the object, and {FEWEST} are needed: it must be larger in the picture, or in it at all"
+            )

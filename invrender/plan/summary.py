@@ -1,0 +1,219 @@
+"""A plan in words and a table, for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from invrender.plan.advice import Advice, Candidate
+from invrender.plan.document import gauge
+from invrender.plan.experiment import Experiment, angles_deg
+from invrender.plan.lightprospect import HALF, LightProspect
+from invrender.plan.planning import Plan
+from invrender.plan.prospect import Expected
+from invrender.report.page import with_error
+
+# Of many lightings so many are told of; plan.json has them all.
+_SHOWN = 3
+# A photograph that leaves more than this of the worst quantity's standard deviation isn't worth its while.
+_LITTLE = 0.95
+
+
+def quantity_table(plan: Plan) -> Table:
+    """Quantity, truth, expected standard deviation and status; of many lightings' the worst off."""
+    table = Table(title=f"{escape(plan.experiment.name)}: what will be known", title_justify="left")
+    for heading in ("quantity", "truth ± expected std", "relative", "status"):
+        table.add_column(heading)
+    for one in shown_quantities(plan):
+        relative = "" if one.is_direction else _share(one.relative)
+        table.add_row(escape(one.label), _with_std(one), relative, one.quantity.status)
+    return table
+
+
+def shown_quantities(plan: Plan) -> list[Expected]:
+    """The BRDF's quantities and those of the lightings, if these are many of the worst off."""
+    own = [one for one in plan.expected if "/" not in one.name]
+    of_light = [one for one in plan.expected if "/" in one.name]
+    lightings = list(dict.fromkeys(one.name.split("/")[0] for one in of_light))
+    if len(lightings) > _SHOWN:
+        worst = max(of_light, key=lambda one: one.rank).name.split("/")[0]
+        of_light = [one for one in of_light if one.name.split("/")[0] == worst]
+    return own + of_light
+
+
+def sentences(plan: Plan, advice: Advice | None) -> Iterator[str]:
+    """All that is to be said beneath the table."""
+    experiment = plan.experiment
+    count = len(experiment.views)
+    yield (
+        f"{count} photograph{'s' * (count > 1)}, of which `process` would take {plan.fit_samples} pixels."
+        f" Scale: {gauge(experiment)}."
+    )
+    if experiment.gauge_light is not None and experiment.brdf.sigma is None:
+        yield "A matte object in unknown light shows only the products of Kd and light: Kd itself stays open."
+    for reason, remedy in dict.fromkeys(
+        (one.quantity.reason, one.quantity.remedy) for one in plan.expected if one.quantity.reason
+    ):
+        labels = ", ".join(one.label for one in plan.expected if one.quantity.reason == reason)
+        yield f"{labels}: {reason}. To settle it: {remedy}."
+    for prospect in plan.lights[:_SHOWN]:
+        yield _light_sentence(prospect)
+    yield from _close_sources(experiment)
+    if len(plan.lights) > _SHOWN:
+        yield f"So for {len(plan.lights) - _SHOWN} lightings more; the table shows the one that is worst off."
+    if advice is not None:
+        yield from _advice_sentences(plan, advice)
+    for note in experiment.notes:
+        yield f"Note: {note}."
+    if count * experiment.sensor.exposures == 1:
+        yield "Note: `process` fits two photographs or more, so that one can judge the fit to the other."
+
+
+def _light_sentence(prospect: LightProspect) -> str:
+    count = (prospect.l_max + 1) ** 2
+    lacking = [l for l, share in enumerate(prospect.shares) if share < HALF]
+    highest = prospect.highest
+    how_far = f"determined up to degree {highest}" if highest >= 0 else "undetermined from degree 0 on"
+    if highest == prospect.l_max:
+        how_far += ", the highest asked for"
+    rest = f", undetermined in degree{'s' * (len(lacking) > 1)} {_ranges(lacking)}" if lacking else ""
+    return (
+        f"Light {prospect.name!r} is {how_far}{rest}: {prospect.rank:.0f} of {count} coefficients per channel."
+        f" Mirrored rays look at {prospect.reached:.0%} of all directions."
+    )
+
+
+def _close_sources(experiment: Experiment) -> Iterator[str]:
+    """What to beware of where sources of unknown light are nearer than the lobe is wide, twice sigma."""
+    lobe = 2 * (experiment.brdf.sigma or 0.0)
+    for light in experiment.lights:
+        directions = light.lighting.directions
+        for (i, one), (j, other) in combinations(enumerate(directions, 1), 2):
+            apart = float(np.arccos(np.clip(one @ other, -1, 1)))
+            if not light.known and apart < lobe:
+                yield (
+                    f"Sources {i} and {j} of {light.lighting.name!r} are {np.degrees(apart):.1f} degrees apart and the"
+                    f" lobe {np.degrees(lobe):.1f} wide: they look like one, and what is said of them holds only for a"
+                    " fit that is told of both."
+                )
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Rising numbers, runs of them as 3 to 7."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)
+
+
+def _advice_sentences(plan: Plan, advice: Advice) -> Iterator[str]:
+    target = advice.target
+    best_ones = [advice.best(candidates) for candidates in (advice.views, advice.lights)]
+    if target.quantity.status != "undetermined" and not any(
+        one is not None and _helps(plan, target, one) for one in best_ones
+    ):
+        twice = _outcome(_named(plan.repeated, target.name))
+        yield (
+            f"Most is to be gained for {target.label}, {_outcome(target)}, and that is little: no single photograph"
+            f" more makes a difference, and all of them taken twice bring {twice}."
+        )
+        return
+    yield f"Worst off is {target.label}: {_outcome(target)}. What more photographs would make of it:"
+    yield f"- Every photograph taken twice: {_outcome(_named(plan.repeated, target.name))}."
+    for kind, candidates in (("view", advice.views), ("lamp", advice.lights)):
+        best = advice.best(candidates)
+        if best is None:
+            continue
+        if not _helps(plan, target, best):
+            after = best.named(target.name)
+            settles = (
+                "settles it"
+                if after.quantity.status == "undetermined"
+                else f"helps: {_outcome(after)} at best"
+            )
+            yield f"- No single {kind} more {settles}."
+            continue
+        text = f"- One {kind} more, {_place(plan, best)}: {_brings(plan, target, best)}."
+        above = advice.best(candidates, above_horizon=True)
+        if best.direction[2] < 0 and above is not None and _helps(plan, target, above):
+            text += f" Above the horizon the best is {_where(above)}: {_outcome(above.named(target.name))}."
+        yield text
+
+
+def _helps(plan: Plan, target: Expected, candidate: Candidate) -> bool:
+    """Whether a candidate settles something, or makes the target's deviation notably smaller."""
+    now = sum(one.quantity.status == "undetermined" for one in plan.expected)
+    left, _ = candidate.score(target.name)
+    after = candidate.named(target.name)
+    return left < now or (
+        after.quantity.status != "undetermined" and after.relative < _LITTLE * target.relative
+    )
+
+
+def _where(candidate: Candidate) -> str:
+    azimuth, elevation = angles_deg(candidate.direction)
+    return f"azimuth {azimuth:.0f}, elevation {elevation:.0f} degrees"
+
+
+def _place(plan: Plan, candidate: Candidate) -> str:
+    experiment = plan.experiment
+    lighting = experiment.lights[candidate.light].lighting.name
+    if candidate.viewpoint is None:
+        return f"from {_where(candidate)}, {experiment.distance:.2g} m away, under {lighting!r}"
+    assert candidate.irradiance is not None
+    strength = ", ".join(f"{value:.2g}" for value in candidate.irradiance)
+    photo = experiment.views[candidate.viewpoint].name
+    return (
+        f"small, in addition to {lighting!r}, towards {_where(candidate)}, of irradiance [{strength}], photographed"
+        f" from where photograph {photo} is"
+    )
+
+
+def _brings(plan: Plan, target: Expected, candidate: Candidate) -> str:
+    """What a candidate does to the target, and which other quantities it settles."""
+    text = _outcome(candidate.named(target.name))
+    pairs = list(zip(plan.expected, candidate.expected, strict=True))
+    settled = [
+        one.label
+        for one, then in pairs
+        if one.quantity.status == "undetermined" != then.quantity.status and one.name != target.name
+    ]
+    still = [
+        then.label for _, then in pairs if then.quantity.status == "undetermined" and then.name != target.name
+    ]
+    if settled:
+        text += f"; it settles {', '.join(settled)} too"
+    if still:
+        text += f"; {', '.join(still)} stay{'s' * (len(still) == 1)} undetermined"
+    return text
+
+
+def _named(expected: Sequence[Expected], name: str) -> Expected:
+    return next(one for one in expected if one.name == name)
+
+
+def _outcome(one: Expected) -> str:
+    """How well a quantity will be known, or that it won't."""
+    if one.quantity.status == "undetermined":
+        return "undetermined"
+    worst = int(np.argmax(one.std / one.size))
+    text = _with_std(one) if one.is_direction else f"± {one.std[worst]:.2g} ({_share(one.relative)})"
+    return f"{text}, weak" if one.quantity.status == "weak" else text
+
+
+def _share(relative: float) -> str:
+    return f"{relative:.2%}" if relative < 0.1 else f"{relative:.0%}"
+
+
+def _with_std(one: Expected) -> str:
+    if one.is_direction:
+        return f"± {np.degrees(one.std[0]):.2g} degrees"
+    texts = [with_error(value, std) for value, std in zip(one.truth, one.std, strict=True)]
+    return texts[0] if len(set(texts)) == 1 else "\n".join(texts)
