@@ -1,0 +1,155 @@
+"""The truth of a synthetic photo set as a side of a comparison: no errors, no fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict
+
+from capture.files.documents import read_json
+from capture.files.tables import Table
+from capture.lighting import Lighting, read_latlong
+from invrender.compare.side import Number, Side, SideLighting
+from invrender.model.microfacet import Microfacet
+
+Floats = NDArray[np.float64]
+
+_WHAT = "a truth.json, as `lightfactor synth` writes it, holds brdf, lighting, photos and sensor"
+_Triple = tuple[float, float, float]
+
+
+class _Lenient(Table):
+    model_config = ConfigDict(extra="ignore")
+
+
+class _Brdf(_Lenient):
+    model: str
+    kd: _Triple
+    ks: _Triple
+    mu: Any = None
+    sigma: float | None = None
+    kd_map: str | None = None
+
+
+class _Source(_Lenient):
+    direction: _Triple
+    irradiance: _Triple
+
+
+class _TrueLighting(_Lenient):
+    name: str
+    map: str | None
+    directional: tuple[_Source, ...]
+    lamps: tuple[dict[str, Any], ...]
+    mirror_ball: dict[str, Any] | None
+
+
+class _Photo(_Lenient):
+    file: str
+    radiance: str
+
+
+class _Sensor(_Lenient):
+    radiance_factor: float = 1.0
+
+
+class _Truth(_Lenient):
+    brdf: _Brdf
+    lighting: tuple[_TrueLighting, ...]
+    photos: tuple[_Photo, ...]
+    sensor: _Sensor
+
+
+def is_truth(path: Path) -> bool:
+    """Whether a path names a truth.json."""
+    return path.is_file() and path.name == "truth.json"
+
+
+def truth_side(path: Path) -> Side:
+    """The truth of a photo set as a side."""
+    truth = read_json(path, _Truth, ("brdf", "lighting", "photos", "sensor"), _WHAT)
+    factor = truth.sensor.radiance_factor
+    # Where the light was read off a ball, its photographs carry the sensor's unit into the light, not into Kd and Ks.
+    of_ball = any(light.mirror_ball is not None for light in truth.lighting)
+    numbers, notes = _numbers(truth.brdf, 1.0 if of_ball else factor)
+    if factor != 1:
+        what = "the light" if of_ball else "Kd and Ks"
+        notes.append(
+            f"The camera's unit of radiance is {factor:.4g} times the scene's: {what} are multiplied by it."
+        )
+    if any(light.lamps for light in truth.lighting):
+        notes.append(
+            "The truth has lamps at a finite distance, which a comparison of distant light leaves out."
+        )
+    kd, ks, mu, sigma = (numbers.get(name) for name in ("kd", "ks", "mu", "sigma"))
+    brdf = None
+    if truth.brdf.model in ("microfacet", "lambertian") and truth.brdf.kd_map is None:
+        assert kd is not None
+        assert kd.value is not None
+        brdf = Microfacet(
+            kd.value,
+            np.zeros(3) if ks is None or ks.value is None else ks.value,
+            None if mu is None or mu.value is None else float(mu.value[0]),
+            None if sigma is None or sigma.value is None else float(sigma.value[0]),
+        )
+    pictures = {
+        Path(photo.file).name: path.parent / photo.radiance
+        for photo in truth.photos
+        if (path.parent / photo.radiance).is_file()
+    }
+    return Side(
+        title=str(path),
+        is_absolute=True,
+        numbers=numbers,
+        lightings=tuple(_lighting(path, light, factor if of_ball else 1.0) for light in truth.lighting),
+        brdf=brdf,
+        pictures=pictures,
+        picture_factor=factor,
+        notes=tuple(notes),
+    )
+
+
+def _numbers(brdf: _Brdf, factor: float) -> tuple[dict[str, Number], list[str]]:
+    """The truth's numbers as far as they mean what a result's do, and sentences where they don't."""
+    notes = []
+    if brdf.kd_map is not None:
+        notes.append("The object is painted: the truth's Kd and Ks are means over it.")
+    kd, ks = np.array(brdf.kd) * factor, np.array(brdf.ks) * factor
+    numbers = {"kd": _exact(kd)}
+    if brdf.model not in ("microfacet", "smith", "lambertian"):
+        notes.append(f"The truth's model is {brdf.model}: of its numbers only Kd means what a result's does.")
+        return numbers, notes
+    if brdf.model == "smith":
+        notes.append(
+            "The truth's model has Fresnel at the half vector, and shadowing: Ks, mu and sigma mean nearly,"
+            " not exactly, the same."
+        )
+    absent = Number(None, None, "not in its model")
+    total = np.where(kd + ks > 0, kd + ks, 1.0)
+    numbers |= {
+        "ks": _exact(ks),
+        "kd_normalised": _exact(kd / total),
+        "ks_normalised": _exact(ks / total),
+        "mu": absent if brdf.mu is None else _exact(np.array([float(brdf.mu)])),
+        "sigma": absent if brdf.sigma is None else _exact(np.array([brdf.sigma])),
+    }
+    return numbers, notes
+
+
+def _exact(value: Floats) -> Number:
+    return Number(value, np.zeros_like(value))
+
+
+def _lighting(path: Path, light: _TrueLighting, factor: float) -> SideLighting:
+    radiance = None if light.map is None else read_latlong(path.parent / light.map) * np.float32(factor)
+    irradiances = factor * np.array([source.irradiance for source in light.directional]).reshape(-1, 3)
+    lighting = Lighting(
+        light.name,
+        radiance,
+        np.array([source.direction for source in light.directional]).reshape(-1, 3),
+        irradiances,
+    )
+    return SideLighting(lighting, np.zeros_like(irradiances))

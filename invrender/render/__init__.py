@@ -1,0 +1,1 @@
+"""New views and new light of a result: `lightfactor render`."""

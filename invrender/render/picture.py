@@ -1,0 +1,138 @@
+"""A picture of a body: radiance over pixels, how much of each the body covers, and its standard deviation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.camera import Camera
+from capture.radiance import RadianceImage
+from invrender.model.transfer import LightElement
+from invrender.render.reflectance import Reflectance
+from invrender.render.shading import shade
+from invrender.render.subject import Subject
+from recon.bodies import Body, body_window
+from recon.lightfield import LightField
+from recon.sampling import samples_at
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Rays per side of a pixel that the body's edge, or one within it, runs through, or across which its normal turns by
+# more than so many radians: there 1 / cos theta_o asks for more than the few rays that samples of a fit have.
+_EDGE_RAYS = 6
+_EDGE_TURN = 0.12
+_PIXELS_AT_A_TIME = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Radiance in front of black.
+
+    radiance : (h, w, 3) float32, linear, mean over the pixel: of the body times `alpha`, as EXR has it.
+    alpha : (h, w) float32, the share of the pixel that the body covers.
+    std : (h, w, 3) float32, standard deviation of the radiance, or None where it wasn't asked for.
+    """
+
+    radiance: NDArray[np.float32]
+    alpha: NDArray[np.float32]
+    std: NDArray[np.float32] | None
+
+
+def take_picture(
+    subject: Subject, camera: Camera, reflectance: Reflectance, element: LightElement, with_std: bool = False
+) -> Picture:
+    """Predict what a camera sees of a body under an element of light; ValueError where it sees nothing of it.
+
+    with_std : propagate the BRDF's covariance by first order.
+    """
+    shape = (camera.height, camera.width)
+    picture = Picture(
+        np.zeros((*shape, 3), np.float32),
+        np.zeros(shape, np.float32),
+        np.zeros((*shape, 3), np.float32) if with_std else None,
+    )
+    top, left, bottom, right = body_window(subject.body, camera)
+    count = (bottom - top) * (right - left)
+    at_vertices = subject.vertex_irradiance(element)
+    black = np.zeros((*shape, 3), np.float32)
+    image = RadianceImage(black, black, np.zeros(shape, bool))
+    for start in range(0, count, _PIXELS_AT_A_TIME):
+        rows, columns = np.divmod(np.arange(start, min(start + _PIXELS_AT_A_TIME, count)), right - left)
+        rows, columns = rows + top, columns + left
+        geometry = subject.body.pixel_geometry(camera, rows, columns)
+        whole = geometry.whole & (geometry.turn <= _EDGE_TURN)
+        inner = samples_at(subject.body, camera, image, rows[whole], columns[whole], element.directions)
+        # What turned out not to lie wholly on the body, such as a pixel with a hole, is left to finer rays.
+        done = np.zeros(shape, bool)
+        done[inner.rows, inner.columns] = True
+        rest = ~done[rows, columns]
+        outer, alpha = _edge_samples(subject.body, camera, rows[rest], columns[rest], element.directions)
+        for field, cover in ((inner, np.ones(len(inner))), (outer, alpha)):
+            if len(field):
+                sky = None if at_vertices is None else subject.blended(at_vertices, field)
+                _enter(picture, reflectance, element, field, cover, sky)
+    if not picture.alpha.any():
+        raise ValueError(
+            f"the camera at {camera.centre.round(4).tolist()} m sees nothing of the object: it is inside it, or looks"
+            " past it"
+        )
+    return picture
+
+
+def _enter(
+    picture: Picture,
+    reflectance: Reflectance,
+    element: LightElement,
+    field: LightField,
+    alpha: Floats,
+    sky: Floats | None,
+) -> None:
+    """Enter samples, of which the body covers `alpha` (n,), into a picture."""
+    radiance, slopes = shade(reflectance.brdf, element, field, sky, picture.std is not None)
+    pixels = field.rows, field.columns
+    picture.radiance[pixels] = radiance * alpha[:, None]
+    picture.alpha[pixels] = alpha
+    if picture.std is not None:
+        assert slopes is not None
+        variance = np.einsum("nkc,ckl,nlc->nc", slopes, reflectance.covariance, slopes)
+        # Rounding may leave the tiniest variances below zero.
+        picture.std[pixels] = np.sqrt(np.maximum(variance, 0)) * alpha[:, None]
+
+
+def _edge_samples(
+    body: Body, camera: Camera, rows: Ints, columns: Ints, sources: Floats
+) -> tuple[LightField, Floats]:
+    """Samples of pixels that a body covers in part, over what it covers, and the covered share (n,) of each."""
+    steps = (np.arange(_EDGE_RAYS) + 0.5) / _EDGE_RAYS
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    points = (np.column_stack([columns, rows])[:, None] + offsets).reshape(-1, 2)
+    hits = body.hits(camera, points)
+    shares = hits.hit.reshape(-1, len(offsets)).mean(axis=1)
+    touched = np.flatnonzero(shares)
+    met = np.flatnonzero(hits.hit)
+    number = np.cumsum(shares > 0) - 1
+    views, normals, facets, positions = (
+        values[met] for values in (hits.views, hits.normals, hits.facets, hits.positions)
+    )
+    reflected = 2 * (normals * views).sum(axis=1)[:, None] * normals - views
+    seen = [body.visible(positions, facets, np.broadcast_to(source, views.shape)) for source in sources]
+    nothing = np.zeros((len(touched), 3))
+    field = LightField(
+        rows=rows[touched],
+        columns=columns[touched],
+        radiance=nothing,
+        variance=nothing,
+        weight=np.ones(len(touched)),
+        ray_sample=number[met // len(offsets)],
+        positions=positions,
+        normals=normals,
+        views=views,
+        reflected_visible=body.visible(positions, facets, reflected),
+        sources_visible=np.column_stack(seen) if seen else np.zeros((len(met), 0), bool),
+        faces=None if hits.faces is None else hits.faces[met],
+        corner_weights=None if hits.weights is None else hits.weights[met],
+    )
+    return field, shares[touched]

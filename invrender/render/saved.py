@@ -1,0 +1,191 @@
+"""A result folder as it is read back: `result.json`, checked, and the maps beside it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import ConfigDict
+
+from capture.files.documents import read_json
+from capture.files.imagefile import read_pixels
+from capture.files.tables import Table
+from capture.lighting import Lighting, check_latlong
+
+RESULT_NAME = "result.json"
+_MANIFEST_NAME = "photoset.toml"
+_WHAT = "a result.json, as `lightfactor process` writes it, holds brdf, object, lighting and photos"
+_KEYS = ("format", "name", "gauge", "brdf", "object", "lighting", "photos", "identifiability", "inputs")
+
+_Triple = tuple[float, float, float]
+
+
+class _Lenient(Table):
+    """Results hold more than what is read back."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class SavedQuantity(_Lenient):
+    """A number, or one per channel; `value` is None where it is undetermined."""
+
+    value: float | _Triple | None
+    std: float | _Triple | None
+    status: str
+
+
+class _Shares(_Lenient):
+    kd: SavedQuantity | None
+    ks: SavedQuantity | None
+
+
+class _Covariance(_Lenient):
+    names: tuple[str, ...]
+    values: tuple[tuple[float | None, ...], ...]
+
+
+class SavedBrdf(_Lenient):
+    """The BRDF's numbers; None where the chosen model has no such parameter."""
+
+    model: str
+    kd: SavedQuantity
+    ks: SavedQuantity | None
+    mu: SavedQuantity | None
+    sigma: SavedQuantity | None
+    normalised: _Shares
+    covariance: _Covariance
+
+
+class _Object(_Lenient):
+    centre: _Triple
+    radius: float
+
+
+class _Source(_Lenient):
+    direction: _Triple
+    irradiance: _Triple
+    irradiance_std: tuple[float | None, float | None, float | None]
+
+
+class _Coefficients(_Lenient):
+    value: tuple[_Triple, ...]
+
+
+class SavedLighting(_Lenient):
+    """A lighting; `sh` are its first nine coefficients, `map` the file beside result.json."""
+
+    name: str
+    sh: _Coefficients
+    directional: tuple[_Source, ...]
+    map: str
+
+
+class SavedPhoto(_Lenient):
+    """A photograph and how well it is explained, relative RMS."""
+
+    file: str
+    held_out: bool
+    rms_relative: float
+
+
+class SavedFinding(_Lenient):
+    """Why a parameter isn't determined, and what would settle it; empty where it is."""
+
+    parameter: str
+    reason: str
+    remedy: str
+
+
+class _Result(_Lenient):
+    format: int
+    name: str
+    gauge: str
+    brdf: SavedBrdf
+    object: _Object
+    lighting: tuple[SavedLighting, ...]
+    photos: tuple[SavedPhoto, ...]
+    identifiability: tuple[SavedFinding, ...]
+    inputs: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class SavedResult:
+    """A result that was read back. path : its result.json; content : what that holds."""
+
+    path: Path
+    content: _Result
+
+    @property
+    def folder(self) -> Path:
+        return self.path.parent
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether Kd and Ks are in the lighting's own scale, not up to a factor per channel."""
+        return self.content.gauge.startswith("absolute")
+
+    @property
+    def label(self) -> str:
+        return self.folder.resolve().name
+
+    def finding(self, parameter: str) -> SavedFinding:
+        """What identifiability says of a parameter; empty words where it says nothing."""
+        found = (entry for entry in self.content.identifiability if entry.parameter == parameter)
+        return next(found, SavedFinding(parameter=parameter, reason="", remedy=""))
+
+    def lighting(self, name: str | None) -> SavedLighting:
+        """The lighting of a name, or the only one; ValueError names those that there are."""
+        entries = self.content.lighting
+        names = [entry.name for entry in entries]
+        if name is None:
+            if len(entries) != 1:
+                raise ValueError(
+                    f"{self.path}: holds {len(entries)} lightings: choose one with --lighting:"
+                    f" {', '.join(map(repr, names))}"
+                )
+            return entries[0]
+        if name not in names:
+            raise ValueError(f"{self.path}: has no lighting {name!r}; {nearest(name, names)}")
+        return entries[names.index(name)]
+
+    def read_lighting(self, entry: SavedLighting) -> Lighting:
+        """A lighting as the fit left it: the map beside result.json, recovered ambient included, and the sources."""
+        path = self.folder / entry.map
+        radiance = read_pixels(path).astype(np.float32)
+        check_latlong(radiance, str(path))
+        return Lighting(
+            entry.name,
+            radiance if radiance.any() else None,
+            np.array([source.direction for source in entry.directional]).reshape(-1, 3),
+            np.array([source.irradiance for source in entry.directional]).reshape(-1, 3),
+            origin=str(path),
+        )
+
+
+def read_result(path: Path) -> SavedResult:
+    """A result from its folder, or its result.json; ValueError says what is wrong and what to give instead."""
+    if not path.exists():
+        raise ValueError(
+            f"{path}: does not exist; give the folder that `lightfactor process` wrote, or its {RESULT_NAME}"
+        )
+    if path.is_dir():
+        if not (path / RESULT_NAME).is_file():
+            is_set = (path / _MANIFEST_NAME).is_file()
+            remedy = (
+                f"it is a photo set: `lightfactor process {path} -o RESULT` first"
+                if is_set
+                else "give the folder that `lightfactor process` wrote"
+            )
+            raise ValueError(f"{path}: holds no {RESULT_NAME}; {remedy}")
+        path = path / RESULT_NAME
+    return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT))
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """The end of a sentence about a name that doesn't exist: the nearest one, or all there are."""
+    names = list(names)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}?" if near else f"there are {', '.join(map(repr, names)) or 'none'}"
