@@ -17,22 +17,29 @@ Array = TypeVar("Array", bound=NDArray[Any])
 
 # How far a direction's length may be from 1: rounding of single precision, and no more.
 _UNIT = 1e-5
+# sphericart's factors overflow a little above.
+_HIGHEST = 140
 
 
 def evaluate_harmonics(directions: ArrayLike, l_max: int) -> Floats:
     """Y_lm at directions (n, 3), unit, as (n, (l_max + 1)^2).
 
-    Raises ValueError for l_max below 0 and for directions that aren't finite and unit.
+    Raises ValueError for l_max below 0 or above 140, and for directions that aren't finite and unit.
     """
     check_degree(l_max)
+    if l_max > _HIGHEST:
+        raise ValueError(
+            f"l_max is {l_max}; scattered harmonics are evaluated up to degree {_HIGHEST}; lat-long grids carry"
+            " higher ones"
+        )
     directions = np.ascontiguousarray(np.asarray(directions, float).reshape(-1, 3))
     check_unit(directions)
     return np.asarray(sphericart.SphericalHarmonics(l_max).compute(directions))
 
 
 def check_degree(l_max: int, name: str = "l_max") -> None:
-    """Raise ValueError for a highest degree below 0."""
-    if l_max < 0:
+    """Raise ValueError for a highest degree that isn't an integer >= 0."""
+    if l_max < 0 or l_max != int(l_max):
         raise ValueError(f"{name} is {l_max}; it must be an integer >= 0")
 
 
@@ -81,6 +88,7 @@ def orders(l_max: int) -> NDArray[np.int64]:
 
 def to_degree(coefficients: ArrayLike, l_max: int) -> Floats:
     """Coefficients ((l_max + 1)^2, ...) of the same function, cut off above l_max or filled up with zeros."""
+    check_degree(l_max)
     coefficients = np.asarray(coefficients, float)
     degree_of(len(coefficients))
     result = np.zeros(((l_max + 1) ** 2, *coefficients.shape[1:]))

@@ -29,7 +29,7 @@ def wigner_d(l_max: int, alpha: ArrayLike) -> list[Floats]:
     is stable in this direction [Kostelec and Rockmore 2008, eq. 11].
     """
     check_degree(l_max)
-    alpha = np.asarray(alpha, float)
+    alpha = finite(np.asarray(alpha, float), "alpha")
     cos = np.cos(alpha)[..., None, None]
     result: list[Floats] = []
     for l in range(l_max + 1):
@@ -74,7 +74,7 @@ def _fill_border(matrix: Floats, l: int, alpha: Floats) -> None:
 
 def wigner_D(l_max: int, alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike = 0.0) -> list[Complexes]:  # noqa: N802
     """D^l_mm' = d^l_mm'(alpha) e^(i m beta) e^(i m' gamma) for l = 0 to l_max, shapes as `wigner_d` [R02, eq. 2.31]."""
-    beta, gamma = np.asarray(beta, float), np.asarray(gamma, float)
+    beta, gamma = finite(np.asarray(beta, float), "beta"), finite(np.asarray(gamma, float), "gamma")
     result = []
     for l, matrix in enumerate(wigner_d(l_max, alpha)):
         m = np.arange(-l, l + 1)
@@ -85,30 +85,32 @@ def wigner_D(l_max: int, alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike = 0
 
 
 def euler_angles(rotation: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """alpha (0 to pi), beta, gamma of rotations (..., 3, 3), R = Rz(beta) Ry(alpha) Rz(gamma); gamma is 0 at the poles.
+    """alpha (0 to pi), beta, gamma of rotations (..., 3, 3), R = Rz(beta) Ry(alpha) Rz(gamma); beta is 0 at the poles.
 
     Raises ValueError for a matrix that isn't a rotation.
     """
     rotation = np.asarray(rotation, float)
+    check_rotation(rotation)
+    alpha = np.arctan2(np.hypot(rotation[..., 0, 2], rotation[..., 1, 2]), rotation[..., 2, 2])
+    beta = np.arctan2(rotation[..., 1, 2], rotation[..., 0, 2])
+    # Near a pole beta is noise and only beta + gamma (at the other pole beta - gamma) is known: gamma makes up for it.
+    (a, b), (c, d) = np.moveaxis(rotation[..., :2, :2], (-2, -1), (0, 1))
+    total, difference = np.arctan2(c - b, a + d), np.arctan2(-(b + c), d - a)
+    gamma = np.where(rotation[..., 2, 2] > 0, total - beta, beta - difference)
+    return alpha, beta, (gamma + np.pi) % (2 * np.pi) - np.pi
+
+
+def check_rotation(rotation: Floats) -> None:
+    """Raise ValueError for matrices (..., 3, 3) that aren't rotations."""
     error = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3))
     # `not <=`: a matrix with NaN is no rotation either.
-    if not error.max() <= _ORTHOGONAL:
+    if not error.max(initial=0) <= _ORTHOGONAL:
         raise ValueError(
             f"rotation isn't one: its columns are off by {float(error.max()):.2g} from being of length 1 and square to"
             " each other"
         )
     if (np.linalg.det(rotation) < 0).any():
         raise ValueError("rotation isn't one: its determinant is -1; it mirrors")
-    sin = np.hypot(rotation[..., 0, 2], rotation[..., 1, 2])
-    alpha = np.arctan2(sin, rotation[..., 2, 2])
-    at_pole = sin < 1e-12
-    beta = np.where(
-        at_pole,
-        np.arctan2(-rotation[..., 0, 1], rotation[..., 1, 1]),
-        np.arctan2(rotation[..., 1, 2], rotation[..., 0, 2]),
-    )
-    gamma = np.where(at_pole, 0.0, np.arctan2(rotation[..., 2, 1], -rotation[..., 2, 0]))
-    return alpha, beta, gamma
 
 
 def rotated_harmonics(coefficients: ArrayLike, rotation: ArrayLike) -> NDArray[np.floating]:
@@ -119,6 +121,10 @@ def rotated_harmonics(coefficients: ArrayLike, rotation: ArrayLike) -> NDArray[n
     turns about x, whose matrices are the same for all: so many rotations cost two matrix products.
     """
     coefficients = np.asarray(coefficients)
+    if np.iscomplexobj(coefficients):
+        raise ValueError(
+            "coefficients are complex; those of real harmonics are real: `to_real` converts them"
+        )
     if not np.issubdtype(coefficients.dtype, np.floating):
         coefficients = coefficients.astype(float)
     l_max = degree_of(coefficients.shape[-1])

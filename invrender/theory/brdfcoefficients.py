@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +27,8 @@ Complexes = NDArray[np.complex128]
 # rho(incident (..., 3), exitant (..., 3)) -> (...), 1/sr, broadcasting.
 BRDF = Callable[[Floats, Floats], Floats]
 
-_FIRST_NODES, _LAST_NODES = 32, 1024
+# Per panel of the incident angles.
+_FIRST_NODES, _LAST_NODES = 8, 256
 _VALUES_AT_A_TIME = 1 << 21
 # Share of a highlight's peak that some node must meet.
 _SEEN = 0.5
@@ -123,7 +125,7 @@ def hemisphere_rule(nodes: int) -> tuple[Floats, Floats]:
 
 
 def _nodes_that_see(brdf: BRDF, cos_exitant: float) -> int:
-    """The fewest nodes with which the rule meets the highlight, if there is one in the mirror direction.
+    """The fewest nodes per panel with which the rule meets the highlight, if there is one in the mirror direction.
 
     A lobe that falls between all nodes of two rules would pass for none.
     """
@@ -131,7 +133,7 @@ def _nodes_that_see(brdf: BRDF, cos_exitant: float) -> int:
     peak = float(_values(brdf, view * [-1, -1, 1], view))
     nodes = _FIRST_NODES
     while nodes < _LAST_NODES // 2:
-        theta, _ = interval_rule(nodes, 0, np.pi / 2)
+        theta, _ = _incident_angles(nodes, cos_exitant)
         phi, _ = _azimuths(nodes, cos_exitant)
         if _values(brdf, _directions(theta, phi), view).max() >= _SEEN * peak:
             break
@@ -141,7 +143,7 @@ def _nodes_that_see(brdf: BRDF, cos_exitant: float) -> int:
 
 def _incident_integrals(brdf: BRDF, l_max: int, cos_exitant: float, nodes: int) -> Floats:
     """Coefficients of rho^ for one view: waves in phi first, then degrees in theta [R02, eq. 5.22]."""
-    theta, weight = interval_rule(nodes, 0, np.pi / 2)
+    theta, weight = _incident_angles(nodes, cos_exitant)
     phi, step = _azimuths(nodes, cos_exitant)
     incident = _directions(theta, phi)
     view = np.array([np.sqrt(1 - cos_exitant**2), 0.0, cos_exitant])
@@ -158,16 +160,24 @@ def _incident_integrals(brdf: BRDF, l_max: int, cos_exitant: float, nodes: int) 
     return result
 
 
-def _azimuths(nodes: int, cos_exitant: float) -> tuple[Floats, Floats]:
-    """Azimuths (2 nodes,) and their steps, gathered about the mirror direction.
+def _incident_angles(nodes: int, cos_exitant: float) -> tuple[Floats, Floats]:
+    """theta_i and weights, panel by panel: towards grazing views a lobe is cos theta_o narrow at the horizon."""
+    elevation, weight = _graded(nodes, cos_exitant, np.pi / 2)
+    return np.pi / 2 - elevation, weight
 
-    Towards grazing views a lobe narrows in azimuth as cos theta_o: phi = pi + 2 atan(e tan(t / 2)), periodic and
-    smooth in t, is as dense there as e is small; e between 1 and that cosine, for the rest to be seen as well.
-    """
-    gather = np.sqrt(cos_exitant)
-    t = np.pi / nodes * (np.arange(2 * nodes) + 0.5) - np.pi
-    phi = np.pi + 2 * np.arctan(gather * np.tan(t / 2))
-    return phi, np.pi / nodes * gather / (np.cos(t / 2) ** 2 + (gather * np.sin(t / 2)) ** 2)
+
+def _azimuths(nodes: int, cos_exitant: float) -> tuple[Floats, Floats]:
+    """phi_i and weights all around, graded towards the mirror direction: there too lobes narrow as cos theta_o."""
+    offset, weight = _graded(nodes, cos_exitant, np.pi)
+    return np.concatenate([np.pi - offset[::-1], np.pi + offset]), np.concatenate([weight[::-1], weight])
+
+
+def _graded(nodes: int, finest: float, end: float) -> tuple[Floats, Floats]:
+    """Gauss-Legendre between 0 and `end` on panels that double in width from the first one's."""
+    doublings = max(int(np.ceil(np.log2(end / finest))), 0)
+    edges = np.concatenate([[0.0], end * 0.5 ** np.arange(doublings, -1, -1)])
+    panels = [interval_rule(nodes, low, high) for low, high in pairwise(edges)]
+    return np.concatenate([x for x, _ in panels]), np.concatenate([w for _, w in panels])
 
 
 def _directions(theta: NDArray[np.floating], phi: NDArray[np.floating]) -> Floats:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from invrender.theory.harmonics import evaluate_complex
 from recon.harmonics import check_degree, check_unit, degree_of, degrees, finite, orders
-from recon.rotations import euler_angles, wigner_D
+from recon.rotations import check_rotation, euler_angles, wigner_D
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -43,7 +43,7 @@ def filtered(lighting: ArrayLike, transfer: ArrayLike) -> NDArray[np.generic]:
 
 def radial_coefficients(transfer: ArrayLike) -> Floats:
     """rho_l of a function of the angle to a central direction from Lambda_l rho_l, (l_max + 1,) [R02, eq. 2.60]."""
-    transfer = np.asarray(transfer, float)
+    transfer = finite(np.asarray(transfer, float), "transfer")
     return transfer / normalisation(len(transfer) - 1)
 
 
@@ -90,6 +90,10 @@ def fixed_exitant(lighting: ArrayLike, rho: ArrayLike) -> Complexes:
     """
     lighting, rho = np.asarray(lighting, complex), np.asarray(rho, float)
     l_max = _common_degree(lighting, rho, rho.shape[0] - 1)
+    if rho.shape != (l_max + 1, l_max + 1):
+        raise ValueError(
+            f"rho is {rho.shape}; of degree {l_max} it must be {(l_max + 1, l_max + 1)}, l by q >= 0"
+        )
     q = np.arange(-l_max, l_max + 1)
     by_order = rho[:, np.abs(q)] * np.where(q < 0, (-1.0) ** q, 1)
     return np.asarray((normalisation(l_max)[degrees(l_max)] * lighting)[:, None] * by_order[degrees(l_max)])
@@ -114,7 +118,7 @@ def isotropic_radiance(coefficients: ArrayLike, rotations: ArrayLike, exitant: A
         # C_lmpq = D^l_mq Y_pq / Lambda_l, in which D and Y share q.
         at_sample = np.einsum("mk,nk->nmk", coefficients[l * l : (l + 1) ** 2, used], basis[:, used])
         result += np.einsum("nmk,nmk->n", at_sample, matrix[:, :, q[used] + l]) / normalisation(l)[l]
-    return result.real
+    return _real(result)
 
 
 def anisotropic_radiance(coefficients: ArrayLike, rotations: ArrayLike, exitant: ArrayLike) -> Floats:
@@ -131,14 +135,26 @@ def anisotropic_radiance(coefficients: ArrayLike, rotations: ArrayLike, exitant:
         own = coefficients[l * l : (l + 1) ** 2, l_max - l : l_max + l + 1]
         scale = np.sqrt((2 * l + 1) / (8 * np.pi**2))
         result += scale * np.einsum("smn,smn->s", np.einsum("mnk,sk->smn", own, basis), matrix)
-    return result.real
+    return _real(result)
 
 
 def local_directions(rotations: ArrayLike, directions: ArrayLike) -> Floats:
     """Directions (n, 3), unit, of the world in the local axes of frames (n, 3, 3): R^-1 w [R02, eq. 2.10]."""
-    directions = np.asarray(directions, float)
+    directions, rotations = np.asarray(directions, float), np.asarray(rotations, float)
     check_unit(directions)
-    return np.einsum("nkj,nk->nj", np.asarray(rotations, float), directions)
+    check_rotation(rotations)
+    return np.einsum("nkj,nk->nj", rotations, directions)
+
+
+def _real(radiance: Complexes) -> Floats:
+    largest = np.abs(radiance).max(initial=0)
+    # Rounding of long sums stays far below this.
+    if np.abs(radiance.imag).max(initial=0) > 1e-8 * largest:
+        raise ValueError(
+            "the coefficients are not those of a real light field: an imaginary part of"
+            f" {np.abs(radiance.imag).max() / largest:.2g} of the largest radiance is left"
+        )
+    return radiance.real
 
 
 def _common_degree(lighting: Complexes, rho: NDArray[Any], expected: int) -> int:

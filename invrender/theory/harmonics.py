@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.harmonics import degree_of, evaluate_harmonics
+from recon.harmonics import degree_of, evaluate_harmonics, finite
 from recon.rotations import complex_from_real
 
 Floats = NDArray[np.float64]
@@ -25,7 +25,7 @@ def evaluate_complex(directions: ArrayLike, l_max: int) -> Complexes:
 
 
 def to_complex(coefficients: ArrayLike) -> Complexes:
-    """Complex coefficients ((l_max + 1)^2, ...) of a function given by its real ones."""
+    """Complex coefficients ((l_max + 1)^2, ...) of a function given by its real ones; NaN, undetermined, stays so."""
     return _transformed(np.asarray(coefficients), complex_from_real)
 
 
@@ -34,7 +34,9 @@ def to_real(coefficients: ArrayLike) -> Floats:
 
     The function is real if f_l-m = (-1)^m conj(f_lm); raises ValueError where it isn't, beyond rounding.
     """
-    found = _transformed(np.asarray(coefficients), lambda l: complex_from_real(l).conj().T)
+    found = _transformed(
+        finite(np.asarray(coefficients), "coefficients"), lambda l: complex_from_real(l).conj().T
+    )
     largest = np.abs(found).max(initial=0)
     if np.abs(found.imag).max(initial=0) > 1e-9 * largest:
         raise ValueError(
@@ -46,7 +48,7 @@ def to_real(coefficients: ArrayLike) -> Floats:
 
 def project_sources(directions: ArrayLike, irradiances: ArrayLike, l_max: int) -> Floats:
     """Coefficients ((l_max + 1)^2, c) of directional sources (k, 3) of irradiance (k, c): delta functions."""
-    irradiances = np.asarray(irradiances, float)
+    irradiances = finite(np.asarray(irradiances, float), "irradiances")
     return evaluate_harmonics(directions, l_max).T @ irradiances
 
 

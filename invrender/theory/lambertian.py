@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics
+from recon.harmonics import clamped_cosine_transfer, degree_of, degrees, evaluate_harmonics, finite
 
 Floats = NDArray[np.float64]
 
 
 def irradiance(normals: ArrayLike, lighting_coefficients: ArrayLike) -> Floats:
     """Irradiance (n, c) at unit normals (n, 3) under unoccluded lighting ((l_max + 1)^2, c) [RH01, eq. 15]."""
-    coefficients = np.asarray(lighting_coefficients, float)
-    l_max = int(np.sqrt(len(coefficients))) - 1
-    per_degree = np.repeat(clamped_cosine_transfer(l_max), 2 * np.arange(l_max + 1) + 1)
+    coefficients = finite(np.asarray(lighting_coefficients, float), "lighting_coefficients")
+    if coefficients.ndim != 2:
+        raise ValueError(
+            f"lighting_coefficients are {coefficients.shape}; they must be ((l_max + 1)^2, channels)"
+        )
+    l_max = degree_of(len(coefficients))
+    per_degree = clamped_cosine_transfer(l_max)[degrees(l_max)]
     return evaluate_harmonics(normals, l_max) @ (per_degree[:, None] * coefficients)

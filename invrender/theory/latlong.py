@@ -30,6 +30,8 @@ def analyse_latlong(values: ArrayLike, l_max: int) -> Floats:
     whose pixels are means over their areas, `project_latlong` in `harmonics` is what conserves light. Raises ValueError
     for values that aren't finite or not of that shape, and for an l_max that the grid can't carry.
     """
+    if np.iscomplexobj(values):
+        raise ValueError("the lat-long grid is complex; analyse its real and imaginary parts on their own")
     values = np.asarray(values, float)
     return weighted_analysis(values, l_max, _fejer_weights(_checked_height(values)))
 

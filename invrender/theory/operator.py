@@ -18,6 +18,8 @@ from recon.rotations import rotated_harmonics
 Floats = NDArray[np.float64]
 
 _FIRST_ANGLES, _LAST_ANGLES = 9, 129
+# Samples whose coefficients may be computed each on its own where no table serves.
+_MOST_ONE_BY_ONE = 500
 
 
 def irradiance_operator(normals: ArrayLike, l_max: int) -> Floats:
@@ -74,8 +76,14 @@ def _interpolated(brdf: BRDF, l_max: int, cos: Floats, tolerance: float) -> Floa
         error = np.abs(BarycentricInterpolator(nodes, values)(finer_nodes) - finer).max()
         nodes, values = finer_nodes, finer
         if error <= tolerance * np.abs(values).max():
-            break
-    return np.asarray(BarycentricInterpolator(nodes, values)(theta))
+            return np.asarray(BarycentricInterpolator(nodes, values)(theta))
+    if len(theta) > _MOST_ONE_BY_ONE:
+        raise ValueError(
+            f"the BRDF changes too abruptly with the exitant angle: between {_LAST_ANGLES} angles its coefficients are"
+            f" off by {error / np.abs(values).max():.1g} of the largest; {tolerance:.1g} is asked. Give"
+            f" {_MOST_ONE_BY_ONE} samples or fewer at a time, or a larger tolerance"
+        )
+    return outgoing_coefficients(brdf, l_max, cos, tolerance / 10)
 
 
 def _at_chebyshev(

@@ -90,7 +90,7 @@ def test_anisotropic_coefficients_are_the_sums_over_pairs_of_directions(reciproc
 
 MATERIALS = [
     (Lambertian(np.full(3, 0.2)), 1e-9),
-    (Microfacet(np.full(3, 0.1), np.full(3, 0.3), 1.5, 0.3), 1e-6),
+    (Microfacet(np.full(3, 0.1), np.full(3, 0.3), 1.5, 0.3), 1e-9),
     # Phong's lobe ends in a kink where R.L = 0, shadowing-masking has a root at the horizon: rules for smooth functions
     # converge slowly there.
     (Phong(np.full(3, 0.1), np.full(3, 0.3), 20.0), 1e-6),

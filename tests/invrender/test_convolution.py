@@ -133,8 +133,8 @@ def test_the_light_field_of_a_brushed_body_has_those_coefficients(rng):
     l_max, p_max = 2, 1
     lighting = rng.normal(size=9)
     frames, frame_weight = frames_and_weights(3, 5)
-    exitant, exitant_weight = hemisphere_grid(10, 16)
-    incident = hemisphere_grid(20, 36)
+    exitant, exitant_weight = hemisphere_grid(9, 14)
+    incident = hemisphere_grid(16, 30)
     expected = anisotropic_light_field(to_complex(lighting), anisotropic_coefficients(brushed, l_max, p_max))
     radiance = np.stack(
         [
@@ -241,6 +241,15 @@ def test_directions_of_the_world_are_told_in_local_axes():
             lambda: isotropic_radiance(np.full((1, 1), np.inf), np.eye(3)[None], [[0, 0, 1.0]]),
             "coefficients: 1 of 1",
         ),
+        (
+            lambda: isotropic_radiance([[1j]], np.eye(3)[None], [[0, 0, 1.0]]),
+            "not those of a real light field",
+        ),
+        (
+            lambda: fixed_exitant(np.zeros(4), np.zeros((2, 3))),
+            r"rho is \(2, 3\); of degree 1 it must be \(2, 2\)",
+        ),
+        (lambda: local_directions(2 * np.eye(3)[None], [[0, 0, 1.0]]), "rotation isn't one"),
         (lambda: local_directions(np.eye(3)[None], [[0, 0, 2.0]]), "of length 1"),
     ],
 )

@@ -69,3 +69,16 @@ def test_irradiance_is_the_integral_over_the_hemisphere(rng):
         frame = np.stack([tangent, np.cross(normal, tangent), normal])
         expected.append(weights @ radiance(local @ frame))
     assert_allclose(irradiance(normals, coefficients), expected, atol=1e-11, equal_nan=False)  # rounding
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "message"),
+    [
+        (np.ones((5, 3)), "there are 5 coefficients"),
+        (np.ones(4), r"are \(4,\); they must be \(\(l_max \+ 1\)\^2, channels\)"),
+        (np.full((4, 3), np.nan), "lighting_coefficients: 12 of 12 values are not finite"),
+    ],
+)
+def test_bad_coefficients_get_a_sentence(coefficients: np.ndarray, message: str):
+    with pytest.raises(ValueError, match=message):
+        irradiance([[0, 0, 1.0]], coefficients)

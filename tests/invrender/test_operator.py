@@ -65,6 +65,21 @@ def test_the_sum_over_samples_of_one_operator_is_that_of_many_small_ones():
         assert_allclose(part, whole[k : k + 4], atol=1e-6 * np.abs(whole).max())
 
 
+def test_a_brdf_that_jumps_with_the_exitant_angle_is_not_interpolated_across_the_jump():
+    view = np.array([0.0, 0.0, 1.0])
+    normals = seen_from(view, 0.2)
+    views = np.broadcast_to(view, normals.shape)
+
+    def jumping(incident, exitant):
+        return np.where(exitant[..., 2] > 0.5, 0.3, 0.1) + 0 * incident[..., 2]
+
+    rows = reflection_operator(jumping, normals, views, 3)
+    level = np.where(normals @ view > 0.5, 0.3, 0.1)
+    assert_allclose(rows, level[:, None] * irradiance_operator(normals, 3), atol=1e-9)
+    with pytest.raises(ValueError, match="too abruptly with the exitant angle"):
+        reflection_operator(jumping, np.repeat(normals, 4, axis=0), np.repeat(views, 4, axis=0), 3)
+
+
 def test_a_matte_body_shows_the_irradiance():
     view = np.array([1.0, 0.0, 0.0])
     normals = seen_from(view, 0.1)
