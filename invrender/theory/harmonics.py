@@ -34,9 +34,7 @@ def to_real(coefficients: ArrayLike) -> Floats:
 
     The function is real if f_l-m = (-1)^m conj(f_lm); raises ValueError where it isn't, beyond rounding.
     """
-    found = _transformed(
-        finite(np.asarray(coefficients), "coefficients"), lambda l: complex_from_real(l).conj().T
-    )
+    found = _transformed(np.asarray(coefficients), lambda l: complex_from_real(l).conj().T)
     largest = np.abs(found).max(initial=0)
     if np.abs(found.imag).max(initial=0) > 1e-9 * largest:
         raise ValueError(
