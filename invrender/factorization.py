@@ -35,18 +35,37 @@ class Quantity:
 
 
 @dataclass(frozen=True, eq=False)
+class HarmonicLight:
+    """Light that nobody knew, without its sources, as harmonics.
+
+    coefficients, std : ((l_max + 1)^2, 3). shares : (l_max + 1,), of what is known of a degree's coefficients, how much
+    comes from the photographs. determined_degree : up to which that is most; -1 if of none. reason, remedy : why not of
+    all, and what would help; empty where it is of all.
+    """
+
+    coefficients: Floats
+    std: Floats
+    shares: Floats
+    determined_degree: int
+    reason: str
+    remedy: str
+
+
+@dataclass(frozen=True, eq=False)
 class FittedLighting:
     """A lighting as the fit leaves it.
 
     lighting : with recovered irradiances filled in. irradiance_std : (k, 3), zero where given, NaN where
         fitted to held-out photographs only, to score them.
     ambient, ambient_std : (3,) recovered uniform radiance, or None where it was not recovered.
+    harmonics : of light of which nothing was known, beside its sources; its map is in `lighting`, cut at zero.
     """
 
     lighting: Lighting
     irradiance_std: Floats
     ambient: Floats | None
     ambient_std: Floats | None
+    harmonics: HarmonicLight | None = None
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,15 @@ from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
-from invrender.factorization import Factorization, FittedLighting, PhotoScore
+from invrender.factorization import FittedLighting
 from invrender.findings import find_warnings
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
 from invrender.reading import read_samples
-from invrender.solve.evidence import fit_strengths, ladder_steps, relative_rms
+from invrender.solve.evidence import fit_strengths, ladder_steps
 from invrender.solve.factorize import Solution, factorize
-from invrender.solved import Solved
+from invrender.solved import Solved, factorization
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField
 from recon.sphere import Sphere
@@ -60,24 +60,8 @@ def solve_known_light(photoset: PhotoSet, sphere: Sphere, samples: int, clock: C
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
         }
-        scores = _scores(photoset, solution, fields, residuals)
-    result = Factorization(
-        name=photoset.name,
-        gauge=solution.gauge,
-        sphere=sphere,
-        brdf=solution.estimate.brdf,
-        quantities=solution.quantities,
-        lightings=(*solution.lightings, *scored),
-        rungs=solution.rungs,
-        chosen=solution.chosen,
-        photos=scores,
-        noise_floor=solution.noise.floor,
-        noise_relative=solution.noise.relative,
-        structured=solution.structured,
-        covariance=solution.covariance,
-        covariance_names=solution.covariance_names,
-        warnings=find_warnings(photoset, solution, sphere, lightings),
-    )
+    warnings = find_warnings(photoset, solution, sphere, lightings)
+    result = factorization(photoset, sphere, solution, fields, residuals, warnings, scored)
 
     def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
         return predict(result.brdf, elements[photo.lighting], strengths[photo.label], field)
@@ -137,28 +121,3 @@ def _scored_lighting(
             ambient = strength
     ambient_std = None if ambient is None else np.full(3, np.nan)
     return FittedLighting(replace(lighting, irradiances=irradiances), std, ambient, ambient_std)
-
-
-def _scores(
-    photoset: PhotoSet,
-    solution: Solution,
-    fields: Mapping[str, LightField],
-    residuals: Mapping[str, NDArray[np.float64]],
-) -> tuple[PhotoScore, ...]:
-    scores = []
-    unseen = iter(solution.rungs[solution.chosen].photo_errors)
-    weights = iter(solution.weights)
-    for photo in photoset.photos:
-        field, residual = fields[photo.label], residuals[photo.label]
-        trust = None if photo.held_out else next(weights).trust
-        scores.append(
-            PhotoScore(
-                label=photo.label,
-                lighting=photo.lighting,
-                held_out=photo.held_out,
-                samples=len(field),
-                rms=relative_rms(residual, field.radiance, trust),
-                cross_validated=None if photo.held_out else float(next(unseen)),
-            )
-        )
-    return tuple(scores)

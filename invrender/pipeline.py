@@ -18,6 +18,7 @@ from invrender.clock import Clock
 from invrender.factorization import Factorization
 from invrender.knownlight import solve_known_light
 from invrender.solved import Solved
+from invrender.unknownlight import solve_unknown_light
 from recon.bodies import SphereBody, body_pixels
 from recon.findsphere import find_sphere
 from recon.lightfield import LightField
@@ -88,7 +89,11 @@ def _process(photoset: PhotoSet, samples: int, track: Track) -> Run:
     _check_scope(photoset, [photo for photo in photoset.photos if not photo.held_out])
     with clock.on("recon"):
         sphere = find_sphere(photoset, track)
-    solved = solve_known_light(photoset, sphere, samples, clock, track)
+    unknown = {table.name for table in photoset.lightings if table.unknown}
+    solve = (
+        solve_unknown_light if unknown & {photo.lighting for photo in photoset.photos} else solve_known_light
+    )
+    solved = solve(photoset, sphere, samples, clock, track)
     return Run(photoset, solved, {**clock.seconds, "total": time.perf_counter() - begun})
 
 
@@ -102,8 +107,7 @@ def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
         )
     if not photoset.lightings:
         raise ValueError(
-            f"{where}: has no [[lighting]]: this version recovers reflectance under known light only;"
-            " give map, directional or mirror_ball"
+            f"{where}: has no [[lighting]]: give map, directional or mirror_ball, or unknown = true"
         )
     if len(fitted) < 2:
         raise ValueError(

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import software
-from invrender.factorization import Factorization, FittedLighting, Quantity
+from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
 from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import map_coefficients
+from recon.harmonics import to_degree
 
 FORMAT = 1
 # The first nine coefficients are the ones that a diffuse surface sees.
@@ -156,13 +157,16 @@ def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any]
 
 
 def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
-    lighting = entry.lighting
-    coefficients = map_coefficients(lighting_map(entry), _L_MAX)
+    lighting, harmonics = entry.lighting, entry.harmonics
+    if harmonics is None:
+        coefficients = map_coefficients(lighting_map(entry), _L_MAX)
+    else:
+        coefficients = to_degree(harmonics.coefficients, _L_MAX)
     coefficients += project_sources(lighting.directions, lighting.irradiances, _L_MAX)
     return {
         "name": lighting.name,
         "known": not lighting.recovers,
-        "recovered": list(lighting.recovers),
+        "recovered": list(lighting.recovers) if harmonics is None else ["all"],
         "l_max": _L_MAX,
         "sh": {"value": _numbers(coefficients), "std": _numbers(_coefficient_std(entry))},
         "directional": [
@@ -185,6 +189,19 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
         "ambient": None if entry.ambient is None else _numbers(entry.ambient),
         "ambient_std": None if entry.ambient_std is None else _numbers(entry.ambient_std),
         "map": map_file,
+        "harmonics": None if harmonics is None else _harmonics(harmonics),
+    }
+
+
+def _harmonics(light: HarmonicLight) -> dict[str, Any]:
+    return {
+        "l_max": len(light.shares) - 1,
+        "value": _numbers(light.coefficients),
+        "std": _numbers(light.std),
+        "determined_degree": light.determined_degree,
+        "shares": _numbers(light.shares),
+        "reason": light.reason,
+        "remedy": light.remedy,
     }
 
 
@@ -194,6 +211,8 @@ def _coefficient_std(entry: FittedLighting) -> NDArray[np.float64]:
     variance = np.zeros(((_L_MAX + 1) ** 2, 3))
     for direction, std in zip(lighting.directions, entry.irradiance_std, strict=True):
         variance += project_sources(direction[None], std[None], _L_MAX) ** 2
+    if entry.harmonics is not None:
+        variance += to_degree(entry.harmonics.std, _L_MAX) ** 2
     if entry.ambient_std is not None:
         variance[0] += 4 * np.pi * entry.ambient_std**2
     return np.sqrt(variance)

@@ -122,7 +122,7 @@ def _print_summary(result: Factorization) -> None:
     for row in rows:
         quantity = result.quantities.get(row["parameter"])
         status = row["status"] if quantity or result.misfits else "not needed"
-        for label, text in _lines(row["parameter"], quantity):
+        for label, text in _lines(row["parameter"], quantity, result.is_absolute):
             table.add_row(label, text, status)
     console.print(table)
     held_out = result.rms(held_out=True)
@@ -131,8 +131,7 @@ def _print_summary(result: Factorization) -> None:
         + (f", {held_out:.2%} on those held out" if held_out is not None else "")
         + f". Scale: {result.gauge}."
     )
-    ladder = ", ".join(f"{rung.estimate.model.name} {rung.error:.2%}" for rung in result.rungs)
-    console.print(f"Error of each model on unseen photographs: {ladder}.")
+    console.print(_ladder(result))
     for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
         names = [_LABELS[row["parameter"]] for row in rows if row["reason"] == reason]
         console.print(f"{', '.join(names)}: {reason}. To settle it: {remedy}.")
@@ -140,20 +139,31 @@ def _print_summary(result: Factorization) -> None:
         console.print(f"Warning: {warning}", style="yellow")
 
 
+def _ladder(result: Factorization) -> str:
+    """The models that were tried with their errors; of many those that matter."""
+    shown, rest = list(result.rungs), ""
+    if len(shown) > _MOST_MODELS:
+        shown = sorted(shown, key=lambda rung: rung.error)[: _MOST_MODELS - 1]
+        rest = f"; the other {len(result.rungs) - len(shown)} are in the report"
+    ladder = ", ".join(f"{rung.estimate.model.name} {rung.error:.2%}" for rung in shown)
+    return (
+        f"Error of {'each model' if not rest else 'the best models'} on unseen photographs: {ladder}{rest}."
+    )
+
+
+_MOST_MODELS = 5
 _LABELS = {"kd": "Kd", "ks": "Ks", "mu": "mu", "sigma": "sigma"}
 _UNITS = {"kd": " (1/sr)", "ks": "", "mu": "", "sigma": " (rad)"}
 
 
-def _lines(name: str, quantity: Quantity | None) -> list[tuple[str, str]]:
+def _lines(name: str, quantity: Quantity | None, is_absolute: bool = True) -> list[tuple[str, str]]:
     """Label and text of each number of a parameter."""
-    label = _LABELS[name] + _UNITS[name]
+    unit = _UNITS[name] if is_absolute or name != "kd" else ""
+    label = _LABELS[name] + unit
     if quantity is None or quantity.value is None or quantity.std is None:
         return [(label, "-")]
     texts = [with_error(value, std) for value, std in zip(quantity.value, quantity.std, strict=True)]
     if len(texts) == 1:
         return [(label, texts[0])]
     channels = ("red", "green", "blue")
-    return [
-        (f"{_LABELS[name]} {channel}{_UNITS[name]}", text)
-        for channel, text in zip(channels, texts, strict=True)
-    ]
+    return [(f"{_LABELS[name]} {channel}{unit}", text) for channel, text in zip(channels, texts, strict=True)]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.photoset import Photo
-from invrender.factorization import Factorization
+from capture.photoset import Photo, PhotoSet
+from invrender.factorization import Factorization, FittedLighting, PhotoScore
+from invrender.solve.evidence import relative_rms
+from invrender.solve.factorize import Solution
 from recon.lightfield import LightField
+from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
 
@@ -27,3 +30,58 @@ class Solved:
     fields: Mapping[str, LightField]
     residuals: Mapping[str, Floats]
     radiance: Callable[[Photo, LightField], Floats]
+
+
+def factorization(
+    photoset: PhotoSet,
+    sphere: Sphere,
+    solution: Solution,
+    fields: Mapping[str, LightField],
+    residuals: Mapping[str, Floats],
+    warnings: Sequence[str],
+    scored: Sequence[FittedLighting] = (),
+) -> Factorization:
+    """The result of a set from the solution of its fitted photographs; scored : lightings of held-out ones only."""
+    return Factorization(
+        name=photoset.name,
+        gauge=solution.gauge,
+        sphere=sphere,
+        brdf=solution.estimate.brdf,
+        quantities=solution.quantities,
+        lightings=(*solution.lightings, *scored),
+        rungs=solution.rungs,
+        chosen=solution.chosen,
+        photos=_scores(photoset, solution, fields, residuals),
+        noise_floor=solution.noise.floor,
+        noise_relative=solution.noise.relative,
+        structured=solution.structured,
+        covariance=solution.covariance,
+        covariance_names=solution.covariance_names,
+        warnings=tuple(warnings),
+    )
+
+
+def _scores(
+    photoset: PhotoSet,
+    solution: Solution,
+    fields: Mapping[str, LightField],
+    residuals: Mapping[str, Floats],
+) -> tuple[PhotoScore, ...]:
+    """How well each photograph of a set is explained."""
+    scores = []
+    unseen = iter(solution.rungs[solution.chosen].photo_errors)
+    weights = iter(solution.weights)
+    for photo in photoset.photos:
+        field, residual = fields[photo.label], residuals[photo.label]
+        trust = None if photo.held_out else next(weights).trust
+        scores.append(
+            PhotoScore(
+                label=photo.label,
+                lighting=photo.lighting,
+                held_out=photo.held_out,
+                samples=len(field),
+                rms=relative_rms(residual, field.radiance, trust),
+                cross_validated=None if photo.held_out else float(next(unseen)),
+            )
+        )
+    return tuple(scores)

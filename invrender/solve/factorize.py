@@ -91,7 +91,7 @@ def factorize(
         noise=noise,
         weights=tuple(weights),
         structured=measured[0].structured,
-        quantities=_unless_misfit(quantities, rungs[chosen].error),
+        quantities=unless_misfit(quantities, rungs[chosen].error),
         lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
         covariance=covariance[:brdf_size, :brdf_size],
         covariance_names=report.names,
@@ -205,7 +205,7 @@ def _quantities(
     return quantities
 
 
-def _unless_misfit(quantities: dict[str, Quantity], error: float) -> dict[str, Quantity]:
+def unless_misfit(quantities: dict[str, Quantity], error: float) -> dict[str, Quantity]:
     """The quantities, or none of them where the model explains so little that they mean nothing."""
     if error < HOPELESS:
         return quantities

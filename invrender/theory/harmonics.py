@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.harmonics import degree_of, evaluate_harmonics, finite
+from recon.harmonics import degree_of, evaluate_harmonics
 from recon.rotations import complex_from_real
 
 Floats = NDArray[np.float64]
@@ -46,7 +46,7 @@ def to_real(coefficients: ArrayLike) -> Floats:
 
 def project_sources(directions: ArrayLike, irradiances: ArrayLike, l_max: int) -> Floats:
     """Coefficients ((l_max + 1)^2, c) of directional sources (k, 3) of irradiance (k, c): delta functions."""
-    irradiances = finite(np.asarray(irradiances, float), "irradiances")
+    irradiances = np.asarray(irradiances, float)
     return evaluate_harmonics(directions, l_max).T @ irradiances
 
 

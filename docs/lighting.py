@@ -1,0 +1,72 @@
+"""Our fig. 9 of RH01, docs/lighting.png: light recovered from photographs of a bronze sphere, beside the truth.
+
+python docs/lighting.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from capture.lighting import Lighting, read_latlong
+from capture.photoset import load_photoset
+from invrender.lighting.estimate import Choices, LightResult, estimate_light
+from invrender.lighting.figure import blurred_truth, draw_map, white_level
+from invrender.lighting.knownbrdf import known_brdf
+from invrender.lighting.maps import coefficient_map
+from synthetic.run import run_synth
+
+SCENE = "rh01-lighting"
+
+
+def recovered(folder: Path, degree: int) -> LightResult:
+    """The light of the set by coefficients up to a degree, and by the dual method."""
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    brdf = known_brdf(*(truth["brdf"][name] for name in ("kd", "ks", "mu", "sigma")))
+    light = truth["lighting"][0]
+    lamps = light["directional"]
+    lighting = Lighting(
+        "truth",
+        read_latlong(folder / light["map"]),
+        np.array([lamp["direction"] for lamp in lamps]),
+        np.array([lamp["irradiance"] for lamp in lamps]),
+    )
+    return estimate_light(load_photoset(folder), brdf, Choices(degree), lighting)[0]
+
+
+def comparison(twelve: LightResult, twenty: LightResult) -> Figure:
+    """Truth, coefficients up to l = 12 and 20, the dual map, and the truth as blurred by the highlight."""
+    assert twenty.truth is not None
+    assert twenty.dual is not None
+    blurred = blurred_truth(twenty.truth, twenty.sigma)
+    white = white_level(blurred)
+    figure = Figure(figsize=(19, 2.7), layout="constrained")
+    panels = figure.subplots(1, 5)
+    draw_map(panels[0], twenty.truth.radiance_map, white, "true light: a screen and a lamp")
+    draw_map(panels[1], coefficient_map(twelve.direct.values), white, "coefficients, l* = 12")
+    draw_map(panels[2], coefficient_map(twenty.direct.values), white, "coefficients, l* = 20")
+    draw_map(panels[3], twenty.dual.radiance, white, "dual: angular and frequency space")
+    draw_map(panels[4], blurred, white, f"true light, blurred by σ = {twenty.sigma}")
+    return figure
+
+
+def main() -> None:
+    """Photograph the scene, recover its light, and draw."""
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "set"
+        run_synth(SCENE, folder, "nothing", None)
+        twelve, twenty = (recovered(folder, degree) for degree in (12, 20))
+    out.mkdir(parents=True, exist_ok=True)
+    comparison(twelve, twenty).savefig(out / "lighting.png", dpi=80)
+    for result in (twelve, twenty):
+        print(f"l* = {result.direct.degree}: RMS residual {result.rms:.1%}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""Inverse lighting of a photo set: photographs in, lighting by both methods out. No terminal, no files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture.lighting import Lighting
+from capture.parallel import one_blas_thread
+from capture.photoset import PhotoSet
+from capture.progress import Track, silent
+from invrender.lighting.coefficients import (
+    DETERMINED,
+    UNDETERMINED,
+    LightCoefficients,
+    candidate_degree,
+    check_samples,
+    estimate_coefficients,
+)
+from invrender.lighting.dual import DualLight, estimate_dual
+from invrender.lighting.maps import TrueLight, true_light
+from invrender.lighting.rows import PhotoRows, Rung, photo_rows
+from invrender.model.microfacet import Microfacet
+from invrender.solve.evidence import relative_rms
+from recon.knownlight import read_lighting
+from recon.samples.find import find_body
+from recon.samples.stream import light_fields
+from recon.sampling import NO_SOURCES
+
+# The dual method's coefficients.
+_LEAST_DEGREE = 2
+# Degrees above a chosen one whose transfer is computed, so that it is known what is left out.
+_SPARE_DEGREES = 6
+# A structured residual that widens the error bars notably.
+_STRUCTURED = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class LightResult:
+    """What was found of one lighting.
+
+    direct : coefficients [RH01, eq. 25]. dual : map and nine coefficients; None where a channel has no specular part.
+    photos, held_out : (label, relative RMS of the direct answer's prediction) of the photographs fitted, and of others.
+    truth : the light, where the set or the user tells it. sigma : the roughness through which it was seen, if any.
+    """
+
+    name: str
+    direct: LightCoefficients
+    dual: DualLight | None
+    samples: int
+    photos: tuple[tuple[str, float], ...]
+    held_out: tuple[tuple[str, float], ...]
+    truth: TrueLight | None
+    sigma: float | None
+    warnings: tuple[str, ...]
+
+    @property
+    def rms(self) -> float:
+        """Relative RMS over the photographs that were fitted."""
+        return float(np.sqrt(np.mean([rms**2 for _, rms in self.photos])))
+
+    @property
+    def statuses(self) -> list[str]:
+        """Of each degree: determined, weak or undetermined."""
+        return [
+            "determined" if share >= DETERMINED else "weak" if share >= UNDETERMINED else "undetermined"
+            for share in self.direct.share_per_degree
+        ]
+
+
+@dataclass(frozen=True)
+class Choices:
+    """How to solve. degree : of the coefficients, None for what the samples determine. samples : of all photographs."""
+
+    degree: int | None = None
+    rung: Rung = "exact"
+    samples: int = 20_000
+
+
+def estimate_light(
+    photoset: PhotoSet,
+    brdf: Microfacet,
+    choices: Choices,
+    truth: Lighting | None = None,
+    track: Track = silent,
+) -> tuple[LightResult, ...]:
+    """Every lighting of a photo set of a sphere of known BRDF, each from the photographs under it."""
+    _check_scope(photoset, choices)
+    found = find_body(photoset, track)
+    names = list(dict.fromkeys(photo.lighting for photo in photoset.photos if not photo.held_out))
+    l_max = candidate_degree(brdf, choices.samples)
+    if choices.degree is not None:
+        l_max = max(min(l_max, choices.degree + _SPARE_DEGREES), choices.degree)
+    l_max = max(l_max, _LEAST_DEGREE)
+    sources = {photo.lighting: NO_SOURCES for photo in photoset.photos}
+    streamed = light_fields(photoset, found.body, sources, choices.samples, found.mask_of)
+    rows: list[PhotoRows] = []
+    for photo in track(photoset.photos, "Reading photographs"):
+        field = next(streamed)
+        if not (field.weight > 0).any():
+            raise ValueError(
+                f"{photo.file}: no pixel of the object is usable: not saturated, within the mask, not at the rim; leave"
+                " the photograph out, or expose it shorter"
+            )
+        rows.append(photo_rows(field, brdf, l_max, choices.rung))
+    results = []
+    for name in track(names, "Solving for the light"):
+        fitted = [
+            k for k, photo in enumerate(photoset.photos) if photo.lighting == name and not photo.held_out
+        ]
+        other = [k for k, photo in enumerate(photoset.photos) if photo.lighting == name and photo.held_out]
+        mine = [rows[k] for k in fitted]
+        with one_blas_thread():
+            direct = estimate_coefficients(mine, brdf, choices.degree)
+            dual = estimate_dual(mine, brdf, direct, choices.rung) if brdf.ks.all() else None
+        result = LightResult(
+            name=name or photoset.name,
+            direct=direct,
+            dual=dual,
+            samples=sum(len(photo.field) for photo in mine),
+            photos=_scores(photoset, rows, fitted, brdf, direct),
+            held_out=_scores(photoset, rows, other, brdf, direct),
+            truth=_truth(photoset, name, truth),
+            sigma=brdf.sigma if brdf.ks.any() else None,
+            warnings=(*found.warnings, *_warnings(brdf, direct, dual)),
+        )
+        results.append(result)
+    return tuple(results)
+
+
+def _check_scope(photoset: PhotoSet, choices: Choices) -> None:
+    where = photoset.manifest
+    if photoset.object.shape != "sphere":
+        raise ValueError(
+            f"{where}: [object] shape = 'mesh': light is recovered from spheres only, which don't shadow themselves"
+        )
+    if photoset.object.texture:
+        raise ValueError(
+            f"{where}: [object] texture = true: light is recovered from objects of one BRDF only"
+        )
+    if all(photo.held_out for photo in photoset.photos):
+        raise ValueError(f"{where}: every photo is held out; none is left to recover the light from")
+    if choices.degree is not None:
+        check_samples(choices.degree, choices.samples)
+
+
+def _scores(
+    photoset: PhotoSet,
+    rows: Sequence[PhotoRows],
+    which: Sequence[int],
+    brdf: Microfacet,
+    direct: LightCoefficients,
+) -> tuple[tuple[str, float], ...]:
+    """Relative RMS of the samples of some photographs, each counting by how much of its variance is noise."""
+    scores = []
+    for k in which:
+        seen, predicted = rows[k].field.radiance, rows[k].predict(brdf, direct.values)
+        noise = direct.noise.variance(predicted)
+        hidden = direct.hidden_power * rows[k].power_beyond(brdf, direct.degree)
+        trust = rows[k].field.weight[:, None] * noise / (noise + hidden)
+        scores.append((photoset.photos[k].label, relative_rms(seen - predicted, seen, trust)))
+    return tuple(scores)
+
+
+def _truth(photoset: PhotoSet, name: str, truth: Lighting | None) -> TrueLight | None:
+    """What the user tells, or else the manifest where it knows all of the light."""
+    if truth is not None:
+        return true_light(truth)
+    for table in photoset.lightings:
+        if table.name == name and not table.unknown:
+            lighting = read_lighting(photoset, table)
+            return None if lighting.recovers else true_light(lighting)
+    return None
+
+
+def _warnings(brdf: Microfacet, direct: LightCoefficients, dual: DualLight | None) -> list[str]:
+    """Sentences on what isn't determined, and on what isn't explained."""
+    warnings = []
+    lost = [str(l) for l, share in enumerate(direct.share_per_degree) if share < UNDETERMINED]
+    if lost:
+        reason = (
+            "blurred away by the highlight, hidden by noise, or out of the photographs' view"
+            if brdf.ks.any()
+            else "a diffuse object hardly shows degrees above 2, and odd ones not at all"
+        )
+        warnings.append(f"Light of degree {', '.join(lost)} is undetermined: {reason}.")
+    if dual is None:
+        warnings.append("Without a specular part in each channel there is no mirrored light, so no dual map.")
+    elif dual.coverage < 0.995:
+        warnings.append(
+            f"No reflection reaches {1 - dual.coverage:.0%} of all directions; there the dual map shows what the"
+            " coefficients say, with their standard deviation."
+        )
+    if direct.structured > max(_STRUCTURED, 0.5 * direct.noise.relative):
+        warnings.append(
+            f"{direct.structured:.1%} of the radiance (RMS) is left unexplained and hangs together over parts of the"
+            " photographs: light of higher degrees, such as lamps, or another BRDF. The error bars are widened by it."
+        )
+    return warnings

@@ -1,0 +1,81 @@
+"""The BRDF that inverse lighting is told: from an earlier result, or number by number."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from invrender.model.fresnel import MU_RANGE
+from invrender.model.microfacet import SIGMA_RANGE, Microfacet
+
+RESULT_NAME = "result.json"
+
+
+def known_brdf(kd: Sequence[float], ks: Sequence[float], mu: float | None, sigma: float | None) -> Microfacet:
+    """A BRDF from one number or three of Kd (1/sr) and of Ks, mu (None: no Fresnel factor) and sigma (radians).
+
+    Raises ValueError for numbers that no BRDF has, for a specular part without sigma, and for a BRDF that is black.
+    """
+    brdf = Microfacet(_per_channel(kd, "Kd"), _per_channel(ks, "Ks"), mu, sigma)
+    if not (brdf.kd + brdf.ks).all():
+        raise ValueError(
+            f"Kd is {brdf.kd.tolist()} and Ks {brdf.ks.tolist()}: a channel in which both are 0 reflects nothing and"
+            " shows no light; give Kd, Ks or both"
+        )
+    if mu is not None and not MU_RANGE[0] <= mu <= MU_RANGE[1]:
+        raise ValueError(
+            f"mu is {mu}; refractive indices are {MU_RANGE[0]} to {MU_RANGE[1]}; leave it out for a highlight without"
+            " a Fresnel factor"
+        )
+    if sigma is None:
+        if brdf.ks.any():
+            raise ValueError(f"Ks is {brdf.ks.tolist()}, but sigma isn't given: a highlight needs its width")
+    elif not SIGMA_RANGE[0] <= sigma <= SIGMA_RANGE[1]:
+        raise ValueError(f"sigma is {sigma}; roughnesses are {SIGMA_RANGE[0]} to {SIGMA_RANGE[1]} radians")
+    return brdf
+
+
+def read_brdf(path: Path) -> Microfacet:
+    """The BRDF of a `result.json` or of the folder that holds it; ValueError where it is none or undetermined."""
+    path = path / RESULT_NAME if path.is_dir() else path
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file; give the result.json of `lightfactor process`")
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))["brdf"]
+        found = {name: table[name] for name in ("kd", "ks", "mu", "sigma")}
+        kd, ks, sigma = (_value(found[name], path, name) for name in ("kd", "ks", "sigma"))
+        # Without a value the model has no Fresnel factor, or the photographs don't show which.
+        mu = None if found["mu"] is None else found["mu"]["value"]
+    except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ValueError(
+            f"{path}: holds no BRDF (brdf with kd, ks, mu, sigma); give the result.json of `lightfactor process`"
+        ) from error
+    try:
+        return known_brdf(kd, ks or [0.0], mu, sigma if ks else None)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _value(quantity: dict[str, Any] | None, path: Path, name: str) -> Any:
+    """A quantity's value; None where the model lacks it."""
+    if quantity is None:
+        return None
+    if quantity["value"] is None:
+        raise ValueError(
+            f"{path}: {name} is {quantity['status']} there, so the BRDF isn't known; give the numbers by --kd, --ks,"
+            " --mu and --sigma, or a result that determines them"
+        )
+    return quantity["value"]
+
+
+def _per_channel(values: Sequence[float], name: str) -> np.ndarray:
+    numbers = np.asarray(values, float)
+    if numbers.shape not in ((1,), (3,)):
+        raise ValueError(f"{name} is {list(values)}; give one number, or three for red, green and blue")
+    if not (np.isfinite(numbers) & (numbers >= 0)).all():
+        raise ValueError(f"{name} is {list(values)}; it must be finite and >= 0")
+    return np.broadcast_to(numbers, 3)

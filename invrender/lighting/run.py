@@ -1,0 +1,134 @@
+"""The command `light` at work: progress on the terminal, maps, numbers and a figure on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from capture.files.documents import input_hashes, write_json
+from capture.files.imagefile import write_exr
+from capture.files.outfolder import result_folder
+from capture.lighting import Lighting, read_latlong
+from capture.photoset import load_photoset
+from capture.terminal import console, leave_cleanly_when_stopped, track
+from invrender.lighting.coefficients import HIGHEST_DEGREE
+from invrender.lighting.document import light_document, truth_error
+from invrender.lighting.estimate import Choices, LightResult, estimate_light
+from invrender.lighting.figure import light_figure
+from invrender.lighting.knownbrdf import known_brdf, read_brdf
+from invrender.lighting.maps import coefficient_map, coefficient_std_map
+from invrender.lighting.rows import RUNGS
+from invrender.model.microfacet import Microfacet
+from recon.sampling import NO_SOURCES
+
+OWN_FILES = ("lighting.json", "lighting.png", "lighting-*.exr")
+_LEAST_SAMPLES = 100
+
+
+def told_brdf(
+    result: Path | None, kd: str | None, ks: str | None, mu: float | None, sigma: float | None
+) -> Microfacet:
+    """The BRDF that the options name; ValueError for none, for two, and for what no BRDF is."""
+    numbers = [
+        name for name, value in (("kd", kd), ("ks", ks), ("mu", mu), ("sigma", sigma)) if value is not None
+    ]
+    if result is not None and numbers:
+        raise ValueError(f"--brdf and --{numbers[0]} both give the BRDF; leave one of them out")
+    if result is not None:
+        return read_brdf(result)
+    if kd is None and ks is None:
+        raise ValueError(
+            "the object's BRDF isn't given; name a result by --brdf, or give --kd, --ks, --mu and --sigma"
+        )
+    return known_brdf(_numbers(kd, "--kd"), _numbers(ks, "--ks"), mu, sigma)
+
+
+def run_light(
+    source: Path,
+    out: Path,
+    brdf: Microfacet,
+    degree: int | None,
+    rung: str,
+    samples: int,
+    truth: Path | None,
+) -> None:
+    """Recover the lightings of a photo set into a result folder and print what was found."""
+    chosen = next((name for name in RUNGS if name == rung), None)
+    if chosen is None:
+        raise ValueError(f"--rung is {rung!r}; it must be one of {', '.join(RUNGS)}")
+    if degree is not None and not 0 <= degree <= HIGHEST_DEGREE:
+        raise ValueError(f"--degree is {degree}; it must be 0 to {HIGHEST_DEGREE}")
+    if samples < _LEAST_SAMPLES:
+        raise ValueError(f"--samples is {samples}; take {_LEAST_SAMPLES} or more")
+    leave_cleanly_when_stopped()
+    photoset = load_photoset(source)
+    true = None if truth is None else Lighting("truth", read_latlong(truth), NO_SOURCES, NO_SOURCES)
+    choices = Choices(degree, chosen, samples)
+    with result_folder(out, OWN_FILES) as folder:
+        results = estimate_light(photoset, brdf, choices, true, track)
+        files = [_write_maps(folder, result, len(results) > 1) for result in results]
+        light_figure(results).savefig(folder / "lighting.png")
+        inputs = [photoset.manifest, *photoset.calibration_files]
+        inputs += [path for photo in photoset.photos for path in (photo.file, photo.mask) if path is not None]
+        document = light_document(photoset.name, brdf, choices, results, files, input_hashes(inputs))
+        write_json(folder / "lighting.json", document)
+    for result in results:
+        _report(result)
+    console.print(f"Results: {out / 'lighting.json'}   Look at it: {out / 'lighting.png'}", soft_wrap=True)
+
+
+def _numbers(text: str | None, option: str) -> Sequence[float]:
+    if text is None:
+        return [0.0]
+    try:
+        return [float(part) for part in text.replace(",", " ").split()]
+    except ValueError as error:
+        raise ValueError(f"{option} is {text!r}; give one number, or three as 0.3,0.2,0.1") from error
+
+
+def _write_maps(folder: Path, result: LightResult, several: bool) -> dict[str, str]:
+    """The maps of one lighting, and their names."""
+    maps = {"sh": coefficient_map(result.direct.values), "std": coefficient_std_map(result.direct)}
+    if result.dual is not None:
+        maps |= {"dual": result.dual.radiance, "dual-std": result.dual.std}
+    suffix = f"-{result.name.replace('/', '_')}" if several else ""
+    names = {kind: f"lighting-{kind}{suffix}.exr" for kind in maps}
+    for kind, radiance in maps.items():
+        write_exr(folder / names[kind], radiance.astype(np.float32))
+    return names
+
+
+def _report(result: LightResult) -> None:
+    direct, dual = result.direct, result.dual
+    table = Table(
+        title=escape(f"{result.name}: light up to degree {direct.degree}, from {result.samples} samples"),
+        title_justify="left",
+    )
+    for heading in ("degree", "determined", "", "RMS coefficient", "± std"):
+        table.add_column(heading, justify="right")
+    for l, (share, status) in enumerate(zip(direct.share_per_degree, result.statuses, strict=True)):
+        band = slice(l * l, (l + 1) ** 2)
+        value, std = (np.sqrt(np.mean(each[band] ** 2)) for each in (direct.values, direct.std))
+        shown = "-" if status == "undetermined" else f"{value:.4g}"
+        table.add_row(str(l), f"{share:.1%}", status, shown, f"{std:.2g}")
+    console.print(table)
+    said = f"RMS residual {result.rms:.2%} of the radiance"
+    if result.held_out:
+        worst = max(rms for _, rms in result.held_out)
+        said += f", up to {worst:.2%} on {len(result.held_out)} held-out photographs"
+    if dual is not None:
+        said += f"; reflections reach {dual.coverage:.0%} of all directions"
+    console.print(f"{said}.", soft_wrap=True)
+    against = truth_error(result)
+    if against is not None:
+        console.print(
+            f"Against the truth: the first nine coefficients are off by up to {against[0]:.4f} of L00; errors are"
+            f" {against[1]:.2f} standard deviations (RMS).",
+            soft_wrap=True,
+        )
+    for warning in result.warnings:
+        console.print(f"Warning: {escape(warning)}", style="yellow", soft_wrap=True)

@@ -1,0 +1,109 @@
+"""How certain a blind fit is: the joint covariance, and what the lighting's degrees owe to the photographs.
+
+As for known light, of the two answers for each nonlinear parameter the larger is kept: what independent noise implies,
+and what residuals imply that hang together within tiles of a photograph or patches of the surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision
+from invrender.solve.blind.rungs import joint_equations
+from invrender.solve.blind.start import Search
+from invrender.solve.clusters import patch_of, tile_of
+from invrender.solve.uncertainty import PRIOR_STD
+from invrender.theory.conditioning import Information
+
+Floats = NDArray[np.float64]
+
+# Of a share, flat between 0 and 1; of a source's turns, about half a hemisphere.
+_SHARE_STD, _TURN_STD = 1 / np.sqrt(12), 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Certainty:
+    """Standard deviations of a fit.
+
+    covariance : (t, t), of kappa, mu, sigma (radians) and the sources' turns (radians), as `State.names` lists them.
+    light_std : (k + j, 3), of coefficients and irradiances. fragility : (t,), by how much each moves when the model is
+    off by all its radiance in tiles or patches. degree_shares : (l_max + 1,), mean share of what is known of a
+    coefficient that comes from the photographs, not from the prior.
+    """
+
+    covariance: Floats
+    light_std: Floats
+    fragility: Floats
+    degree_shares: Floats
+
+
+def certainty_of(search: Search, fit: Fit) -> Certainty:
+    """Certainty at a fit, which must be the best of its model."""
+    joint = joint_equations(search, fit)
+    reduced = joint.whole.reduced()
+    scales, count = fit.state.scales(), sum(weight.size for weight in search.weights)
+    noise = fit.cost / max(count - fit.parameters, 1)
+    prior_std = np.array([_prior_std(name) for name in fit.state.names]) / scales
+    inverse = np.asarray(np.linalg.inv(reduced.corner / noise + np.diag(1 / prior_std**2)), float)
+    ratio, fragility = _sandwich(search, fit, reduced.leverage, inverse / noise, np.diag(inverse))
+    root = np.sqrt(ratio)
+    covariance = inverse * np.outer(root, root)
+    light_std, shares = [], []
+    prior = prior_precision(search.scale, fit.l_max, len(fit.state.directions))
+    size = (fit.l_max + 1) ** 2
+    for c in range(3):
+        leverage = reduced.leverage[c]
+        before = np.diag(prior[c])
+        data = (joint.whole.gram[c] - before) / noise
+        posterior = np.linalg.inv(data + before) + leverage @ covariance @ leverage.T
+        light_std.append(np.sqrt(np.diag(posterior)))
+        gained = np.linalg.inv(posterior[:size, :size]) - before[:size, :size]
+        known = Information((gained + gained.T) / 2).against(prior[c, :size] ** -0.5)
+        shares.append(known.share_per_degree())
+    return Certainty(
+        covariance * np.outer(scales, scales),
+        np.stack(light_std, axis=-1),
+        fragility * np.abs(scales),
+        np.mean(shares, axis=0),
+    )
+
+
+def _prior_std(name: str) -> float:
+    return PRIOR_STD.get(name, _SHARE_STD if name.startswith("kappa") else _TURN_STD)
+
+
+def _sandwich(
+    search: Search, fit: Fit, leverage: Floats, gain: Floats, independent: Floats
+) -> tuple[Floats, Floats]:
+    """Variances from clustered residuals over independent ones, at least 1, and fragility, (t,) each."""
+    t = len(independent)
+    by_tile: list[Floats] = []
+    by_patch: dict[int, Floats] = {}
+    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
+        radiance = predicted(fit, rows)
+        residual = sight.field.radiance - radiance
+        lit, shared = joint_rows(sight, fit, rows)
+        # What of a parameter's effect the lighting can't undo.
+        own = (shared - lit @ leverage) * weight.T[:, :, None]
+        scores = np.hstack([np.einsum("cnt,nc->nt", own, part) for part in (residual, radiance)])
+        by_tile += list(_sums(tile_of(sight.field), scores).values())
+        for patch, score in _sums(patch_of(sight.field), scores).items():
+            by_patch[patch] = by_patch.get(patch, 0) + score
+    ratio, fragility = np.ones(t), np.zeros(t)
+    for clusters in (np.array(by_tile), np.array(list(by_patch.values()))):
+        few = len(clusters) / max(len(clusters) - 1, 1)
+        of_noise, of_model = (
+            few * ((half @ gain) ** 2).sum(axis=0) for half in (clusters[:, :t], clusters[:, t:])
+        )
+        ratio = np.maximum(ratio, of_noise / np.maximum(independent, 1e-300))
+        fragility = np.maximum(fragility, np.sqrt(of_model))
+    return ratio, fragility
+
+
+def _sums(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
+    names, index = np.unique(keys, return_inverse=True)
+    sums = np.stack([np.bincount(index, column) for column in values.T], axis=-1)
+    return dict(zip(names.tolist(), sums, strict=True))

@@ -1,0 +1,154 @@
+"""The ladder: models cross-validated over photographs, and the simplest that predicts as well as the best.
+
+Fits that leave photographs out come from the joint normal equations by one Gauss-Newton step, which is exact for the
+lighting and, a step away from the optimum, as good as exact for the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import parallel_map
+from invrender.solve.blind.projection import Arrow, Fit, joint_rows, predicted
+from invrender.solve.blind.sight import Rows, Sight
+from invrender.solve.blind.start import Search
+from invrender.solve.clusters import tile_of
+from invrender.solve.evidence import MAX_FOLDS, relative_rms
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# From this many photographs on they are left out whole; of fewer, tiles are, since the rest would not see the light.
+_ENOUGH_PHOTOS = 8
+_TILE_FOLDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class BlindRung:
+    """A model of the ladder with its evidence.
+
+    photo_errors : (photos,), relative RMS of each photograph as predicted by fits that have not seen it (with few
+        photographs: that part of it). deviance : (groups,), mean squared error in units of the noise, of each
+        photograph (with few photographs: of each set of tiles).
+    """
+
+    name: str
+    fit: Fit
+    photo_errors: Floats
+    deviance: Floats
+
+    @property
+    def parameters(self) -> int:
+        return self.fit.parameters
+
+    @property
+    def error(self) -> float:
+        """Mean over photographs of the cross-validated relative RMS."""
+        return float(self.photo_errors.mean())
+
+
+def simplest(rungs: Sequence[BlindRung]) -> int:
+    """The index of the rung with fewest parameters whose error is within one standard error of the best one's.
+
+    The standard error is that of the difference, group by group: what all rungs find hard is no excuse for one.
+    """
+    best = min(rungs, key=lambda rung: rung.deviance.mean())
+    fitting = []
+    for index, rung in enumerate(rungs):
+        worse = rung.deviance - best.deviance
+        if worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)):
+            fitting.append(index)
+    return min(fitting, key=lambda index: rungs[index].parameters)
+
+
+def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:
+    """The evidence for a fitted model."""
+    joint = joint_equations(search, fit)
+    free = ~fit.state.stuck(joint.whole.reduced().right)
+    residuals = [np.empty_like(sight.field.radiance) for sight in search.sights]
+    steps = {}
+    for fold, part in joint.folds.items():
+        rest = (joint.whole - part).reduced()
+        step = rest.step(free)
+        steps[fold] = (rest.alone - np.einsum("cpt,t->cp", rest.leverage, step), step)
+    for sight, rows, of, residual in zip(search.sights, fit.rows, joint.fold_of, residuals, strict=True):
+        lit, shared = joint_rows(sight, fit, rows)
+        left = sight.field.radiance - predicted(fit, rows)
+        for fold in np.unique(of):
+            chosen, (light_step, step) = of == fold, steps[int(fold)]
+            change = (lit[:, chosen] @ light_step[:, :, None])[:, :, 0] + shared[:, chosen] @ step
+            residual[chosen] = left[chosen] - change.T
+    errors = [
+        relative_rms(residual, sight.field.radiance, trust)
+        for residual, sight, trust in zip(residuals, search.sights, search.trust, strict=True)
+    ]
+    squares = [weight * residual**2 for weight, residual in zip(search.weights, residuals, strict=True)]
+    if len(search.sights) >= _ENOUGH_PHOTOS:
+        deviance = [square.mean() for square in squares]
+    else:
+        deviance = [
+            np.concatenate([s[of == fold] for s, of in zip(squares, joint.fold_of, strict=True)]).mean()
+            for fold in joint.folds
+        ]
+    return BlindRung(name, fit, np.array(errors), np.array(deviance))
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Joint normal equations at a fit: of all samples with the prior, and of each fold.
+
+    fold_of : (n,) per photograph.
+    """
+
+    whole: Arrow
+    folds: dict[int, Arrow]
+    fold_of: tuple[Ints, ...]
+
+
+def joint_equations(search: Search, fit: Fit) -> Joint:
+    """Equations at a fit, fold by fold."""
+    fold_of = _folds(search.sights)
+
+    def of_photo(item: tuple[Sight, Floats, Rows, Ints]) -> dict[int, Arrow]:
+        sight, weight, rows, fold = item
+        lit, shared = joint_rows(sight, fit, rows)
+        residual = sight.field.radiance - predicted(fit, rows)
+        return {
+            int(k): _equations(
+                lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k]
+            )
+            for k in np.unique(fold)
+        }
+
+    folds: dict[int, Arrow] = {}
+    for parts in parallel_map(of_photo, zip(search.sights, search.weights, fit.rows, fold_of, strict=True)):
+        for fold, part in parts.items():
+            folds[fold] = folds[fold] + part if fold in folds else part
+    seen = list(folds.values())
+    whole = sum(seen[1:], seen[0])
+    # The light is at its optimum, prior included: there its equations have nothing left to say.
+    whole = Arrow(fit.gram, whole.border, whole.corner, np.zeros_like(whole.right), whole.right_shared)
+    return Joint(whole, folds, fold_of)
+
+
+def _equations(lit: Floats, shared: Floats, weight: Floats, residual: Floats) -> Arrow:
+    root = np.sqrt(weight.T)[:, :, None]
+    lit, shared, left = lit * root, shared * root, residual.T[:, :, None] * root
+    return Arrow(
+        lit.transpose(0, 2, 1) @ lit,
+        lit.transpose(0, 2, 1) @ shared,
+        (shared.transpose(0, 2, 1) @ shared).sum(axis=0),
+        (lit.transpose(0, 2, 1) @ left)[:, :, 0],
+        (shared.transpose(0, 2, 1) @ left).sum(axis=(0, 2)),
+    )
+
+
+def _folds(sights: Sequence[Sight]) -> tuple[Ints, ...]:
+    if len(sights) >= _ENOUGH_PHOTOS:
+        return tuple(np.full(len(sight.field), k % MAX_FOLDS) for k, sight in enumerate(sights))
+    tiles = [np.unique(tile_of(sight.field), return_inverse=True)[1] for sight in sights]
+    return tuple((tile + 3 * k) % _TILE_FOLDS for k, tile in enumerate(tiles))

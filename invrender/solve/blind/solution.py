@@ -1,0 +1,96 @@
+"""What factorization under wholly unknown lighting hands on, and the radiance that it predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.factorization import Quantity
+from invrender.solve.blind.projection import Fit, predicted
+from invrender.solve.blind.rungs import BlindRung
+from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.noise import NoiseModel, Weights
+from invrender.theory.harmonics import project_sources
+from recon.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+GAUGE = (
+    "no light is known, so the overall scale of light against reflectance is free in each channel: Kd + Ks = 1 in each,"
+    " and the lighting is in units of the photographs over that"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class BlindSources:
+    """Directional sources: directions (k, 3) unit, irradiances (k, 3) and their standard deviations.
+
+    direction_std_deg : (k,) degrees, along the worse of two ways.
+    """
+
+    directions: Floats
+    irradiances: Floats
+    irradiance_std: Floats
+    direction_std_deg: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BlindSolution:
+    """BRDF and lighting of a homogeneous convex body, up to a scale per channel (`gauge`).
+
+    model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks). mu, sigma : None where the model lacks
+    them; sigma in radians. coefficients, coefficients_std : ((l_max + 1)^2, 3), the lighting without its sources, at
+    index l*l + l + m. sources : those found. determined_degree : the degree up to which the photographs, not the
+    prior, determine the lighting; -1 if not even the mean. quantities : "kd_normalised", "ks_normalised", "mu",
+    "sigma", and "lighting" where degrees of it aren't determined. degree_shares : (l_max + 1,), mean share of what is
+    known of a coefficient that comes from the photographs. covariance, covariance_names : of the shares, mu, sigma and
+    the sources' turns (radians). rungs, chosen : the ladder. noise, weights : as in `noise`, weights per photograph.
+    """
+
+    model: str
+    brdf_share: Floats
+    mu: float | None
+    sigma: float | None
+    coefficients: Floats
+    coefficients_std: Floats
+    sources: BlindSources
+    determined_degree: int
+    degree_shares: Floats
+    quantities: Mapping[str, Quantity]
+    covariance: Floats
+    covariance_names: tuple[str, ...]
+    rungs: tuple[BlindRung, ...]
+    chosen: int
+    noise: NoiseModel
+    weights: tuple[Weights, ...]
+    gauge: str
+    warnings: tuple[str, ...]
+
+    @property
+    def l_max(self) -> int:
+        """Degree of the lighting."""
+        return self.rungs[self.chosen].fit.l_max
+
+    @property
+    def normalised_coefficients(self) -> Floats:
+        """The whole lighting's coefficients ((l_max + 1)^2, 3), sources included, over those of degree 0."""
+        total = with_sources(self.rungs[self.chosen].fit)
+        return np.asarray(total / total[0])
+
+
+def with_sources(fit: Fit) -> Floats:
+    """Coefficients ((l_max + 1)^2, 3) of all light, the sources' added to the slow light's."""
+    size = (fit.l_max + 1) ** 2
+    slow = fit.light[:size]
+    if not len(fit.state.directions):
+        return slow
+    return np.asarray(slow + project_sources(fit.state.directions, fit.light[size:], fit.l_max))
+
+
+def predict_blind(solution: BlindSolution, field: LightField) -> Floats:
+    """Radiance (n, 3) of a photograph's samples under the recovered light, in the photographs' units."""
+    fit = solution.rungs[solution.chosen].fit
+    return predicted(fit, rows_of(Sight.of(field, fit.l_max), fit.state, fit.l_max))

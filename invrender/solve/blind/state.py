@@ -1,0 +1,101 @@
+"""The nonlinear unknowns: what of the BRDF and of the sources radiance is not linear in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.model.fresnel import MU_RANGE
+from invrender.model.microfacet import SIGMA_RANGE
+
+Floats = NDArray[np.float64]
+
+# Largest steps: of a share, of log(mu - 1) and log sigma, and of a source, radians.
+_STEPS = {"kappa": 0.2, "mu": 0.5, "sigma": 0.5, "source": 0.1}
+_SHARES = (1e-3, 1 - 1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A BRDF up to its scale, and where the sources are.
+
+    kappa : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is diffuse, and
+    kappa zero. directions : (k, 3) unit, towards the sources.
+    """
+
+    kappa: Floats
+    mu: float | None
+    sigma: float | None
+    directions: Floats
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nonlinear parameters, in the order of steps and covariances.
+
+        mu stands for log(mu - 1), sigma for log sigma; a source's two are turns, radians, along its `tangents`.
+        """
+        names = [] if self.sigma is None else ["kappa r", "kappa g", "kappa b"]
+        names += [] if self.mu is None else ["mu"]
+        names += [] if self.sigma is None else ["sigma"]
+        return (*names, *(f"source {k + 1} {way}" for k in range(len(self.directions)) for way in "ab"))
+
+    def own(self, channel: int) -> list[int]:
+        """Indices into `names` of what a channel depends on: its kappa and what all share."""
+        skip = {"kappa r", "kappa g", "kappa b"} - {f"kappa {'rgb'[channel]}"}
+        return [k for k, name in enumerate(self.names) if name not in skip]
+
+    def scales(self) -> Floats:
+        """Derivatives of kappa, mu, sigma (radians) and turns by the parameters that `names` lists."""
+        by_name = {"mu": (self.mu or 1) - 1, "sigma": self.sigma or 0.0}
+        return np.array([by_name.get(name, 1.0) for name in self.names])
+
+    def moved(self, step: Floats) -> State:
+        """The state after a step, cut to what a linear model can be trusted with and to the parameters' ranges."""
+        limits = np.array([_STEPS[name.split()[0]] for name in self.names])
+        by_name = dict(zip(self.names, np.clip(step, -limits, limits).tolist(), strict=True))
+        if self.sigma is None:
+            kappa, sigma = self.kappa, None
+        else:
+            kappa = np.clip(self.kappa + [by_name[f"kappa {c}"] for c in "rgb"], *_SHARES)
+            sigma = float(np.clip(self.sigma * np.exp(by_name["sigma"]), *SIGMA_RANGE))
+        mu = None if self.mu is None else float(np.clip(1 + (self.mu - 1) * np.exp(by_name["mu"]), *MU_RANGE))
+        turned = [
+            turn(direction, by_name[f"source {k + 1} a"], by_name[f"source {k + 1} b"])
+            for k, direction in enumerate(self.directions)
+        ]
+        return State(kappa, mu, sigma, np.array(turned).reshape(-1, 3))
+
+    def stuck(self, gradient: Floats) -> NDArray[np.bool_]:
+        """Which parameters are at an end of their range that they would leave, (t,)."""
+        ends = {"mu": (self.mu, MU_RANGE), "sigma": (self.sigma, SIGMA_RANGE)}
+        ends |= {f"kappa {c}": (float(self.kappa[k]), _SHARES) for k, c in enumerate("rgb")}
+        found = []
+        for name, slope in zip(self.names, gradient, strict=True):
+            value, (low, high) = ends.get(name, (None, (0.0, 0.0)))
+            found.append(
+                value is not None and ((value <= low and slope < 0) or (value >= high and slope > 0))
+            )
+        return np.array(found, bool)
+
+    def with_source(self, direction: Floats) -> State:
+        """The same with one more source."""
+        return replace(self, directions=np.vstack([self.directions, direction]))
+
+    def without_source(self, index: int | NDArray[np.int64]) -> State:
+        """The same without one of its sources, or several."""
+        return replace(self, directions=np.delete(self.directions, index, axis=0))
+
+
+def tangents(direction: Floats) -> Floats:
+    """Two unit vectors (2, 3) across a direction and each other."""
+    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(direction, first)])
+
+
+def turn(direction: Floats, a: float, b: float) -> Floats:
+    """A direction turned by small angles, radians, along its tangents."""
+    moved = direction + np.array([a, b]) @ tangents(direction)
+    return np.asarray(moved / np.linalg.norm(moved))

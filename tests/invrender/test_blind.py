@@ -1,0 +1,260 @@
+"""Factorization under wholly unknown light, against photographs by brute-force integration over incident directions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from invrender.solve.blind import Region, factorize_blind, predict_blind
+from recon.harmonics import evaluate_harmonics, sphere_directions
+from recon.lightfield import LightField
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
+from synthetic.render.lobes import reflected_radiance
+
+NOISE, FLOOR = 0.01, 0.001
+TEFLON = radiometric(RH01_MATERIALS["teflon"])
+
+
+def photographs(
+    bench: SimpleNamespace,
+    material: Microfacet,
+    views: int,
+    samples: int,
+    lights: Sequence[AreaLight] | None = None,
+    sources: Sequence[DirectionalSource] | None = None,
+    radius_px: float = 90.0,
+) -> list[LightField]:
+    """Photographs of a sphere from `views` angles, `samples` in all, without noise."""
+    lights = [bench.area_light] if lights is None else lights
+    sources = [bench.source] if sources is None else sources
+    angles = np.linspace(0, 177, views) if views > 3 else [0, 60, 120][:views]
+    photos = []
+    for angle in angles:
+        field = bench.sphere_field(angle, samples // views, radius_px)
+        radiance = reflected_radiance(material, lights, sources, field.normals, field.views)
+        photos.append(replace(field, radiance=field.mean_over_rays(radiance)))
+    return photos
+
+
+def noisy(photos: Sequence[LightField], rng: np.random.Generator) -> list[LightField]:
+    deviations = [np.hypot(NOISE * photo.radiance, FLOOR * photo.radiance.mean()) for photo in photos]
+    return [
+        replace(photo, radiance=photo.radiance + deviation * rng.standard_normal(deviation.shape))
+        for photo, deviation in zip(photos, deviations, strict=True)
+    ]
+
+
+def share(material: Microfacet) -> np.ndarray:
+    return np.asarray(material.ks / (material.kd + material.ks))
+
+
+def first_coefficients(lights: Sequence[AreaLight], sources: Sequence[DirectionalSource]) -> np.ndarray:
+    """Harmonic coefficients of all light up to degree 2 over that of degree 0, (9, 3), by equal solid angles."""
+    grid = sphere_directions(20000)
+    radiance = sum(light.radiance_from(grid) for light in lights)
+    total = 4 * np.pi / len(grid) * evaluate_harmonics(grid, 2).T @ radiance
+    for source in sources:
+        total = total + evaluate_harmonics(source.direction[None], 2).T * source.irradiance
+    return np.asarray(total / total[0])
+
+
+def degrees_apart(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.degrees(2 * np.arcsin(np.linalg.norm(a - b) / 2)))
+
+
+# What the design asks for: share, mu, sigma.
+MANY, FEW = (0.001, 0.015, 0.0003), (0.002, 0.03, 0.0006)
+
+
+@pytest.mark.parametrize(
+    ("name", "views", "samples", "limits"),
+    [
+        ("teflon", 30, 20000, MANY),
+        ("teflon", 3, 20000, FEW),
+        # With more of specular reflection fewer samples will do.
+        ("steel", 12, 6000, MANY),
+        ("painted", 12, 6000, MANY),
+    ],
+)
+def test_brdf_light_and_source_are_found_from_photographs_alone(
+    bench: SimpleNamespace,
+    rng: np.random.Generator,
+    name: str,
+    views: int,
+    samples: int,
+    limits: tuple[float, float, float],
+):
+    material = radiometric(RH01_MATERIALS[name])
+    photos = noisy(photographs(bench, material, views, samples), rng)
+    found = factorize_blind(photos, ladder=False)
+    assert_allclose(found.brdf_share, share(material), atol=limits[0])
+    assert (found.mu is None) == (material.mu is None)
+    if found.mu is not None:
+        assert_allclose(found.mu, material.mu, atol=limits[1])
+    assert_allclose(found.sigma, material.sigma, atol=limits[2])
+    assert len(found.sources.directions) == 1
+    assert degrees_apart(found.sources.directions[0], bench.source.direction) < 0.05
+    truth = first_coefficients([bench.area_light], [bench.source])
+    assert_allclose(found.normalised_coefficients[:9], truth, atol=0.003)
+    assert {"kd_normalised", "ks_normalised", "sigma"} <= found.quantities.keys()
+    assert {quantity.status for quantity in found.quantities.values()} == {"determined"}
+    # Few photographs are left out by tiles: without one of three the light would not be seen from all sides.
+    assert len(found.rungs[0].deviance) == (views if views > 3 else 10)
+    # A view that no photograph shows, from above them all, is predicted far below its noise.
+    unseen = bench.sphere_field(30.0, 2000, seed=5)
+    expected = unseen.mean_over_rays(
+        reflected_radiance(material, [bench.area_light], [bench.source], unseen.normals, unseen.views)
+    )
+    error = predict_blind(found, unseen) - expected
+    assert np.sqrt(np.mean(error**2)) < 0.3 * NOISE * np.sqrt(np.mean(expected**2))
+
+
+def test_errors_are_those_that_the_covariance_states(bench: SimpleNamespace, rng: np.random.Generator):
+    # Light of few degrees, so that eight fits are quick; hardly any of it is beyond degree 5.
+    light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.7)
+    clean = photographs(bench, TEFLON, 6, 2000, lights=[light])
+    scores = []
+    for _ in range(8):
+        found = factorize_blind(noisy(clean, rng), orders=[5], ladder=False)
+        assert found.mu is not None
+        assert found.sigma is not None
+        across = found.sources.directions[0] - bench.source.direction
+        std = np.sqrt(np.diag(found.covariance))
+        error = [*(found.brdf_share - share(TEFLON)), found.mu - 1.78, found.sigma - 0.12]
+        way = np.radians(found.sources.direction_std_deg[0]) * np.sqrt(2)
+        scores.append([*(error / std[:5]), np.linalg.norm(across) / way])
+    rms = np.sqrt(np.mean(np.square(scores), axis=0))
+    # Eight draws scatter by a quarter; shares of three channels, mu and sigma are correlated.
+    assert 0.6 < np.sqrt(np.mean(rms[:5] ** 2)) < 1.4
+    assert (rms < 1.8).all()
+    # That of the direction is the worse of two ways: it may be smaller.
+    assert rms[5] > 0.3
+
+
+def test_soft_light_leaves_sigma_undetermined(bench: SimpleNamespace, rng: np.random.Generator):
+    light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.8)
+    photos = noisy(photographs(bench, TEFLON, 10, 4000, lights=[light], sources=[]), rng)
+    found = factorize_blind(photos, orders=[6], ladder=False)
+    assert not len(found.sources.directions)
+    sigma = found.quantities["sigma"]
+    assert sigma.status == "undetermined"
+    assert sigma.value is None
+    assert "degrees up to" in sigma.reason
+    assert "small, bright source" in sigma.remedy
+
+
+def test_a_lambertian_object_is_told_and_shows_light_up_to_degree_two(
+    bench: SimpleNamespace, rng: np.random.Generator
+):
+    matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
+    found = factorize_blind(noisy(photographs(bench, matte, 10, 4000), rng), orders=[6, 10])
+    assert found.model.startswith("lambertian")
+    assert found.sigma is None
+    assert found.determined_degree == 2
+    # Nothing at all of degree 3 passes: what is known of it is the prior.
+    assert_allclose(found.degree_shares[3], 0, atol=0.01)
+    assert found.quantities["lighting"].status == "undetermined"
+    assert "above 2" in found.quantities["lighting"].reason
+    # Antipodes differ by light of degree 1 only, which only the demand that light be positive tells apart.
+    axis = found.sources.directions[0]
+    assert min(degrees_apart(axis, way * bench.source.direction) for way in (-1, 1)) < 0.2
+
+
+def test_the_ladder_needs_fresnel_light_and_source_and_no_more(
+    bench: SimpleNamespace, rng: np.random.Generator
+):
+    found = factorize_blind(noisy(photographs(bench, TEFLON, 10, 5000), rng), orders=[4, 8])
+    assert found.model == "microfacet, lighting of degree 8, 1 source"
+    chosen = found.rungs[found.chosen]
+    # Noise, relative, is 1%; whoever leaves something out predicts unseen photographs clearly worse.
+    assert chosen.error < 1.1 * NOISE
+    assert min(rung.error for k, rung in enumerate(found.rungs) if k != found.chosen) > 1.3 * chosen.error
+
+
+def test_sources_are_told_apart_down_to_the_width_of_the_lobe(
+    bench: SimpleNamespace, rng: np.random.Generator
+):
+    beside = [
+        DirectionalSource(bench.direction(azimuth, elevation), np.array([0.8, 0.7, 0.9]))
+        for azimuth, elevation in ((60, 60), (-16, 25))
+    ]
+    apart, together = (
+        factorize_blind(
+            noisy(photographs(bench, TEFLON, 10, 4000, sources=[bench.source, other]), rng),
+            orders=[8],
+            ladder=False,
+        )
+        for other in beside
+    )
+    assert len(apart.sources.directions) == 2
+    for source in (bench.source, beside[0]):
+        assert min(degrees_apart(d, source.direction) for d in apart.sources.directions) < 0.15
+    # 3.6 degrees beside each other under a lobe of 6.9: one source, between the two, and a warning.
+    assert len(together.sources.directions) == 1
+    widened, sigma = together.quantities["sigma"], TEFLON.sigma
+    assert widened.value is not None
+    assert widened.std is not None
+    assert abs(widened.value[0] - sigma) < 3 * widened.std[0]
+    assert degrees_apart(together.sources.directions[0], bench.source.direction) < 3.6
+    assert "treated as one" in together.warnings[0]
+
+
+def test_sources_stay_within_the_region_that_was_given(bench: SimpleNamespace, rng: np.random.Generator):
+    photos = noisy(photographs(bench, TEFLON, 10, 4000), rng)
+    near = Region(bench.direction(-10, 35), 0.4)
+    found = factorize_blind(photos, orders=[8], source_region=near, ladder=False)
+    assert degrees_apart(found.sources.directions[0], bench.source.direction) < 0.05
+    away = Region(bench.direction(160, -40), 0.4)
+    found = factorize_blind(photos, orders=[8], source_region=away, ladder=False)
+    assert not len(found.sources.directions)
+
+
+def test_regions_off_the_sphere_of_directions_are_refused():
+    with pytest.raises(ValueError, match=r"length 2, outside the sphere of directions"):
+        Region(np.array([0.0, 0.0, 2.0]), 0.2)
+    with pytest.raises(ValueError, match=r"radius is 4\.0 rad, outside the sphere of directions"):
+        Region(np.array([0.0, 0.0, 1.0]), 4.0)
+
+
+def _one(photos: list[LightField]) -> list[LightField]:
+    return photos[:1]
+
+
+def _few(photos: list[LightField]) -> list[LightField]:
+    return [photo.where(np.arange(len(photo)) < 5) for photo in photos]
+
+
+def _missing(photos: list[LightField]) -> list[LightField]:
+    return [photos[0], replace(photos[1], radiance=np.full_like(photos[1].radiance, np.nan))]
+
+
+def _negative(photos: list[LightField]) -> list[LightField]:
+    return [replace(photo, radiance=-photo.radiance) for photo in photos]
+
+
+def _one_angle(photos: list[LightField]) -> list[LightField]:
+    return [replace(photo, views=photo.normals) for photo in photos]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (_one, "there are 1 photographs; one can't tell light from reflectance"),
+        (_few, "10 samples for 31 unknowns"),
+        (_missing, "photograph 1: 900 of 900 radiances are not finite"),
+        (_negative, "100% of the radiances are zero or negative"),
+        (_one_angle, "one exitant angle, 0.0 degrees"),
+    ],
+)
+def test_photographs_that_determine_nothing_are_refused(bench: SimpleNamespace, spoil, message: str):
+    photos = photographs(bench, TEFLON, 2, 600, sources=[])
+    with pytest.raises(ValueError, match=message):
+        factorize_blind(spoil(photos))
