@@ -7,11 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.camera import Camera
 from capture.parallel import parallel_map
 from invrender.pipeline import DEFAULT_SAMPLES as FIT_SAMPLES
 from invrender.plan.experiment import Experiment, View
-from invrender.plan.information import Information, photograph_information
+from invrender.plan.information import Tally, photograph_tally
 from invrender.plan.lightprospect import UnknownLight
 from invrender.plan.photographs import Draw, Shown, draw, picture, reflected, shown
 from invrender.plan.reflected import Optics, Parts
@@ -73,24 +72,20 @@ class Bench:
 
     def information(
         self, light: int, drawn: Draw, seen: Shown, brightness: Floats, exposure_s: float
-    ) -> Information:
+    ) -> Tally:
         """What a photograph tells, all the files of its bracket together; brightness : (k, 3), its radiance."""
         sensor = self.experiment.sensor
         radiance = seen.radiance
         weights = sensor.information(radiance, brightness, exposure_s)
         least = _LEAST_NOISE * float(np.sqrt(np.mean(brightness**2)))
         weights = np.minimum(weights, 1 / max(least, 1e-150) ** 2)
-        told = photograph_information(self.unknowns[light], drawn.field, radiance, seen.columns, weights)
+        told = photograph_tally(self.unknowns[light], drawn.field, radiance, seen.columns, weights)
         return told.times(drawn.stands_for * sensor.exposures)
 
-    def one_more(self, light: int, drawn: Draw, seen: Shown) -> Information:
+    def one_more(self, light: int, drawn: Draw, seen: Shown) -> Tally:
         """What one more photograph tells, exposed for itself, by the samples that are looked at."""
         brightness = seen.radiance
         if not brightness.any():
-            return Information.none(self.unknowns[light].size)
+            return Tally.none(self.unknowns[light].size)
         exposure_s = self.experiment.sensor.exposure_s([brightness])
         return self.information(light, drawn, seen, brightness, exposure_s)
-
-    def posed(self, pose: Floats) -> Camera:
-        """The first photograph's camera at a world_to_camera (4, 4)."""
-        return self.experiment.views[0].camera.posed(pose)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import software
-from invrender.plan.advice import Advice, Candidate
+from invrender.plan.advice import Advice
+from invrender.plan.candidates import Candidate
 from invrender.plan.experiment import Experiment, angles_deg
 from invrender.plan.lightprospect import LightProspect
 from invrender.plan.planning import Plan
@@ -18,7 +19,7 @@ from invrender.plan.prospect import Expected
 FORMAT = 1
 
 
-def plan_document(plan: Plan, advice: Advice | None, inputs: Mapping[str, str]) -> dict[str, Any]:
+def plan_document(plan: Plan, advice: Advice, inputs: Mapping[str, str]) -> dict[str, Any]:
     """The plan as JSON-ready data; numbers are finite. inputs : file -> "sha256:..."."""
     experiment = plan.experiment
     prospects = {prospect.name: prospect for prospect in plan.lights}
@@ -46,7 +47,7 @@ def plan_document(plan: Plan, advice: Advice | None, inputs: Mapping[str, str]) 
             for light in experiment.lights
         ],
         "repeated": _outcome(plan.repeated),
-        "advice": None if advice is None else _advice(experiment, advice),
+        "advice": _advice(experiment, advice),
         "notes": list(experiment.notes),
         "inputs": dict(inputs),
         "software": software(),
@@ -68,35 +69,35 @@ def _light(prospect: LightProspect) -> dict[str, Any]:
         "sh": {"value": _numbers(prospect.coefficients), "std": _numbers(prospect.std)},
         "determined_shares": _numbers(prospect.shares),
         "determined_degree": prospect.highest,
-        "determined_coefficients": prospect.rank,
+        "effective_rank": prospect.effective_rank,
         "reached": prospect.reached,
     }
 
 
 def _advice(experiment: Experiment, advice: Advice) -> dict[str, Any]:
     found: dict[str, Any] = {"target": advice.target.name}
-    for kind, candidates in (("view", advice.views), ("light", advice.lights)):
-        found[kind] = _candidate(experiment, advice.best(candidates))
-        found[f"{kind}_above_horizon"] = _candidate(experiment, advice.best(candidates, above_horizon=True))
-        directions, gains = advice.gains(candidates)
-        found[f"{kind}s_tried"] = {"direction": _numbers(directions), "gain": _numbers(gains)}
+    for kind, trial in (("view", advice.view), ("lamp", advice.lamp)):
+        directions, gains = trial.gains(advice.target)
+        found[kind] = {
+            "best": _candidate(experiment, trial.best),
+            "best_above_horizon": _candidate(experiment, trial.best_above),
+            "tried": {"direction": _numbers(directions), "gain": _numbers(gains)},
+        }
     return found
 
 
-def _candidate(experiment: Experiment, candidate: Candidate | None) -> dict[str, Any] | None:
-    if candidate is None:
-        return None
-    azimuth, elevation = angles_deg(candidate.direction)
+def _candidate(experiment: Experiment, candidate: Candidate) -> dict[str, Any]:
+    azimuth, elevation = angles_deg(candidate.place.direction)
     place: dict[str, Any] = {
         "azimuth_deg": azimuth,
         "elevation_deg": elevation,
-        "direction": _numbers(candidate.direction),
-        "lighting": experiment.lights[candidate.light].lighting.name,
+        "direction": _numbers(candidate.place.direction),
+        "lighting": experiment.lights[candidate.place.view.light].lighting.name,
     }
-    if candidate.viewpoint is None:
+    if candidate.irradiance is None:
         place["distance"] = experiment.distance
     else:
-        place["photo"] = experiment.views[candidate.viewpoint].name
+        place["photo"] = candidate.place.view.name
         place["irradiance"] = _numbers(candidate.irradiance)
     return place | {"quantities": _outcome(candidate.expected)}
 
@@ -105,5 +106,5 @@ def _outcome(expected: Sequence[Expected]) -> list[dict[str, Any]]:
     return [{"name": one.name, "std": _numbers(one.std), "status": one.quantity.status} for one in expected]
 
 
-def _numbers(values: NDArray[np.float64] | None) -> Any:
-    return None if values is None else np.asarray(values, float).tolist()
+def _numbers(values: NDArray[np.float64]) -> Any:
+    return np.asarray(values, float).tolist()

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from capture.figures import printable
 from capture.lighting import latlong_directions
-from invrender.plan.advice import Advice
+from invrender.plan.advice import Advice, Trial
 from invrender.plan.experiment import angles_deg
 from invrender.plan.lightprospect import DETERMINED
 from invrender.plan.planning import Plan
+from invrender.plan.prospect import Expected
 from invrender.plan.summary import shown_quantities
 
 if TYPE_CHECKING:
@@ -32,11 +33,11 @@ _LEAST_SCALE = 1.25
 _MOST_LIGHTS, _MOST_SOURCES = 6, 20
 
 
-def plan_figure(plan: Plan, advice: Advice | None) -> Figure:
+def plan_figure(plan: Plan, advice: Advice) -> Figure:
     """Expected relative deviations; gain over directions of views and of lights; determined share per degree."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(14, 9), dpi=110, layout="constrained")
+    figure = Figure(figsize=(14, 8.6), dpi=110, layout="constrained")
     figure.suptitle(printable(f"{plan.experiment.name}: what will be known, and what would help"))
     grid = figure.add_gridspec(2, 2, height_ratios=[1, 1.1])
     if plan.lights:
@@ -44,28 +45,17 @@ def plan_figure(plan: Plan, advice: Advice | None) -> Figure:
         _draw_light(figure.add_subplot(grid[0, 1]), plan)
     else:
         _draw_quantities(figure.add_subplot(grid[0, :]), plan, advice)
-    if advice is not None:
-        for column, kind in enumerate(("view", "lamp")):
-            axes = figure.add_subplot(grid[1, column], projection="mollweide")
-            _draw_gains(figure, axes, plan, advice, kind)
+    for column, (kind, trial) in enumerate((("view", advice.view), ("lamp", advice.lamp))):
+        axes = figure.add_subplot(grid[1, column], projection="mollweide")
+        _draw_gains(figure, axes, plan, advice.target, kind, trial)
     return figure
 
 
-def _draw_quantities(axes: Axes, plan: Plan, advice: Advice | None) -> None:
+def _draw_quantities(axes: Axes, plan: Plan, advice: Advice) -> None:
     now = shown_quantities(plan)
-    if not now:
-        axes.set_axis_off()
-        axes.text(0.5, 0.5, "nothing is to be found out", ha="center", transform=axes.transAxes)
-        return
     series = [("now", now, "o", "C0"), ("every photograph twice", plan.repeated, "d", "C7")]
-    if advice is not None:
-        for label, candidates, marker, colour in (
-            ("one view more", advice.views, "<", "C2"),
-            ("one lamp more", advice.lights, "*", "C1"),
-        ):
-            best = advice.best(candidates)
-            if best is not None:
-                series.append((label, best.expected, marker, colour))
+    series.append(("one view more", advice.view.best.expected, "<", "C2"))
+    series.append(("one lamp more", advice.lamp.best.expected, "*", "C1"))
     heights = np.arange(len(now))[::-1]
     for index, (label, expected, marker, colour) in enumerate(series):
         by_name = {one.name: one for one in expected}
@@ -91,7 +81,9 @@ def _draw_quantities(axes: Axes, plan: Plan, advice: Advice | None) -> None:
 
 def _draw_light(axes: Axes, plan: Plan) -> None:
     for index, prospect in enumerate(plan.lights[:_MOST_LIGHTS]):
-        name = printable(f"{prospect.name}: {prospect.rank:.0f} of {(prospect.l_max + 1) ** 2} coefficients")
+        name = printable(
+            f"{prospect.name}: {prospect.effective_rank:.0f} of {(prospect.l_max + 1) ** 2} coefficients"
+        )
         degrees = np.arange(prospect.l_max + 1)
         axes.plot(degrees, 100 * prospect.shares, "o-", color=f"C{index}", label=name)
     axes.axhline(100 * DETERMINED, color="C3", linestyle=":", linewidth=1, label="from here on determined")
@@ -101,11 +93,10 @@ def _draw_light(axes: Axes, plan: Plan) -> None:
     axes.legend(loc="best", fontsize=8)
 
 
-def _draw_gains(figure: Figure, axes: Axes, plan: Plan, advice: Advice, kind: str) -> None:
+def _draw_gains(figure: Figure, axes: Axes, plan: Plan, target: Expected, kind: str, trial: Trial) -> None:
     from matplotlib.colors import LogNorm, Normalize
 
-    candidates = advice.views if kind == "view" else advice.lights
-    blended = _blended(*advice.gains(candidates))
+    blended = _blended(*trial.gains(target))
     highest = max(float(blended.max()), _LEAST_SCALE)
     norm = (LogNorm if highest > _WIDE else Normalize)(1, highest)
     # From -180 to 180 degrees of azimuth, where a lat-long map runs from 0 to 360.
@@ -113,23 +104,24 @@ def _draw_gains(figure: Figure, axes: Axes, plan: Plan, advice: Advice, kind: st
     elevation = np.pi / 2 - (np.arange(_MAP_HEIGHT) + 0.5) * np.pi / _MAP_HEIGHT
     values = np.roll(np.maximum(blended, 1), _MAP_HEIGHT, axis=1)
     drawn = axes.pcolormesh(azimuth, elevation, values, norm=norm, cmap="viridis", shading="nearest")
-    what = "its uncertainty shrinks by this factor"
-    figure.colorbar(drawn, ax=axes, orientation="horizontal", shrink=0.8, pad=0.12, label=what)
+    what = printable(f"gain: std of {target.label} now, over that with it")
+    figure.colorbar(drawn, ax=axes, orientation="horizontal", shrink=0.8, pad=0.12).set_label(
+        what, fontsize=9
+    )
     experiment = plan.experiment
     views = [experiment.direction(view) for view in experiment.views]
     _mark(axes, views, ".", "white", "photographs")
     sources = [one for light in experiment.lights for one in light.lighting.directions]
     _mark(axes, sources[:_MOST_SOURCES], "*", "gold", "sources")
-    best = advice.best(candidates)
-    if best is not None:
-        _mark(axes, [best.direction], "o", "red", f"best {kind}", hollow=True)
-        if best.viewpoint is not None:
-            _mark(axes, [views[best.viewpoint]], "s", "red", "photographed from here", hollow=True)
+    best = trial.best.place
+    _mark(axes, [best.direction], "o", "red", f"best {kind}", hollow=True)
+    if best.viewpoint is not None:
+        _mark(axes, [views[best.viewpoint]], "s", "red", "photographed from here", hollow=True)
     axes.grid(alpha=0.3)
     axes.tick_params(labelsize=7, labelcolor="0.5")
     where = "from azimuth, elevation" if kind == "view" else "towards azimuth, elevation"
-    axes.set_title(printable(f"One {kind} more, {where}: what it does for {advice.target.label}"))
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=4, fontsize=8, facecolor="0.75")
+    axes.set_title(f"One {kind} more: {where}")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=4, fontsize=7, facecolor="0.75")
 
 
 def _blended(directions: Floats, gains: Floats) -> Floats:
@@ -149,4 +141,4 @@ def _mark(
     style: dict[str, Any] = {"facecolors": "none", "edgecolors": colour, "linewidths": 2, "s": 110}
     if not hollow:
         style = {"c": colour, "edgecolors": "black", "linewidths": 0.5, "s": 90 if marker == "*" else 40}
-    axes.scatter(angles[:, 0], angles[:, 1], marker=marker, label=label, **style)
+    axes.scatter(angles[:, 0], angles[:, 1], marker=marker, label=label, clip_on=False, **style)

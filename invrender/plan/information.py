@@ -24,10 +24,11 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class Tally:
     """What photographs under one lighting tell of its p unknowns, in units of the prior. Adds up over photographs.
 
-    matrix : (p, p), Fisher's. pull : (p, p), sum over tiles of the outer products of their scores under a model error.
+    matrix : (p, p), Fisher's information, as in `theory.conditioning`, where unknowns are linear and have no scores.
+    pull : (p, p), sum over tiles of the outer products of their scores under a model error.
     patches : patch of the surface -> (p,), the same scores summed over all that is seen of it.
     """
 
@@ -36,26 +37,26 @@ class Information:
     patches: Mapping[int, Floats]
 
     @classmethod
-    def none(cls, size: int) -> Information:
+    def none(cls, size: int) -> Tally:
         """That of no photograph."""
         return cls(np.zeros((size, size)), np.zeros((size, size)), {})
 
-    def __add__(self, other: Information) -> Information:
+    def __add__(self, other: Tally) -> Tally:
         patches = dict(self.patches)
         for patch, score in other.patches.items():
             patches[patch] = patches[patch] + score if patch in patches else score
-        return Information(self.matrix + other.matrix, self.pull + other.pull, patches)
+        return Tally(self.matrix + other.matrix, self.pull + other.pull, patches)
 
-    def times(self, count: float) -> Information:
+    def times(self, count: float) -> Tally:
         """Of so many samples for each."""
         patches = {patch: count * score for patch, score in self.patches.items()}
-        return Information(count * self.matrix, count**2 * self.pull, patches)
+        return Tally(count * self.matrix, count**2 * self.pull, patches)
 
 
-def photograph_information(
+def photograph_tally(
     unknowns: Unknowns, field: LightField, radiance: Floats, columns: Floats, weights: Floats
-) -> Information:
-    """Information of one photograph's samples.
+) -> Tally:
+    """Tally of one photograph's samples.
 
     radiance : (n, 3). columns : (3, n, q), derivatives of it in `unknowns.places`. weights : (n, 3), inverse variances.
     """
@@ -69,7 +70,7 @@ def photograph_information(
     tiles = _sums(tile_of(field), scores) if len(field) else {}
     by_tile = np.array(list(tiles.values())).reshape(-1, unknowns.size)
     patches = _sums(patch_of(field), scores) if len(field) else {}
-    return Information(matrix, by_tile.T @ by_tile, patches)
+    return Tally(matrix, by_tile.T @ by_tile, patches)
 
 
 def _sums(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
@@ -87,7 +88,7 @@ class Marginal:
     """
 
     unknowns: Unknowns
-    information: Information
+    information: Tally
     rows: Floats
 
     @cached_property
@@ -192,7 +193,7 @@ class Posterior:
         patches = (moved**2).sum(axis=0)
         return Spread(np.sqrt(variance), np.sqrt(np.maximum(pull, patches)))
 
-    def with_information(self, index: int, added: Information) -> Posterior:
+    def with_information(self, index: int, added: Tally) -> Posterior:
         """With more photographs under the lighting of one marginal."""
         old = self.marginals[index]
         return self._with_marginal(index, replace(old, information=old.information + added))

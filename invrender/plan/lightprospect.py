@@ -62,8 +62,8 @@ class LightProspect:
         return int(lacking[0]) - 1 if len(lacking) else self.l_max
 
     @property
-    def rank(self) -> float:
-        """How many coefficients of a channel are determined: the degrees of freedom of the light's estimate."""
+    def effective_rank(self) -> float:
+        """How many coefficients of a channel are determined: the sum of their shares."""
         return float((self.shares * (2 * np.arange(self.l_max + 1) + 1)).sum())
 
 

@@ -13,7 +13,7 @@ from capture.parallel import one_blas_thread, parallel_map
 from capture.progress import Track, silent
 from invrender.plan.bench import FEWEST, Bench
 from invrender.plan.experiment import Experiment
-from invrender.plan.information import Information, Marginal, Posterior
+from invrender.plan.information import Marginal, Posterior, Tally
 from invrender.plan.lightprospect import LightProspect
 from invrender.plan.photographs import Draw
 from invrender.plan.prospect import Expected, brdf_prospect
@@ -33,7 +33,7 @@ class Plan:
     """
 
     bench: Bench
-    told: tuple[Information, ...]
+    told: tuple[Tally, ...]
     draws: tuple[Draw, ...]
 
     @property
@@ -129,7 +129,7 @@ def make_plan(
                 f"{experiment.name}: no light reaches what the photographs show; turn the lights"
             )
         exposure_s = experiment.sensor.exposure_s(brightness)
-        told = [Information.none(unknowns.size) for unknowns in bench.unknowns]
+        told = [Tally.none(unknowns.size) for unknowns in bench.unknowns]
         seen = {
             light: bench.shown(
                 light, [one for one, view in zip(draws, views, strict=True) if view.light == light]
@@ -143,9 +143,10 @@ def make_plan(
 
 
 def _check_usable(experiment: Experiment, draws: Sequence[Draw]) -> None:
-    for index, one in enumerate(draws):
-        if one.stands_for * len(one.field) < FEWEST:
+    for view, one in zip(experiment.views, draws, strict=True):
+        usable = round(one.stands_for * len(one.field))
+        if usable < FEWEST:
             raise ValueError(
-                f"{experiment.name}: photograph {index} shows {round(one.stands_for * len(one.field))} usable pixels"
-                f" of the object, and {FEWEST} are needed: it must be larger in the picture, or in it at all"
+                f"{experiment.name}: photograph {view.name} shows {usable} usable pixels of the object, and {FEWEST}"
+                " are needed: it must be larger in the picture, or in it at all"
             )

@@ -103,7 +103,6 @@ def brdf_prospect(
 LABELS = {
     "kd": "Kd (1/sr)",
     "ks": "Ks",
-    "kd_normalised": "Kd / (Kd + Ks)",
     "ks_normalised": "Ks / (Kd + Ks)",
     "sigma": "sigma (rad)",
     "mu": "mu",

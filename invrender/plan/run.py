@@ -38,13 +38,12 @@ def run_plan(
     console.print(places, soft_wrap=True, markup=False)
 
 
-def _planned(experiment: Experiment, degree: int, samples: int) -> tuple[Plan, Advice | None]:
+def _planned(experiment: Experiment, degree: int, samples: int) -> tuple[Plan, Advice]:
     plan = make_plan(experiment, degree, samples, track)
     return plan, advise(plan, track)
 
 
-def _report(plan: Plan, advice: Advice | None) -> None:
-    if plan.expected:
-        console.print(quantity_table(plan))
+def _report(plan: Plan, advice: Advice) -> None:
+    console.print(quantity_table(plan))
     for sentence in sentences(plan, advice):
         console.print(sentence, markup=False)

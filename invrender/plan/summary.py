@@ -9,7 +9,8 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from invrender.plan.advice import Advice, Candidate
+from invrender.plan.advice import Advice
+from invrender.plan.candidates import Candidate
 from invrender.plan.document import gauge
 from invrender.plan.experiment import Experiment, angles_deg
 from invrender.plan.lightprospect import HALF, LightProspect
@@ -45,7 +46,7 @@ def shown_quantities(plan: Plan) -> list[Expected]:
     return own + of_light
 
 
-def sentences(plan: Plan, advice: Advice | None) -> Iterator[str]:
+def sentences(plan: Plan, advice: Advice) -> Iterator[str]:
     """All that is to be said beneath the table."""
     experiment = plan.experiment
     count = len(experiment.views)
@@ -65,8 +66,7 @@ def sentences(plan: Plan, advice: Advice | None) -> Iterator[str]:
     yield from _close_sources(experiment)
     if len(plan.lights) > _SHOWN:
         yield f"So for {len(plan.lights) - _SHOWN} lightings more; the table shows the one that is worst off."
-    if advice is not None:
-        yield from _advice_sentences(plan, advice)
+    yield from _advice_sentences(plan, advice)
     for note in experiment.notes:
         yield f"Note: {note}."
     if count * experiment.sensor.exposures == 1:
@@ -82,8 +82,8 @@ def _light_sentence(prospect: LightProspect) -> str:
         how_far += ", the highest asked for"
     rest = f", undetermined in degree{'s' * (len(lacking) > 1)} {_ranges(lacking)}" if lacking else ""
     return (
-        f"Light {prospect.name!r} is {how_far}{rest}: {prospect.rank:.0f} of {count} coefficients per channel."
-        f" Mirrored rays look at {prospect.reached:.0%} of all directions."
+        f"Light {prospect.name!r} is {how_far}{rest}: {prospect.effective_rank:.0f} of {count} coefficients per"
+        f" channel. Mirrored rays look at {prospect.reached:.0%} of all directions."
     )
 
 
@@ -115,10 +115,9 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 def _advice_sentences(plan: Plan, advice: Advice) -> Iterator[str]:
     target = advice.target
-    best_ones = [advice.best(candidates) for candidates in (advice.views, advice.lights)]
-    if target.quantity.status != "undetermined" and not any(
-        one is not None and _helps(plan, target, one) for one in best_ones
-    ):
+    trials = (("view", advice.view), ("lamp", advice.lamp))
+    helps = any(_helps(plan, target, trial.best) for _, trial in trials)
+    if target.quantity.status != "undetermined" and not helps:
         twice = _outcome(_named(plan.repeated, target.name))
         yield (
             f"Most is to be gained for {target.label}, {_outcome(target)}, and that is little: no single photograph"
@@ -127,10 +126,8 @@ def _advice_sentences(plan: Plan, advice: Advice) -> Iterator[str]:
         return
     yield f"Worst off is {target.label}: {_outcome(target)}. What more photographs would make of it:"
     yield f"- Every photograph taken twice: {_outcome(_named(plan.repeated, target.name))}."
-    for kind, candidates in (("view", advice.views), ("lamp", advice.lights)):
-        best = advice.best(candidates)
-        if best is None:
-            continue
+    for kind, trial in trials:
+        best, above = trial.best, trial.best_above
         if not _helps(plan, target, best):
             after = best.named(target.name)
             settles = (
@@ -141,9 +138,8 @@ def _advice_sentences(plan: Plan, advice: Advice) -> Iterator[str]:
             yield f"- No single {kind} more {settles}."
             continue
         text = f"- One {kind} more, {_place(plan, best)}: {_brings(plan, target, best)}."
-        above = advice.best(candidates, above_horizon=True)
-        if best.direction[2] < 0 and above is not None and _helps(plan, target, above):
-            text += f" Above the horizon the best is {_where(above)}: {_outcome(above.named(target.name))}."
+        if not best.place.above_horizon and above.place.above_horizon and _helps(plan, target, above):
+            text += f" Above the horizon, {_where(above)}: {_brings(plan, target, above)}."
         yield text
 
 
@@ -158,21 +154,19 @@ def _helps(plan: Plan, target: Expected, candidate: Candidate) -> bool:
 
 
 def _where(candidate: Candidate) -> str:
-    azimuth, elevation = angles_deg(candidate.direction)
+    azimuth, elevation = angles_deg(candidate.place.direction)
     return f"azimuth {azimuth:.0f}, elevation {elevation:.0f} degrees"
 
 
 def _place(plan: Plan, candidate: Candidate) -> str:
     experiment = plan.experiment
-    lighting = experiment.lights[candidate.light].lighting.name
-    if candidate.viewpoint is None:
+    lighting = experiment.lights[candidate.place.view.light].lighting.name
+    if candidate.irradiance is None:
         return f"from {_where(candidate)}, {experiment.distance:.2g} m away, under {lighting!r}"
-    assert candidate.irradiance is not None
     strength = ", ".join(f"{value:.2g}" for value in candidate.irradiance)
-    photo = experiment.views[candidate.viewpoint].name
     return (
         f"small, in addition to {lighting!r}, towards {_where(candidate)}, of irradiance [{strength}], photographed"
-        f" from where photograph {photo} is"
+        f" from where photograph {candidate.place.view.name} is"
     )
 
 
@@ -188,7 +182,9 @@ def _brings(plan: Plan, target: Expected, candidate: Candidate) -> str:
     still = [
         then.label for _, then in pairs if then.quantity.status == "undetermined" and then.name != target.name
     ]
-    if settled:
+    if settled and candidate.named(target.name).quantity.status == "undetermined":
+        text = f"leaves it undetermined, but settles {', '.join(settled)}"
+    elif settled:
         text += f"; it settles {', '.join(settled)} too"
     if still:
         text += f"; {', '.join(still)} stay{'s' * (len(still) == 1)} undetermined"
