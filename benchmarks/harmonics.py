@@ -46,8 +46,8 @@ def _prefiltering(channels: int, threads: int) -> None:
     values = np.random.default_rng(1).random((_HEIGHT, 2 * _HEIGHT, channels))
     transfer = phong_transfer(64.0, _L_MAX)
     maps = [np.ascontiguousarray(values[None, ..., c]) for c in range(channels)]
-    m, l = np.triu_indices(_L_MAX + 1)
-    factors = transfer[l]
+    degree = np.triu_indices(_L_MAX + 1)[1]
+    factors = transfer[degree]
 
     def bare() -> object:
         done = []
@@ -89,9 +89,7 @@ def _operator() -> None:
     )
 
 
-def _compare(
-    what: str, ours: Callable[[], object], bare: Callable[[], object], goal: float | None
-) -> None:
+def _compare(what: str, ours: Callable[[], object], bare: Callable[[], object], goal: float | None) -> None:
     times: dict[str, list[float]] = {"ours": [], "bare": []}
     for _ in range(_ROUNDS):
         for name, work in (("ours", ours), ("bare", bare)):

@@ -45,13 +45,16 @@ def comparison(twelve: LightResult, twenty: LightResult) -> Figure:
     assert twenty.dual is not None
     blurred = blurred_truth(twenty.truth, twenty.sigma)
     white = white_level(blurred)
-    figure = Figure(figsize=(19, 2.7), layout="constrained")
+    figure = Figure(figsize=(19, 3.0), layout="constrained")
     panels = figure.subplots(1, 5)
     draw_map(panels[0], twenty.truth.radiance_map, white, "true light: a screen and a lamp")
     draw_map(panels[1], coefficient_map(twelve.direct.values), white, "coefficients, l* = 12")
     draw_map(panels[2], coefficient_map(twenty.direct.values), white, "coefficients, l* = 20")
     draw_map(panels[3], twenty.dual.radiance, white, "dual: angular and frequency space")
     draw_map(panels[4], blurred, white, f"true light, blurred by σ = {twenty.sigma}")
+    for axes in panels:
+        axes.set_xlabel("azimuth from +X (degrees)")
+    panels[0].set_ylabel("polar angle\nfrom +Z (degrees)")
     return figure
 
 

@@ -13,7 +13,7 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import Microfacet
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.unknowns import Unknowns
-from invrender.solve.factorize import _NUMERICAL as NUMERICAL
+from invrender.solve.factorize import NUMERICAL
 from invrender.solve.identifiability import (
     UNIFORM_LIGHT,
     Scalar,

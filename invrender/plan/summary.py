@@ -17,6 +17,7 @@ from invrender.plan.lightprospect import HALF, LightProspect
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.report.page import with_error
+from invrender.solve.factorize import NUMERICAL
 
 # Of many lightings so many are told of; plan.json has them all.
 _SHOWN = 3
@@ -54,6 +55,10 @@ def sentences(plan: Plan, advice: Advice) -> Iterator[str]:
         f"{count} photograph{'s' * (count > 1)}, of which `process` would take {plan.fit_samples} pixels."
         f" Scale: {gauge(experiment)}."
     )
+    yield (
+        f"In the deviations is what `process` always counts, {NUMERICAL:.2%} of Kd + Ks, of mu, sigma and of the light,"
+        " beside the noise."
+    )
     if experiment.gauge_light is not None and experiment.brdf.sigma is None:
         yield "A matte object in unknown light shows only the products of Kd and light: Kd itself stays open."
     for reason, remedy in dict.fromkeys(
@@ -63,6 +68,8 @@ def sentences(plan: Plan, advice: Advice) -> Iterator[str]:
         yield f"{labels}: {reason}. To settle it: {remedy}."
     for prospect in plan.lights[:_SHOWN]:
         yield _light_sentence(prospect)
+    if plan.lights:
+        yield from _light_cautions(plan)
     yield from _close_sources(experiment)
     if len(plan.lights) > _SHOWN:
         yield f"So for {len(plan.lights) - _SHOWN} lightings more; the table shows the one that is worst off."
@@ -85,6 +92,20 @@ def _light_sentence(prospect: LightProspect) -> str:
         f"Light {prospect.name!r} is {how_far}{rest}: {prospect.effective_rank:.0f} of {count} coefficients per"
         f" channel. Mirrored rays look at {prospect.reached:.0%} of all directions."
     )
+
+
+def _light_cautions(plan: Plan) -> Iterator[str]:
+    """What is taken for granted of unknown light, and what of it a real object would not show."""
+    highest = max(prospect.l_max for prospect in plan.lights)
+    yield (
+        f"All this takes it that unknown light has nothing above degree {highest}, its sources apart: a higher --degree"
+        " tells what light with more detail would leave of it."
+    )
+    if plan.experiment.brdf.sigma is None:
+        yield (
+            "Of degrees above 2 a matte object shows traces, less than 1% of the light's energy: errors of the model"
+            " that no noise stands for drown them."
+        )
 
 
 def _close_sources(experiment: Experiment) -> Iterator[str]:

@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 _ROUNDS = 2
 # What our own quadratures over pixels and maps leave, relative: no number is claimed to be better known.
 # Measured on the noise-free demonstration: 8e-4 of mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
-_NUMERICAL = 5e-4
+NUMERICAL = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +134,7 @@ def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weigh
     values = report(parameters.vector)
     # What the model itself leaves: quadratures, propagated; and whatever is structured in the residuals, of
     # which nothing tells how it is shared among the parameters, as a share of each.
-    own = np.hypot(_NUMERICAL * found.fragility, np.hypot(structured, _NUMERICAL) * report.scale(values))
+    own = np.hypot(NUMERICAL * found.fragility, np.hypot(structured, NUMERICAL) * report.scale(values))
     return _Measured(report, values, found.covariance + np.diag(own**2), found.fragility, structured)
 
 
