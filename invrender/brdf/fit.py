@@ -12,7 +12,8 @@ from scipy.optimize import least_squares, nnls
 from invrender.brdf.covariance import larger_covariance
 from invrender.brdf.table import BRDFTable
 from invrender.model.fresnel import MU_RANGE, normalised_fresnel
-from invrender.model.microfacet import SIGMA_RANGE, Microfacet, lobe
+from invrender.model.microfacet import SIGMA_RANGE, Microfacet
+from invrender.theory.specialcases import lobe
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

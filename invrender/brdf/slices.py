@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from invrender.brdf.harmonic import HarmonicBRDF
 from invrender.brdf.table import BRDFTable
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.microfacet import Microfacet, lobe
+from invrender.model.microfacet import Microfacet
+from invrender.theory.specialcases import lobe
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -22,7 +22,7 @@ from scipy.interpolate import BarycentricInterpolator
 from invrender.theory.operator import view_frames
 from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import lobe
-from recon.harmonics import evaluate_harmonics, orders
+from recon.harmonics import degree_of, evaluate_harmonics, orders
 from recon.lightfield import LightField
 from recon.rotations import rotated_harmonics
 from recon.sampling import MIN_COS_EXITANT
@@ -61,9 +61,9 @@ class LobeTable:
 
     def _interpolated(self, cos_exitant: Floats, weights: Floats) -> Floats:
         at_nodes = (weights[:, None] @ self.sums)[:, 0]
-        return np.asarray(
-            BarycentricInterpolator(self.angles, at_nodes)(np.arccos(np.minimum(cos_exitant, 1)))
-        )
+        # Polynomials run wild beyond their nodes: steeper views see what the steepest of the table does.
+        angles = np.minimum(np.arccos(np.minimum(cos_exitant, 1)), self.angles[-1])
+        return np.asarray(BarycentricInterpolator(self.angles, at_nodes)(angles))
 
 
 @lru_cache(maxsize=4)
@@ -89,6 +89,14 @@ def specular_rows(field: LightField, l_max: int, sigma: float) -> tuple[Singles,
         for local in (table.coefficients, table.slopes)
     )
     return field.mean_over_rays(rows), field.mean_over_rays(slopes)
+
+
+def specular_radiance(field: LightField, lighting: Floats, sigma: float) -> Floats:
+    """What each ray (m, c) sees of lighting ((l_max + 1)^2, c) in the lobe, per unit of Ks F; unshadowed."""
+    table = lobe_table(degree_of(len(lighting)))
+    local = table.coefficients(np.einsum("nk,nk->n", field.normals, field.views), sigma).astype(np.float32)
+    rows = rotated_harmonics(local, view_frames(field.normals, field.views))
+    return np.asarray(rows @ lighting, float)
 
 
 def _rings(theta_o: float, l_max: int) -> tuple[Floats, Floats]:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from invrender.theory.specialcases import lobe as lobe
 
 Floats = NDArray[np.float64]
 

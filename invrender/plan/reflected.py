@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.microfacet import Microfacet, lobe
+from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement, diffuse_transfer, light_elements, specular_transfer
 from invrender.plan.experiment import Light
 from invrender.theory.latlong import map_coefficients
+from invrender.theory.specialcases import lobe
 from recon.bodies import Body, MeshBody
 from recon.lightfield import LightField
 from recon.transfer import TransferVectors, transfer_vectors

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.factorization import Quantity
-from invrender.solve.blind.projection import Fit, predicted
+from invrender.model.fresnel import normalised_fresnel
+from invrender.model.lobetable import specular_radiance
+from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung
-from invrender.solve.blind.sight import Sight, rows_of
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.theory.harmonics import project_sources
+from invrender.theory.lambertian import irradiance
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -93,4 +96,18 @@ def with_sources(fit: Fit) -> Floats:
 def predict_blind(solution: BlindSolution, field: LightField) -> Floats:
     """Radiance (n, 3) of a photograph's samples under the recovered light, in the photographs' units."""
     fit = solution.rungs[solution.chosen].fit
-    return predicted(fit, rows_of(Sight.of(field, fit.l_max), fit.state, fit.l_max))
+    state, slow = fit.state, fit.light[: (fit.l_max + 1) ** 2]
+    sources = [
+        LightElement("source", direction[None], strength[None])
+        for direction, strength in zip(state.directions, fit.light[len(slow) :], strict=True)
+    ]
+    total = irradiance(field.normals, slow)
+    total += sum((diffuse_transfer(source, field.normals) for source in sources), np.zeros(3))
+    total *= 1 - state.kappa
+    if state.sigma is not None:
+        lobe = specular_radiance(field, slow, state.sigma)
+        for source in sources:
+            lobe += specular_transfer(source, field.normals, field.views, np.array([state.sigma]))[:, 0]
+        cos = np.einsum("nk,nk->n", field.normals, field.views)
+        total += state.kappa * normalised_fresnel(state.mu, cos)[:, None] * lobe
+    return np.asarray(field.mean_over_rays(total))
