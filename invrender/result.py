@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.files.documents import software
+from capture.files.documents import numbers, software
 from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
 from invrender.theory.harmonics import project_sources
@@ -49,14 +49,14 @@ def result_document(
                 "kd": _quantity(quantities.get("kd_normalised")),
                 "ks": _quantity(quantities.get("ks_normalised")),
             },
-            "covariance": {"names": list(result.covariance_names), "values": _numbers(result.covariance)},
+            "covariance": {"names": list(result.covariance_names), "values": numbers(result.covariance)},
         },
         "object": {
             "shape": "sphere",
-            "centre": _numbers(result.sphere.centre),
+            "centre": numbers(result.sphere.centre),
             "radius": result.sphere.radius,
             # In order of centre and radius; zero where given.
-            "std": _numbers(np.sqrt(np.diag(result.sphere.covariance))),
+            "std": numbers(np.sqrt(np.diag(result.sphere.covariance))),
             "outline_rms_px": [round(r, 4) for r in result.sphere.residual_px],
         },
         "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in result.lightings],
@@ -148,7 +148,7 @@ def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any]
         return None
     if quantity.value is None or quantity.std is None:
         return {"value": None, "std": None, "status": quantity.status}
-    value, std = _numbers(quantity.value), _numbers(quantity.std)
+    value, std = numbers(quantity.value), numbers(quantity.std)
     return {
         "value": value[0] if scalar else value,
         "std": std[0] if scalar else std,
@@ -168,13 +168,13 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
         "known": not lighting.recovers,
         "recovered": list(lighting.recovers) if harmonics is None else ["all"],
         "l_max": _L_MAX,
-        "sh": {"value": _numbers(coefficients), "std": _numbers(_coefficient_std(entry))},
+        "sh": {"value": numbers(coefficients), "std": numbers(_coefficient_std(entry))},
         "directional": [
             {
-                "direction": _numbers(direction),
+                "direction": numbers(direction),
                 "direction_std_deg": None if std_deg is None else float(std_deg),
-                "irradiance": _numbers(irradiance),
-                "irradiance_std": _numbers(std),
+                "irradiance": numbers(irradiance),
+                "irradiance_std": numbers(std),
             }
             for direction, std_deg, irradiance, std in zip(
                 lighting.directions,
@@ -186,8 +186,8 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
                 strict=True,
             )
         ],
-        "ambient": None if entry.ambient is None else _numbers(entry.ambient),
-        "ambient_std": None if entry.ambient_std is None else _numbers(entry.ambient_std),
+        "ambient": None if entry.ambient is None else numbers(entry.ambient),
+        "ambient_std": None if entry.ambient_std is None else numbers(entry.ambient_std),
         "map": map_file,
         "harmonics": None if harmonics is None else _harmonics(harmonics),
     }
@@ -196,10 +196,10 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
 def _harmonics(light: HarmonicLight) -> dict[str, Any]:
     return {
         "l_max": len(light.shares) - 1,
-        "value": _numbers(light.coefficients),
-        "std": _numbers(light.std),
+        "value": numbers(light.coefficients),
+        "std": numbers(light.std),
         "determined_degree": light.determined_degree,
-        "shares": _numbers(light.shares),
+        "shares": numbers(light.shares),
         "reason": light.reason,
         "remedy": light.remedy,
     }
@@ -216,11 +216,3 @@ def _coefficient_std(entry: FittedLighting) -> NDArray[np.float64]:
     if entry.ambient_std is not None:
         variance[0] += 4 * np.pi * entry.ambient_std**2
     return np.sqrt(variance)
-
-
-def _numbers(values: NDArray[np.float64]) -> Any:
-    """Nested lists of plain floats; a value that is not finite becomes null."""
-    array = np.asarray(values, float)
-    if array.ndim == 0:
-        return float(array) if np.isfinite(array) else None
-    return [_numbers(item) for item in array]

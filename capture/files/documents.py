@@ -13,6 +13,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from capture.files.tables import AnyTable, validated
 
 
@@ -31,6 +34,14 @@ def input_hashes(paths: Iterable[Path]) -> dict[str, str]:
     for path in dict.fromkeys(paths):
         hashes[path.name if path.name not in hashes else str(path)] = file_hash(path)
     return hashes
+
+
+def numbers(values: ArrayLike) -> Any:
+    """Nested lists of plain floats; a value that is not finite becomes null."""
+    array = np.asarray(values, float)
+    if array.ndim == 0:
+        return float(array) if np.isfinite(array) else None
+    return [numbers(item) for item in array]
 
 
 def software() -> dict[str, str]:

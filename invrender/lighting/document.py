@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.files.documents import software
+from capture.files.documents import numbers, software
 from invrender.lighting.coefficients import UNDETERMINED
 from invrender.lighting.estimate import Choices, LightResult
 from invrender.lighting.maps import TrueLight
@@ -61,7 +61,7 @@ def _lighting(result: LightResult, files: Mapping[str, str]) -> dict[str, Any]:
         "degree": direct.degree,
         "sh": {
             # A coefficient that the samples tell no more of than was known before has no value.
-            "value": _numbers(np.where(direct.shares >= UNDETERMINED, direct.values, np.nan)),
+            "value": numbers(np.where(direct.shares >= UNDETERMINED, direct.values, np.nan)),
             "std": direct.std.tolist(),
             "prior_std": direct.prior_std.tolist(),
         },
@@ -93,7 +93,3 @@ def _lighting(result: LightResult, files: Mapping[str, str]) -> dict[str, Any]:
         "warnings": list(result.warnings),
         "files": dict(files),
     }
-
-
-def _numbers(values: Floats) -> list[list[float | None]]:
-    return [[float(value) if np.isfinite(value) else None for value in row] for row in values]

@@ -15,6 +15,7 @@ from invrender.model.fresnel import normalised_fresnel
 from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement, diffuse_transfer, light_elements, specular_transfer
 from invrender.plan.experiment import Light
+from invrender.solve.blind.state import tangents
 from invrender.theory.latlong import map_coefficients
 from invrender.theory.specialcases import lobe
 from recon.bodies import Body, MeshBody
@@ -205,10 +206,3 @@ class Optics:
                 )
             ),
         )
-
-
-def tangents(direction: Floats) -> Floats:
-    """Two unit vectors (2, 3) at right angles to a unit direction (3,) and to each other."""
-    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(direction, first)])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,8 +17,10 @@ from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
 from capture.radiance import RadianceImage
+from invrender.cli import main
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.transfer import light_elements
+from invrender.run import run_process
 from recon.bodies import SphereBody
 from recon.lightfield import LightField, off_terminators
 from recon.sampling import NO_SOURCES, sample_body
@@ -35,6 +38,7 @@ from synthetic.staging import Staging
 from synthetic.writer import write_photoset
 
 Floats = np.ndarray
+Command = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(scope="session")
@@ -63,6 +67,31 @@ def small_set_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def small_set(small_set_original: Path, tmp_path: Path) -> Path:
     """A copy of the small set that a test may damage."""
     return Path(shutil.copytree(small_set_original, tmp_path / "set"))
+
+
+@pytest.fixture
+def lightfactor(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """Run the command in this process: exit status, standard output in one line, standard error."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["lightfactor", *map(str, arguments)])
+        with pytest.raises(SystemExit) as done:
+            main()
+        out, err = capfd.readouterr()
+        return int(done.value.code or 0), " ".join(out.split()), err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def workshop(small_set_original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a photo set and, beside it, its result."""
+    folder = tmp_path_factory.mktemp("workshop")
+    shutil.copytree(small_set_original, folder / "set")
+    run_process(folder / "set", folder / "result", 4000)
+    return folder
 
 
 def direction(azimuth_deg: float, elevation_deg: float) -> Floats:

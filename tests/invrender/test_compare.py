@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,36 +14,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from capture.files.imagefile import read_pixels, write_exr
-from invrender.cli import main
 from invrender.compare.lightings import light_pairs
 from invrender.compare.run import read_side
 from invrender.compare.verdicts import number_rows, verdict
-from invrender.run import run_process
 
 Command = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def lightfactor(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
-    """Run the command in this process: exit status, standard output in one line, standard error."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["lightfactor", *map(str, arguments)])
-        with pytest.raises(SystemExit) as done:
-            main()
-        out, err = capfd.readouterr()
-        return int(done.value.code or 0), " ".join(out.split()), err
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def workshop(small_set_original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a photo set and, beside it, its result."""
-    folder = tmp_path_factory.mktemp("workshop")
-    shutil.copytree(small_set_original, folder / "set")
-    run_process(folder / "set", folder / "result", 4000)
-    return folder
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,14 +17,12 @@ from capture.camera import Camera
 from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
 from capture.lighting import latlong_directions
 from capture.srgb import linear_to_srgb
-from invrender.cli import main
 from invrender.model.microfacet import Microfacet
 from invrender.render.light import light_element
 from invrender.render.picture import take_picture
 from invrender.render.reflectance import Reflectance, reflectance
 from invrender.render.saved import read_result
 from invrender.render.subject import sphere_subject
-from invrender.run import run_process
 from recon.trianglemesh import TriangleMesh, write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
@@ -36,29 +33,6 @@ from synthetic.scene import Scene, Shot
 from synthetic.shapes.ball import Ball
 
 Command = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def lightfactor(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
-    """Run the command in this process: exit status, standard output in one line, standard error."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["lightfactor", *map(str, arguments)])
-        with pytest.raises(SystemExit) as done:
-            main()
-        out, err = capfd.readouterr()
-        return int(done.value.code or 0), " ".join(out.split()), err
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def workshop(small_set_original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a photo set and, beside it, its result."""
-    folder = tmp_path_factory.mktemp("workshop")
-    shutil.copytree(small_set_original, folder / "set")
-    run_process(folder / "set", folder / "result", 4000)
-    return folder
 
 
 @pytest.fixture
