@@ -1,6 +1,8 @@
-"""RH01's four-parameter microfacet BRDF and the interpolation of its lobe in sigma.
+"""The fitted BRDF, and the interpolation of RH01's lobe in sigma.
 
 rho = Kd + Ks F(mu, theta_o) S(theta_h; sigma) / (4 cos theta_i cos theta_o)      [RH01, section 5.2]
+
+where the form is RH01's own; `lobes` has the others.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from invrender.model.lobes import PRINTED, LobeForm
 
 Floats = NDArray[np.float64]
 
@@ -22,12 +25,16 @@ _NODES = 20
 
 @dataclass(frozen=True, eq=False)
 class Microfacet:
-    """A fitted BRDF. kd, ks : (3,), 1/sr and dimensionless, RGB. mu, sigma : None where the model lacks them."""
+    """A fitted BRDF: a Lambertian base under a lobe.
+
+    kd, ks : (3,), 1/sr and dimensionless, RGB. mu, sigma : None where the model lacks them. form : of the lobe.
+    """
 
     kd: Floats
     ks: Floats
     mu: float | None
     sigma: float | None
+    form: LobeForm = PRINTED
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kd", frozen_array(self.kd))

@@ -1,0 +1,159 @@
+"""What specular lobes look like: forms of the specular part, per unit of Ks.
+
+    rho = Kd + Ks F W     F the Fresnel factor relative to normal incidence, W the form's own shape
+
+All four are functions of four angles, and the width of each is sigma in radians: at normal incidence, to the first
+order in sigma^2 and theta_h^2, they are the same exp(-(theta_h / sigma)^2) / (4 pi sigma^2), so that one sigma means
+one width of the highlight.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from invrender.model.fresnel import normalised_fresnel
+from invrender.theory.specialcases import lobe
+
+Floats = NDArray[np.float64]
+
+# Below, the half-angle's tangent and the secants of grazing light lose all digits.
+_LEAST_COS = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """Pairs of directions above the surface, arrays of one shape: theta_h, radians, of the half vector to the normal;
+    cosines of incidence, exitance and of half the angle between the two directions (theta_d)."""
+
+    theta_h: Floats
+    cos_i: Floats
+    cos_o: Floats
+    cos_d: Floats
+
+    @classmethod
+    def between(cls, normals: Floats, wi: Floats, wo: Floats) -> Angles:
+        """Angles of unit vectors (..., 3), broadcast."""
+        half = wi + wo
+        length = np.linalg.norm(half, axis=-1)
+        along = (half * normals).sum(axis=-1)
+        # Not by arccos, which loses half the digits where the lobe peaks.
+        across = np.linalg.norm(half - along[..., None] * normals, axis=-1)
+        cos_i, cos_o = (normals * wi).sum(axis=-1), (normals * wo).sum(axis=-1)
+        return cls(np.arctan2(across, along), cos_i, cos_o, length / 2)
+
+
+class LobeForm:
+    """A form of the specular part. name : as results call it. has_fresnel : whether it has a refractive index."""
+
+    name: str
+    has_fresnel: bool = True
+
+    @abstractmethod
+    def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
+        """W times cos theta_i, 1/sr, zero where light or viewer is below the horizon; sigma > 0, radians, broadcast."""
+
+    @abstractmethod
+    def fresnel_cosine(self, angles: Angles) -> Floats:
+        """The cosine that its Fresnel factor is taken at."""
+
+    def reflected(self, angles: Angles, mu: float | None, sigma: float) -> Floats:
+        """F W cos theta_i: radiance per unit of Ks and of irradiance across the beam, 1/sr."""
+        shape = self.shape(angles, sigma)
+        if mu is None:
+            return shape
+        return shape * normalised_fresnel(mu, np.clip(self.fresnel_cosine(angles), 0, 1))
+
+
+class Printed(LobeForm):
+    """RH01's: Fresnel's factor at theta_o, and no facet hides another [RH01, section 5.2]."""
+
+    name = "microfacet"
+
+    def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
+        lit = (angles.cos_i > 0) & (angles.cos_o > 0)
+        return np.where(lit, lobe(angles.theta_h, sigma) / (4 * np.maximum(angles.cos_o, _LEAST_COS)), 0)
+
+    def fresnel_cosine(self, angles: Angles) -> Floats:
+        return angles.cos_o
+
+
+class _Smith(LobeForm):
+    """Fresnel's factor at the half vector, D G2 / (4 cos cos), heights correlated [Heitz 2014, eq. 99]."""
+
+    def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
+        lit = (angles.cos_i > 0) & (angles.cos_o > 0)
+        cos_i, cos_o = (np.where(lit, cos, 1.0) for cos in (angles.cos_i, angles.cos_o))
+        # cos_i cos_o / G2, finite at grazing.
+        shown = cos_i * cos_o + cos_o * self._hidden(cos_i, sigma) + cos_i * self._hidden(cos_o, sigma)
+        return np.where(lit, self._density(angles.theta_h, sigma) * cos_i / (4 * shown), 0)
+
+    def fresnel_cosine(self, angles: Angles) -> Floats:
+        return angles.cos_d
+
+    @abstractmethod
+    def _density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
+        """D, 1/sr; D cos theta_h integrates to 1 over the hemisphere."""
+
+    @abstractmethod
+    def _hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
+        """Lambda times the cosine: what facets hide of each other."""
+
+
+class Beckmann(_Smith):
+    """Facets of Gaussian slopes [Walter et al. 2007, eq. 25; Heitz 2014, eq. 72]."""
+
+    name = "half-angle microfacet"
+
+    def _density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
+        cos2 = np.maximum(np.cos(theta_h), _LEAST_COS) ** 2
+        return np.asarray(np.exp(-(1 - cos2) / (cos2 * sigma**2)) / (np.pi * sigma**2 * cos2**2))
+
+    def _hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
+        spread = sigma * np.sqrt(np.maximum(1 - cos**2, 0))
+        a = cos / np.maximum(spread, 1e-12)
+        return np.asarray((cos * (erf(a) - 1) + spread * np.exp(-(a**2)) / np.sqrt(np.pi)) / 2)
+
+
+class GGX(_Smith):
+    """Facets of long-tailed slopes [Walter et al. 2007, eq. 33; Heitz 2014, eq. 72]."""
+
+    name = "GGX"
+
+    def _density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
+        cos2 = np.maximum(np.cos(theta_h), _LEAST_COS) ** 2
+        return np.asarray(sigma**2 / (np.pi * (cos2 * sigma**2 + 1 - cos2) ** 2))
+
+    def _hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
+        return np.asarray((np.sqrt(cos**2 + sigma**2 * np.maximum(1 - cos**2, 0)) - cos) / 2)
+
+
+class Phong(LobeForm):
+    """cos^s of the angle to the mirror direction, s = 1 / (2 sigma^2), normalised as by Lafortune and Willems 1994."""
+
+    name = "Phong"
+    has_fresnel = False
+
+    def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
+        lit = (angles.cos_i > 0) & (angles.cos_o > 0)
+        exponent = phong_exponent(sigma)
+        # The mirrored viewer's cosine to the light.
+        mirrored = 2 * angles.cos_i * angles.cos_o - (2 * angles.cos_d**2 - 1)
+        lobe = (exponent + 2) / (2 * np.pi) * np.clip(mirrored, 0, 1) ** exponent
+        return np.where(lit, lobe * angles.cos_i, 0)
+
+    def fresnel_cosine(self, angles: Angles) -> Floats:
+        return angles.cos_o
+
+
+def phong_exponent(sigma: float | Floats) -> Floats:
+    """The exponent s of Phong's lobe whose highlight is as wide as that of facets of roughness sigma, radians."""
+    return np.asarray(1 / (2 * np.asarray(sigma, float) ** 2))
+
+
+PRINTED, BECKMANN, GGX_FORM, PHONG = Printed(), Beckmann(), GGX(), Phong()
+FORMS = {form.name: form for form in (PRINTED, BECKMANN, GGX_FORM, PHONG)}
