@@ -66,8 +66,8 @@ def _row(name: str, material: Microfacet, photos: list[LightField]) -> None:
     mu = ["none" if value is None else f"{value:.3f}" for value in (material.mu, solution.mu)]
     sigma = "none" if solution.sigma is None else f"{solution.sigma:.5f}"
     off = "none"
-    if len(solution.sources.directions) == 1:
-        off = f"{np.degrees(np.arccos(min(1, solution.sources.directions[0] @ _SOURCE.direction))):.4f}"
+    if len(solution.light.sources.directions) == 1:
+        off = f"{np.degrees(np.arccos(min(1, solution.light.sources.directions[0] @ _SOURCE.direction))):.4f}"
     print(
         f"{name:10} {truth[1]:9.4f} {solution.brdf_share[1]:10.4f} {mu[0]:>7} {mu[1]:>8} {material.sigma:7.2f}"
         f" {sigma:>10} {off:>8} {_light_off(solution):8.4f} {seconds[0]:7.1f} {seconds[1]:6.1f}"
@@ -80,7 +80,7 @@ def _light_off(solution: BlindSolution) -> float:
     grid = sphere_directions(50000)
     area = 4 * np.pi / len(grid) * evaluate_harmonics(grid, 2).T @ _AREA.radiance_from(grid)
     total = area + evaluate_harmonics(_SOURCE.direction[None], 2).T * _SOURCE.irradiance
-    return float(np.abs(solution.normalised_coefficients[:9] - total / total[0]).max())
+    return float(np.abs(solution.light.normalised_coefficients[:9] - total / total[0]).max())
 
 
 def _study(material: Microfacet, photos: list[LightField], draws: int) -> None:

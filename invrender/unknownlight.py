@@ -15,7 +15,7 @@ from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.microfacet import Microfacet
 from invrender.reading import read_samples
-from invrender.solve.blind import ORDERS, BlindSolution, factorize_blind, predict_blind
+from invrender.solve.blind import ORDERS, BlindLight, BlindSolution, factorize_blind, predict_blind
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import Rung
 from invrender.solve.factorize import Solution, unless_misfit
@@ -42,40 +42,56 @@ _NO_SCALE = Quantity(
 def solve_unknown_light(
     photoset: PhotoSet, sphere: Sphere, samples: int, clock: Clock, track: Track
 ) -> Solved:
-    """Recover the BRDF of a sphere, up to a scale per channel, and all of the one lighting on it."""
-    _check_one_lighting(photoset)
+    """Recover the BRDF of a sphere, up to a scale per channel, and all of the lightings on it."""
+    _check_lightings(photoset)
     fields = read_samples(photoset, sphere, {}, samples, clock, track)
-    fitted = [fields[photo.label] for photo in photoset.photos if not photo.held_out]
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         steps = iter(track(range(_STEPS), "Fitting light and BRDF"))
         next(steps)
-        blind = factorize_blind(fitted, on_step=lambda: next(steps, None))
+        blind = factorize_blind(
+            [fields[photo.label] for photo in fitted],
+            [photo.lighting for photo in fitted],
+            on_step=lambda: next(steps, None),
+        )
         for _ in steps:
             pass
-        residuals = {label: field.radiance - predict_blind(blind, field) for label, field in fields.items()}
-        chosen = [residuals[photo.label] for photo in photoset.photos if not photo.held_out]
-        solution = _solution(blind, photoset.photos[0].lighting, fitted, chosen)
+
+        def radiance(photo: Photo, field: LightField) -> Floats:
+            return predict_blind(blind, field, blind.lights[photo.lighting])
+
+        residuals = {
+            photo.label: fields[photo.label].radiance - radiance(photo, fields[photo.label])
+            for photo in photoset.photos
+        }
+        solution = _solution(
+            blind, [fields[photo.label] for photo in fitted], [residuals[photo.label] for photo in fitted]
+        )
     warnings = (*_sentences(blind.warnings), *find_warnings(photoset, solution, sphere, {}))
     result = factorization(photoset, sphere, solution, fields, residuals, warnings)
-
-    def radiance(_: Photo, field: LightField) -> Floats:
-        return predict_blind(blind, field)
-
     return Solved(result, fields, residuals, radiance)
 
 
-def _check_one_lighting(photoset: PhotoSet) -> None:
+def _check_lightings(photoset: PhotoSet) -> None:
     used = {photo.lighting for photo in photoset.photos}
-    if len(used) > 1:
+    known = [table.name for table in photoset.lightings if table.name in used and not table.unknown]
+    if known:
         raise ValueError(
-            f"{photoset.manifest}: photographs are under {len(used)} lightings, one of them unknown; such light is"
-            " recovered where all photographs share one lighting: process them in sets of their own"
+            f"{photoset.manifest}: photographs are under unknown light, others under {known[0]!r}, of which something is"
+            " known; such sets are not solved together yet: process them in sets of their own, or make all of them"
+            " unknown"
         )
+    seen = {photo.lighting for photo in photoset.photos if not photo.held_out}
+    for photo in photoset.photos:
+        if photo.lighting not in seen:
+            raise ValueError(
+                f"{photoset.manifest}: {photo.label} is held out, and no fitted photograph is under its lighting"
+                f" {photo.lighting!r}, which is unknown: nothing can predict it; fit one photograph under that light,"
+                " or leave it out"
+            )
 
 
-def _solution(
-    blind: BlindSolution, name: str, fields: Sequence[LightField], residuals: Sequence[Floats]
-) -> Solution:
+def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Sequence[Floats]) -> Solution:
     """The solution in the terms of those under known light; Kd + Ks is 1 in each channel."""
     rungs = tuple(
         Rung(
@@ -105,7 +121,7 @@ def _solution(
         weights=blind.weights,
         structured=structured_rms(fields, trusted) / float(energy),
         quantities=unless_misfit(_quantities(blind), rungs[blind.chosen].error),
-        lightings=(_lighting(blind, name),),
+        lightings=tuple(_lighting(name, light) for name, light in blind.lights.items()),
         covariance=blind.covariance,
         covariance_names=blind.covariance_names,
         gauge=blind.gauge,
@@ -117,17 +133,17 @@ def _brdf(share: Floats, mu: float | None, sigma: float | None) -> Microfacet:
 
 
 def _quantities(blind: BlindSolution) -> dict[str, Quantity]:
-    quantities = {name: found for name, found in blind.quantities.items() if name != "lighting"}
     if blind.sigma is None:
         return {"kd": _NO_SCALE}
+    quantities = blind.quantities
     # In this gauge the shares are Kd and Ks themselves.
     return {"kd": quantities["kd_normalised"], "ks": quantities["ks_normalised"], **quantities}
 
 
-def _lighting(blind: BlindSolution, name: str) -> FittedLighting:
+def _lighting(name: str, light: BlindLight) -> FittedLighting:
     # Harmonics ring below zero around what is sharp; a map of light is not negative.
-    radiance = np.maximum(synthesise_latlong(blind.coefficients, _MAP_HEIGHT), 0).astype(np.float32)
-    sources = blind.sources
+    radiance = np.maximum(synthesise_latlong(light.coefficients, _MAP_HEIGHT), 0).astype(np.float32)
+    sources = light.sources
     lighting = Lighting(
         name,
         radiance,
@@ -137,12 +153,12 @@ def _lighting(blind: BlindSolution, name: str) -> FittedLighting:
         direction_std_deg=sources.direction_std_deg,
         origin="recovered",
     )
-    doubt = blind.quantities.get("lighting")
+    doubt = light.doubt
     harmonics = HarmonicLight(
-        blind.coefficients,
-        blind.coefficients_std,
-        blind.degree_shares,
-        blind.determined_degree,
+        light.coefficients,
+        light.coefficients_std,
+        light.degree_shares,
+        light.determined_degree,
         "" if doubt is None else doubt.reason,
         "" if doubt is None else doubt.remedy,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -13,22 +14,24 @@ from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.solution import GAUGE, BlindSolution, BlindSources
+from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
 from invrender.solve.blind.start import Found, Region, Search, find_sources, first_state, thinned
 from invrender.solve.blind.state import State
-from invrender.solve.blind.verdicts import determined_degree, quantities_of
+from invrender.solve.blind.verdicts import determined_degree, doubt_of, quantities_of
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 from recon.harmonics import check_degree
 from recon.lightfield import LightField, off_terminators
 
 Floats = NDArray[np.float64]
 
+# What the lighting is called where all photographs are under one.
+ONLY_LIGHT = "light"
 ORDERS = (4, 6, 8, 10, 12)
 # Sources are looked for under light of up to this degree, in a part of the samples.
-_SEARCH_DEGREE, _SEARCH_SAMPLES = 10, 3000
-# Noise that is assumed until residuals show it.
+_SEARCH_DEGREE, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING = 10, 3000, 600
 # Samples that the ladder of models is climbed with.
-_LADDER_SAMPLES = 15_000
+_LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
+# Noise that is assumed until residuals show it.
 _FIRST_RELATIVE, _FIRST_FLOOR = 0.01, 0.002
 _FIRST_MU = 1.5
 _SAME_ANGLE = 1e-3
@@ -36,25 +39,29 @@ _SAME_ANGLE = 1e-3
 
 def factorize_blind(
     photos: Sequence[LightField],
+    lighting_of: Sequence[str] | None = None,
     orders: Sequence[int] = ORDERS,
     source_region: Region | None = None,
     ladder: bool = True,
     on_step: Callable[[], None] = lambda: None,
 ) -> BlindSolution:
-    """Lighting and BRDF from light-field samples of a homogeneous convex body under one unknown lighting.
+    """Lightings and BRDF from light-field samples of a homogeneous convex body under unknown light.
 
-    photos : two or more, under the same light, normals and views in one frame. orders : degrees of the lighting that
-    are tried. source_region : where sources may be; None for anywhere. ladder : whether simpler models are tried; False
-    fits one microfacet model at the highest order up to 10. `on_step` is called after each model. Raises ValueError for
-    photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
-    finite or mostly negative.
+    photos : two or more, normals and views in one frame. lighting_of : which lighting each is under, by name; all under
+    one if None. orders : degrees of the lightings that are tried, one for all of them. source_region : where sources
+    may be; None for anywhere. ladder : whether simpler models are tried; False fits one microfacet model at the highest
+    order up to 10. `on_step` is called after each model. Raises ValueError for photographs that can't determine
+    anything: a single one, too few samples, all at one angle, radiance that is not finite or mostly negative.
     """
     orders = sorted(set(orders))
-    _check(photos, orders)
+    lighting_of = [ONLY_LIGHT] * len(photos) if lighting_of is None else list(lighting_of)
+    names = tuple(dict.fromkeys(lighting_of))
+    _check(photos, lighting_of, orders)
+    numbers = [names.index(name) for name in lighting_of]
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
-        search = _first_weights(photos, orders[-1] if ladder else degree, source_region)
-        thin = thinned(search, degree, _SEARCH_SAMPLES)
+        search = _first_weights(photos, numbers, orders[-1] if ladder else degree, source_region)
+        thin = thinned(search, degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
         found = find_sources(thin, first_state(thin, degree), degree)
         fit = search.fit(found.fit.state, degree)
         search, noise, weights = _weighed(search, fit)
@@ -63,7 +70,7 @@ def factorize_blind(
         chosen, rungs = 0, [cross_validate(_name(fit), search, fit)]
         if ladder:
             # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
-            few = thinned(search, orders[-1], _LADDER_SAMPLES)
+            few = thinned(search, orders[-1], _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
             tried = few.fit(fit.state, degree)
             rungs = _climb(few, thin, tried, orders, on_step, [cross_validate(_name(tried), few, tried)])
             chosen = simplest(rungs)
@@ -71,14 +78,18 @@ def factorize_blind(
                 chosen = _confirm(search, rungs, chosen)
             on_step()
         certainty = _with_split(certainty_of(search, rungs[chosen].fit), rungs[chosen].fit, found.split)
-    return _solution(search, rungs, chosen, certainty, noise, weights, found)
+    return _solution(search, rungs, chosen, certainty, noise, weights, found, names)
 
 
-def _check(photos: Sequence[LightField], orders: Sequence[int]) -> None:
+def _check(photos: Sequence[LightField], lighting_of: Sequence[str], orders: Sequence[int]) -> None:
     if len(photos) < 2:
         raise ValueError(
             f"there are {len(photos)} photographs; one can't tell light from reflectance (any image is explained by a"
             " mirror ball under some light): add photographs from other sides"
+        )
+    if len(lighting_of) != len(photos):
+        raise ValueError(
+            f"lighting_of names the lightings of {len(lighting_of)} photographs; there are {len(photos)}"
         )
     if not orders:
         raise ValueError("orders is empty; name at least one degree of the lighting to try")
@@ -90,11 +101,16 @@ def _check(photos: Sequence[LightField], orders: Sequence[int]) -> None:
                 f"photograph {index}: {wrong} of {photo.radiance.size} radiances are not finite; leave out those"
                 " samples"
             )
-    samples, unknowns = sum(len(photo) for photo in photos), (orders[0] + 1) ** 2 + 6
-    if samples < unknowns:
-        raise ValueError(
-            f"there are {samples} samples for {unknowns} unknowns; take more samples or lower the order"
-        )
+    unknowns = (orders[0] + 1) ** 2 + 6
+    counts: Counter[str] = Counter()
+    for photo, name in zip(photos, lighting_of, strict=True):
+        counts[name] += len(photo)
+    for name, samples in counts.items():
+        if samples < unknowns:
+            where = "" if len(counts) == 1 else f" under lighting {name!r}"
+            raise ValueError(
+                f"there are {samples} samples{where} for {unknowns} unknowns; take more samples or lower the order"
+            )
     radiance = np.concatenate([photo.radiance for photo in photos])
     dark = float((radiance <= 0).mean())
     if dark > 0.5:
@@ -109,8 +125,10 @@ def _check(photos: Sequence[LightField], orders: Sequence[int]) -> None:
         )
 
 
-def _first_weights(photos: Sequence[LightField], l_max: int, region: Region | None) -> Search:
-    sights = [Sight.of(photo, l_max) for photo in photos]
+def _first_weights(
+    photos: Sequence[LightField], numbers: Sequence[int], l_max: int, region: Region | None
+) -> Search:
+    sights = [Sight.of(photo, l_max, number) for photo, number in zip(photos, numbers, strict=True)]
     level = float(np.mean([np.abs(photo.radiance).mean() for photo in photos]))
     assumed = NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
     weights = [photo.weight[:, None] / assumed.variance(photo.radiance) for photo in photos]
@@ -120,13 +138,14 @@ def _first_weights(photos: Sequence[LightField], l_max: int, region: Region | No
 
 def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:
     """The same search with weights from the noise that a fit's residuals show."""
-    predictions = [predicted(fit, rows) for rows in fit.rows]
+    predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
     residuals = [s.field.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     noise = fit_noise(predictions, residuals)
     weights, counted_trust = [], []
     for sight, prediction, residual in zip(search.sights, predictions, residuals, strict=True):
         found = photo_weights(noise, prediction, residual)
-        counted = (sight.field.weight * _off_terminators(sight.field, fit.state.directions))[:, None]
+        sources = fit.state.under(sight.lighting).directions
+        counted = (sight.field.weight * _off_terminators(sight.field, sources))[:, None]
         weights.append(Weights(found.trust, found.weight * counted))
         counted_trust.append(found.trust * counted)
     return (
@@ -166,7 +185,7 @@ def _climb(
     other = replace(best.state, mu=_FIRST_MU if best.state.mu is None else None)
     add(other, best.l_max)
     if len(best.state.directions):
-        weakest = int(best.light[(best.l_max + 1) ** 2 :].sum(axis=1).argmin())
+        weakest = int(best.irradiances.sum(axis=1).argmin())
         add(best.state.without_source(weakest), best.l_max)
     # What a purely diffuse body would need of light is another matter: its sources are looked for anew.
     none = State(np.zeros(3), None, None, np.zeros((0, 3)))
@@ -220,40 +239,64 @@ def _solution(
     noise: NoiseModel,
     weights: tuple[Weights, ...],
     found: Found,
+    names: Sequence[str],
 ) -> BlindSolution:
     fit = rungs[chosen].fit
-    size, count = (fit.l_max + 1) ** 2, len(fit.state.directions)
-    turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
-    sources = BlindSources(
-        fit.state.directions,
-        fit.light[size:],
-        certainty.light_std[size:],
-        np.degrees(turns.max(axis=1)) if count else np.zeros(0),
-    )
-    warnings = []
-    if found.split is not None:
-        near = ", ".join(f"{x:.2f}" for x in found.split.state.directions[-1])
-        warnings.append(
-            f"light near ({near}) looks like a second source, but is nearer to another than the lobe is wide"
-            f" ({np.degrees(found.split.state.sigma or 0):.1f} degrees): the two are treated as one"
-        )
     return BlindSolution(
         model=rungs[chosen].name,
         brdf_share=fit.state.kappa,
         mu=fit.state.mu,
         sigma=fit.state.sigma,
-        coefficients=fit.light[:size],
-        coefficients_std=certainty.light_std[:size],
-        sources=sources,
-        determined_degree=determined_degree(certainty.degree_shares),
-        degree_shares=certainty.degree_shares,
+        lights={name: _light(fit, certainty, number) for number, name in enumerate(names)},
         quantities=quantities_of(fit, certainty, search.sights),
         covariance=certainty.covariance,
-        covariance_names=fit.state.names,
+        covariance_names=_covariance_names(fit.state, names),
         rungs=tuple(rungs),
         chosen=chosen,
         noise=noise,
         weights=weights,
         gauge=GAUGE,
-        warnings=tuple(warnings),
+        warnings=_split_warnings(found, names),
     )
+
+
+def _light(fit: Fit, certainty: Certainty, number: int) -> BlindLight:
+    size, light, std = (fit.l_max + 1) ** 2, fit.light[number], certainty.light_std[number]
+    count = len(fit.state.directions)
+    turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
+    own = fit.state.owners == number
+    sources = BlindSources(
+        fit.state.directions[own], light[size:], std[size:], np.degrees(turns[own].max(axis=1, initial=0))
+    )
+    shares = certainty.degree_shares[number]
+    return BlindLight(
+        light[:size], std[:size], sources, shares, determined_degree(shares), doubt_of(fit, shares)
+    )
+
+
+def _covariance_names(state: State, names: Sequence[str]) -> tuple[str, ...]:
+    """The state's names, sources by their lighting where there are several, each counted on its own."""
+    if len(names) == 1:
+        return state.names
+    seen: Counter[int] = Counter()
+    own = []
+    for owner in state.owners.tolist():
+        seen[owner] += 1
+        own += [f"{names[owner]}/source {seen[owner]} {way}" for way in "ab"]
+    return (*state.names[: len(state.names) - len(own)], *own)
+
+
+def _split_warnings(found: Found, names: Sequence[str]) -> tuple[str, ...]:
+    if found.split is None:
+        return ()
+    state, warnings = found.split.state, []
+    for number in range(len(names)):
+        ways = state.under(number).directions
+        if len(ways) > len(found.fit.state.under(number).directions):
+            near = ", ".join(f"{x:.2f}" for x in ways[-1])
+            where = f" in lighting {names[number]!r}" if len(names) > 1 else ""
+            warnings.append(
+                f"light near ({near}){where} looks like a second source, but is nearer to another than the lobe is wide"
+                f" ({np.degrees(state.sigma or 0):.1f} degrees): the two are treated as one"
+            )
+    return tuple(warnings)

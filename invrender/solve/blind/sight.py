@@ -35,7 +35,7 @@ class Sight:
     """A photograph with what doesn't change while the BRDF is searched.
 
     field : the photograph. l_max : of the lighting. rays : the same as one sample per ray. cos : (m,) exitant, of
-    rays. diffuse : (n, (l_max + 1)^2), irradiance.
+    rays. diffuse : (n, (l_max + 1)^2), irradiance. lighting : number of the lighting that it is under.
     """
 
     field: LightField
@@ -43,15 +43,16 @@ class Sight:
     rays: LightField
     cos: Floats
     diffuse: Singles
+    lighting: int = 0
     _nodes: dict[int, tuple[Singles, Singles]] = defaulted(default_factory=dict, repr=False)
 
     @staticmethod
-    def of(samples: LightField, l_max: int) -> Sight:
+    def of(samples: LightField, l_max: int, lighting: int = 0) -> Sight:
         """Prepare a photograph for lighting of degree l_max."""
         diffuse = samples.mean_over_rays(irradiance_operator(samples.normals, l_max))
         rays = _one_sample_per_ray(samples)
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
-        return Sight(samples, l_max, rays, cos, diffuse.astype(np.float32))
+        return Sight(samples, l_max, rays, cos, diffuse.astype(np.float32), lighting)
 
     def lobe(self, sigma: float) -> tuple[Singles, Singles, Singles]:
         """Lobe rows at the two roughnesses around sigma, and weights that make of them rows and slopes at sigma.

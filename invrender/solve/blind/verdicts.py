@@ -30,12 +30,15 @@ def determined_degree(shares: Floats) -> int:
 
 
 def varying_degree(fit: Fit) -> int | None:
-    """The degree up to which lies 99% of the varying power of the recovered light; None where it has sources."""
+    """The degree up to which lies 99% of the varying power of the best-suited light; None where one has sources."""
     if len(fit.state.directions):
         return None
     l = degrees(fit.l_max)
-    power = np.bincount(l, (fit.light**2).sum(axis=1))[1:]
-    return 1 + int(np.searchsorted(np.cumsum(power) / max(power.sum(), 1e-300), _POWER))
+    found = []
+    for light in fit.light.values():
+        power = np.bincount(l, (light**2).sum(axis=1))[1:]
+        found.append(1 + int(np.searchsorted(np.cumsum(power) / max(power.sum(), 1e-300), _POWER)))
+    return max(found)
 
 
 def quantities_of(fit: Fit, certainty: Certainty, sights: Sequence[Sight]) -> dict[str, Quantity]:
@@ -56,13 +59,14 @@ def quantities_of(fit: Fit, certainty: Certainty, sights: Sequence[Sight]) -> di
     if state.sigma is not None:
         scalar = Scalar(state.sigma, std["sigma"], fragility["sigma"])
         found["sigma"] = assess_sigma(scalar, varying_degree(fit), share)
-    degree = determined_degree(certainty.degree_shares)
-    if degree < fit.l_max:
-        found["lighting"] = _lighting(fit, certainty.degree_shares, degree)
     return found
 
 
-def _lighting(fit: Fit, shares: Floats, degree: int) -> Quantity:
+def doubt_of(fit: Fit, shares: Floats) -> Quantity | None:
+    """Why degrees of a lighting aren't determined, with shares (l_max + 1,) of the photographs; None if all are."""
+    degree = determined_degree(shares)
+    if degree >= fit.l_max:
+        return None
     if fit.state.sigma is None:
         why = (
             "a Lambertian object passes no odd degrees above 1 and little of the even ones above 2: it is a low-pass"
