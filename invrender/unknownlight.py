@@ -77,9 +77,9 @@ def _check_lightings(photoset: PhotoSet) -> None:
     known = [table.name for table in photoset.lightings if table.name in used and not table.unknown]
     if known:
         raise ValueError(
-            f"{photoset.manifest}: photographs are under unknown light, others under {known[0]!r}, of which something is"
-            " known; such sets are not solved together yet: process them in sets of their own, or make all of them"
-            " unknown"
+            f"{photoset.manifest}: some photographs are under unknown light, others under {known[0]!r}, of which"
+            " something is known; such sets are not solved together yet: process them in sets of their own, or write"
+            " unknown = true into every [[lighting]]"
         )
     seen = {photo.lighting for photo in photoset.photos if not photo.held_out}
     for photo in photoset.photos:

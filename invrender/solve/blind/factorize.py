@@ -15,7 +15,15 @@ from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
-from invrender.solve.blind.start import Found, Region, Search, find_sources, first_state, thinned
+from invrender.solve.blind.sources import (
+    Found,
+    Lamps,
+    bright,
+    find_lamps,
+    sources_of_diffuse,
+    sources_of_glossy,
+)
+from invrender.solve.blind.start import Region, Search, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import determined_degree, doubt_of, quantities_of
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
@@ -26,7 +34,7 @@ Floats = NDArray[np.float64]
 
 # What the lighting is called where all photographs are under one.
 ONLY_LIGHT = "light"
-ORDERS = (4, 6, 8, 10, 12)
+ORDERS = (0, 4, 6, 8, 10, 12)
 # Sources are looked for under light of up to this degree, in a part of the samples.
 _SEARCH_DEGREE, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING = 10, 3000, 600
 # Samples that the ladder of models is climbed with.
@@ -61,8 +69,10 @@ def factorize_blind(
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
         search = _first_weights(photos, numbers, orders[-1] if ladder else degree, source_region)
-        thin = thinned(search, degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
-        found = find_sources(thin, first_state(thin, degree), degree)
+        dark = degree == 0 or (ladder and orders[0] == 0)
+        thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
+        lamps = find_lamps(thin) if dark else None
+        found = sources_of_glossy(thin, degree, lamps)
         fit = search.fit(found.fit.state, degree)
         search, noise, weights = _weighed(search, fit)
         fit = search.fit(fit.state, degree)
@@ -72,7 +82,7 @@ def factorize_blind(
             # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
             few = thinned(search, orders[-1], _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
             tried = few.fit(fit.state, degree)
-            rungs = _climb(few, thin, tried, orders, on_step, [cross_validate(_name(tried), few, tried)])
+            rungs = _climb(few, thin, lamps, tried, orders, on_step)
             chosen = simplest(rungs)
             if few is not search:
                 chosen = _confirm(search, rungs, chosen)
@@ -101,7 +111,8 @@ def _check(photos: Sequence[LightField], lighting_of: Sequence[str], orders: Seq
                 f"photograph {index}: {wrong} of {photo.radiance.size} radiances are not finite; leave out those"
                 " samples"
             )
-    unknowns = (orders[0] + 1) ** 2 + 6
+    # Lamps alone are an answer to a dark room only: elsewhere it takes the next order.
+    unknowns = (next((order for order in orders if order), 0) + 1) ** 2 + 6
     counts: Counter[str] = Counter()
     for photo, name in zip(photos, lighting_of, strict=True):
         counts[name] += len(photo)
@@ -165,32 +176,35 @@ def _off_terminators(field: LightField, directions: Floats) -> NDArray[np.bool_]
 def _climb(
     search: Search,
     thin: Search,
+    lamps: Lamps | None,
     fit: Fit,
     orders: Sequence[int],
     on_step: Callable[[], None],
-    rungs: Sequence[BlindRung],
 ) -> list[BlindRung]:
     """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed."""
-    rungs = list(rungs)
+    rungs = [cross_validate(_name(fit), search, fit)]
 
     def add(state: State, l_max: int) -> None:
-        tried = search.fit(state, l_max)
+        tried = bright(search, search.fit(state, l_max))
         rungs.append(cross_validate(_name(tried), search, tried))
         on_step()
 
     for order in orders:
         if order != fit.l_max:
             add(fit.state, order)
+    if lamps is not None:
+        add(lamps.glossy.state, 0)
+        add(lamps.diffuse.state, 0)
     best = rungs[simplest(rungs)].fit
-    other = replace(best.state, mu=_FIRST_MU if best.state.mu is None else None)
-    add(other, best.l_max)
+    if best.state.sigma is not None:
+        other = replace(best.state, mu=_FIRST_MU if best.state.mu is None else None)
+        add(other, best.l_max)
     if len(best.state.directions):
         weakest = int(best.irradiances.sum(axis=1).argmin())
         add(best.state.without_source(weakest), best.l_max)
     # What a purely diffuse body would need of light is another matter: its sources are looked for anew.
-    none = State(np.zeros(3), None, None, np.zeros((0, 3)))
-    diffuse = find_sources(thin, none, fit.l_max).fit.state
-    for order in dict.fromkeys([min(2, orders[0]), *orders]):
+    diffuse = sources_of_diffuse(thin, fit.l_max, lamps)
+    for order in sorted({min(2, orders[-1]), *orders} - {0}):
         add(diffuse, order)
     return rungs
 
