@@ -15,7 +15,14 @@ from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.microfacet import Microfacet
 from invrender.reading import read_samples
-from invrender.solve.blind import ORDERS, BlindLight, BlindSolution, factorize_blind, predict_blind
+from invrender.solve.blind import (
+    ORDERS,
+    BlindLight,
+    BlindSolution,
+    blind_steps,
+    factorize_blind,
+    predict_blind,
+)
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import Rung
 from invrender.solve.factorize import Solution, unless_misfit
@@ -28,8 +35,8 @@ from recon.sphere import Sphere
 Floats = NDArray[np.float64]
 
 _MAP_HEIGHT = 64
-# Steps of the ladder: each order with a lobe and without, the first fit, and what may be left out.
-_STEPS = 2 * len(ORDERS) + 4
+# Of the light in a dark room: the same from all sides.
+_DARK = (0,)
 _NO_SCALE = Quantity(
     None,
     None,
@@ -43,15 +50,16 @@ def solve_unknown_light(
     photoset: PhotoSet, sphere: Sphere, samples: int, clock: Clock, track: Track
 ) -> Solved:
     """Recover the BRDF of a sphere, up to a scale per channel, and all of the lightings on it."""
-    _check_lightings(photoset)
+    orders = _orders(photoset)
     fields = read_samples(photoset, sphere, {}, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
-        steps = iter(track(range(_STEPS), "Fitting light and BRDF"))
+        steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))
         next(steps)
         blind = factorize_blind(
             [fields[photo.label] for photo in fitted],
             [photo.lighting for photo in fitted],
+            orders,
             on_step=lambda: next(steps, None),
         )
         for _ in steps:
@@ -72,7 +80,8 @@ def solve_unknown_light(
     return Solved(result, fields, residuals, radiance)
 
 
-def _check_lightings(photoset: PhotoSet) -> None:
+def _orders(photoset: PhotoSet) -> tuple[int, ...]:
+    """Orders of the lightings to try; ValueError for sets with lightings that aren't solved together."""
     used = {photo.lighting for photo in photoset.photos}
     known = [table.name for table in photoset.lightings if table.name in used and not table.unknown]
     if known:
@@ -89,6 +98,14 @@ def _check_lightings(photoset: PhotoSet) -> None:
                 f" {photo.lighting!r}, which is unknown: nothing can predict it; fit one photograph under that light,"
                 " or leave it out"
             )
+    tables = [table for table in photoset.lightings if table.name in used]
+    lit = [table.name for table in tables if not table.dark]
+    if lit and len(lit) < len(tables):
+        raise ValueError(
+            f"{photoset.manifest}: dark = true is said of some unknown lightings, but not of {lit[0]!r}; one degree of"
+            " light is sought for all of them: say it of all or of none"
+        )
+    return ORDERS if lit else _DARK
 
 
 def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Sequence[Floats]) -> Solution:

@@ -1,6 +1,6 @@
 """Factorization under wholly unknown lighting."""
 
-from invrender.solve.blind.factorize import ORDERS, factorize_blind
+from invrender.solve.blind.factorize import ORDERS, blind_steps, factorize_blind
 from invrender.solve.blind.solution import BlindLight, BlindSolution, BlindSources, predict_blind
 from invrender.solve.blind.start import Region
 
@@ -10,6 +10,7 @@ __all__ = [
     "BlindSolution",
     "BlindSources",
     "Region",
+    "blind_steps",
     "factorize_blind",
     "predict_blind",
 ]

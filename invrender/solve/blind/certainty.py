@@ -116,5 +116,6 @@ def _sandwich(
 
 def _sums(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
     names, index = np.unique(keys, return_inverse=True)
-    sums = np.stack([np.bincount(index, column) for column in values.T], axis=-1)
+    sums = np.zeros((len(names), values.shape[1]))
+    np.add.at(sums, index, values)
     return dict(zip(names.tolist(), sums, strict=True))

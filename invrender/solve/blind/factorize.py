@@ -25,7 +25,8 @@ from invrender.solve.blind.sources import (
 )
 from invrender.solve.blind.start import Region, Search, thinned
 from invrender.solve.blind.state import State
-from invrender.solve.blind.verdicts import determined_degree, doubt_of, quantities_of
+from invrender.solve.blind.verdicts import doubt_of, quantities_of
+from invrender.solve.clusters import structured_rms
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 from recon.harmonics import check_degree
 from recon.lightfield import LightField, off_terminators
@@ -43,6 +44,8 @@ _LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
 _FIRST_RELATIVE, _FIRST_FLOOR = 0.01, 0.002
 _FIRST_MU = 1.5
 _SAME_ANGLE = 1e-3
+# Structured residuals, relative to the radiance, that noise does not make by chance; and what share of it might.
+_STRUCTURED, _BY_CHANCE = 0.005, 0.2
 
 
 def factorize_blind(
@@ -87,8 +90,14 @@ def factorize_blind(
             if few is not search:
                 chosen = _confirm(search, rungs, chosen)
             on_step()
-        certainty = _with_split(certainty_of(search, rungs[chosen].fit), rungs[chosen].fit, found.split)
+        certainty = _certainty(search, rungs[chosen].fit, noise, found.split)
     return _solution(search, rungs, chosen, certainty, noise, weights, found, names)
+
+
+def blind_steps(orders: Sequence[int] = ORDERS) -> int:
+    """How often `factorize_blind` reports progress at most."""
+    # Each order with a lobe and without, and of degree 2; lamps; the first fit, what may be left out, the last.
+    return 2 * len(orders) + 7
 
 
 def _check(photos: Sequence[LightField], lighting_of: Sequence[str], orders: Sequence[int]) -> None:
@@ -193,7 +202,8 @@ def _climb(
         if order != fit.l_max:
             add(fit.state, order)
     if lamps is not None:
-        add(lamps.glossy.state, 0)
+        if fit.l_max:
+            add(lamps.glossy.state, 0)
         add(lamps.diffuse.state, 0)
     best = rungs[simplest(rungs)].fit
     if best.state.sigma is not None:
@@ -222,6 +232,25 @@ def _confirm(search: Search, rungs: list[BlindRung], chosen: int) -> int:
         fit = search.fit(rungs[index].fit.state, rungs[index].fit.l_max)
         rungs[index] = cross_validate(_name(fit), search, fit)
     return pair[simplest([rungs[index] for index in pair])]
+
+
+def _certainty(search: Search, fit: Fit, noise: NoiseModel, split: Fit | None) -> Certainty:
+    """That of a fit, and what else its standard deviations must hold."""
+    certainty = _with_split(certainty_of(search, fit), fit, split)
+    fields = [sight.field for sight in search.sights]
+    left = [
+        np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows))
+        for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
+    ]
+    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
+    structured = structured_rms(fields, left) / max(float(energy), 1e-300)
+    if structured < max(_STRUCTURED, _BY_CHANCE * noise.relative):
+        return certainty
+    # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
+    # radian: by as much does shading that is wrong by so much of itself turn a source.
+    widths = {"mu": fit.state.mu or 0.0, "sigma": fit.state.sigma or 0.0}
+    own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
+    return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
 
 
 def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
@@ -261,7 +290,9 @@ def _solution(
         brdf_share=fit.state.kappa,
         mu=fit.state.mu,
         sigma=fit.state.sigma,
-        lights={name: _light(fit, certainty, number) for number, name in enumerate(names)},
+        lights={
+            name: _light(search.only(number), fit, certainty, number) for number, name in enumerate(names)
+        },
         quantities=quantities_of(fit, certainty, search.sights),
         covariance=certainty.covariance,
         covariance_names=_covariance_names(fit.state, names),
@@ -274,7 +305,7 @@ def _solution(
     )
 
 
-def _light(fit: Fit, certainty: Certainty, number: int) -> BlindLight:
+def _light(search: Search, fit: Fit, certainty: Certainty, number: int) -> BlindLight:
     size, light, std = (fit.l_max + 1) ** 2, fit.light[number], certainty.light_std[number]
     count = len(fit.state.directions)
     turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
@@ -283,9 +314,8 @@ def _light(fit: Fit, certainty: Certainty, number: int) -> BlindLight:
         fit.state.directions[own], light[size:], std[size:], np.degrees(turns[own].max(axis=1, initial=0))
     )
     shares = certainty.degree_shares[number]
-    return BlindLight(
-        light[:size], std[:size], sources, shares, determined_degree(shares), doubt_of(fit, shares)
-    )
+    degree, doubt = doubt_of(fit, shares, [sight.field for sight in search.sights])
+    return BlindLight(light[:size], std[:size], sources, shares, degree, doubt)
 
 
 def _covariance_names(state: State, names: Sequence[str]) -> tuple[str, ...]:
