@@ -15,15 +15,8 @@ from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
-from invrender.solve.blind.sources import (
-    Found,
-    Lamps,
-    bright,
-    find_lamps,
-    sources_of_diffuse,
-    sources_of_glossy,
-)
-from invrender.solve.blind.start import Region, Search, thinned
+from invrender.solve.blind.sources import Found, Lamps, bright, find_starts, sources_of_diffuse
+from invrender.solve.blind.start import Region, Search, of_degree, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
 from invrender.solve.clusters import structured_rms
@@ -74,8 +67,7 @@ def factorize_blind(
         search = _first_weights(photos, numbers, orders[-1] if ladder else degree, source_region)
         dark = degree == 0 or (ladder and orders[0] == 0)
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
-        lamps = find_lamps(thin) if dark else None
-        found = sources_of_glossy(thin, degree, lamps)
+        found, lamps = find_starts(thin, degree, dark)
         fit = search.fit(found.fit.state, degree)
         search, noise, weights = _weighed(search, fit)
         fit = search.fit(fit.state, degree)
@@ -192,14 +184,16 @@ def _climb(
 ) -> list[BlindRung]:
     """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed."""
     rungs = [cross_validate(_name(fit), search, fit)]
+    in_the_dark = of_degree(search, 0)
 
     def add(state: State, l_max: int) -> None:
-        tried = bright(search, search.fit(state, l_max))
-        rungs.append(cross_validate(_name(tried), search, tried))
+        own = search if l_max else in_the_dark
+        tried = bright(own, own.fit(state, l_max))
+        rungs.append(cross_validate(_name(tried), own, tried))
         on_step()
 
     for order in orders:
-        if order != fit.l_max:
+        if order != fit.l_max and (order or lamps is not None):
             add(fit.state, order)
     if lamps is not None:
         if fit.l_max:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from invrender.model.fresnel import MU_RANGE
 from invrender.solve.blind.projection import Fit, predicted
-from invrender.solve.blind.start import NOTHING, PEAK_WIDTH, Search, first_state, light_peaks
+from invrender.solve.blind.start import NOTHING, PEAK_WIDTH, Search, first_state, light_peaks, of_degree
 from invrender.solve.blind.state import State, turn
 from invrender.solve.clusters import tile_of
 
@@ -21,6 +21,8 @@ _PER_SOURCE = 5
 # Iterations until a source has shown its worth.
 _FEW = 6
 _MOST_SOURCES = 6
+# Lamps alone that leave squared residuals so many times as large are no explanation worth a thought.
+_NOT_DARK = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,29 +191,32 @@ class Lamps:
     diffuse: Fit
 
 
-def find_lamps(search: Search) -> Lamps:
+def find_starts(search: Search, l_max: int, in_the_dark: bool) -> tuple[Found, Lamps | None]:
+    """Sources beside light of degree l_max, as a body with a lobe shows them, and lamps in the dark if that may be it.
+
+    in_the_dark : whether lamps are looked for; they always are at degree 0.
+    """
+    if not l_max:
+        alone = _find_lamps(search)
+        return Found(alone.glossy, _with_seconds(search, alone.glossy)), alone
+    found = find_sources(search, first_state(search, l_max), l_max)
+    lamps = _find_lamps(search) if in_the_dark else None
+    if lamps is None or lamps.glossy.cost > _NOT_DARK * found.fit.cost:
+        return found, None
+    better = _likelier(search, found.fit, search.fit(lamps.glossy.state, l_max))
+    return (found if better is found.fit else Found(better, _with_seconds(search, better))), lamps
+
+
+def _find_lamps(search: Search) -> Lamps:
     """Lamps in a dark room, looked for at the peaks of light of the search's degree."""
     diffuse = find_sources(search, NOTHING, 0, peaks_at=search.sights[0].l_max).fit
-    return Lamps(search.fit(first_state(search, 0, diffuse.state), 0), diffuse)
-
-
-def sources_of_glossy(search: Search, l_max: int, lamps: Lamps | None) -> Found:
-    """Sources beside light of degree l_max, as a body with a lobe shows them; those of lamps where likelier."""
-    if l_max:
-        found = find_sources(search, first_state(search, l_max), l_max)
-        if lamps is None:
-            return found
-        better = _likelier(search, found.fit, search.fit(lamps.glossy.state, l_max))
-        if better is found.fit:
-            return found
-    else:
-        assert lamps is not None
-        better = lamps.glossy
-    return Found(better, _with_seconds(search, better))
+    # Lobes take time with the degree that they are prepared for.
+    dark = of_degree(search, 0)
+    return Lamps(dark.fit(first_state(dark, 0, diffuse.state), 0), diffuse)
 
 
 def sources_of_diffuse(search: Search, l_max: int, lamps: Lamps | None) -> State:
-    """The same for a body without."""
+    """Sources beside light of degree l_max, as a diffuse body shows them; those of lamps where they are likelier."""
     if lamps is not None and not l_max:
         return lamps.diffuse.state
     found = find_sources(search, NOTHING, l_max).fit

@@ -144,6 +144,11 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
     return np.array(peaks).reshape(-1, 3)
 
 
+def of_degree(search: Search, l_max: int) -> Search:
+    """The same, prepared for lighting of another degree."""
+    return replace(search, sights=[Sight.of(sight.field, l_max, sight.lighting) for sight in search.sights])
+
+
 def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
     """The same with at most about `most` samples, or `per_lighting` of each if that is more, evenly taken."""
     total = sum(len(sight.field) for sight in search.sights)
