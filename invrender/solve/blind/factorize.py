@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
+from invrender.model.lobes import FORMS
+from invrender.model.lobetable import TRANSFERS, Transfer
 from invrender.solve.blind.certainty import Certainty, certainty_of
+from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.sight import Sight
@@ -48,26 +51,33 @@ def factorize_blind(
     source_region: Region | None = None,
     ladder: bool = True,
     on_step: Callable[[], None] = lambda: None,
+    transfer: Transfer = "exact",
 ) -> BlindSolution:
     """Lightings and BRDF from light-field samples of a homogeneous convex body under unknown light.
 
     photos : two or more, normals and views in one frame. lighting_of : which lighting each is under, by name; all under
     one if None. orders : degrees of the lightings that are tried, one for all of them. source_region : where sources
-    may be; None for anywhere. ladder : whether simpler models are tried; False fits one microfacet model at the highest
-    order up to 10. `on_step` is called after each model. Raises ValueError for photographs that can't determine
-    anything: a single one, too few samples, all at one angle, radiance that is not finite or mostly negative.
+    may be; None for anywhere. ladder : whether other forms of the lobe and simpler models are tried; False fits RH01's
+    microfacet model at the highest order up to 10. `on_step` is called after each model. transfer : what the lobe makes
+    of the light, of RH01's form alone unless `exact`; sources have closed forms in any case [eq. 23]. Raises ValueError
+    for photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
+    finite or mostly negative.
     """
     orders = sorted(set(orders))
     lighting_of = [ONLY_LIGHT] * len(photos) if lighting_of is None else list(lighting_of)
     names = tuple(dict.fromkeys(lighting_of))
-    _check(photos, lighting_of, orders)
+    _check(photos, lighting_of, orders, transfer)
     numbers = [names.index(name) for name in lighting_of]
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
-        search = _first_weights(photos, numbers, orders[-1] if ladder else degree, source_region)
+        search = _first_weights(photos, numbers, orders[-1] if ladder else degree, source_region, transfer)
         dark = degree == 0 or (ladder and orders[0] == 0)
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
         found, lamps = find_starts(thin, degree, dark)
+        formed = Formed(found, ())
+        if ladder and transfer == "exact":
+            formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
+        found = formed.found
         fit = search.fit(found.fit.state, degree)
         search, noise, weights = _weighed(search, fit)
         fit = search.fit(fit.state, degree)
@@ -77,22 +87,27 @@ def factorize_blind(
             # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
             few = thinned(search, orders[-1], _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
             tried = few.fit(fit.state, degree)
-            rungs = _climb(few, thin, lamps, tried, orders, on_step)
+            rungs = _climb(few, thin, lamps, tried, orders, formed.others, on_step)
             chosen = simplest(rungs)
             if few is not search:
                 chosen = _confirm(search, rungs, chosen)
             on_step()
         certainty = _certainty(search, rungs[chosen].fit, noise, found.split)
-    return _solution(search, rungs, chosen, certainty, noise, weights, found, names)
+    return _solution(search, rungs, chosen, certainty, noise, weights, found, names, transfer)
 
 
 def blind_steps(orders: Sequence[int] = ORDERS) -> int:
     """How often `factorize_blind` reports progress at most."""
-    # Each order with a lobe and without, and of degree 2; lamps; the first fit, what may be left out, the last.
-    return 2 * len(orders) + 7
+    # Each order with a lobe and without, and of degree 2; lamps; other forms; the first fit, what may be left out, the
+    # last.
+    return 2 * len(orders) + 6 + len(FORMS)
 
 
-def _check(photos: Sequence[LightField], lighting_of: Sequence[str], orders: Sequence[int]) -> None:
+def _check(
+    photos: Sequence[LightField], lighting_of: Sequence[str], orders: Sequence[int], transfer: Transfer
+) -> None:
+    if transfer not in TRANSFERS:
+        raise ValueError(f"transfer is {transfer!r}; it must be one of {', '.join(TRANSFERS)}")
     if len(photos) < 2:
         raise ValueError(
             f"there are {len(photos)} photographs; one can't tell light from reflectance (any image is explained by a"
@@ -138,9 +153,13 @@ def _check(photos: Sequence[LightField], lighting_of: Sequence[str], orders: Seq
 
 
 def _first_weights(
-    photos: Sequence[LightField], numbers: Sequence[int], l_max: int, region: Region | None
+    photos: Sequence[LightField],
+    numbers: Sequence[int],
+    l_max: int,
+    region: Region | None,
+    transfer: Transfer,
 ) -> Search:
-    sights = [Sight.of(photo, l_max, number) for photo, number in zip(photos, numbers, strict=True)]
+    sights = [Sight.of(photo, l_max, number, transfer) for photo, number in zip(photos, numbers, strict=True)]
     level = float(np.mean([np.abs(photo.radiance).mean() for photo in photos]))
     assumed = NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
     weights = [photo.weight[:, None] / assumed.variance(photo.radiance) for photo in photos]
@@ -180,15 +199,19 @@ def _climb(
     lamps: Lamps | None,
     fit: Fit,
     orders: Sequence[int],
+    others: Sequence[State],
     on_step: Callable[[], None],
 ) -> list[BlindRung]:
-    """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed."""
+    """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
+
+    others : states with lobes of other forms, as good as their best.
+    """
     rungs = [cross_validate(_name(fit), search, fit)]
     in_the_dark = of_degree(search, 0)
 
-    def add(state: State, l_max: int) -> None:
+    def add(state: State, l_max: int, fitted: bool = False) -> None:
         own = search if l_max else in_the_dark
-        tried = bright(own, own.fit(state, l_max))
+        tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max))
         rungs.append(cross_validate(_name(tried), own, tried))
         on_step()
 
@@ -197,12 +220,13 @@ def _climb(
             add(fit.state, order)
     if lamps is not None:
         if fit.l_max:
-            add(lamps.glossy.state, 0)
+            add(lamps.glossy.state.with_form(fit.state.form), 0)
         add(lamps.diffuse.state, 0)
     best = rungs[simplest(rungs)].fit
-    if best.state.sigma is not None:
-        other = replace(best.state, mu=_FIRST_MU if best.state.mu is None else None)
-        add(other, best.l_max)
+    if best.state.sigma is not None and best.state.form.has_fresnel:
+        add(replace(best.state, mu=_FIRST_MU if best.state.mu is None else None), best.l_max)
+    for other in others:
+        add(other, best.l_max, fitted=True)
     if len(best.state.directions):
         weakest = int(best.irradiances.sum(axis=1).argmin())
         add(best.state.without_source(weakest), best.l_max)
@@ -219,7 +243,9 @@ def _confirm(search: Search, rungs: list[BlindRung], chosen: int) -> int:
     richer = [
         index
         for index, rung in enumerate(rungs)
-        if rung.fit.l_max > own.l_max and rung.fit.state.names == own.state.names
+        if rung.fit.l_max > own.l_max
+        and rung.fit.state.names == own.state.names
+        and rung.fit.state.form is own.state.form
     ]
     pair = [chosen, *sorted(richer, key=lambda index: rungs[index].fit.l_max)[:1]]
     for index in pair:
@@ -262,10 +288,12 @@ def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
 
 
 def _name(fit: Fit) -> str:
-    kind = "lambertian" if fit.state.sigma is None else "microfacet"
-    fresnel = " without Fresnel" if fit.state.sigma is not None and fit.state.mu is None else ""
-    count = len(fit.state.directions)
-    return f"{kind}{fresnel}, lighting of degree {fit.l_max}, {count} source{'' if count == 1 else 's'}"
+    state = fit.state
+    kind = "lambertian" if state.sigma is None else state.form.name
+    bare = state.sigma is not None and state.mu is None and state.form.has_fresnel
+    count = len(state.directions)
+    sources = f"{count} source{'' if count == 1 else 's'}"
+    return f"{kind}{' without Fresnel' if bare else ''}, lighting of degree {fit.l_max}, {sources}"
 
 
 def _solution(
@@ -277,6 +305,7 @@ def _solution(
     weights: tuple[Weights, ...],
     found: Found,
     names: Sequence[str],
+    transfer: Transfer,
 ) -> BlindSolution:
     fit = rungs[chosen].fit
     return BlindSolution(
@@ -284,6 +313,7 @@ def _solution(
         brdf_share=fit.state.kappa,
         mu=fit.state.mu,
         sigma=fit.state.sigma,
+        form=fit.state.form,
         lights={
             name: _light(search.only(number), fit, certainty, number) for number, name in enumerate(names)
         },
@@ -296,6 +326,7 @@ def _solution(
         weights=weights,
         gauge=GAUGE,
         warnings=_split_warnings(found, names),
+        transfer=transfer,
     )
 
 

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.factorization import Quantity
+from invrender.model.formtable import form_radiance
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobetable import specular_radiance
-from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.model.lobes import PRINTED, Angles, LobeForm
+from invrender.model.lobetable import Transfer, specular_radiance
 from invrender.solve.blind.rungs import BlindRung
+from invrender.solve.blind.state import State
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.theory.harmonics import project_sources
 from invrender.theory.lambertian import irradiance
@@ -72,15 +74,17 @@ class BlindSolution:
     """BRDF and lightings of a homogeneous convex body, up to a scale per channel (`gauge`).
 
     model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks). mu, sigma : None where the model lacks
-    them; sigma in radians. lights : by name, in the order in which photographs first name them. quantities :
-    "kd_normalised", "ks_normalised", "mu", "sigma". covariance, covariance_names : of the shares, mu, sigma and the
-    sources' turns (radians). rungs, chosen : the ladder. noise, weights : as in `noise`, weights per photograph.
+    them; sigma in radians. form : of the lobe. lights : by name, in the order in which photographs first name them.
+    quantities : "kd_normalised", "ks_normalised", "mu", "sigma". covariance, covariance_names : of the shares, mu,
+    sigma and the sources' turns (radians). rungs, chosen : the ladder. noise, weights : as in `noise`, weights per
+    photograph. transfer : of the lobe, that the fit went by.
     """
 
     model: str
     brdf_share: Floats
     mu: float | None
     sigma: float | None
+    form: LobeForm
     lights: Mapping[str, BlindLight]
     quantities: Mapping[str, Quantity]
     covariance: Floats
@@ -91,6 +95,7 @@ class BlindSolution:
     weights: tuple[Weights, ...]
     gauge: str
     warnings: tuple[str, ...]
+    transfer: Transfer = "exact"
 
     @property
     def l_max(self) -> int:
@@ -109,17 +114,23 @@ def predict_blind(solution: BlindSolution, field: LightField, light: BlindLight 
     """Radiance (n, 3) of a photograph's samples in a recovered light (the only one if None), in photographs' units."""
     state = solution.rungs[solution.chosen].fit.state
     light = solution.light if light is None else light
-    sources = [
-        LightElement("source", direction[None], strength[None])
-        for direction, strength in zip(light.sources.directions, light.sources.irradiances, strict=True)
-    ]
+    directions, strengths = light.sources.directions, light.sources.irradiances
     total = irradiance(field.normals, light.coefficients)
-    total += sum((diffuse_transfer(source, field.normals) for source in sources), np.zeros(3))
-    total *= 1 - state.kappa
+    total = (total + np.maximum(field.normals @ directions.T, 0) @ strengths) * (1 - state.kappa)
     if state.sigma is not None:
-        lobe = specular_radiance(field, light.coefficients, state.sigma)
-        for source in sources:
-            lobe += specular_transfer(source, field.normals, field.views, np.array([state.sigma]))[:, 0]
-        cos = np.einsum("nk,nk->n", field.normals, field.views)
-        total += state.kappa * normalised_fresnel(state.mu, cos)[:, None] * lobe
+        lobe = _reflected(state, field, light.coefficients, solution.transfer)
+        for direction, strength in zip(directions, strengths, strict=True):
+            angles = Angles.between(field.normals, direction, field.views)
+            lobe += state.form.reflected(angles, state.mu, state.sigma)[:, None] * strength
+        total += state.kappa * lobe
     return np.asarray(field.mean_over_rays(total))
+
+
+def _reflected(state: State, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
+    """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
+    if state.form is not PRINTED:
+        return form_radiance(field, lighting, state.form, state.mu, state.roughness)
+    cos = np.einsum("nk,nk->n", field.normals, field.views)
+    return normalised_fresnel(state.mu, cos)[:, None] * specular_radiance(
+        field, lighting, state.roughness, transfer
+    )

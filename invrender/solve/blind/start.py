@@ -146,7 +146,7 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
 
 def of_degree(search: Search, l_max: int) -> Search:
     """The same, prepared for lighting of another degree."""
-    return replace(search, sights=[Sight.of(sight.field, l_max, sight.lighting) for sight in search.sights])
+    return replace(search, sights=[sight.like(sight.field, l_max) for sight in search.sights])
 
 
 def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
@@ -158,7 +158,7 @@ def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
     sights, weights, trusts = [], [], []
     for k, (sight, weight, trust) in enumerate(zip(search.sights, search.weights, search.trust, strict=True)):
         keep = np.arange(len(sight.field)) % every == k % every
-        sights.append(Sight.of(sight.field.where(keep), l_max, sight.lighting))
+        sights.append(sight.like(sight.field.where(keep), l_max))
         weights.append(weight[keep])
         trusts.append(trust[keep])
     return replace(search, sights=sights, weights=weights, trust=trusts)

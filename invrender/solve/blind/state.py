@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.fresnel import MU_RANGE
+from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
 
 Floats = NDArray[np.float64]
@@ -23,15 +24,23 @@ class State:
     """A BRDF up to its scale, and where the sources are.
 
     kappa : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is diffuse, and
-    kappa zero. directions : (k, 3) unit, towards the sources. owners : (k,), the number of the lighting that each of
-    them belongs to.
+    kappa zero. directions : (k, 3) unit, towards the sources. form : of the lobe. owners : (k,), the number of the
+    lighting that each source belongs to.
     """
 
     kappa: Floats
     mu: float | None
     sigma: float | None
     directions: Floats
+    form: LobeForm = PRINTED
     owners: Ints = field(default_factory=lambda: np.zeros(0, int))
+
+    @property
+    def roughness(self) -> float:
+        """sigma of a state that has a lobe."""
+        if self.sigma is None:
+            raise ValueError("the state has no sigma, for all is diffuse; ask for its diffuse part alone")
+        return self.sigma
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -87,6 +96,10 @@ class State:
     def under(self, lighting: int) -> State:
         """The same with no sources but those of one lighting."""
         return self.without_source(np.flatnonzero(self.owners != lighting))
+
+    def with_form(self, form: LobeForm) -> State:
+        """The same with a lobe of another form, which may have no Fresnel factor."""
+        return replace(self, form=form, mu=self.mu if form.has_fresnel else None)
 
     def with_source(self, direction: Floats, lighting: int = 0) -> State:
         """The same with one more source."""
