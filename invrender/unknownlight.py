@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from capture.manifest import LightingTable
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
@@ -53,13 +55,15 @@ def solve_unknown_light(
     samples: int,
     clock: Clock,
     track: Track,
-    factorize: Callable[..., BlindSolution] = factorize_blind,
+    factorize: Callable[..., BlindSolution] | None = None,
 ) -> Solved:
     """Recover the BRDF of a sphere, up to a scale per channel, and all of the lightings on it.
 
-    factorize : `factorize_blind`, or that with some of its options chosen.
+    factorize : `factorize_blind` with some of its options chosen; if None, as the set has it.
     """
-    orders = _orders(photoset)
+    _check_lightings(photoset)
+    orders = _DARK if _is_dark(photoset) else ORDERS
+    factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     fields = read_samples(photoset, sphere, {}, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
@@ -68,7 +72,6 @@ def solve_unknown_light(
         blind = factorize(
             [fields[photo.label] for photo in fitted],
             [photo.lighting for photo in fitted],
-            orders,
             on_step=lambda: next(steps, None),
         )
         for _ in steps:
@@ -89,11 +92,15 @@ def solve_unknown_light(
     return Solved(result, fields, residuals, radiance)
 
 
-def _orders(photoset: PhotoSet) -> tuple[int, ...]:
-    """Orders of the lightings to try; ValueError for sets with lightings that aren't solved together."""
+def _used_tables(photoset: PhotoSet) -> list[LightingTable]:
     used = {photo.lighting for photo in photoset.photos}
-    known = [table.name for table in photoset.lightings if table.name in used and not table.unknown]
-    if known:
+    return [table for table in photoset.lightings if table.name in used]
+
+
+def _check_lightings(photoset: PhotoSet) -> None:
+    tables = _used_tables(photoset)
+    known = [table.name for table in tables if not table.unknown]
+    if 0 < len(known) < len(tables):
         raise ValueError(
             f"{photoset.manifest}: some photographs are under unknown light, others under {known[0]!r}, of which"
             " something is known; such sets are not solved together yet: process them in sets of their own, or write"
@@ -107,14 +114,18 @@ def _orders(photoset: PhotoSet) -> tuple[int, ...]:
                 f" {photo.lighting!r}, which is unknown: nothing can predict it; fit one photograph under that light,"
                 " or leave it out"
             )
-    tables = [table for table in photoset.lightings if table.name in used]
+
+
+def _is_dark(photoset: PhotoSet) -> bool:
+    """Whether there are only lamps in the dark; ValueError where that is said of some lightings only."""
+    tables = _used_tables(photoset)
     lit = [table.name for table in tables if not table.dark]
     if lit and len(lit) < len(tables):
         raise ValueError(
             f"{photoset.manifest}: dark = true is said of some unknown lightings, but not of {lit[0]!r}; one degree of"
             " light is sought for all of them: say it of all or of none"
         )
-    return ORDERS if lit else _DARK
+    return bool(tables) and not lit
 
 
 def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Sequence[Floats]) -> Solution:
