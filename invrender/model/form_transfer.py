@@ -52,19 +52,17 @@ def form_transfer(
     views: Floats,
     sigmas: Floats,
     fresnel: FresnelFunctions,
-) -> Singles:
+) -> Floats:
     """Reflected radiance (m, k, sigmas, channels) per unit of Ks and strength, for each of k functions in place of F.
 
     normals, views : (m, 3) unit. sigmas : (j,), radians; of many, the outer ones bound the others.
     """
     sigmas = np.atleast_1d(np.asarray(sigmas, float))
     if form is PRINTED:
-        factors = fresnel((normals * views).sum(axis=1)).astype(np.float32)
-        plain = specular_transfer(element, normals, views, sigmas).astype(np.float32)
-        return factors[:, :, None, None] * plain[:, None]
-    result = np.zeros(
-        (len(normals), fresnel(np.ones(1)).shape[-1], len(sigmas), element.channels), np.float32
-    )
+        factors = fresnel((normals * views).sum(axis=1))
+        plain = specular_transfer(element, normals, views, sigmas)
+        return np.asarray(factors[:, :, None, None] * plain[:, None])
+    result = np.zeros((len(normals), fresnel(np.ones(1)).shape[-1], len(sigmas), element.channels))
     for direction, strength in zip(element.directions, element.irradiances, strict=True):
         angles = Angles.between(normals, direction, views)
         wide = Angles(*(part[:, None] for part in (angles.theta_h, angles.cos_i, angles.cos_o, angles.cos_d)))

@@ -157,9 +157,10 @@ def test_a_plan_states_what_process_then_reports(tmp_path: Path):
     assert few.fit_samples == pytest.approx(plan.fit_samples, rel=0.1)
     for name in ("kd", "ks", "sigma", "mu"):
         expected, found = named(plan.expected, name), result.quantities[name]
-        # The largest of three answers is stated, 10% more than noise implies on average.
+        # The largest of three answers is stated, 10% more than noise implies on average. Three channels that turn out
+        # to have one Ks tell it by up to the root of three better than a plan for a coloured one says.
         ratio = found.std / expected.std
-        assert ((ratio > 0.85) & (ratio < 1.3)).all(), (name, ratio)
+        assert ((ratio > (0.5 if name == "ks" else 0.85)) & (ratio < 1.3)).all(), (name, ratio)
         assert expected.quantity.status == found.status
 
 

@@ -16,9 +16,10 @@ from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
+from invrender.solve.blind.screen import find_among_nonsense, judged
 from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
-from invrender.solve.blind.sources import Found, Lamps, bright, find_starts, sources_of_diffuse
+from invrender.solve.blind.sources import Found, Lamps, bright, sources_of_diffuse
 from invrender.solve.blind.start import Region, Search, of_degree, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
@@ -37,7 +38,7 @@ _SEARCH_DEGREE, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING = 10, 3000, 600
 # Samples that the ladder of models is climbed with.
 _LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
 # Noise that is assumed until residuals show it.
-_FIRST_RELATIVE, _FIRST_FLOOR = 0.01, 0.002
+_FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
 _FIRST_MU = 1.5
 _SAME_ANGLE = 1e-3
 # Structured residuals, relative to the radiance, that noise does not make by chance; and what share of it might.
@@ -73,11 +74,15 @@ def factorize_blind(
         search = _first_weights(photos, numbers, orders[-1] if ladder else degree, source_region, transfer)
         dark = degree == 0 or (ladder and orders[0] == 0)
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
-        found, lamps = find_starts(thin, degree, dark)
+        assumed = _assumed(photos)
+        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed)
+        strays, thin = kept is not thin, kept
         formed = Formed(found, ())
         if ladder and transfer == "exact":
             formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
         found = formed.found
+        if strays:
+            search = judged(search, found.fit, assumed)
         fit = search.fit(found.fit.state, degree)
         search, noise, weights = _weighed(search, fit)
         fit = search.fit(fit.state, degree)
@@ -160,11 +165,15 @@ def _first_weights(
     transfer: Transfer,
 ) -> Search:
     sights = [Sight.of(photo, l_max, number, transfer) for photo, number in zip(photos, numbers, strict=True)]
-    level = float(np.mean([np.abs(photo.radiance).mean() for photo in photos]))
-    assumed = NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
+    assumed = _assumed(photos)
     weights = [photo.weight[:, None] / assumed.variance(photo.radiance) for photo in photos]
     trust = [np.ones_like(photo.radiance) for photo in photos]
     return Search(sights, weights, trust, light_scale(sights), region)
+
+
+def _assumed(photos: Sequence[LightField]) -> NoiseModel:
+    level = float(np.mean([np.quantile(np.abs(photo.radiance), _BRIGHT) for photo in photos]))
+    return NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
 
 
 def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:

@@ -1,0 +1,61 @@
+"""All charts of speed against accuracy, and of stability where methods fail: python -m benchmarks.
+
+    python -m benchmarks --quick                coarse versions of all of them, in a few minutes, into build/benchmarks
+    python -m benchmarks                        the figures and tables of docs/benchmarks, in an hour or so
+    python -m benchmarks --only race --out DIR  one of them
+
+What has been measured is kept beside the charts, in .json: a run that was interrupted goes on, one that is complete
+only draws anew. Delete a .json to measure again. Times are ratios within one run; leave the machine alone meanwhile.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.atlas.charts import draw_atlas
+from benchmarks.pareto import draw_pareto
+from benchmarks.programs import PROGRAMS
+from benchmarks.race import draw_race
+from benchmarks.scaling import draw_scaling
+
+CHARTS: dict[str, Callable[[Path, bool], None]] = {
+    "atlas": draw_atlas,
+    "pareto": draw_pareto,
+    "race": draw_race,
+    "scaling": draw_scaling,
+    **PROGRAMS,
+}
+_DOCS = Path(__file__).parents[1] / "docs" / "benchmarks"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Draw what is asked for."""
+    lines = (__doc__ or "").splitlines()
+    options = argparse.ArgumentParser(
+        "python -m benchmarks",
+        description=lines[0],
+        epilog="\n".join(lines[1:]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--quick", action="store_true", help="coarse versions, to see whether all works")
+    options.add_argument("--only", choices=sorted(CHARTS), help=f"one of {', '.join(CHARTS)}", metavar="NAME")
+    options.add_argument("--out", type=Path, help="folder of the figures and tables (docs/benchmarks)")
+    chosen = options.parse_args(arguments)
+    out = chosen.out or (Path("build/benchmarks") if chosen.quick else _DOCS)
+    if out.exists() and not out.is_dir():
+        sys.exit(f"{out}: is a file; give the name of a folder for the figures")
+    for name, draw in CHARTS.items():
+        if chosen.only in (None, name):
+            print(f"{name} ...", flush=True)
+            begin = time.perf_counter()
+            draw(out, chosen.quick)
+            print(f"{name}: {time.perf_counter() - begin:.0f} s")
+    print(f"written: {out}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""What methods are judged by: time, errors of the parameters, and error on photographs that they haven't seen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.atlas.stage import truths
+from benchmarks.spherephotos import SpherePhotos
+from capture.lighting import Lighting
+from capture.parallel import parallel_map
+from invrender.model.columns import photo_columns
+from invrender.model.lobetable import Transfer
+from invrender.model.microfacet import Microfacet
+from invrender.model.predict import predict
+from invrender.model.transfer import light_elements
+from invrender.solve.blind import ORDERS, factorize_blind, predict_blind
+from invrender.solve.factorize import factorize
+from invrender.solve.published import published_brdf, published_factors
+from recon.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+# The share is the green channel's.
+_GREEN = 1
+
+
+@dataclass(frozen=True)
+class Found:
+    """A method's Ks share, mu and sigma, None where it has none, and how it predicts samples (n, 3)."""
+
+    share: float
+    mu: float | None
+    sigma: float | None
+    radiance: Callable[[LightField], Floats]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a method found, and when.
+
+    setting : samples or seconds allowed. seconds : from drawing samples on. errors : of Ks share, mu and sigma,
+    absolute, None where the method has none. held_out : relative RMS on unseen photographs without noise.
+    """
+
+    method: str
+    known_light: bool
+    setting: str
+    seconds: float
+    errors: Mapping[str, float | None]
+    held_out: float
+
+    def document(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return asdict(self)
+
+
+def judged(photos: SpherePhotos, method: str, known: bool, setting: str, run: Callable[[], Found]) -> Outcome:
+    """Time a method, and compare what it finds with the truth."""
+    begin = time.perf_counter()
+    found = run()
+    seconds = time.perf_counter() - begin
+    values = {"Ks share": found.share, "mu": found.mu, "sigma": found.sigma}
+    errors = {
+        name: None if truth is None or values[name] is None else abs(float(values[name] or 0) - truth)
+        for name, truth in truths(photos.stage.material).items()
+    }
+    held_out = photos.held_out_error([found.radiance(field) for field in photos.held_out])
+    return Outcome(method, known, setting, seconds, errors, held_out)
+
+
+def relative_error(outcome: Outcome, photos: SpherePhotos) -> float:
+    """The largest relative error of Ks share, mu - 1 and sigma; 1 where the method lacks one."""
+    worst = 0.0
+    for name, truth in truths(photos.stage.material).items():
+        if truth is not None:
+            error = outcome.errors[name]
+            worst = max(worst, 1.0 if error is None else error / (truth - 1 if name == "mu" else truth))
+    return worst
+
+
+def ours(photos: SpherePhotos, known: bool, samples: int | None) -> Found:
+    """lightfactor: in known light the whole ladder, in unknown light RH01's model at order 10."""
+    return statistics(photos, samples) if known else gauss_newton(photos, samples)
+
+
+def statistics(photos: SpherePhotos, samples: int | None) -> Found:
+    """Known light: sufficient statistics, then a simplex over them, with the ladder of models and error bars."""
+    lighting = photos.stage.lighting
+    elements = light_elements(lighting)
+    columns = parallel_map(
+        lambda field: photo_columns("light", elements, field), photos.samples(samples, lighting.directions)
+    )
+    return brdf_in_known_light(factorize(list(columns), [lighting]).estimate.brdf, lighting)
+
+
+def published_known(photos: SpherePhotos, samples: int | None, transfer: Transfer) -> Found:
+    """Known light: RH01's simplex over all pixels [RH01, section 6.1]."""
+    lighting = photos.stage.lighting
+    found = published_brdf(photos.samples(samples, lighting.directions), lighting, transfer)
+    return brdf_in_known_light(found.brdf, lighting)
+
+
+def brdf_in_known_light(brdf: Microfacet, lighting: Lighting) -> Found:
+    """What a BRDF amounts to; photographs are predicted by the exact lobe, whatever it was found by."""
+    elements = light_elements(lighting)
+    strengths = np.ones((len(elements), 3))
+    share = float(brdf.ks[_GREEN] / (brdf.kd[_GREEN] + brdf.ks[_GREEN]))
+    return Found(share, brdf.mu, brdf.sigma, lambda field: predict(brdf, elements, strengths, field))
+
+
+def gauss_newton(
+    photos: SpherePhotos,
+    samples: int | None,
+    orders: Sequence[int] = (10,),
+    transfer: Transfer = "exact",
+    ladder: bool = False,
+) -> Found:
+    """Unknown light: variable projection."""
+    solution = factorize_blind(photos.samples(samples), orders=orders, ladder=ladder, transfer=transfer)
+    share = float(solution.brdf_share[_GREEN])
+    return Found(share, solution.mu, solution.sigma, lambda field: predict_blind(solution, field))
+
+
+def whole_ladder(photos: SpherePhotos, samples: int | None) -> Found:
+    """Unknown light as `process` does it: every order of the light, and every model."""
+    return gauss_newton(photos, samples, ORDERS, ladder=True)
+
+
+def published_unknown(photos: SpherePhotos, samples: int | None) -> Found:
+    """Unknown light: RH01's simplex and map in mirror directions [RH01, section 6.3]."""
+    found = published_factors(photos.samples(samples))
+    return Found(float(found.share[_GREEN]), found.mu, found.sigma, found.radiance)

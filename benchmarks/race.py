@@ -1,0 +1,358 @@
+"""Race with Mitsuba 3: inverse rendering of the same photographs by a differentiable path tracer, error against time.
+
+Mitsuba is told the BRDF's formula (its own plugin of it, nothing of ours) and starts where the published simplex does.
+Its settings are the best of those tried: one sample per pixel and one photograph per step, squared differences, mu and
+sigma by their logarithms, Adam with little memory, with rates that fall exponentially to a fiftieth over each run, so
+that every point is a run of its own, tuned for its length. Compiling isn't timed, nor is judging: in known light by our
+exact prediction of what it found, in unknown light by its own. There it fits the logarithm of a map of 64 x 128 pixels,
+held together by its total variation; in known light it is told map and source.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from benchmarks.atlas.stage import SPHERE, Stage
+from benchmarks.contest import Found, Outcome, brdf_in_known_light, judged, ours
+from benchmarks.ink import BLUE, ORANGE, save
+from benchmarks.kept import Kept
+from benchmarks.spherephotos import SpherePhotos, sphere_photos
+from capture.parallel import one_blas_thread
+from invrender.model.microfacet import Microfacet
+from recon.lightfield import LightField
+from synthetic.lights.illumination import Illumination
+
+Floats = NDArray[np.float64]
+
+NO_LLVM = (
+    "Mitsuba 3 takes no part in the race: it needs the extra `reference` and LLVM 16 or newer (libllvm19, or"
+    " DRJIT_LIBLLVM_PATH)"
+)
+_START = {"kd": 0.15, "ks": 0.1, "mu": 1.5, "sigma": 0.15}
+_RANGES = {"kd": (0.0, 1.0), "ks": (0.0, 1.0), "mu": (1.02, 3.0), "sigma": (0.02, 0.7)}
+# Of these numbers the logarithm of what they are above this is fitted.
+_LEAST = {"mu": 1.0, "sigma": 0.0}
+# Rates of Adam that are tried; the run with the better unseen photographs counts, and only its own time.
+_RATES_KNOWN, _RATES_UNKNOWN, _RATE_MAP = (0.03, 0.01), (0.01, 0.003), 0.2
+_DECAY = 0.02
+_MAP_ROWS, _VARIATION = 64, 1e-3
+_WARM_UP = 3
+# Paths per pixel by which recovered light is judged: what they leave of noise is a percent or so.
+_JUDGED = 1024
+_BUDGETS, _QUICK_BUDGETS = (500, 2000, 8000, 32000), (500, 2000)
+_SECONDS = {True: (4.0, 15.0, 60.0), False: (15.0, 60.0, 120.0)}
+_QUICK_SECONDS = 3.0
+
+
+def draw_race(out: Path, quick: bool) -> None:
+    """Write race.json, race.png and race.md; without Mitsuba, say so and draw our side alone."""
+    stage = Stage(views=6 if quick else 60, radius_px=30 if quick else 45)
+    peer = has_mitsuba()
+    if not peer:
+        print(f"  {NO_LLVM}")
+    settings = {"views": stage.views, "radius_px": stage.radius_px, "seed": 0, "with Mitsuba": peer}
+    kept = Kept(out / "race.json", settings)
+    if "outcomes" not in kept:
+        photos = sphere_photos(stage, 0)
+        outcomes = run_race(photos, quick, peer)
+        unit = {known: _fastest(outcomes, known) for known in (True, False)}
+        kept["outcomes"] = [
+            replace(one, seconds=one.seconds / unit[one.known_light]).document() for one in outcomes
+        ]
+    outcomes = [Outcome(**entry) for entry in kept["outcomes"]]
+    save(race_figure(outcomes), out / "race.png", kept.caption)
+    (out / "race.md").write_text("\n".join(_table(outcomes)) + "\n", encoding="utf-8")
+
+
+def run_race(photos: SpherePhotos, quick: bool, peer: bool) -> list[Outcome]:
+    """All runs, one after the other, with known light and with unknown."""
+    outcomes = []
+    for known in (True, False):
+        # What a first run builds for all, such as tables of lobes, isn't timed: nor is Mitsuba's compiling.
+        ours(photos, known, _QUICK_BUDGETS[0])
+        for budget in _QUICK_BUDGETS if quick else _BUDGETS:
+            run = partial(ours, photos, known, budget)
+            with one_blas_thread():
+                outcomes.append(judged(photos, "lightfactor", known, f"{budget} samples", run))
+        if peer:
+            racer = Peer(photos, known)
+            rates = _RATES_KNOWN if known else _RATES_UNKNOWN
+            for seconds in (_QUICK_SECONDS,) if quick else _SECONDS[known]:
+                tried = [racer.outcome(seconds, rate) for rate in (rates[:1] if quick else rates)]
+                outcomes.append(min(tried, key=lambda one: one.held_out))
+        for one in outcomes:
+            if one.known_light == known:
+                print(f"  {_words(one)}", flush=True)
+    return outcomes
+
+
+def _fastest(outcomes: Sequence[Outcome], known: bool) -> float:
+    return min(one.seconds for one in outcomes if one.known_light == known and one.method == "lightfactor")
+
+
+def has_mitsuba() -> bool:
+    """Whether Mitsuba can take part."""
+    try:
+        from tests.synthetic.mitsubalobes import has_llvm
+    except ImportError:
+        return False
+    return has_llvm()
+
+
+def race_figure(outcomes: Sequence[Outcome]) -> Figure:
+    """Errors against time: known light above, unknown light below."""
+    figure = Figure(figsize=(13, 6.5), layout="constrained")
+    rows = figure.subplots(2, 4, sharex="row")
+    for row, known in zip(rows, (True, False), strict=True):
+        mine = [one for one in outcomes if one.known_light == known]
+        for axes, name in zip(row, ("Ks share", "mu", "sigma", "unseen photographs"), strict=True):
+            _draw(axes, mine, name)
+            axes.set_xlabel("time / our fastest run's", fontsize=8)
+            axes.set_title(f"{name}, {'known' if known else 'unknown'} light", fontsize=9)
+        row[0].set_ylabel("error")
+    rows[0, 0].legend(fontsize=8)
+    return figure
+
+
+def _draw(axes: Axes, outcomes: Sequence[Outcome], name: str) -> None:
+    for method, colour, mark in (("lightfactor", BLUE, "o"), ("Mitsuba 3", ORANGE, "s")):
+        mine = [one for one in outcomes if one.method == method]
+        errors = [one.held_out if name == "unseen photographs" else one.errors[name] for one in mine]
+        seconds = [one.seconds for one in mine]
+        if mine:
+            values = [np.nan if error is None else error for error in errors]
+            axes.plot(seconds, values, f"-{mark}", color=colour, label=method)
+    axes.set(xscale="log", yscale="log")
+    axes.grid(alpha=0.2, which="both")
+
+
+def _table(outcomes: Sequence[Outcome]) -> list[str]:
+    return [
+        "# Race with Mitsuba 3\n",
+        "Times over our fastest run's of the same light; errors are absolute, unseen photographs relative RMS.\n",
+        "| light | method | setting | time | Ks share | mu | sigma | unseen |",
+        "|---|---|---|---|---|---|---|---|",
+        *(
+            f"| {'known' if one.known_light else 'unknown'} | {one.method} | {one.setting} | {one.seconds:.2g} |"
+            + " |".join(" none" if e is None else f" {e:.2g}" for e in one.errors.values())
+            + f" | {one.held_out:.3%} |"
+            for one in outcomes
+        ),
+    ]
+
+
+def _words(one: Outcome) -> str:
+    light = "known" if one.known_light else "unknown"
+    return f"{light} light, {one.method}, {one.setting}: unseen photographs {one.held_out:.3%}"
+
+
+class Peer:
+    """Mitsuba with a set of photographs loaded and its kernels compiled."""
+
+    def __init__(self, photos: SpherePhotos, known: bool) -> None:
+        import mitsuba as mi
+
+        mi.set_variant("llvm_ad_rgb")
+        _register()
+        self.photos, self.known = photos, known
+        self.scene = mi.load_dict(_scene(photos, known))
+        self.sensors = self.scene.sensors()
+        self.targets = [mi.TensorXf(image.radiance) for image in photos.images]
+        self.masks = [mi.TensorXf((image.radiance != 0).astype(np.float32)) for image in photos.images]
+        self.level = float(np.mean([(image.radiance**2).mean() for image in photos.images]))
+        self._run(None, _RATE_MAP)
+
+    def outcome(self, seconds: float, rate: float) -> Outcome:
+        """A run of so many seconds with a rate of Adam."""
+        return judged(
+            self.photos,
+            "Mitsuba 3",
+            self.known,
+            f"{seconds:g} s, rate {rate:g}",
+            partial(self._fit, seconds, rate),
+        )
+
+    def _fit(self, seconds: float, rate: float) -> Found:
+        import mitsuba as mi
+
+        self._run(seconds, rate)
+        parameters = mi.traverse(self.scene)
+        found = {name: np.array(parameters[f"object.bsdf.{name}"]).ravel() for name in _START}
+        mu, sigma = float(found["mu"][0]), float(found["sigma"][0])
+        if self.known:
+            return brdf_in_known_light(
+                Microfacet(found["kd"].astype(float), found["ks"].astype(float), mu, sigma),
+                self.photos.stage.lighting,
+            )
+        share = float(found["ks"][1] / (found["kd"][1] + found["ks"][1]))
+        return Found(share, mu, sigma, self._unseen)
+
+    def _unseen(self, field: LightField) -> Floats:
+        import mitsuba as mi
+
+        place = next(k for k, other in enumerate(self.photos.held_out) if other is field)
+        sensor = self.sensors[len(self.photos.cameras) + place]
+        image = np.array(mi.render(self.scene, sensor=sensor, spp=_JUDGED, seed=9), float)
+        return np.asarray(image[field.rows, field.columns])
+
+    def _run(self, limit: float | None, rate: float) -> None:
+        """Optimise from the start for a time, or for a few steps."""
+        import drjit as dr
+        import mitsuba as mi
+
+        scene, rng = self.scene, np.random.default_rng(0)
+        parameters = mi.traverse(scene)
+        adam = mi.ad.Adam(lr=rate, beta_1=0.9, beta_2=0.9)
+        keys = {name: f"object.bsdf.{name}" for name in _START}
+        for name, first in _START.items():
+            adam[name] = mi.Float(np.log(first - _LEAST[name])) if name in _LEAST else mi.Color3f(first)
+        if not self.known:
+            brightest = max(float(image.radiance.mean()) for image in self.photos.images)
+            flat = np.full((_MAP_ROWS, 2 * _MAP_ROWS, 3), np.log(brightest), np.float32)
+            adam["map"] = mi.TensorXf(flat)
+            adam.set_learning_rate({"map": _RATE_MAP})
+        step, taken = 0, 0.0
+        begin = time.perf_counter()
+        while step < _WARM_UP if limit is None else taken < limit:
+            k = int(rng.integers(len(self.targets)))
+            for name, key in keys.items():
+                by_log = name in _LEAST
+                parameters[key] = _LEAST[name] + dr.exp(adam[name]) if by_log else adam[name]
+            if not self.known:
+                radiance = dr.exp(adam["map"])
+                parameters["sky.data"] = _padded(radiance)
+            parameters.update()
+            image = mi.render(
+                scene, parameters, sensor=self.sensors[k], spp=1, seed=int(rng.integers(1 << 30))
+            )
+            loss = dr.mean(dr.square((image - self.targets[k]) * self.masks[k]), axis=None) / self.level
+            if not self.known:
+                loss += _VARIATION * _variation(adam["map"])
+            dr.backward(loss)
+            adam.step()
+            for name, ends in _RANGES.items():
+                low, high = np.log(np.array(ends) - _LEAST[name]) if name in _LEAST else ends
+                adam[name] = dr.clip(adam[name], float(low), float(high))
+            dr.sync_thread()
+            step, taken = step + 1, time.perf_counter() - begin
+            fall = _DECAY ** min(taken / (limit or 1.0), 1.0)
+            adam.set_learning_rate(
+                dict.fromkeys(_START, rate * fall) | ({} if self.known else {"map": _RATE_MAP * fall})
+            )
+
+
+def _padded(texels: Any) -> Any:
+    """Texels (h, w, 3) with the column that the plugin keeps on either side."""
+    import mitsuba as mi
+
+    rows, columns = texels.shape[0], texels.shape[1]
+    around = (np.arange(-1, columns + 1) % columns)[None, :, None] * 3 + np.arange(3)
+    index = np.arange(rows)[:, None, None] * columns * 3 + around
+    import drjit as dr
+
+    flat = dr.gather(mi.Float, texels.array, mi.UInt32(index.ravel().astype(np.uint32)))
+    return mi.TensorXf(flat, shape=(rows, columns + 2, 3))
+
+
+def _variation(values: Any) -> Any:
+    """Mean absolute difference of neighbours."""
+    import drjit as dr
+
+    return dr.mean(dr.abs(values[1:] - values[:-1]), axis=None) + dr.mean(
+        dr.abs(values[:, 1:] - values[:, :-1]), axis=None
+    )
+
+
+def _scene(photos: SpherePhotos, known: bool) -> dict[str, Any]:
+    import mitsuba as mi
+
+    from tests.synthetic.mitsubascene import _MILLIMETRES, _sensor, emitters
+
+    stage = photos.stage
+    described: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 1, "hide_emitters": True},
+        "object": {
+            "type": "sphere",
+            "center": (_MILLIMETRES * SPHERE.centre).tolist(),
+            "radius": _MILLIMETRES * SPHERE.radius,
+            "bsdf": {"type": "rh01_fitted"},
+        },
+    }
+    if known:
+        described |= emitters(Illumination("light", stage.areas, stage.sources))
+    else:
+        grey = np.ones((_MAP_ROWS, 2 * _MAP_ROWS, 3), np.float32)
+        described["sky"] = {"type": "envmap", "bitmap": mi.Bitmap(grey)}
+    for k, camera in enumerate((*photos.cameras, *photos.unseen_cameras)):
+        # Of the orthogonal sampler's counts, one sample per pixel is none.
+        described[f"sensor{k:03d}"] = _sensor(camera, 1) | {
+            "sampler": {"type": "independent", "sample_count": 1}
+        }
+    return described
+
+
+def _register() -> None:
+    """RH01's BRDF as a plugin whose parameters can be fitted."""
+    import drjit as dr
+    import mitsuba as mi
+
+    class Fitted(mi.BSDF):
+        """Kd + Ks F(mu, theta_o) S / (4 cos theta_i cos theta_o) [RH01, section 5.2]; `eval` has the cosine."""
+
+        def __init__(self, props: Any) -> None:
+            mi.BSDF.__init__(self, props)
+            self.kd, self.ks = mi.Color3f(_START["kd"]), mi.Color3f(_START["ks"])
+            self.mu, self.sigma = mi.Float(_START["mu"]), mi.Float(_START["sigma"])
+            flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
+            self.m_components, self.m_flags = [flags], flags
+
+        def traverse(self, cb: Any) -> None:
+            for name in _START:
+                cb.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
+
+        def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            light, viewer = wo, si.wi
+            above = (light.z > 0) & (viewer.z > 0)
+            half = dr.normalize(light + viewer)
+            fresnel = mi.fresnel(viewer.z, self.mu)[0] / ((self.mu - 1) / (self.mu + 1)) ** 2
+            angle = dr.safe_acos(half.z)
+            facets = dr.exp(-dr.square(angle / self.sigma)) / (np.pi * dr.square(self.sigma))
+            lobe = fresnel * facets / (4 * dr.maximum(viewer.z, 1e-4))
+            return dr.select(active & above, self.kd * light.z + self.ks * lobe, 0)
+
+        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            half = dr.normalize(wo + si.wi)
+            seen = self._facets().pdf(si.wi, half) / (4 * dr.dot(wo, half))
+            above = (wo.z > 0) & (si.wi.z > 0)
+            return dr.select(active & above, (seen + mi.warp.square_to_cosine_hemisphere_pdf(wo)) / 2, 0)
+
+        def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+            half, _ = self._facets().sample(si.wi, sample2)
+            by_cosine = mi.warp.square_to_cosine_hemisphere(sample2)
+            wo = dr.detach(dr.select(sample1 < 0.5, by_cosine, mi.reflect(si.wi, half)))
+            bs = dr.zeros(mi.BSDFSample3f)
+            bs.wo, bs.eta = wo, 1.0
+            bs.sampled_type, bs.sampled_component = mi.UInt32(+self.m_flags), mi.UInt32(0)
+            bs.pdf = dr.detach(self.pdf(ctx, si, wo, active))
+            active &= bs.pdf > 0
+            return bs, dr.select(active, self.eval(ctx, si, wo, active) / bs.pdf, 0)
+
+        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
+
+        def _facets(self) -> Any:
+            """What directions are drawn by: as wide as the lobe is now."""
+            return mi.MicrofacetDistribution(mi.MicrofacetType.GGX, dr.detach(self.sigma), True)
+
+    mi.register_bsdf("rh01_fitted", Fitted)
