@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.columns import PhotoColumns, specular_weights
-from invrender.model.fresnel import normalised_fresnel
+from invrender.model.form_transfer import OneIndex, form_transfer
 from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.model.transfer import LightElement, diffuse_transfer
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -19,18 +19,17 @@ Floats = NDArray[np.float64]
 def predict(
     brdf: Microfacet, elements: Sequence[LightElement], strengths: Floats, field: LightField
 ) -> Floats:
-    """Radiance (n, 3) of samples, without tables or interpolation [RH01, eq. 24].
+    """Radiance (n, 3) of samples, without tables or interpolation [RH01, eq. 24; its form any].
 
     strengths : (elements, 3).
     """
     total = np.zeros((len(field.normals), 3))
-    cos = (field.normals * field.views).sum(axis=1)
-    fresnel = normalised_fresnel(brdf.mu, cos)[:, None]
     for element, strength in zip(elements, strengths, strict=True):
         total += brdf.kd * strength * diffuse_transfer(element, field.normals)
         if brdf.sigma is not None and brdf.ks.any():
-            lobe = specular_transfer(element, field.normals, field.views, np.array([brdf.sigma]))[:, 0]
-            total += brdf.ks * strength * fresnel * lobe
+            sigma, fresnel = np.array([brdf.sigma]), OneIndex(brdf.mu)
+            lobe = form_transfer(brdf.form, element, field.normals, field.views, sigma, fresnel)
+            total += brdf.ks * strength * lobe[:, 0, 0]
     return np.asarray(field.mean_over_rays(total))
 
 
@@ -39,12 +38,14 @@ def transfers(photo: PhotoColumns, mu: float | None, sigma: float | None) -> tup
     diffuse = photo.columns[..., 0].astype(float)
     if sigma is None:
         return diffuse, np.zeros_like(diffuse)
-    weights = specular_weights(mu, sigma).astype(np.float32)
+    weights = specular_weights(mu, sigma, photo.form).astype(np.float32)
     return diffuse, (photo.columns[..., 1:] @ weights).astype(float)
 
 
 def predict_columns(photo: PhotoColumns, brdf: Microfacet, strengths: Floats) -> Floats:
-    """Radiance (n, 3) of a photograph's samples through its columns."""
+    """Radiance (n, 3) of a photograph's samples through its columns, which must be of the BRDF's form."""
+    if brdf.sigma is not None and brdf.form is not photo.form:
+        raise ValueError(f"columns of the form {photo.form.name!r} can't predict {brdf.form.name!r}")
     diffuse, specular = transfers(photo, brdf.mu, brdf.sigma)
     shading = brdf.kd[:, None, None] * diffuse + brdf.ks[:, None, None] * specular
     return np.einsum("cne,ec->nc", shading, strengths)
