@@ -66,7 +66,7 @@ def unknown(transfer: str, ladder: bool) -> Callable[[str, Sequence[LightField]]
         solution = factorize_blind(photos, ladder=ladder, transfer=transfer)  # type: ignore[arg-type]
         seconds = time.perf_counter() - begun
         brdf = Microfacet(1 - solution.brdf_share, solution.brdf_share, solution.mu, solution.sigma)
-        light = to_degree(solution.normalised_coefficients, LIGHT_DEGREE)
+        light = to_degree(solution.light.normalised_coefficients, LIGHT_DEGREE)
         entry = _factored(name, brdf, solution.light.sources.directions, light, seconds)
         return entry | {
             "model": solution.model,
