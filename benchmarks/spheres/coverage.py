@@ -61,7 +61,7 @@ def _light_z(solution: BlindSolution, truth: Microfacet) -> dict[str, float | No
     """Of the source, and RMS of the first nine coefficients of the light without it."""
     # In this gauge the light is that in the photographs' unit times Kd + Ks.
     true = area_coefficients(2) * (truth.kd + truth.ks)
-    off = (solution.coefficients[:_NINE] - true) / solution.coefficients_std[:_NINE]
+    off = (solution.light.coefficients[:_NINE] - true) / solution.light.coefficients_std[:_NINE]
     return {"source": source_z(solution), "light, RMS of nine": float(np.sqrt(np.mean(off**2)))}
 
 

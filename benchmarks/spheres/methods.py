@@ -66,8 +66,8 @@ def unknown(transfer: str, ladder: bool) -> Callable[[str, Sequence[LightField]]
         solution = factorize_blind(photos, ladder=ladder, transfer=transfer)  # type: ignore[arg-type]
         seconds = time.perf_counter() - begun
         brdf = Microfacet(1 - solution.brdf_share, solution.brdf_share, solution.mu, solution.sigma)
-        light = to_degree(solution.normalised_coefficients, LIGHT_DEGREE)
-        entry = _factored(name, brdf, solution.sources.directions, light, seconds)
+        light = to_degree(solution.light.normalised_coefficients, LIGHT_DEGREE)
+        entry = _factored(name, brdf, solution.light.sources.directions, light, seconds)
         return entry | {
             "model": solution.model,
             "view": unseen_ratio(name, lambda field: predict_blind(solution, field), False, False),
@@ -110,11 +110,11 @@ UNKNOWN: Mapping[str, Callable[[str, Sequence[LightField]], Entry]] = {
 
 def source_z(solution: BlindSolution) -> float | None:
     """The angle between the source and the truth in its standard deviations; None unless there is one source."""
-    if len(solution.sources.directions) != 1:
+    if len(solution.light.sources.directions) != 1:
         return None
     # The larger deviation of two ways, of which a direction's error is the root sum of squares.
-    off = _degrees_off(solution.sources.directions)
-    return None if off is None else off / (float(solution.sources.direction_std_deg[0]) * np.sqrt(2))
+    off = _degrees_off(solution.light.sources.directions)
+    return None if off is None else off / (float(solution.light.sources.direction_std_deg[0]) * np.sqrt(2))
 
 
 def _told(name: str, brdf: Microfacet, seconds: float) -> Entry:

@@ -41,8 +41,8 @@ _LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
 _FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
 _FIRST_MU = 1.5
 _SAME_ANGLE = 1e-3
-# Structured residuals, relative to the radiance, that noise does not make by chance; and what share of it might.
-_STRUCTURED, _BY_CHANCE = 0.005, 0.2
+# Structured residuals, relative to the radiance, up to which lighting of a finite degree leaves them in clean sets.
+_STRUCTURED = 0.005
 
 
 def factorize_blind(
@@ -97,7 +97,7 @@ def factorize_blind(
             if few is not search:
                 chosen = _confirm(search, rungs, chosen)
             on_step()
-        certainty = _certainty(search, rungs[chosen].fit, noise, found.split)
+        certainty = _certainty(search, rungs[chosen].fit, found.split)
     return _solution(search, rungs, chosen, certainty, noise, weights, found, names, transfer)
 
 
@@ -263,7 +263,7 @@ def _confirm(search: Search, rungs: list[BlindRung], chosen: int) -> int:
     return pair[simplest([rungs[index] for index in pair])]
 
 
-def _certainty(search: Search, fit: Fit, noise: NoiseModel, split: Fit | None) -> Certainty:
+def _certainty(search: Search, fit: Fit, split: Fit | None) -> Certainty:
     """That of a fit, and what else its standard deviations must hold."""
     certainty = _with_split(certainty_of(search, fit), fit, split)
     fields = [sight.field for sight in search.sights]
@@ -273,7 +273,7 @@ def _certainty(search: Search, fit: Fit, noise: NoiseModel, split: Fit | None) -
     ]
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     structured = structured_rms(fields, left) / max(float(energy), 1e-300)
-    if structured < max(_STRUCTURED, _BY_CHANCE * noise.relative):
+    if structured < _STRUCTURED:
         return certainty
     # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
     # radian: by as much does shading that is wrong by so much of itself turn a source.
