@@ -116,5 +116,7 @@ def read_latlong(path: Path) -> NDArray[np.float32]:
     radiance = pixels.astype(np.float32)
     check_latlong(radiance, str(path))
     if not radiance.any():
-        raise ValueError(f"{path}: the lighting map is zero everywhere")
+        raise ValueError(
+            f"{path}: the lighting map is zero everywhere; give the map that was meant, or none where it is dark"
+        )
     return radiance

@@ -27,6 +27,8 @@ from capture.placing import mesh_placement, photo_poses, read_arc, registered_po
 from capture.radiometry import Radiometry, read_radiometry
 
 MANIFEST_NAME = "photoset.toml"
+# What the light is called of which a manifest says nothing.
+UNTOLD = "lighting"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,8 @@ class Photo:
 class PhotoSet:
     """A whole set, as the manifest gives it, with paths resolved and cameras posed.
 
-    lightings : the tables of the manifest by their name; nothing of them is read yet.
+    lightings : the tables of the manifest by their name, or one that is unknown where it has none; nothing of them is
+        read yet.
     calibration_files : the files of cameras, radiometry, arcs, poses and alignment that were read.
     mesh_to_world : (4, 4) rigid, from the mesh of [object] in metres; None where there is none, or nothing places it.
     own_frame : whether the poses were registered in a frame of their own, which light directions can't know of.
@@ -120,7 +123,8 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         radiometry=_radiometry(manifest_path, manifest.radiometry, [photo.file for photo in photos]),
         object=manifest.object,
         lightings=tuple(
-            _with_directions(manifest_path, light_arc, target, table) for table in manifest.lighting
+            _with_directions(manifest_path, light_arc, target, table)
+            for table in manifest.lighting or (LightingTable(name=UNTOLD, unknown=True),)
         ),
         photos=tuple(photos),
         calibration_files=(*_calibration_files(manifest_path, manifest), *found_files),
@@ -226,7 +230,7 @@ def _photo(
         file=resolve(manifest_path, table.file),
         mask=resolve(manifest_path, table.mask) if table.mask else None,
         camera=build_camera(manifest_path, cameras, np.eye(4) if pose is None else pose, where),
-        lighting=table.lighting or (lightings[0] if lightings else ""),
+        lighting=table.lighting or (lightings[0] if lightings else UNTOLD),
         exposure=ExposureSettings(table.exposure_s, table.iso, table.f_number),
         held_out=table.held_out,
         posed=pose is not None,

@@ -105,10 +105,6 @@ def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
         raise ValueError(
             f"{where}: [object] texture = true: this version recovers one BRDF for the whole object only"
         )
-    if not photoset.lightings:
-        raise ValueError(
-            f"{where}: has no [[lighting]]: give map, directional or mirror_ball, or unknown = true"
-        )
     if len(fitted) < 2:
         raise ValueError(
             f"{where}: has {len(fitted)} photo(s) to fit; at least two are needed, so that a model can be judged on"

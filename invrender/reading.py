@@ -20,6 +20,8 @@ from recon.sampling import NO_SOURCES, sample_body
 from recon.sphere import Sphere
 
 _MIN_SAMPLES_PER_PHOTO = 20
+# Noise about black makes half of a dark photograph's numbers negative.
+_MOSTLY_NEGATIVE = 0.6
 
 
 def read_samples(
@@ -72,6 +74,12 @@ def _check_usable(
         raise ValueError(
             f"{photo.file}: only {len(samples)} pixels of the object are usable (not saturated, not at its rim);"
             " the object must be larger in the image, or the exposure shorter"
+        )
+    negative = float((samples.radiance < 0).mean())
+    if negative > _MOSTLY_NEGATIVE:
+        raise ValueError(
+            f"{photo.file}: {negative:.0%} of the object's radiances are negative, more than noise about black leaves;"
+            " check the black level (is it subtracted twice?) and the mask"
         )
     if not samples.radiance.any():
         raise ValueError(f"{photo.file}: the object is black in every pixel; expose longer, or leave it out")

@@ -91,10 +91,6 @@ def single_source(photoset: PhotoSet, lighting: Lighting) -> tuple[Floats, Float
 def _known_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
     where = photoset.manifest
     remedy = "give map, directional with irradiance, or mirror_ball; `lightfactor process` recovers strengths"
-    if not photoset.lightings:
-        raise ValueError(
-            f"{where}: has no [[lighting]]: this measurement needs light that is known; {remedy}"
-        )
     used = {photo.lighting for photo in photoset.photos}
     lightings = {}
     for table in photoset.lightings:

@@ -103,11 +103,10 @@ def _inputs(photoset: PhotoSet) -> list[Path]:
 
 def known_sources(photoset: PhotoSet) -> dict[str, Floats]:
     """Directions (k, 3) of the known sources of each lighting; none where it is to be recovered."""
-    known = {
+    return {
         table.name: NO_SOURCES if table.unknown else read_lighting(photoset, table).directions
         for table in photoset.lightings
     }
-    return known or {"": NO_SOURCES}
 
 
 def _write_field(path: Path, field: LightField) -> None:

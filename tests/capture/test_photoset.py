@@ -217,8 +217,9 @@ def test_paths_fill_in_environment_variables(load, monkeypatch, tmp_path):
         load(text)
 
 
-def test_a_photo_without_lighting_has_the_only_one_or_none(load):
-    assert load(PINHOLE + PHOTO).photos[0].lighting == ""
+def test_a_photo_without_lighting_has_the_only_one_or_an_unknown_one(load):
+    untold = load(PINHOLE + PHOTO)
+    assert [(table.name, table.unknown) for table in untold.lightings] == [(untold.photos[0].lighting, True)]
     assert load(PINHOLE + UNKNOWN + PHOTO).photos[0].lighting == "sky"
     two = load(PINHOLE + KNOWN + UNKNOWN + PHOTO + 'lighting = "sky"\n')
     assert two.photos[0].lighting == "sky"

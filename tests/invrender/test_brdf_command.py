@@ -109,7 +109,7 @@ def test_a_table_is_written_with_its_fit_and_null_where_nothing_was_seen(
         (
             (r"(?ms)^\[\[lighting\]\].*?(?=^\[\[photo\]\])", ""),
             [],
-            "has no [[lighting]]: this measurement needs light that is known; give map",
+            "unknown = true: this measurement needs light that is known; give map",
         ),
     ],
 )

@@ -141,6 +141,14 @@ def black_photo(folder: Path) -> None:
     write_exr(folder / "001.exr", np.zeros((60, 80, 3), np.float32))
 
 
+def negative_photo(folder: Path) -> None:
+    write_exr(folder / "001.exr", -read_pixels(folder / "001.exr").astype(np.float32))
+
+
+def black_map(folder: Path) -> None:
+    write_exr(folder / "lighting.exr", np.zeros((8, 16, 3), np.float32))
+
+
 def nan_photo(folder: Path) -> None:
     pixels = read_pixels(folder / "001.exr").astype(np.float32)
     pixels[5, 7] = np.nan
@@ -223,10 +231,12 @@ def swapped_pose_convention(folder: Path) -> None:
             lambda f: edit(f, r'shape = "sphere"', 'shape = "mesh"'), ["[object]", "spheres only"], id="mesh"
         ),
         pytest.param(
-            lambda f: edit(f, r"(?s)\[\[lighting\]\].*?(?=\n\[)", ""),
-            ["[[lighting]]", "mirror_ball"],
-            id="no light",
+            lambda f: edit(f, r"(?m)^map = ", "unknown = true\nmap = "),
+            ["[[lighting]]", "unknown = true contradicts map"],
+            id="known and unknown",
         ),
+        pytest.param(black_map, ["lighting.exr", "zero everywhere"], id="black map"),
+        pytest.param(negative_photo, ["001.exr", "100% of the object's radiances are negative"], id="negative"),
     ],
 )
 def test_bad_input_is_one_clear_sentence(
