@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import HOPELESS, Rung
-from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
 Status = Literal["determined", "weak", "undetermined"]
@@ -87,6 +86,7 @@ class PhotoScore:
 class Factorization:
     """Everything that a run found.
 
+    object : shape and place, as result.json has them.
     brdf : the chosen model's values, also those too uncertain to report: predictions use them.
     gauge : which scale the numbers are in, in words; `is_absolute` if the lighting fixes it.
     quantities : by name, "kd", "ks", "mu", "sigma", "albedo", "kd_normalised", "ks_normalised"; a name
@@ -99,7 +99,7 @@ class Factorization:
 
     name: str
     gauge: str
-    sphere: Sphere
+    object: Mapping[str, Any]
     brdf: Microfacet
     quantities: Mapping[str, Quantity]
     lightings: tuple[FittedLighting, ...]

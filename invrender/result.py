@@ -51,14 +51,7 @@ def result_document(
             },
             "covariance": {"names": list(result.covariance_names), "values": numbers(result.covariance)},
         },
-        "object": {
-            "shape": "sphere",
-            "centre": numbers(result.sphere.centre),
-            "radius": result.sphere.radius,
-            # In order of centre and radius; zero where given.
-            "std": numbers(np.sqrt(np.diag(result.sphere.covariance))),
-            "outline_rms_px": [round(r, 4) for r in result.sphere.residual_px],
-        },
+        "object": dict(result.object),
         "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in result.lightings],
         "fit": {
             "rms_relative": result.rms(held_out=False),

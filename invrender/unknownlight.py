@@ -21,9 +21,9 @@ from invrender.solve.evidence import Rung
 from invrender.solve.factorize import Solution, unless_misfit
 from invrender.solve.search import Estimate, Model
 from invrender.solved import Solved, factorization
+from invrender.specimen import Specimen
 from invrender.theory.latlong import synthesise_latlong
 from recon.lightfield import LightField
-from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
 
@@ -40,11 +40,11 @@ _NO_SCALE = Quantity(
 
 
 def solve_unknown_light(
-    photoset: PhotoSet, sphere: Sphere, samples: int, clock: Clock, track: Track
+    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
 ) -> Solved:
     """Recover the BRDF of a sphere, up to a scale per channel, and all of the one lighting on it."""
     _check_one_lighting(photoset)
-    fields = read_samples(photoset, sphere, {}, samples, clock, track)
+    fields = read_samples(photoset, specimen.found, {}, samples, clock, track)
     fitted = [fields[photo.label] for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         steps = iter(track(range(_STEPS), "Fitting light and BRDF"))
@@ -55,8 +55,8 @@ def solve_unknown_light(
         residuals = {label: field.radiance - predict_blind(blind, field) for label, field in fields.items()}
         chosen = [residuals[photo.label] for photo in photoset.photos if not photo.held_out]
         solution = _solution(blind, photoset.photos[0].lighting, fitted, chosen)
-    warnings = (*_sentences(blind.warnings), *find_warnings(photoset, solution, sphere, {}))
-    result = factorization(photoset, sphere, solution, fields, residuals, warnings)
+    warnings = (*_sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
+    result = factorization(photoset, specimen, solution, fields, residuals, warnings)
 
     def radiance(_: Photo, field: LightField) -> Floats:
         return predict_blind(blind, field)

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from invrender.model.fresnel import FresnelBasis
 from invrender.model.microfacet import sigma_nodes, sigma_weights
-from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.model.transfer import LightElement, specular_transfer
+from invrender.model.visibility import Shadows, seen_diffuse, seen_specular
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -51,17 +52,24 @@ def fresnel_basis() -> FresnelBasis:
     return FresnelBasis()
 
 
-def photo_columns(lighting: str, elements: Sequence[LightElement], field: LightField) -> PhotoColumns:
-    """Columns of a photograph's samples under a lighting given by its elements."""
+def photo_columns(
+    lighting: str, elements: Sequence[LightElement], field: LightField, shadows: Shadows | None = None
+) -> PhotoColumns:
+    """Columns of a photograph's samples under a lighting given by its elements; shadows : of a mesh, if it has any."""
     basis, nodes = fresnel_basis(), sigma_nodes()
     cos = (field.normals * field.views).sum(axis=1)
     fresnel = basis.functions(cos).astype(np.float32)
     channels = max(element.channels for element in elements)
     columns = np.empty((channels, len(field), len(elements), 1 + basis.rank * len(nodes)), np.float32)
     for e, element in enumerate(elements):
-        diffuse = field.mean_over_rays(diffuse_transfer(element, field.normals))
+        sight = None if shadows is None else shadows.sight(element, field)
+        diffuse = field.mean_over_rays(seen_diffuse(element, field.normals, sight))
         columns[:, :, e, 0] = diffuse.T
-        specular = specular_transfer(element, field.normals, field.views, nodes).astype(np.float32)
+        specular = seen_specular(
+            element,
+            sight,
+            lambda part, rays: specular_transfer(part, field.normals[rays], field.views[rays], nodes),
+        ).astype(np.float32)
         for k in range(basis.rank):
             product = field.mean_over_rays(specular * fresnel[:, k, None, None])
             first = 1 + k * len(nodes)

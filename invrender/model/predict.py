@@ -10,27 +10,38 @@ from numpy.typing import NDArray
 from invrender.model.columns import PhotoColumns, specular_weights
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.model.transfer import LightElement, specular_transfer
+from invrender.model.visibility import Shadows, seen_diffuse, seen_specular
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
 
 def predict(
-    brdf: Microfacet, elements: Sequence[LightElement], strengths: Floats, field: LightField
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    field: LightField,
+    shadows: Shadows | None = None,
 ) -> Floats:
     """Radiance (n, 3) of samples, without tables or interpolation [RH01, eq. 24].
 
-    strengths : (elements, 3).
+    strengths : (elements, 3). shadows : of a mesh, if it has any.
     """
     total = np.zeros((len(field.normals), 3))
     cos = (field.normals * field.views).sum(axis=1)
     fresnel = normalised_fresnel(brdf.mu, cos)[:, None]
+    sigmas = np.array([brdf.sigma or np.nan])
     for element, strength in zip(elements, strengths, strict=True):
-        total += brdf.kd * strength * diffuse_transfer(element, field.normals)
+        sight = None if shadows is None else shadows.sight(element, field)
+        total += brdf.kd * strength * seen_diffuse(element, field.normals, sight)
         if brdf.sigma is not None and brdf.ks.any():
-            lobe = specular_transfer(element, field.normals, field.views, np.array([brdf.sigma]))[:, 0]
-            total += brdf.ks * strength * fresnel * lobe
+            lobe = seen_specular(
+                element,
+                sight,
+                lambda part, rays: specular_transfer(part, field.normals[rays], field.views[rays], sigmas),
+            )
+            total += brdf.ks * strength * fresnel * lobe[:, 0]
     return np.asarray(field.mean_over_rays(total))
 
 

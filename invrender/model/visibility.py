@@ -15,12 +15,13 @@ What hides light counts as black: light from one part of the object to another i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.model.transfer import LightElement, diffuse_transfer
 from recon.bodies import MeshBody, blended
 from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics, to_degree
 from recon.lightfield import LightField
@@ -28,6 +29,10 @@ from recon.transfer import TransferVectors
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+# Which of m rays: indices, or all.
+Rays = NDArray[np.int64] | slice
+
+_MIN_COS = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +76,7 @@ class Sight:
     """What m rays see of an element's light.
 
     sources : (m, k), whether each of its directional sources. mirrored : (m,), whether the mirror direction of the view
-    is free. hidden : (m, channels), irradiance that the mesh keeps off, of all but the sources; None without such light.
+    is free. hidden : (m, channels), irradiance that the mesh keeps off, of all but the sources; None without such.
     """
 
     sources: Mask
@@ -92,19 +97,25 @@ def seen_diffuse(element: LightElement, normals: Floats, sight: Sight | None) ->
 
 
 def seen_specular(
-    element: LightElement, normals: Floats, views: Floats, sigmas: Floats, sight: Sight | None
+    element: LightElement, sight: Sight | None, gather: Callable[[LightElement, Rays], Floats]
 ) -> Floats:
-    """`specular_transfer` under visibility, (m, sigmas, channels); sight : None where nothing is hidden."""
+    """What a lobe gathers of an element's light under visibility, (m, ...); sight : None where nothing is hidden.
+
+    gather(part, rays) : what it gathers of a part of the light at some of the rays, (r, ...), nothing being hidden;
+    `specular_transfer` at these rays, say.
+    """
     if sight is None:
-        return specular_transfer(element, normals, views, sigmas)
-    total = np.zeros((len(normals), len(np.atleast_1d(sigmas)), element.channels))
-    if sight.hidden is not None:
-        rays = np.flatnonzero(sight.mirrored)
-        total[rays] = specular_transfer(element.without_sources, normals[rays], views[rays], sigmas)
-    for k, visible in enumerate(sight.sources.T):
+        return gather(element, slice(None))
+    total: Floats | None = None
+    parts = [] if sight.hidden is None else [(element.without_sources, sight.mirrored)]
+    parts += [(_source(element, k), visible) for k, visible in enumerate(sight.sources.T)]
+    for part, visible in parts:
         rays = np.flatnonzero(visible)
-        source = _source(element, k)
-        total[rays] += specular_transfer(source, normals[rays], views[rays], sigmas)
+        values = gather(part, rays)
+        if total is None:
+            total = np.zeros((len(visible), *values.shape[1:]))
+        total[rays] += values
+    assert total is not None, "an element holds some light"
     return total
 
 
@@ -122,3 +133,20 @@ def _sky(element: LightElement, l_max: int) -> Floats | None:
 def _source(element: LightElement, k: int) -> LightElement:
     one = slice(k, k + 1)
     return LightElement(element.name, element.directions[one], element.irradiances[one])
+
+
+def facing(field: LightField) -> LightField:
+    """The field, its normals that a mesh's smoothing turns away from the view turned back to it.
+
+    The lobe as printed grows as 1 / cos theta_o: beyond 88 degrees a normal is taken to lie at 88, as of a sphere only
+    the outermost 0.05% do.
+    """
+    cos = (field.normals * field.views).sum(axis=1)
+    turned = np.flatnonzero(cos < _MIN_COS)
+    if not len(turned):
+        return field
+    across = field.normals[turned] - cos[turned, None] * field.views[turned]
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    normals = field.normals.copy()
+    normals[turned] = _MIN_COS * field.views[turned] + np.sqrt(1 - _MIN_COS**2) * across
+    return replace(field, normals=normals)
