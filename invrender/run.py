@@ -101,6 +101,7 @@ def _predicted_names(labels: Sequence[str]) -> dict[str, str]:
 def _input_hashes(photoset: PhotoSet) -> dict[str, str]:
     """Hashes of every file that the result depends on, by its place in the set's folder, or its name elsewhere."""
     paths = [photoset.manifest, *photoset.calibration_files]
+    paths += [photoset.resolve(photoset.object.mesh)] if photoset.object.mesh else []
     for photo in photoset.photos:
         paths += [photo.file] + ([photo.mask] if photo.mask else [])
     for table in photoset.lightings:
