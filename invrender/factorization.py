@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import HOPELESS, Rung
+from invrender.texture.textures import Textures
 
 Floats = NDArray[np.float64]
 Status = Literal["determined", "weak", "undetermined"]
@@ -95,6 +96,7 @@ class Factorization:
     noise_floor, noise_relative : what the residuals look like: sqrt(floor^2 + (relative radiance)^2).
     structured : the part of the residuals that isn't noise, relative RMS.
     covariance, covariance_names : of the BRDF's numbers, in the order named.
+    textures : Kd and Ks over the surface, where they vary; those of `brdf` and `quantities` are then means.
     """
 
     name: str
@@ -112,6 +114,7 @@ class Factorization:
     covariance: Floats
     covariance_names: tuple[str, ...]
     warnings: tuple[str, ...]
+    textures: Textures | None = None
 
     @property
     def is_absolute(self) -> bool:

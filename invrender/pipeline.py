@@ -20,6 +20,7 @@ from invrender.knownlight import solve_known_light
 from invrender.model.visibility import facing
 from invrender.solved import Solved
 from invrender.specimen import Specimen, find_specimen
+from invrender.texture.solve import solve_textured
 from invrender.unknownlight import solve_unknown_light
 from recon.bodies import body_pixels
 from recon.lightfield import LightField
@@ -71,9 +72,11 @@ class Run:
         for part in np.array_split(np.arange(len(rows)), len(rows) // _PIXELS_AT_A_TIME + 1):
             pixels = rows[part], columns[part]
             samples = facing(samples_at(body, photo.camera, observed, *pixels, NO_SOURCES))
-            # Pixels with a hole are left out.
-            predicted[samples.rows, samples.columns] = self.solved.radiance(photo, samples)
-            inside[samples.rows, samples.columns] = True
+            radiance = self.solved.radiance(photo, samples)
+            # Pixels with a hole, and where a texture isn't known, are left out.
+            known = np.isfinite(radiance).all(axis=1)
+            predicted[samples.rows[known], samples.columns[known]] = radiance[known]
+            inside[samples.rows[known], samples.columns[known]] = True
         return Prediction(photo, observed, predicted, inside)
 
 
@@ -96,18 +99,31 @@ def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) ->
     with clock.on("recon"):
         specimen = find_specimen(photoset, track, shadowing)
     unknown = {table.name for table in photoset.lightings if table.unknown}
-    solve = (
-        solve_unknown_light if unknown & {photo.lighting for photo in photoset.photos} else solve_known_light
-    )
+    if unknown & {photo.lighting for photo in photoset.photos}:
+        solve = solve_unknown_light
+    else:
+        solve = solve_textured if photoset.object.texture else solve_known_light
     solved = solve(photoset, specimen, samples, clock, track)
     return Run(photoset, specimen, solved, {**clock.seconds, "total": time.perf_counter() - begun})
 
 
 def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
     where = photoset.manifest
-    if photoset.object.texture:
+    unknown = [table.name for table in photoset.lightings if table.unknown]
+    if photoset.object.texture and photoset.object.shape != "mesh":
         raise ValueError(
-            f"{where}: [object] texture = true: this version recovers one BRDF for the whole object only"
+            f"{where}: [object] texture = true is for meshes, whose surface has coordinates; remove it, or give the"
+            " sphere as a mesh"
+        )
+    if photoset.object.texture and unknown:
+        raise ValueError(
+            f'{where}: [object] texture = true, but [[lighting]] "{unknown[0]}" is unknown: light and texture can\'t be'
+            " told apart (RH01, section 6.4). Measure the light, with a mirror ball say, or remove texture"
+        )
+    if photoset.object.shape == "mesh" and unknown:
+        raise ValueError(
+            f'{where}: [object] shape = "mesh", but [[lighting]] "{unknown[0]}" is unknown: this version recovers unknown'
+            " light from spheres only; measure it, with a mirror ball say"
         )
     if len(fitted) < 2:
         raise ValueError(

@@ -49,7 +49,7 @@ def read_samples(
             rng = np.random.default_rng(index)
             drawn = sample_body(found.body, photo.camera, image, mask, directions, budget, rng)
             drawn = off_terminators(drawn, directions)
-            _check_usable(photo, image, drawn, mask)
+            check_usable(photo, image, drawn, mask)
         return drawn
 
     fields: dict[str, LightField] = {}
@@ -59,9 +59,10 @@ def read_samples(
     return fields
 
 
-def _check_usable(
+def check_usable(
     photo: Photo, image: RadianceImage, samples: LightField, coverage: NDArray[np.float32] | None
 ) -> None:
+    """ValueError if a photograph says nothing: saturated, too small, negative, or black throughout the object."""
     inside = coverage >= 0.5 if coverage is not None else np.ones(image.saturated.shape, bool)
     if image.saturated[inside].all():
         raise ValueError(

@@ -11,6 +11,15 @@ from numpy.typing import NDArray
 from capture.files.documents import numbers, software
 from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
+from invrender.texture.layout import TexelLayout
+from invrender.texture.textures import (
+    KD_NAME,
+    KD_STD_NAME,
+    KS_NAME,
+    KS_STD_NAME,
+    MESH_NAME,
+    Textures,
+)
 from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import map_coefficients
 from recon.harmonics import to_degree
@@ -52,6 +61,7 @@ def result_document(
             "covariance": {"names": list(result.covariance_names), "values": numbers(result.covariance)},
         },
         "object": dict(result.object),
+        "texture": None if result.textures is None else _texture(result.textures),
         "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in result.lightings],
         "fit": {
             "rms_relative": result.rms(held_out=False),
@@ -88,6 +98,22 @@ def result_document(
         "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
         "inputs": dict(inputs),
         "software": software(),
+    }
+
+
+def _texture(textures: Textures) -> dict[str, Any]:
+    layout = textures.layout
+    texels = isinstance(layout, TexelLayout)
+    return {
+        "kd": KD_NAME,
+        "kd_std": KD_STD_NAME,
+        "ks": KS_NAME if textures.ks_varies else None,
+        "ks_std": KS_STD_NAME if textures.ks_varies else None,
+        "at": "texels" if texels else "vertices",
+        "side": layout.side if texels else None,
+        "known": float(textures.known.mean()),
+        # The set's own mesh has the texture coordinates, unless they were made.
+        "mesh": MESH_NAME if texels and layout.made is not None else None,
     }
 
 

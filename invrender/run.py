@@ -18,8 +18,9 @@ from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
 from invrender.report.page import ReportWriter, with_error
 from invrender.result import identifiability, lighting_map, result_document
+from invrender.texture.textures import TEXTURE_FILES
 
-RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr")
+RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEXTURE_FILES)
 
 
 def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
@@ -73,6 +74,9 @@ def _write_result(run: Run, folder: Path) -> None:
         name = entry.lighting.name
         files[name] = f"lighting-{name.replace('/', '_')}.exr" if several else "lighting.exr"
         write_exr(folder / files[name], lighting_map(entry))
+    if result.textures is not None:
+        assert run.photoset.mesh_to_world is not None
+        result.textures.write(folder, run.photoset.mesh_to_world)
     (folder / "predicted").mkdir()
     document = result_document(result, files, _input_hashes(run.photoset), run.seconds)
     report = ReportWriter(run, document)

@@ -66,21 +66,26 @@ def fit(model: Model, statistics: Sequence[Statistics], start: Estimate | None =
     """Fit a model to the statistics of all lightings; `start`, an estimate nearby, saves the coarse search."""
     if not model.specular:
         return _estimate(model, statistics, np.zeros(0))
-    lower, upper = (np.array(bound) for bound in zip(*_bounds(model), strict=True))
 
     def cost(point: Floats) -> float:
         return _estimate(model, statistics, point).cost
 
+    near = None
     if start is not None and start.brdf.sigma is not None:
-        point = [np.log(start.brdf.sigma), np.log((start.brdf.mu or 1.5) - 1)][: len(lower)]
-        best = _simplex(cost, np.clip(point, lower, upper), lower, upper, sizes=(0.02,))
-    else:
-        grid = sorted(_coarse_grid(lower, upper), key=cost)
-        other = next((g for g in grid if abs(g[0] - grid[0][0]) > 0.5), grid[1])
-        # Restarting once with a fresh simplex undoes the collapse that Nelder-Mead is known for.
-        ends = [_simplex(cost, point, lower, upper, sizes=(0.1, 0.02)) for point in (grid[0], other)]
-        best = min(ends, key=cost)
-    return _estimate(model, statistics, best)
+        near = np.log([start.brdf.sigma, (start.brdf.mu or 1.5) - 1])
+    return _estimate(model, statistics, best_point(model, cost, near))
+
+
+def best_point(model: Model, cost: Callable[[Floats], float], near: Floats | None = None) -> Floats:
+    """Where a cost of log sigma and, with a Fresnel factor, log(mu - 1) is least; `near` it, or anywhere."""
+    lower, upper = (np.array(bound) for bound in zip(*_bounds(model), strict=True))
+    if near is not None:
+        return _simplex(cost, np.clip(near[: len(lower)], lower, upper), lower, upper, sizes=(0.02,))
+    grid = sorted(_coarse_grid(lower, upper), key=cost)
+    other = next((g for g in grid if abs(g[0] - grid[0][0]) > 0.5), grid[1])
+    # Restarting once with a fresh simplex undoes the collapse that Nelder-Mead is known for.
+    ends = [_simplex(cost, point, lower, upper, sizes=(0.1, 0.02)) for point in (grid[0], other)]
+    return min(ends, key=cost)
 
 
 def _bounds(model: Model) -> list[tuple[float, float]]:

@@ -43,7 +43,7 @@ from synthetic.scenes.views import shots, towards
 from synthetic.sensing.development import Development
 from synthetic.sensing.noise import Noise
 from synthetic.sensing.sensor import Sensor
-from synthetic.shapes.atlas import with_atlas
+from recon.atlas import with_atlas
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.cat import REACH, cat_field
 from synthetic.shapes.doll import doll_mesh

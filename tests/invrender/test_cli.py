@@ -236,7 +236,9 @@ def swapped_pose_convention(folder: Path) -> None:
             id="known and unknown",
         ),
         pytest.param(black_map, ["lighting.exr", "zero everywhere"], id="black map"),
-        pytest.param(negative_photo, ["001.exr", "100% of the object's radiances are negative"], id="negative"),
+        pytest.param(
+            negative_photo, ["001.exr", "100% of the object's radiances are negative"], id="negative"
+        ),
     ],
 )
 def test_bad_input_is_one_clear_sentence(

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from recon.trianglemesh import TriangleMesh, is_watertight, volume
-from synthetic.shapes.atlas import with_atlas
+from recon.atlas import with_atlas
 from synthetic.shapes.implicit import (
     Implicit,
     curled_tube,
