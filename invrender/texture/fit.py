@@ -7,8 +7,8 @@ are the photographs': whether there is a specular part, whether it has a Fresnel
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from invrender.model.columns import specular_weights
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import Rung, choose, relative_rms
-from invrender.solve.noise import NoiseModel, fit_noise
+from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
 from invrender.solve.search import Estimate, Model, best_point
 from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd
 
@@ -64,16 +64,6 @@ class Rows:
     share: Floats
     tiles: Ints
 
-    def transfers(self, mu: float | None, sigma: float | None) -> tuple[Floats, Floats]:
-        """Diffuse and specular transfers (r, 3) at mu and sigma."""
-        diffuse = self.columns[..., 0].T
-        if sigma is None:
-            specular = np.zeros_like(diffuse)
-        else:
-            specular = (self.columns[..., 1:] @ specular_weights(mu, sigma).astype(np.float32)).T
-        shape = self.radiance.shape
-        return np.broadcast_to(diffuse, shape).astype(float), np.broadcast_to(specular, shape).astype(float)
-
 
 @dataclass(frozen=True, eq=False)
 class TexturedFit:
@@ -110,9 +100,10 @@ def fit_textured(
     scale = float(np.sqrt(np.mean(np.concatenate([rows.radiance for rows in photos]) ** 2)))
     richest = LADDER[-1]
     stack = _Stack.of(photos, points, NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative))
-    noise = _noise(richest, stack, _search(richest, stack))
-    stack = _Stack.of(photos, points, noise)
-    fitted = [(model, _search(model, stack)) for model in LADDER]
+    start = _search(richest, stack)
+    noise, weight = _weigh(richest, stack, len(photos), start)
+    stack = replace(stack, weight=weight)
+    fitted = [(model, _search(model, stack, start)) for model in LADDER]
     judged = _judged(richest, stack, len(photos), fitted[-1][1])
     rungs = []
     for model, point in fitted:
@@ -144,87 +135,152 @@ def _numbers(model: Model, point: Floats) -> Numbers:
 
 @dataclass(frozen=True, eq=False)
 class _Stack:
-    """The rows of all photographs together, sorted by point, and their weights under a noise.
+    """The rows of all photographs together, sorted by point.
 
-    points : (p,), those seen; starts : (p,), their first rows. size : of all points. photo : (r,), the photograph of
-    each row.
+    points : (p,), those seen, of `size` in all; starts : (p,), their first rows. at, photo, tiles : (r,), point,
+    photograph and tile of each row. diffuse, radiance, weight : (r, 3). specular : (channels * r, q) columns.
+    share : as of `Rows`, (r, 1).
     """
 
-    rows: Rows
-    weight: Floats
+    size: int
     points: Ints
     starts: Ints
-    size: int
+    at: Ints
     photo: Ints
+    tiles: Ints
+    diffuse: Floats
+    specular: NDArray[np.float32]
+    radiance: Floats
+    weight: Floats
+    share: Floats
 
     @classmethod
     def of(cls, photos: Sequence[Rows], size: int, noise: NoiseModel) -> _Stack:
         photo = np.repeat(np.arange(len(photos)), [len(rows.points) for rows in photos])
-        first = np.cumsum([0, *(rows.tiles.max() + 1 for rows in photos)])
-        points = np.concatenate([rows.points for rows in photos])
-        order = np.argsort(points, kind="stable")
-
-        def joined(name: str) -> NDArray[Any]:
-            return np.concatenate([getattr(rows, name) for rows in photos])[order]
-
-        tiles = np.concatenate([rows.tiles + start for rows, start in zip(photos, first, strict=False)])
+        first = np.cumsum([0, *(rows.tiles.max(initial=-1) + 1 for rows in photos)])
+        at = np.concatenate([rows.points for rows in photos])
+        order = np.argsort(at, kind="stable")
         columns = np.concatenate([rows.columns for rows in photos], axis=1)[:, order]
-        brightness, share = joined("brightness"), joined("share")
-        rows = Rows(points[order], columns, joined("radiance"), brightness, share, tiles[order])
-        weight = 1 / (noise.variance(brightness) * share[:, None])
-        seen, starts = np.unique(rows.points, return_index=True)
-        return cls(rows, weight, seen, starts, size, photo[order])
+        brightness = np.concatenate([rows.brightness for rows in photos])[order]
+        share = np.concatenate([rows.share for rows in photos])[order, None]
+        tiles = np.concatenate([rows.tiles + start for rows, start in zip(photos, first, strict=False)])
+        points, starts = np.unique(at[order], return_index=True)
+        return cls(
+            size=size,
+            points=points,
+            starts=starts,
+            at=at[order],
+            photo=photo[order],
+            tiles=tiles[order],
+            diffuse=np.broadcast_to(columns[..., 0].T, brightness.shape).astype(float),
+            specular=np.ascontiguousarray(columns[..., 1:]).reshape(-1, columns.shape[2] - 1),
+            radiance=np.concatenate([rows.radiance for rows in photos])[order],
+            weight=1 / (noise.variance(brightness) * share),
+            share=share,
+        )
+
+    def transfers(self, numbers: Numbers) -> tuple[Floats, Floats]:
+        """Diffuse and specular transfers (r, 3) at mu and sigma."""
+        mu, sigma = numbers
+        if sigma is None:
+            return self.diffuse, np.zeros_like(self.diffuse)
+        flat = self.specular @ specular_weights(mu, sigma).astype(np.float32)
+        return self.diffuse, np.broadcast_to(flat.reshape(-1, len(self.at)).T, self.diffuse.shape).astype(
+            float
+        )
 
     def sums(self, numbers: Numbers, photo: int | None = None) -> Sums:
         """Normal equations of all points at mu and sigma, of all photographs or of one."""
-        d, s = self.rows.transfers(*numbers)
-        y, weight = self.rows.radiance, self.weight
         if photo is not None:
-            weight = np.where((self.photo == photo)[:, None], weight, 0)
-        parts = np.stack([d * d, d * s, s * s, d * y, s * y, y * y], axis=1) * weight[:, None]
-        total = np.zeros((self.size, 6, 3))
-        total[self.points] = np.add.reduceat(parts, self.starts)
-        count = np.zeros(self.size)
-        count[self.points] = np.add.reduceat((weight[:, 0] > 0).astype(float), self.starts)
-        return Sums(*np.moveaxis(total, 1, 0).copy(), count)
+            return self._of_photo(photo).sums(numbers)
+        d, s = self.transfers(numbers)
+        y, weighted = self.radiance, self.weight * s
+        with_s = np.concatenate([weighted * d, weighted * s, weighted * y], axis=1)
+        ds, ss, sy = np.split(self._added(with_s), 3, axis=1)
+        dd, dy, yy, count = self._without_s
+        return Sums(dd, ds, ss, dy, sy, yy, count)
+
+    @cached_property
+    def _without_s(self) -> tuple[Floats, Floats, Floats, Floats]:
+        d, y = self.diffuse, self.radiance
+        parts = [part * self.weight for part in (d * d, d * y, y * y)]
+        dd, dy, yy, count = np.split(
+            self._added(np.concatenate([*parts, np.ones((len(d), 1))], axis=1)), [3, 6, 9], axis=1
+        )
+        return dd, dy, yy, count[:, 0]
+
+    def _added(self, values: Floats) -> Floats:
+        """Sums (size, k) over the rows of each point of values (r, k)."""
+        total = np.zeros((self.size, values.shape[1]))
+        if len(self.starts):
+            total[self.points] = np.add.reduceat(values, self.starts)
+        return total
+
+    def _of_photo(self, photo: int) -> _Stack:
+        own = self.photo == photo
+        points, starts = np.unique(self.at[own], return_index=True)
+        channels = len(self.specular) // len(self.at)
+        return replace(
+            self,
+            points=points,
+            starts=starts,
+            at=self.at[own],
+            photo=self.photo[own],
+            tiles=self.tiles[own],
+            diffuse=self.diffuse[own],
+            specular=self.specular[np.tile(own, channels)],
+            radiance=self.radiance[own],
+            weight=self.weight[own],
+            share=self.share[own],
+        )
 
     def predicted(self, values: PointValues, numbers: Numbers) -> Floats:
         """Radiance (r, 3) of the rows, of points with given values."""
-        d, s = self.rows.transfers(*numbers)
-        return values.kd[self.rows.points] * d + values.ks[self.rows.points] * s
+        d, s = self.transfers(numbers)
+        return values.kd[self.at] * d + values.ks[self.at] * s
 
 
-def _search(model: TexturedModel, stack: _Stack) -> Floats:
+def _search(model: TexturedModel, stack: _Stack, near: Floats | None = None) -> Floats:
     if not model.specular:
         return np.zeros(0)
     return best_point(
-        model, lambda point: float(solved(model, stack.sums(_numbers(model, point))).cost.sum())
+        model, lambda point: float(solved(model, stack.sums(_numbers(model, point))).cost.sum()), near
     )
 
 
-def _noise(model: TexturedModel, stack: _Stack, point: Floats) -> NoiseModel:
-    """The noise of a pixel, from what a fit leaves: more than that by what each point's own numbers take up."""
+def _weigh(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> tuple[NoiseModel, Floats]:
+    """The noise of a pixel and the rows' weights (r, 3), from what a fit leaves.
+
+    Residuals are taken for larger by what each point's own numbers take up of them. Where paint changes within a pixel
+    they stray as noise does not, and count for less.
+    """
     numbers = _numbers(model, point)
     total = stack.sums(numbers)
     values = solved(model, total)
-    at = stack.rows.points
-    free = values.freedom[at] > 0
-    taken = np.sqrt(total.count / np.maximum(values.freedom, 1))[at]
+    at, share = stack.at, stack.share
+    taken = np.sqrt(total.count / np.maximum(values.freedom, 1))[at, None]
     predicted = stack.predicted(values, numbers)
-    residual = (stack.rows.radiance - predicted) * (taken / np.sqrt(stack.rows.share))[:, None]
-    return fit_noise([predicted[free]], [residual[free]])
+    residual = (stack.radiance - predicted) * taken / np.sqrt(share)
+    free = values.freedom[at] > 0
+    noise = fit_noise([predicted[free]], [residual[free]])
+    weight = np.empty_like(predicted)
+    for photo in range(photos):
+        own = stack.photo == photo
+        if own.any():
+            weight[own] = photo_weights(noise, predicted[own], residual[own]).weight
+    return noise, weight / share
 
 
 def _judged(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> NDArray[np.bool_]:
     """Which rows (r,) the richest model predicts well enough from the other photographs to be judged by."""
     numbers = _numbers(model, point)
     total = stack.sums(numbers)
-    d, s = stack.rows.transfers(*numbers)
+    d, s = stack.transfers(numbers)
     judged = np.zeros(len(d), bool)
     for photo in range(photos):
         own = np.flatnonzero(stack.photo == photo)
         rest = total - stack.sums(numbers, photo)
-        dd, ds, ss = (part[stack.rows.points[own]] for part in (rest.dd, rest.ds, rest.ss))
+        dd, ds, ss = (part[stack.at[own]] for part in (rest.dd, rest.ds, rest.ss))
         determinant = dd * ss - ds**2
         apart = determinant > 1e-6 * dd * ss
         gain = d[own] ** 2 * ss - 2 * d[own] * s[own] * ds + s[own] ** 2 * dd
@@ -248,7 +304,7 @@ def _rung(model: TexturedModel, stack: _Stack, photos: int, point: Floats, judge
         use = judged & (stack.photo == photo)
         if use.any():
             unseen = solved(model, total - stack.sums(numbers, photo))
-            radiance = stack.rows.radiance[use]
+            radiance = stack.radiance[use]
             errors[photo] = relative_rms(radiance - stack.predicted(unseen, numbers)[use], radiance)
     if np.isnan(errors).all():
         raise ValueError(
@@ -283,7 +339,7 @@ def _uncertainty(model: TexturedModel, stack: _Stack, point: Floats) -> tuple[Fl
         step = _STEP * np.eye(size)[axis]
         slopes.append((predicted(point + step) - predicted(point - step)) / (2 * _STEP))
     jacobian = np.stack(slopes, axis=-1)  # (rows, 3, k)
-    residual = stack.rows.radiance * root - centre
+    residual = stack.radiance * root - centre
     values = solved(model, stack.sums(_numbers(model, point)))
     freedom = 3 * float(np.maximum(values.freedom, 0).sum())
     reduced = float((residual**2).sum()) / max(freedom, 1)
@@ -292,7 +348,7 @@ def _uncertainty(model: TexturedModel, stack: _Stack, point: Floats) -> tuple[Fl
 
     def pull(off: Floats) -> Floats:
         scores = np.einsum("rci,rc->ri", jacobian, off) / reduced
-        by_tile = np.stack([np.bincount(stack.rows.tiles, column) for column in scores.T], axis=1)
+        by_tile = np.stack([np.bincount(stack.tiles, column) for column in scores.T], axis=1)
         return np.sqrt(((by_tile @ inverse) ** 2).sum(axis=0))
 
     wider = np.maximum(pull(residual) / np.sqrt(np.diag(inverse)), 1)
