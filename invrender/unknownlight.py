@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from invrender.findings import find_warnings
 from invrender.model.microfacet import Microfacet
 from invrender.reading import read_samples
 from invrender.solve.blind import ORDERS, BlindSolution, factorize_blind, predict_blind
+from invrender.solve.blind.state import State
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import Rung
 from invrender.solve.factorize import Solution, unless_misfit
@@ -40,16 +41,24 @@ _NO_SCALE = Quantity(
 
 
 def solve_unknown_light(
-    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
+    photoset: PhotoSet,
+    specimen: Specimen,
+    samples: int,
+    clock: Clock,
+    track: Track,
+    factorize: Callable[..., BlindSolution] = factorize_blind,
 ) -> Solved:
-    """Recover the BRDF of a sphere, up to a scale per channel, and all of the one lighting on it."""
+    """Recover the BRDF of a sphere, up to a scale per channel, and all of the one lighting on it.
+
+    factorize : `factorize_blind`, or that with some of its options chosen.
+    """
     _check_one_lighting(photoset)
     fields = read_samples(photoset, specimen.found, {}, samples, clock, track)
     fitted = [fields[photo.label] for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         steps = iter(track(range(_STEPS), "Fitting light and BRDF"))
         next(steps)
-        blind = factorize_blind(fitted, on_step=lambda: next(steps, None))
+        blind = factorize(fitted, on_step=lambda: next(steps, None))
         for _ in steps:
             pass
         residuals = {label: field.radiance - predict_blind(blind, field) for label, field in fields.items()}
@@ -84,8 +93,9 @@ def _solution(
                     rung.name,
                     specular=rung.fit.state.sigma is not None,
                     fresnel=rung.fit.state.mu is not None,
+                    form=rung.fit.state.form,
                 ),
-                _brdf(rung.fit.state.kappa, rung.fit.state.mu, rung.fit.state.sigma),
+                _brdf(rung.fit.state),
                 {},
                 rung.fit.cost,
             ),
@@ -95,6 +105,7 @@ def _solution(
         )
         for rung in blind.rungs
     )
+    names, of_brdf = _brdf_numbers(blind.covariance_names)
     trusted = [np.sqrt(own.trust) * residual for own, residual in zip(blind.weights, residuals, strict=True)]
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     return Solution(
@@ -106,14 +117,24 @@ def _solution(
         structured=structured_rms(fields, trusted) / float(energy),
         quantities=unless_misfit(_quantities(blind), rungs[blind.chosen].error),
         lightings=(_lighting(blind, name),),
-        covariance=blind.covariance,
-        covariance_names=blind.covariance_names,
+        covariance=of_brdf @ blind.covariance @ of_brdf.T,
+        covariance_names=names,
         gauge=blind.gauge,
     )
 
 
-def _brdf(share: Floats, mu: float | None, sigma: float | None) -> Microfacet:
-    return Microfacet(1 - share, share, mu, sigma)
+def _brdf(state: State) -> Microfacet:
+    return Microfacet(1 - state.kappa, state.kappa, state.mu, state.sigma, state.form)
+
+
+def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
+    """Names of the BRDF's numbers, and how those that were fitted (t,) make them up, (n, t): Kd falls as Ks rises."""
+    made_of: dict[str, dict[str, float]] = {}
+    for name, sign in (("kd", -1.0), ("ks", 1.0)):
+        made_of |= {f"{name}.{c}": {f"kappa {c}": sign} for c in "rgb" if f"kappa {c}" in fitted}
+    made_of |= {name: {name: 1.0} for name in ("mu", "sigma") if name in fitted}
+    parts = [[parts.get(name, 0.0) for name in fitted] for parts in made_of.values()]
+    return tuple(made_of), np.array(parts).reshape(-1, len(fitted))
 
 
 def _quantities(blind: BlindSolution) -> dict[str, Quantity]:

@@ -8,28 +8,34 @@ exitant angle.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from invrender.model.formtable import form_rows
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobetable import lobe_table
+from invrender.model.lobes import PRINTED, Angles, LobeForm
+from invrender.model.lobetable import TRANSFERS, Transfer, lobe_table, mirrored_harmonics
 from invrender.model.microfacet import Microfacet
 from invrender.theory.operator import irradiance_operator, view_frames
+from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import microfacet_gaussian, microfacet_transfer
-from recon.harmonics import degree_of, degrees, evaluate_harmonics
+from recon.harmonics import degree_of, degrees
 from recon.lightfield import LightField
 from recon.rotations import rotated_harmonics
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Rung = Literal["exact", "filtered", "mirror"]
-RUNGS: tuple[Rung, ...] = get_args(Rung)
+Rung = Transfer
+RUNGS = TRANSFERS
 
 # Where powers don't fall yet at the last degrees, they are taken to do so from there on, by this.
 _SLOWEST_FALL = 0.95
+# Angles of incidence, radians.
+_HEAD_ON_EDGES = (0.0, 0.05, 0.2, 0.6, np.pi / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,24 +97,43 @@ def photo_rows(field: LightField, brdf: Microfacet, l_max: int, rung: Rung = "ex
         return PhotoRows(field, diffuse.astype(np.float32), None)
     cos = np.einsum("nk,nk->n", field.normals, field.views)
     fresnel = normalised_fresnel(brdf.mu, cos)[:, None]
-    if rung == "exact":
+    rays: Floats | Singles
+    if rung == "exact" and brdf.form is not PRINTED:
+        rays, _, _ = form_rows(field, l_max, brdf.form, brdf.mu, brdf.sigma)
+    elif rung == "exact":
         local = (fresnel * lobe_table(l_max).coefficients(cos, brdf.sigma)).astype(np.float32)
         rays = rotated_harmonics(local, view_frames(field.normals, field.views))
     else:
-        reflected = 2 * cos[:, None] * field.normals - field.views
-        blurred = lobe_blur(brdf.sigma, l_max, rung)[degrees(l_max)]
-        rays = fresnel * blurred * evaluate_harmonics(reflected, l_max)
+        blurred = lobe_blur(brdf, l_max, rung)[degrees(l_max)]
+        rays = fresnel * blurred * mirrored_harmonics(field, l_max)
     return PhotoRows(field, diffuse.astype(np.float32), field.mean_over_rays(rays).astype(np.float32))
 
 
-def lobe_blur(sigma: float, l_max: int, rung: Rung = "exact") -> Floats:
-    """Factor (l_max + 1,) by which the lobe leaves each degree of the light, seen head-on, per unit of degree 0."""
+def lobe_blur(brdf: Microfacet, l_max: int, rung: Rung = "exact") -> Floats:
+    """Factor (l_max + 1,) by which a lobe leaves each degree of the light, seen head-on, per unit of degree 0.
+
+    Of the rungs only `exact` knows of the lobe's form.
+    """
+    assert brdf.sigma is not None
     if rung == "mirror":
         return np.ones(l_max + 1)
     if rung == "filtered":
-        return microfacet_gaussian(sigma, l_max)
-    transfer = microfacet_transfer(sigma, l_max)
+        return microfacet_gaussian(brdf.sigma, l_max)
+    if brdf.form is PRINTED:
+        transfer = microfacet_transfer(brdf.sigma, l_max)
+    else:
+        transfer = _head_on(brdf.form, brdf.mu, brdf.sigma, l_max)
     return transfer / transfer[0]
+
+
+def _head_on(form: LobeForm, mu: float | None, sigma: float, l_max: int) -> Floats:
+    """The zonal transfer (l_max + 1,) of a lobe at normal exitance, F W cos theta_i over the hemisphere."""
+    # Panels that grow from the lobe's middle: the narrowest lobes and the longest tails meet enough nodes.
+    panels = [interval_rule(32 + l_max, low, high) for low, high in pairwise(_HEAD_ON_EDGES)]
+    theta, weight = (np.concatenate(each) for each in zip(*panels, strict=True))
+    cos, cos_half = np.cos(theta), np.cos(theta / 2)
+    seen = form.reflected(Angles(theta / 2, cos, np.ones_like(cos), cos_half), mu, sigma)
+    return np.asarray(legvander(cos, l_max).T @ (2 * np.pi * seen * np.sin(theta) * weight))
 
 
 def mirrored_views(field: LightField) -> Floats:

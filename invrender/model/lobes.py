@@ -82,53 +82,53 @@ class Printed(LobeForm):
         return angles.cos_o
 
 
-class _Smith(LobeForm):
+class Smith(LobeForm):
     """Fresnel's factor at the half vector, D G2 / (4 cos cos), heights correlated [Heitz 2014, eq. 99]."""
 
     def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
         lit = (angles.cos_i > 0) & (angles.cos_o > 0)
         cos_i, cos_o = (np.where(lit, cos, 1.0) for cos in (angles.cos_i, angles.cos_o))
         # cos_i cos_o / G2, finite at grazing.
-        shown = cos_i * cos_o + cos_o * self._hidden(cos_i, sigma) + cos_i * self._hidden(cos_o, sigma)
-        return np.where(lit, self._density(angles.theta_h, sigma) * cos_i / (4 * shown), 0)
+        shown = cos_i * cos_o + cos_o * self.hidden(cos_i, sigma) + cos_i * self.hidden(cos_o, sigma)
+        return np.where(lit, self.density(angles.theta_h, sigma) * cos_i / (4 * shown), 0)
 
     def fresnel_cosine(self, angles: Angles) -> Floats:
         return angles.cos_d
 
     @abstractmethod
-    def _density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
+    def density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
         """D, 1/sr; D cos theta_h integrates to 1 over the hemisphere."""
 
     @abstractmethod
-    def _hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
+    def hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
         """Lambda times the cosine: what facets hide of each other."""
 
 
-class Beckmann(_Smith):
+class Beckmann(Smith):
     """Facets of Gaussian slopes [Walter et al. 2007, eq. 25; Heitz 2014, eq. 72]."""
 
     name = "half-angle microfacet"
 
-    def _density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
+    def density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
         cos2 = np.maximum(np.cos(theta_h), _LEAST_COS) ** 2
         return np.asarray(np.exp(-(1 - cos2) / (cos2 * sigma**2)) / (np.pi * sigma**2 * cos2**2))
 
-    def _hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
+    def hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
         spread = sigma * np.sqrt(np.maximum(1 - cos**2, 0))
         a = cos / np.maximum(spread, 1e-12)
         return np.asarray((cos * (erf(a) - 1) + spread * np.exp(-(a**2)) / np.sqrt(np.pi)) / 2)
 
 
-class GGX(_Smith):
+class GGX(Smith):
     """Facets of long-tailed slopes [Walter et al. 2007, eq. 33; Heitz 2014, eq. 72]."""
 
     name = "GGX"
 
-    def _density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
+    def density(self, theta_h: Floats, sigma: float | Floats) -> Floats:
         cos2 = np.maximum(np.cos(theta_h), _LEAST_COS) ** 2
         return np.asarray(sigma**2 / (np.pi * (cos2 * sigma**2 + 1 - cos2) ** 2))
 
-    def _hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
+    def hidden(self, cos: Floats, sigma: float | Floats) -> Floats:
         return np.asarray((np.sqrt(cos**2 + sigma**2 * np.maximum(1 - cos**2, 0)) - cos) / 2)
 
 
@@ -153,6 +153,11 @@ class Phong(LobeForm):
 def phong_exponent(sigma: float | Floats) -> Floats:
     """The exponent s of Phong's lobe whose highlight is as wide as that of facets of roughness sigma, radians."""
     return np.asarray(1 / (2 * np.asarray(sigma, float) ** 2))
+
+
+def phong_sigma(exponent: float) -> float:
+    """The roughness, radians, whose `phong_exponent` is a given one, > 0."""
+    return float(np.sqrt(1 / (2 * exponent)))
 
 
 PRINTED, BECKMANN, GGX_FORM, PHONG = Printed(), Beckmann(), GGX(), Phong()

@@ -1,4 +1,4 @@
-"""RH01's lobe as a filter of harmonic lighting, exactly, for all roughnesses at once.
+"""RH01's lobe as a filter of harmonic lighting, for all roughnesses at once.
 
 What a lobe of facets sends to a viewer at theta_o, per unit of Ks F, is the integral over half-vectors
 
@@ -7,13 +7,16 @@ What a lobe of facets sends to a viewer at theta_o, per unit of Ks F, is the int
 of which only S holds sigma. So the harmonics are summed once along each ring of half-vectors around the normal, where
 the light is above the horizon, and a roughness is a weight per ring. These are the rho^_lq(theta_o) of [R02, eq.
 2.56] in real harmonics; nothing is approximated but by quadrature.
+
+That is the transfer `exact`. Two coarser rungs are RH01's own: light looked up in the mirror direction as it is
+(`mirror`, eq. 22), or after the lobe has blurred it (`filtered`, eq. 22 of light filtered by eq. 20).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +24,16 @@ from scipy.interpolate import BarycentricInterpolator
 
 from invrender.theory.operator import view_frames
 from invrender.theory.refinement import interval_rule
-from invrender.theory.specialcases import lobe
-from recon.harmonics import degree_of, evaluate_harmonics, orders
+from invrender.theory.specialcases import lobe, microfacet_gaussian
+from recon.harmonics import degree_of, degrees, evaluate_harmonics, orders
 from recon.lightfield import LightField
 from recon.rotations import rotated_harmonics
 from recon.sampling import MIN_COS_EXITANT
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Transfer = Literal["exact", "filtered", "mirror"]
+TRANSFERS: tuple[Transfer, ...] = get_args(Transfer)
 
 # Edges of panels in theta_h, radians, so that lobes of any roughness meet enough nodes; more where the horizon begins
 # to cut a ring and where it has cut all of it.
@@ -60,48 +65,93 @@ class LobeTable:
         return self._interpolated(cos_exitant, weights)
 
     def _interpolated(self, cos_exitant: Floats, weights: Floats) -> Floats:
-        at_nodes = (weights[:, None] @ self.sums)[:, 0]
-        # Polynomials run wild beyond their nodes: steeper views see what the steepest of the table does.
-        angles = np.minimum(np.arccos(np.minimum(cos_exitant, 1)), self.angles[-1])
-        return np.asarray(BarycentricInterpolator(self.angles, at_nodes)(angles))
+        return between_angles(self.angles, (weights[:, None] @ self.sums)[:, 0], cos_exitant)
 
 
 @lru_cache(maxsize=4)
 def lobe_table(l_max: int) -> LobeTable:
     """The table for lighting of degree l_max and all exitant angles that samples may have."""
-    steepest = np.arccos(MIN_COS_EXITANT) + 0.02
-    count = l_max + _SPARE_ANGLES
-    angles = steepest / 2 * (1 - np.cos(np.pi * np.arange(count) / (count - 1)))
+    angles = exitant_angles(l_max)
     rings, sums = zip(*(_rings(float(angle), l_max) for angle in angles), strict=True)
     return LobeTable(angles, np.stack(rings), np.stack(sums))
 
 
-def specular_rows(field: LightField, l_max: int, sigma: float) -> tuple[Singles, Singles]:
+def exitant_angles(l_max: int) -> Floats:
+    """Angles (J,) between which coefficients of degree up to l_max are interpolated, to beyond what samples have."""
+    steepest = np.arccos(MIN_COS_EXITANT) + 0.02
+    count = l_max + _SPARE_ANGLES
+    return np.asarray(steepest / 2 * (1 - np.cos(np.pi * np.arange(count) / (count - 1))))
+
+
+def between_angles(angles: Floats, at_angles: Floats, cos_exitant: Floats) -> Floats:
+    """Values (n, ...) at exitant cosines (n,) by the polynomial through those (J, ...) at `exitant_angles`."""
+    # Polynomials run wild beyond their nodes: steeper views see what the steepest of the table does.
+    seen = np.minimum(np.arccos(np.minimum(cos_exitant, 1)), angles[-1])
+    return np.asarray(BarycentricInterpolator(angles, at_angles)(seen))
+
+
+def specular_rows(
+    field: LightField, l_max: int, sigma: float, transfer: Transfer = "exact"
+) -> tuple[Singles, Singles]:
     """Rows (n, (l_max + 1)^2) over lighting coefficients of the specular part, and their slopes in log sigma.
 
     Per unit of Ks F, single precision, of unshadowed surfaces; a row is the mean over its sample's rays.
     """
-    cos = np.einsum("nk,nk->n", field.normals, field.views)
-    frames = view_frames(field.normals, field.views)
-    table = lobe_table(l_max)
-    rows, slopes = (
-        rotated_harmonics(local(cos, sigma).astype(np.float32), frames)
-        for local in (table.coefficients, table.slopes)
-    )
+    if transfer == "exact":
+        cos = np.einsum("nk,nk->n", field.normals, field.views)
+        frames = view_frames(field.normals, field.views)
+        table = lobe_table(l_max)
+        rows, slopes = (
+            rotated_harmonics(local(cos, sigma).astype(np.float32), frames)
+            for local in (table.coefficients, table.slopes)
+        )
+    else:
+        at_mirror = mirrored_harmonics(field, l_max)
+        rows, slopes = (
+            (at_mirror * factor[degrees(l_max)]).astype(np.float32)
+            for factor in _blur(sigma, l_max, transfer)
+        )
     return field.mean_over_rays(rows), field.mean_over_rays(slopes)
 
 
-def specular_radiance(field: LightField, lighting: Floats, sigma: float) -> Floats:
+def specular_radiance(
+    field: LightField, lighting: Floats, sigma: float, transfer: Transfer = "exact"
+) -> Floats:
     """What each ray (m, c) sees of lighting ((l_max + 1)^2, c) in the lobe, per unit of Ks F; unshadowed."""
-    table = lobe_table(degree_of(len(lighting)))
+    l_max = degree_of(len(lighting))
+    if transfer != "exact":
+        blurred = lighting * _blur(sigma, l_max, transfer)[0][degrees(l_max), None]
+        return np.asarray(mirrored_harmonics(field, l_max) @ blurred)
+    table = lobe_table(l_max)
     local = table.coefficients(np.einsum("nk,nk->n", field.normals, field.views), sigma).astype(np.float32)
     rows = rotated_harmonics(local, view_frames(field.normals, field.views))
     return np.asarray(rows @ lighting, float)
 
 
-def _rings(theta_o: float, l_max: int) -> tuple[Floats, Floats]:
-    """theta_h (R,) and sums (R, (l_max + 1)^2) over the lit part of each ring, times dh (wo.h) / cos theta_o."""
-    theta, weight = _panels(theta_o)
+def mirrored_harmonics(field: LightField, l_max: int) -> Floats:
+    """Y_lm (m, (l_max + 1)^2) where a mirror in each ray's place would look [RH01, eq. 22].
+
+    Zero for rays from below the horizon, whose mirror directions are below it too.
+    """
+    cos = np.einsum("nk,nk->n", field.normals, field.views)[:, None]
+    return evaluate_harmonics(2 * cos * field.normals - field.views, l_max) * (cos > 0)
+
+
+def _blur(sigma: float, l_max: int, transfer: Transfer) -> tuple[Floats, Floats]:
+    """Factors (l_max + 1,) of the degrees of light in the mirror direction, and their slopes in log sigma."""
+    if transfer == "mirror":
+        return np.ones(l_max + 1), np.zeros(l_max + 1)
+    factors = microfacet_gaussian(sigma, l_max)
+    return factors, -2 * (sigma * np.arange(l_max + 1)) ** 2 * factors
+
+
+def half_vectors(theta_o: float, l_max: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Rings of half-vectors around the normal, as far as light over the horizon has them, for light of degree l_max.
+
+    Returns theta_h (R,), directions (R, A, 3) on one side of the xz plane, in which the viewer is, and weights whose
+    products, ring by ring, are areas of both sides: around the ring (R, A) and across it (R,).
+    """
+    theta, across = _panels(theta_o)
     # n.wi = sin 2theta sin theta_o cos a + cos 2theta cos theta_o is positive for azimuths |a| up to:
     lit = -np.cos(2 * theta) * np.cos(theta_o) / np.maximum(np.sin(2 * theta) * np.sin(theta_o), 1e-300)
     reach = np.arccos(np.clip(lit, -1, 1))
@@ -112,12 +162,23 @@ def _rings(theta_o: float, l_max: int) -> tuple[Floats, Floats]:
     half = np.stack(
         [sin * np.cos(azimuth), sin * np.sin(azimuth), np.broadcast_to(cos, azimuth.shape)], axis=-1
     )
-    view = np.array([np.sin(theta_o), 0.0, np.cos(theta_o)])
+    return theta, half, around, across * np.sin(theta)
+
+
+def viewer(theta_o: float) -> Floats:
+    """Unit direction (3,) in the local xz plane."""
+    return np.array([np.sin(theta_o), 0.0, np.cos(theta_o)])
+
+
+def _rings(theta_o: float, l_max: int) -> tuple[Floats, Floats]:
+    """theta_h (R,) and sums (R, (l_max + 1)^2) over the lit part of each ring, times dh (wo.h) / cos theta_o."""
+    theta, half, around, across = half_vectors(theta_o, l_max)
+    view = viewer(theta_o)
     toward = half @ view
     incident = 2 * toward[..., None] * half - view
-    harmonics = evaluate_harmonics(incident, l_max).reshape(*azimuth.shape, -1)
+    harmonics = evaluate_harmonics(incident, l_max).reshape(*toward.shape, -1)
     measure = around * np.maximum(toward, 0) / np.cos(theta_o)
-    sums = (measure[:, None] @ harmonics)[:, 0] * (weight * np.sin(theta))[:, None]
+    sums = (measure[:, None] @ harmonics)[:, 0] * across[:, None]
     # Both sides of the xz plane were counted on one: what is odd in azimuth cancels.
     sums[:, orders(l_max) < 0] = 0
     return theta, sums
@@ -143,6 +204,6 @@ def _panels(theta_o: float) -> tuple[Floats, Floats]:
 
 def _composite(edges: Floats) -> tuple[Floats, Floats]:
     """Gauss-Legendre on each panel between edges."""
-    rules = [interval_rule(_NODES_PER_PANEL, low, high) for low, high in pairwise(edges)]
-    nodes, weights = (np.concatenate(each) for each in zip(*rules, strict=True))
-    return nodes, weights
+    unit, share = interval_rule(_NODES_PER_PANEL, 0, 1)
+    width = np.diff(edges)[:, None]
+    return (edges[:-1, None] + width * unit).ravel(), (width * share).ravel()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.lobetable import lobe_table, specular_rows
+from invrender.model.lobetable import TRANSFERS, lobe_table, specular_radiance, specular_rows
 from invrender.theory.brdfcoefficients import outgoing_coefficients
 from invrender.theory.operator import view_frames
 
@@ -48,3 +48,28 @@ def test_rows_of_samples_yield_the_reflected_radiance(bench, rng):
     expected = field.mean_over_rays(rays)
     # Rows are in single precision.
     assert_allclose(rows @ lighting, expected, atol=3e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("transfer", "factor"), [("mirror", lambda _: 1.0), ("filtered", lambda x: np.exp(-(x**2)))]
+)
+def test_coarser_rungs_are_light_in_the_mirror_direction(bench, transfer, factor):
+    field, sigma = bench.sphere_field(40.0, samples=15), 0.15
+    l = np.repeat(np.arange(7), 2 * np.arange(7) + 1)
+    # Householder's reflection of each view at the plane through the normal's axis.
+    mirrors = 2 * np.einsum("ni,nj->nij", field.normals, field.normals) - np.eye(3)
+    at_mirror = scipy_harmonics(np.einsum("nij,nj->ni", mirrors, field.views), 6)
+    rows, slopes = specular_rows(field, 6, sigma, transfer)
+    assert_allclose(rows, field.mean_over_rays(at_mirror * factor(sigma * l)), atol=2e-6)
+    ends = [factor(sigma * np.exp(way) * l) for way in (-1e-4, 1e-4)]
+    assert_allclose(slopes, field.mean_over_rays(at_mirror * (ends[1] - ends[0]) / 2e-4), atol=2e-6)
+
+
+def test_all_rungs_agree_on_a_narrow_lobe(bench, rng):
+    field = bench.sphere_field(40.0, samples=40)
+    field = field.where(field.cos_exitant > 0.6)
+    light = rng.normal(size=(25, 3))
+    exact, filtered, mirror = (specular_radiance(field, light, 0.01, transfer) for transfer in TRANSFERS)
+    # Of order (sigma l)^2, which is 0.0016 at the highest degree.
+    assert_allclose(mirror, exact, atol=0.004 * np.abs(exact).max())
+    assert_allclose(filtered, exact, atol=0.004 * np.abs(exact).max())

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
+from invrender.model.lobetable import TRANSFERS, Transfer
 from invrender.solve.blind.certainty import Certainty, certainty_of
+from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.sight import Sight
@@ -40,22 +42,27 @@ def factorize_blind(
     source_region: Region | None = None,
     ladder: bool = True,
     on_step: Callable[[], None] = lambda: None,
+    transfer: Transfer = "exact",
 ) -> BlindSolution:
     """Lighting and BRDF from light-field samples of a homogeneous convex body under one unknown lighting.
 
     photos : two or more, under the same light, normals and views in one frame. orders : degrees of the lighting that
-    are tried. source_region : where sources may be; None for anywhere. ladder : whether simpler models are tried; False
-    fits one microfacet model at the highest order up to 10. `on_step` is called after each model. Raises ValueError for
-    photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
-    finite or mostly negative.
+    are tried. source_region : where sources may be; None for anywhere. ladder : whether other forms of the lobe and
+    simpler models are tried; False fits RH01's microfacet model at the highest order up to 10. `on_step` is called
+    after each model. transfer : what the lobe makes of the light, of RH01's form alone unless `exact`; sources have
+    closed forms in any case [eq. 23]. Raises ValueError for photographs that can't determine anything: a single one,
+    too few samples, all at one angle, radiance that is not finite or mostly negative.
     """
     orders = sorted(set(orders))
-    _check(photos, orders)
+    _check(photos, orders, transfer)
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
-        search = _first_weights(photos, orders[-1] if ladder else degree, source_region)
+        search = _first_weights(photos, orders[-1] if ladder else degree, source_region, transfer)
         thin = thinned(search, degree, _SEARCH_SAMPLES)
-        found = find_sources(thin, first_state(thin, degree), degree)
+        formed = Formed(find_sources(thin, first_state(thin, degree), degree), ())
+        if ladder and transfer == "exact":
+            formed = choose_form(thin, formed.found, degree)
+        found = formed.found
         fit = search.fit(found.fit.state, degree)
         search, noise, weights = _weighed(search, fit)
         fit = search.fit(fit.state, degree)
@@ -65,16 +72,19 @@ def factorize_blind(
             # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
             few = thinned(search, orders[-1], _LADDER_SAMPLES)
             tried = few.fit(fit.state, degree)
-            rungs = _climb(few, thin, tried, orders, on_step, [cross_validate(_name(tried), few, tried)])
+            rungs = [cross_validate(_name(tried), few, tried)]
+            rungs = _climb(few, thin, tried, orders, formed.others, on_step, rungs)
             chosen = simplest(rungs)
             if few is not search:
                 chosen = _confirm(search, rungs, chosen)
             on_step()
         certainty = _with_split(certainty_of(search, rungs[chosen].fit), rungs[chosen].fit, found.split)
-    return _solution(search, rungs, chosen, certainty, noise, weights, found)
+    return _solution(search, rungs, chosen, certainty, noise, weights, found, transfer)
 
 
-def _check(photos: Sequence[LightField], orders: Sequence[int]) -> None:
+def _check(photos: Sequence[LightField], orders: Sequence[int], transfer: Transfer) -> None:
+    if transfer not in TRANSFERS:
+        raise ValueError(f"transfer is {transfer!r}; it must be one of {', '.join(TRANSFERS)}")
     if len(photos) < 2:
         raise ValueError(
             f"there are {len(photos)} photographs; one can't tell light from reflectance (any image is explained by a"
@@ -109,8 +119,10 @@ def _check(photos: Sequence[LightField], orders: Sequence[int]) -> None:
         )
 
 
-def _first_weights(photos: Sequence[LightField], l_max: int, region: Region | None) -> Search:
-    sights = [Sight.of(photo, l_max) for photo in photos]
+def _first_weights(
+    photos: Sequence[LightField], l_max: int, region: Region | None, transfer: Transfer
+) -> Search:
+    sights = [Sight.of(photo, l_max, transfer) for photo in photos]
     level = float(np.mean([np.abs(photo.radiance).mean() for photo in photos]))
     assumed = NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
     weights = [photo.weight[:, None] / assumed.variance(photo.radiance) for photo in photos]
@@ -148,14 +160,18 @@ def _climb(
     thin: Search,
     fit: Fit,
     orders: Sequence[int],
+    others: Sequence[State],
     on_step: Callable[[], None],
     rungs: Sequence[BlindRung],
 ) -> list[BlindRung]:
-    """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed."""
+    """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
+
+    others : states with lobes of other forms, as good as their best.
+    """
     rungs = list(rungs)
 
-    def add(state: State, l_max: int) -> None:
-        tried = search.fit(state, l_max)
+    def add(state: State, l_max: int, fitted: bool = False) -> None:
+        tried = search.at(state, l_max) if fitted else search.fit(state, l_max)
         rungs.append(cross_validate(_name(tried), search, tried))
         on_step()
 
@@ -163,8 +179,10 @@ def _climb(
         if order != fit.l_max:
             add(fit.state, order)
     best = rungs[simplest(rungs)].fit
-    other = replace(best.state, mu=_FIRST_MU if best.state.mu is None else None)
-    add(other, best.l_max)
+    if best.state.form.has_fresnel:
+        add(replace(best.state, mu=_FIRST_MU if best.state.mu is None else None), best.l_max)
+    for other in others:
+        add(other, best.l_max, fitted=True)
     if len(best.state.directions):
         weakest = int(best.light[(best.l_max + 1) ** 2 :].sum(axis=1).argmin())
         add(best.state.without_source(weakest), best.l_max)
@@ -182,7 +200,9 @@ def _confirm(search: Search, rungs: list[BlindRung], chosen: int) -> int:
     richer = [
         index
         for index, rung in enumerate(rungs)
-        if rung.fit.l_max > own.l_max and rung.fit.state.names == own.state.names
+        if rung.fit.l_max > own.l_max
+        and rung.fit.state.names == own.state.names
+        and rung.fit.state.form is own.state.form
     ]
     pair = [chosen, *sorted(richer, key=lambda index: rungs[index].fit.l_max)[:1]]
     for index in pair:
@@ -206,10 +226,12 @@ def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
 
 
 def _name(fit: Fit) -> str:
-    kind = "lambertian" if fit.state.sigma is None else "microfacet"
-    fresnel = " without Fresnel" if fit.state.sigma is not None and fit.state.mu is None else ""
-    count = len(fit.state.directions)
-    return f"{kind}{fresnel}, lighting of degree {fit.l_max}, {count} source{'' if count == 1 else 's'}"
+    state = fit.state
+    kind = "lambertian" if state.sigma is None else state.form.name
+    bare = state.sigma is not None and state.mu is None and state.form.has_fresnel
+    count = len(state.directions)
+    sources = f"{count} source{'' if count == 1 else 's'}"
+    return f"{kind}{' without Fresnel' if bare else ''}, lighting of degree {fit.l_max}, {sources}"
 
 
 def _solution(
@@ -220,6 +242,7 @@ def _solution(
     noise: NoiseModel,
     weights: tuple[Weights, ...],
     found: Found,
+    transfer: Transfer,
 ) -> BlindSolution:
     fit = rungs[chosen].fit
     size, count = (fit.l_max + 1) ** 2, len(fit.state.directions)
@@ -242,6 +265,7 @@ def _solution(
         brdf_share=fit.state.kappa,
         mu=fit.state.mu,
         sigma=fit.state.sigma,
+        form=fit.state.form,
         coefficients=fit.light[:size],
         coefficients_std=certainty.light_std[:size],
         sources=sources,
@@ -256,4 +280,5 @@ def _solution(
         weights=weights,
         gauge=GAUGE,
         warnings=tuple(warnings),
+        transfer=transfer,
     )

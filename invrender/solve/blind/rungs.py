@@ -52,17 +52,19 @@ class BlindRung:
 
 
 def simplest(rungs: Sequence[BlindRung]) -> int:
-    """The index of the rung with fewest parameters whose error is within one standard error of the best one's.
-
-    The standard error is that of the difference, group by group: what all rungs find hard is no excuse for one.
-    """
+    """The index of the rung with fewest parameters whose error is within one standard error of the best one's."""
     best = min(rungs, key=lambda rung: rung.deviance.mean())
-    fitting = []
-    for index, rung in enumerate(rungs):
-        worse = rung.deviance - best.deviance
-        if worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)):
-            fitting.append(index)
+    fitting = [index for index, rung in enumerate(rungs) if as_good(rung, best)]
     return min(fitting, key=lambda index: rungs[index].parameters)
+
+
+def as_good(rung: BlindRung, best: BlindRung) -> bool:
+    """Whether a rung's error is within one standard error of another's.
+
+    The standard error is that of the difference, group by group: what both find hard is no excuse for one.
+    """
+    worse = rung.deviance - best.deviance
+    return bool(worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)))
 
 
 def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:

@@ -1,9 +1,10 @@
 """What the samples of a photograph see of unknown lighting: rows of the linear problem, and their slopes.
 
-    B = sum_k L_k [(1 - kappa) D_k + kappa F(mu, theta_o) M_k(sigma)]
-      + sum_j E_j [(1 - kappa) max(n.d_j, 0) + kappa F(mu, theta_o) T(sigma, d_j)]     [RH01, eq. 15, 20, 23]
+    B = sum_k L_k [(1 - kappa) D_k + kappa M_k(mu, sigma)]
+      + sum_j E_j [(1 - kappa) max(n.d_j, 0) + kappa T(mu, sigma, d_j)]     [RH01, eq. 15, 20, 23]
 
-per channel, in the gauge Kd + Ks = 1. A pixel is the mean over its rays, Fresnel factor included.
+per channel, in the gauge Kd + Ks = 1. M and T are the lobe with its Fresnel factor, which RH01's form has at theta_o
+and so outside of all sums over light. A pixel is the mean over its rays.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ from dataclasses import field as defaulted
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.model.formtable import form_rows
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobetable import specular_rows
-from invrender.model.transfer import LightElement, specular_transfer
+from invrender.model.lobes import PRINTED, Angles, LobeForm
+from invrender.model.lobetable import Transfer, specular_rows
 from invrender.solve.blind.state import State, turn
 from invrender.theory.operator import irradiance_operator
+from recon.harmonics import degree_of
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -30,40 +33,75 @@ _SPACING = 0.1
 _STEP = 1e-4
 
 
+# Form, mu, sigma and degree that rows of other forms belong to.
+_Shape = tuple[LobeForm, float | None, float, int]
+
+
 @dataclass(frozen=True, eq=False)
 class Sight:
     """A photograph with what doesn't change while the BRDF is searched.
 
-    field : the photograph. l_max : of the lighting. rays : the same as one sample per ray. cos : (m,) exitant, of
-    rays. diffuse : (n, (l_max + 1)^2), irradiance.
+    field : the photograph. l_max : of the lighting. transfer : of the lobe, for all but the sources. rays : the same as
+    one sample per ray. cos : (m,) exitant, of rays. diffuse : (n, (l_max + 1)^2), irradiance.
     """
 
     field: LightField
     l_max: int
+    transfer: Transfer
     rays: LightField
     cos: Floats
     diffuse: Singles
     _nodes: dict[int, tuple[Singles, Singles]] = defaulted(default_factory=dict, repr=False)
+    _last: dict[_Shape, tuple[Singles, Singles, Singles]] = defaulted(default_factory=dict, repr=False)
 
     @staticmethod
-    def of(samples: LightField, l_max: int) -> Sight:
+    def of(samples: LightField, l_max: int, transfer: Transfer = "exact") -> Sight:
         """Prepare a photograph for lighting of degree l_max."""
         diffuse = samples.mean_over_rays(irradiance_operator(samples.normals, l_max))
         rays = _one_sample_per_ray(samples)
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
-        return Sight(samples, l_max, rays, cos, diffuse.astype(np.float32))
+        return Sight(samples, l_max, transfer, rays, cos, diffuse.astype(np.float32))
 
-    def lobe(self, sigma: float) -> tuple[Singles, Singles, Singles]:
-        """Lobe rows at the two roughnesses around sigma, and weights that make of them rows and slopes at sigma.
+    def lobe_rows(self, state: State, l_max: int) -> Singles:
+        """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""
+        if state.form is not PRINTED:
+            return self._form(state, l_max)[0]
+        nodes, weights, _ = self._printed(state.roughness)
+        rows = np.einsum("j,jmk->mk", weights, nodes[:, :, : (l_max + 1) ** 2])
+        return np.asarray(rows * normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32))
+
+    def lobe_slopes(self, state: State, light: Floats) -> tuple[Floats, Floats]:
+        """Derivatives (m, c) of what rays see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
+        single = light.astype(np.float32)
+        if state.form is not PRINTED:
+            _, by_sigma, by_mu = self._form(state, degree_of(len(light)))
+            return (by_sigma @ single).astype(float), (by_mu @ single).astype(float)
+        nodes, *weights = self._printed(state.roughness)
+        parts = nodes[:, :, : len(light)] @ single
+        seen, widened = (np.einsum("j,jmc->mc", w, parts).astype(float) for w in weights)
+        fresnel, change = _fresnel(state.mu, self.cos)
+        return fresnel[:, None] * widened, change[:, None] * seen
+
+    def _form(self, state: State, l_max: int) -> tuple[Singles, Singles, Singles]:
+        """Rows of rays and their slopes; the last are kept, for whoever solves at a state asks for slopes there."""
+        key = (state.form, state.mu, state.roughness, l_max)
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = form_rows(self.rays, l_max, state.form, state.mu, state.roughness)
+        return self._last[key]
+
+    def _printed(self, sigma: float) -> tuple[Singles, Singles, Singles]:
+        """RH01's lobe at the two roughnesses around sigma, and weights that make of them rows and slopes at sigma.
 
         Returns (4, m, k) rows and slopes of both, (4,) weights of the rows at sigma, and (4,) of their slopes in log
-        sigma. Few roughnesses are computed in a whole search, since it ends between two of them.
+        sigma, without Fresnel's factor. Few roughnesses are computed in a whole search, since it ends between two.
         """
         position = np.log(sigma) / _SPACING
         low = int(np.floor(position))
         for node in (low, low + 1):
             if node not in self._nodes:
-                self._nodes[node] = specular_rows(self.rays, self.l_max, float(np.exp(node * _SPACING)))
+                at = float(np.exp(node * _SPACING))
+                self._nodes[node] = specular_rows(self.rays, self.l_max, at, self.transfer)
         for node in [node for node in self._nodes if node not in (low, low + 1)]:
             del self._nodes[node]
         t = position - low
@@ -101,11 +139,10 @@ def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     diffuse = np.hstack([sight.diffuse[:, :size], cosines])
     if state.sigma is None:
         return Rows(diffuse, np.zeros((1, 1)))
-    fresnel = normalised_fresnel(state.mu, sight.cos)
-    nodes, weights, _ = sight.lobe(state.sigma)
-    lobe = np.einsum("j,jmk->mk", weights, nodes[:, :, :size]) * fresnel[:, None].astype(np.float32)
-    sources = [_source(sight, direction, [state.sigma])[:, 0] * fresnel for direction in state.directions]
-    specular = np.hstack([mean(lobe), *(mean(source)[:, None] for source in sources)])
+    sources = [_highlight(sight, direction, state) for direction in state.directions]
+    specular = np.hstack(
+        [mean(sight.lobe_rows(state, l_max)), *(mean(source)[:, None] for source in sources)]
+    )
     return Rows(diffuse, specular.astype(float))
 
 
@@ -117,23 +154,15 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     rays, mean, kappa = sight.field, sight.field.mean_over_rays, state.kappa
     size = len(light) - len(state.directions)
     columns = []
-    fresnel = normalised_fresnel(state.mu, sight.cos)
     if state.sigma is not None:
         columns.append((rows.per_specular - rows.per_diffuse) @ light)
-        nodes, weights, slope_weights = sight.lobe(state.sigma)
-        parts = nodes[:, :, :size] @ light[:size].astype(np.float32)
-        gathered, widened = (np.einsum("j,jmc->mc", w, parts).astype(float) for w in (weights, slope_weights))
-        sigmas = state.sigma * np.exp([-_STEP, 0, _STEP])
+        by_sigma, by_mu = sight.lobe_slopes(state, light[:size])
         for direction, irradiance in zip(state.directions, light[size:], strict=True):
-            before, at, after = _source(sight, direction, sigmas).T
-            gathered += at[:, None] * irradiance
-            widened += ((after - before) / (2 * _STEP))[:, None] * irradiance
-        if state.mu is not None:
-            ends = [
-                normalised_fresnel(1 + (state.mu - 1) * np.exp(way), sight.cos) for way in (-_STEP, _STEP)
-            ]
-            columns.append(kappa * mean(((ends[1] - ends[0]) / (2 * _STEP))[:, None] * gathered))
-        columns.append(kappa * mean(fresnel[:, None] * widened))
+            of_sigma, of_mu = _highlight_slopes(sight, direction, state)
+            by_sigma += of_sigma[:, None] * irradiance
+            by_mu += of_mu[:, None] * irradiance
+        columns += [] if state.mu is None else [kappa * mean(by_mu)]
+        columns.append(kappa * mean(by_sigma))
     for direction, irradiance in zip(state.directions, light[size:], strict=True):
         for way in np.eye(2):
             ends = [turn(direction, *(sign * _STEP * way)) for sign in (-1, 1)]
@@ -141,19 +170,36 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
             slope = (np.maximum(cosines[1], 0) - np.maximum(cosines[0], 0)) / (2 * _STEP)
             column = (1 - kappa) * mean(slope)[:, None]
             if state.sigma is not None:
-                first, last = (_source(sight, end, [state.sigma])[:, 0] for end in ends)
+                first, last = (_highlight(sight, end, state) for end in ends)
                 # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
                 same_side = (cosines[0] > 0) == (cosines[1] > 0)
                 slope = np.where(same_side, (last - first) / (2 * _STEP), 0)
-                column = column + kappa * mean(fresnel * slope)[:, None]
+                column = column + kappa * mean(slope)[:, None]
             columns.append(column * irradiance)
     return np.stack(columns, axis=-1) if columns else np.zeros((len(sight.field), 3, 0))
 
 
-def _source(sight: Sight, direction: Floats, sigmas: Floats | list[float]) -> Floats:
-    """Specular transfer (m, sigmas) of rays from a source of unit irradiance."""
-    unit = LightElement("source", direction[None], np.ones((1, 1)))
-    return specular_transfer(unit, sight.rays.normals, sight.rays.views, np.asarray(sigmas))[:, :, 0]
+def _highlight(sight: Sight, direction: Floats, state: State) -> Floats:
+    """Radiance (m,) of rays from a source of unit irradiance, per unit of Ks."""
+    angles = Angles.between(sight.rays.normals, direction, sight.rays.views)
+    return state.form.reflected(angles, state.mu, state.roughness)
+
+
+def _highlight_slopes(sight: Sight, direction: Floats, state: State) -> tuple[Floats, Floats]:
+    """Derivatives (m,) of `_highlight` by log sigma and by log(mu - 1)."""
+    angles = Angles.between(sight.rays.normals, direction, sight.rays.views)
+    shape = state.form.shape(angles, state.roughness)
+    narrow, wide = (state.form.shape(angles, state.roughness * np.exp(way)) for way in (-_STEP, _STEP))
+    fresnel, by_mu = _fresnel(state.mu, np.clip(state.form.fresnel_cosine(angles), 0, 1))
+    return fresnel * (wide - narrow) / (2 * _STEP), by_mu * shape
+
+
+def _fresnel(mu: float | None, cos: Floats) -> tuple[Floats, Floats]:
+    """Fresnel's factor at cosines (m,), and its slope in log(mu - 1)."""
+    if mu is None:
+        return np.ones_like(cos), np.zeros_like(cos)
+    less, at, more = (normalised_fresnel(1 + (mu - 1) * np.exp(way), cos) for way in (-_STEP, 0, _STEP))
+    return at, (more - less) / (2 * _STEP)
 
 
 def _one_sample_per_ray(samples: LightField) -> LightField:

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.factorization import Quantity
+from invrender.model.formtable import form_radiance
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobetable import specular_radiance
-from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.model.lobes import PRINTED, Angles, LobeForm
+from invrender.model.lobetable import Transfer, specular_radiance
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung
+from invrender.solve.blind.state import State
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.theory.harmonics import project_sources
 from invrender.theory.lambertian import irradiance
@@ -44,19 +46,22 @@ class BlindSources:
 class BlindSolution:
     """BRDF and lighting of a homogeneous convex body, up to a scale per channel (`gauge`).
 
-    model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks). mu, sigma : None where the model lacks
-    them; sigma in radians. coefficients, coefficients_std : ((l_max + 1)^2, 3), the lighting without its sources, at
+    model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks); whether the specular part is neutral is
+    not seen where the light's colour is unknown. mu, sigma : None where the model lacks them; sigma in radians. form :
+    of the lobe. coefficients, coefficients_std : ((l_max + 1)^2, 3), the lighting without its sources, at
     index l*l + l + m. sources : those found. determined_degree : the degree up to which the photographs, not the
     prior, determine the lighting; -1 if not even the mean. quantities : "kd_normalised", "ks_normalised", "mu",
     "sigma", and "lighting" where degrees of it aren't determined. degree_shares : (l_max + 1,), mean share of what is
     known of a coefficient that comes from the photographs. covariance, covariance_names : of the shares, mu, sigma and
     the sources' turns (radians). rungs, chosen : the ladder. noise, weights : as in `noise`, weights per photograph.
+    transfer : of the lobe, that the fit went by.
     """
 
     model: str
     brdf_share: Floats
     mu: float | None
     sigma: float | None
+    form: LobeForm
     coefficients: Floats
     coefficients_std: Floats
     sources: BlindSources
@@ -71,6 +76,7 @@ class BlindSolution:
     weights: tuple[Weights, ...]
     gauge: str
     warnings: tuple[str, ...]
+    transfer: Transfer = "exact"
 
     @property
     def l_max(self) -> int:
@@ -97,17 +103,23 @@ def predict_blind(solution: BlindSolution, field: LightField) -> Floats:
     """Radiance (n, 3) of a photograph's samples under the recovered light, in the photographs' units."""
     fit = solution.rungs[solution.chosen].fit
     state, slow = fit.state, fit.light[: (fit.l_max + 1) ** 2]
-    sources = [
-        LightElement("source", direction[None], strength[None])
-        for direction, strength in zip(state.directions, fit.light[len(slow) :], strict=True)
-    ]
-    total = irradiance(field.normals, slow)
-    total += sum((diffuse_transfer(source, field.normals) for source in sources), np.zeros(3))
+    strengths = fit.light[len(slow) :]
+    total = irradiance(field.normals, slow) + np.maximum(field.normals @ state.directions.T, 0) @ strengths
     total *= 1 - state.kappa
     if state.sigma is not None:
-        lobe = specular_radiance(field, slow, state.sigma)
-        for source in sources:
-            lobe += specular_transfer(source, field.normals, field.views, np.array([state.sigma]))[:, 0]
-        cos = np.einsum("nk,nk->n", field.normals, field.views)
-        total += state.kappa * normalised_fresnel(state.mu, cos)[:, None] * lobe
+        lobe = _reflected(state, field, slow, solution.transfer)
+        for direction, strength in zip(state.directions, strengths, strict=True):
+            angles = Angles.between(field.normals, direction, field.views)
+            lobe += state.form.reflected(angles, state.mu, state.sigma)[:, None] * strength
+        total += state.kappa * lobe
     return np.asarray(field.mean_over_rays(total))
+
+
+def _reflected(state: State, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
+    """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
+    if state.form is not PRINTED:
+        return form_radiance(field, lighting, state.form, state.mu, state.roughness)
+    cos = np.einsum("nk,nk->n", field.normals, field.views)
+    return normalised_fresnel(state.mu, cos)[:, None] * specular_radiance(
+        field, lighting, state.roughness, transfer
+    )

@@ -203,7 +203,7 @@ def thinned(search: Search, l_max: int, most: int) -> Search:
     sights, weights, trusts = [], [], []
     for k, (sight, weight, trust) in enumerate(zip(search.sights, search.weights, search.trust, strict=True)):
         keep = np.arange(len(sight.field)) % every == k % every
-        sights.append(Sight.of(sight.field.where(keep), l_max))
+        sights.append(Sight.of(sight.field.where(keep), l_max, sight.transfer))
         weights.append(weight[keep])
         trusts.append(trust[keep])
     return replace(search, sights=sights, weights=weights, trust=trusts)

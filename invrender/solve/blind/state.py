@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.fresnel import MU_RANGE
+from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
 
 Floats = NDArray[np.float64]
@@ -22,13 +23,21 @@ class State:
     """A BRDF up to its scale, and where the sources are.
 
     kappa : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is diffuse, and
-    kappa zero. directions : (k, 3) unit, towards the sources.
+    kappa zero. directions : (k, 3) unit, towards the sources. form : of the lobe.
     """
 
     kappa: Floats
     mu: float | None
     sigma: float | None
     directions: Floats
+    form: LobeForm = PRINTED
+
+    @property
+    def roughness(self) -> float:
+        """sigma of a state that has a lobe."""
+        if self.sigma is None:
+            raise ValueError("the state has no sigma, for all is diffuse; ask for its diffuse part alone")
+        return self.sigma
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -65,7 +74,7 @@ class State:
             turn(direction, by_name[f"source {k + 1} a"], by_name[f"source {k + 1} b"])
             for k, direction in enumerate(self.directions)
         ]
-        return State(kappa, mu, sigma, np.array(turned).reshape(-1, 3))
+        return State(kappa, mu, sigma, np.array(turned).reshape(-1, 3), self.form)
 
     def stuck(self, gradient: Floats) -> NDArray[np.bool_]:
         """Which parameters are at an end of their range that they would leave, (t,)."""
@@ -78,6 +87,10 @@ class State:
                 value is not None and ((value <= low and slope < 0) or (value >= high and slope > 0))
             )
         return np.array(found, bool)
+
+    def with_form(self, form: LobeForm) -> State:
+        """The same with a lobe of another form, which may have no Fresnel factor."""
+        return replace(self, form=form, mu=self.mu if form.has_fresnel else None)
 
     def with_source(self, direction: Floats) -> State:
         """The same with one more source."""

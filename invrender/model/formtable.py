@@ -1,0 +1,132 @@
+"""Lobes of any form as filters of harmonic lighting.
+
+What a lobe sends to a viewer at theta_o, per unit of Ks, is the integral over incident directions
+
+    F W(wi, wo) cos theta_i L(wi) dwi        over  n.wi > 0,  dwi = 4 (wo.h) dh
+
+summed over the same half-vectors as `lobetable`, where facets of all roughnesses are smooth. Here Fresnel's factor and
+the shape hold azimuths and mu as well, so that nothing but the harmonics at the nodes can be kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import parallel_map
+from invrender.model.fresnel import normalised_fresnel
+from invrender.model.lobes import Angles, LobeForm
+from invrender.model.lobetable import between_angles, exitant_angles, half_vectors, viewer
+from invrender.theory.operator import view_frames
+from recon.harmonics import degree_of, evaluate_harmonics, orders
+from recon.lightfield import LightField
+from recon.rotations import rotated_harmonics
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+# Steps of the differences that stand for derivatives in log sigma and log(mu - 1), forward ones to save a third.
+_STEP = 1e-6
+_ONE_AT_A_TIME = Lock()
+
+
+@dataclass(frozen=True, eq=False)
+class _Nodes:
+    """Half-vectors of one exitant angle.
+
+    angles : (N,). measure : (N,), what F W cos theta_i multiplies. harmonics : (N, orders of 0 and above), of wi.
+    """
+
+    angles: Angles
+    measure: Floats
+    harmonics: Singles
+
+
+def form_rows(
+    field: LightField, l_max: int, form: LobeForm, mu: float | None, sigma: float
+) -> tuple[Singles, Singles, Singles]:
+    """Rows (m, (l_max + 1)^2) of rays over lighting coefficients, and their slopes in log sigma and log(mu - 1).
+
+    Per unit of Ks, Fresnel's factor included, single precision, of unshadowed surfaces. Slopes are zero in what the
+    form lacks.
+    """
+    rows, by_sigma, by_mu = _turned(field, _local(l_max, form, mu, sigma), mu)
+    return rows, by_sigma, by_mu
+
+
+def form_radiance(
+    field: LightField, lighting: Floats, form: LobeForm, mu: float | None, sigma: float
+) -> Floats:
+    """What each ray (m, c) sees of lighting ((l_max + 1)^2, c) in the lobe, per unit of Ks with Fresnel's factor."""
+    rows = _turned(field, _local(degree_of(len(lighting)), form, mu, sigma)[:, :1], mu)[0]
+    return np.asarray(rows @ lighting, float)
+
+
+def _turned(field: LightField, at_angles: Floats, mu: float | None) -> Singles:
+    """Local coefficients (J, p, (l_max + 1)^2) at the table's angles as those of rays in the world, (p, m, ...)."""
+    angles = exitant_angles(degree_of(at_angles.shape[-1]))
+    cos = np.einsum("nk,nk->n", field.normals, field.views)
+    # Some rays of a sample may be steeper than the table, where Fresnel's factor rises too fast to be left at that.
+    rise = normalised_fresnel(mu, cos) / normalised_fresnel(mu, np.maximum(cos, np.cos(angles[-1])))
+    local = between_angles(angles, at_angles, cos) * rise[:, None, None]
+    local = np.moveaxis(local.astype(np.float32), 1, 0)
+    return rotated_harmonics(local, view_frames(field.normals, field.views)).astype(np.float32)
+
+
+def _local(l_max: int, form: LobeForm, mu: float | None, sigma: float) -> Floats:
+    """Coefficients (J, 3, (l_max + 1)^2) at the table's angles of a viewer in the local xz plane, and both slopes."""
+    # Who needs the same for another photograph waits for it.
+    with _ONE_AT_A_TIME:
+        return _computed(l_max, form, mu, sigma)
+
+
+@lru_cache(maxsize=4)
+def _computed(l_max: int, form: LobeForm, mu: float | None, sigma: float) -> Floats:
+    even = orders(l_max) >= 0
+
+    def at_angle(nodes: _Nodes) -> Floats:
+        values = nodes.measure * _with_slopes(nodes.angles, form, mu, sigma)
+        # Of what is odd in azimuth both sides of the xz plane cancel.
+        result = np.zeros((len(values), len(even)))
+        result[:, even] = values.astype(np.float32) @ nodes.harmonics
+        return result
+
+    return np.stack(list(parallel_map(at_angle, _nodes(l_max))))
+
+
+def _with_slopes(angles: Angles, form: LobeForm, mu: float | None, sigma: float) -> Floats:
+    """F W cos theta_i (3, N), and its slopes in log sigma and log(mu - 1)."""
+    cos = np.clip(form.fresnel_cosine(angles), 0, 1)
+    shape, wider = (form.shape(angles, sigma * np.exp(way)) for way in (0, _STEP))
+    fresnel, change = np.ones_like(shape), np.zeros_like(shape)
+    if mu is not None:
+        fresnel, more = (normalised_fresnel(1 + (mu - 1) * np.exp(way), cos) for way in (0, _STEP))
+        change = more - fresnel
+    return np.stack([fresnel * shape, fresnel * (wider - shape) / _STEP, shape * change / _STEP])
+
+
+@lru_cache(maxsize=6)
+def _nodes(l_max: int) -> tuple[_Nodes, ...]:
+    return tuple(_nodes_at(float(theta_o), l_max) for theta_o in exitant_angles(l_max))
+
+
+def _nodes_at(theta_o: float, l_max: int) -> _Nodes:
+    theta, half, around, across = half_vectors(theta_o, l_max)
+    view = viewer(theta_o)
+    toward = half @ view
+    measure = 4 * toward * around * across[:, None]
+    counts = measure > 0
+    half, toward = half[counts], toward[counts]
+    incident = 2 * toward[:, None] * half - view
+    angles = Angles(
+        np.broadcast_to(theta[:, None], counts.shape)[counts],
+        incident[:, 2],
+        np.full(len(half), view[2]),
+        toward,
+    )
+    harmonics = evaluate_harmonics(incident, l_max)[:, orders(l_max) >= 0]
+    return _Nodes(angles, measure[counts], harmonics.astype(np.float32))

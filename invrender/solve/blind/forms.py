@@ -1,0 +1,53 @@
+"""Which form the lobe has, by the ladder's evidence on part of the samples, before the ladder is climbed.
+
+Weights that are taken from the residuals of a wrong form would hide that it is wrong, and sources that were found with
+it may stand for its faults: so the form comes first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from invrender.model.lobes import FORMS, PRINTED
+from invrender.solve.blind.projection import Fit
+from invrender.solve.blind.rungs import as_good, cross_validate
+from invrender.solve.blind.start import Found, Search, find_sources
+from invrender.solve.blind.state import State
+
+# From RH01's best answer, after which forms differ by far more than they still gain.
+_ITERATIONS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Formed:
+    """The best fit with its sources, and what lobes of the other forms came to."""
+
+    found: Found
+    others: tuple[State, ...]
+
+
+def choose_form(search: Search, found: Found, l_max: int) -> Formed:
+    """The form that predicts samples best; RH01's, as which `found` was fitted, unless that is clearly worse.
+
+    Clearly is by more than a standard error, as on the ladder.
+    """
+    fits = [found.fit]
+    for form in FORMS.values():
+        if form is not PRINTED:
+            fits.append(search.fit(found.fit.state.with_form(form), l_max, _ITERATIONS))
+    rungs = [cross_validate(fit.state.form.name, search, fit) for fit in fits]
+    best = min(range(len(rungs)), key=lambda index: rungs[index].deviance.mean())
+    chosen = 0 if as_good(rungs[0], rungs[best]) else best
+    others = tuple(fit.state for index, fit in enumerate(fits) if index != chosen)
+    if chosen:
+        found = find_sources(search, _brightest_source(fits[chosen]), l_max)
+    return Formed(found, others)
+
+
+def _brightest_source(fit: Fit) -> State:
+    """The state with the brightest of its sources alone."""
+    count = len(fit.state.directions)
+    if count <= 1:
+        return fit.state
+    brightest = int(fit.light[-count:].sum(axis=1).argmax())
+    return replace(fit.state, directions=fit.state.directions[brightest, None])
