@@ -29,6 +29,8 @@ Numbers = tuple[float | None, float | None]
 _FIRST_NOISE = NoiseModel(0.01, 0.01)
 # Rows of a photograph left out count for the evidence if the others predict them to this many times their own noise.
 _PREDICTED = 1.0
+# Patches of the surface by which models are compared.
+_PATCHES = 60
 # Step of the slopes, in log sigma and log(mu - 1).
 _STEP = 0.02
 
@@ -101,8 +103,7 @@ def fit_textured(
     richest = LADDER[-1]
     stack = _Stack.of(photos, points, NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative))
     start = _search(richest, stack)
-    noise, weight = _weigh(richest, stack, len(photos), start)
-    stack = replace(stack, weight=weight)
+    noise, stack = _weighed(richest, stack, len(photos), start)
     fitted = [(model, _search(model, stack, start)) for model in LADDER]
     judged = _judged(richest, stack, len(photos), fitted[-1][1])
     rungs = []
@@ -139,7 +140,7 @@ class _Stack:
 
     points : (p,), those seen, of `size` in all; starts : (p,), their first rows. at, photo, tiles : (r,), point,
     photograph and tile of each row. diffuse, radiance, weight : (r, 3). specular : (channels * r, q) columns.
-    share : as of `Rows`, (r, 1).
+    trust : (r, 3), as of `Weights`. share : as of `Rows`, (r, 1).
     """
 
     size: int
@@ -152,6 +153,7 @@ class _Stack:
     specular: NDArray[np.float32]
     radiance: Floats
     weight: Floats
+    trust: Floats
     share: Floats
 
     @classmethod
@@ -176,6 +178,7 @@ class _Stack:
             specular=np.ascontiguousarray(columns[..., 1:]).reshape(-1, columns.shape[2] - 1),
             radiance=np.concatenate([rows.radiance for rows in photos])[order],
             weight=1 / (noise.variance(brightness) * share),
+            trust=np.ones_like(brightness),
             share=share,
         )
 
@@ -231,6 +234,7 @@ class _Stack:
             specular=self.specular[np.tile(own, channels)],
             radiance=self.radiance[own],
             weight=self.weight[own],
+            trust=self.trust[own],
             share=self.share[own],
         )
 
@@ -248,8 +252,8 @@ def _search(model: TexturedModel, stack: _Stack, near: Floats | None = None) -> 
     )
 
 
-def _weigh(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> tuple[NoiseModel, Floats]:
-    """The noise of a pixel and the rows' weights (r, 3), from what a fit leaves.
+def _weighed(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> tuple[NoiseModel, _Stack]:
+    """The noise of a pixel, and the rows weighed by it, from what a fit leaves.
 
     Residuals are taken for larger by what each point's own numbers take up of them. Where paint changes within a pixel
     they stray as noise does not, and count for less.
@@ -263,12 +267,13 @@ def _weigh(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> t
     residual = (stack.radiance - predicted) * taken / np.sqrt(share)
     free = values.freedom[at] > 0
     noise = fit_noise([predicted[free]], [residual[free]])
-    weight = np.empty_like(predicted)
+    weight, trust = np.empty_like(predicted), np.empty_like(predicted)
     for photo in range(photos):
         own = stack.photo == photo
         if own.any():
-            weight[own] = photo_weights(noise, predicted[own], residual[own]).weight
-    return noise, weight / share
+            found = photo_weights(noise, predicted[own], residual[own])
+            weight[own], trust[own] = found.weight, found.trust
+    return noise, replace(stack, weight=weight / share, trust=trust)
 
 
 def _judged(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> NDArray[np.bool_]:
@@ -299,13 +304,17 @@ def _rung(model: TexturedModel, stack: _Stack, photos: int, point: Floats, judge
     values = solved(model, total)
     seen = total.count > 0
     brdf = Microfacet(values.kd[seen].mean(axis=0), values.ks[seen].mean(axis=0), *numbers)
-    errors = np.full(photos, np.nan)
+    errors, energy = np.full(photos, np.nan), np.zeros(_PATCHES)
     for photo in range(photos):
         use = judged & (stack.photo == photo)
         if use.any():
             unseen = solved(model, total - stack.sums(numbers, photo))
-            radiance = stack.radiance[use]
-            errors[photo] = relative_rms(radiance - stack.predicted(unseen, numbers)[use], radiance)
+            radiance, trust = stack.radiance[use], stack.trust[use]
+            residual = radiance - stack.predicted(unseen, numbers)[use]
+            errors[photo] = relative_rms(residual, radiance, trust)
+            square = (trust * residual**2).sum(axis=1) / max(float((trust * radiance**2).sum()), 1e-300)
+            # The points are in the order of the map's rows: patches are bands of it.
+            energy += np.bincount(stack.at[use] * _PATCHES // stack.size, square, minlength=_PATCHES)
     if np.isnan(errors).all():
         raise ValueError(
             "no point of the object is seen by enough photographs to tell how well others predict it; take more, from"
@@ -315,7 +324,7 @@ def _rung(model: TexturedModel, stack: _Stack, photos: int, point: Floats, judge
     errors = np.where(np.isnan(errors), np.nanmean(errors), errors)
     count = int(seen.sum()) * 3 * (1 + model.ks_varies) + 3 * (model.specular and not model.ks_varies)
     estimate = Estimate(model, brdf, {}, float(values.cost.sum()))
-    return Rung(estimate, errors, np.zeros(1), count + model.specular + model.fresnel)
+    return Rung(estimate, errors, energy, count + model.specular + model.fresnel)
 
 
 def _uncertainty(model: TexturedModel, stack: _Stack, point: Floats) -> tuple[Floats, Floats]:
