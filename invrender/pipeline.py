@@ -99,11 +99,11 @@ def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) ->
     with clock.on("recon"):
         specimen = find_specimen(photoset, track, shadowing)
     unknown = {table.name for table in photoset.lightings if table.unknown}
+    given = photoset, specimen, samples, clock, track
     if unknown & {photo.lighting for photo in photoset.photos}:
-        solve = solve_unknown_light
+        solved = solve_unknown_light(*given)
     else:
-        solve = solve_textured if photoset.object.texture else solve_known_light
-    solved = solve(photoset, specimen, samples, clock, track)
+        solved = (solve_textured if photoset.object.texture else solve_known_light)(*given)
     return Run(photoset, specimen, solved, {**clock.seconds, "total": time.perf_counter() - begun})
 
 
@@ -122,8 +122,8 @@ def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
         )
     if photoset.object.shape == "mesh" and unknown:
         raise ValueError(
-            f'{where}: [object] shape = "mesh", but [[lighting]] "{unknown[0]}" is unknown: this version recovers unknown'
-            " light from spheres only; measure it, with a mirror ball say"
+            f'{where}: [object] shape = "mesh", but [[lighting]] "{unknown[0]}" is unknown: this version recovers'
+            " unknown light from spheres only; measure it, with a mirror ball say"
         )
     if len(fitted) < 2:
         raise ValueError(

@@ -103,17 +103,16 @@ def result_document(
 
 def _texture(textures: Textures) -> dict[str, Any]:
     layout = textures.layout
-    texels = isinstance(layout, TexelLayout)
     return {
         "kd": KD_NAME,
         "kd_std": KD_STD_NAME,
         "ks": KS_NAME if textures.ks_varies else None,
         "ks_std": KS_STD_NAME if textures.ks_varies else None,
-        "at": "texels" if texels else "vertices",
-        "side": layout.side if texels else None,
+        "at": "texels" if isinstance(layout, TexelLayout) else "vertices",
+        "side": layout.side if isinstance(layout, TexelLayout) else None,
         "known": float(textures.known.mean()),
         # The set's own mesh has the texture coordinates, unless they were made.
-        "mesh": MESH_NAME if texels and layout.made is not None else None,
+        "mesh": MESH_NAME if layout.made is not None else None,
     }
 
 

@@ -60,12 +60,17 @@ class Layout(Protocol):
     def image(self, values: NDArray[np.floating]) -> NDArray[np.float32]:
         """Values (n, ...) at the points as a picture (h, w, ...); zero where there is no point."""
 
+    @property
+    def made(self) -> TriangleMesh | None:
+        """The mesh in the world, with the texture coordinates that were made for it; None if none were."""
+
 
 @dataclass(frozen=True, eq=False)
 class VertexLayout:
     """A value at each vertex: for meshes without usable texture coordinates. As a picture one row, in their order."""
 
     body: MeshBody
+    made: TriangleMesh | None = None
 
     @property
     def points(self) -> SurfacePoints:
@@ -136,7 +141,7 @@ def find_layout(body: MeshBody, footprint: float) -> tuple[TexelLayout | VertexL
     footprint : metres, about which a texel is to be large. The mesh's own texture coordinates are used if it has them
     and no two of its triangles share texels; otherwise others are looked for; without success each vertex has a value.
     """
-    warnings = []
+    warnings: list[str] = []
     mesh = body.mesh
     if mesh.uv is not None:
         corners = mesh.uv[mesh.faces]

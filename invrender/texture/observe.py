@@ -72,8 +72,9 @@ def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints
     seen = np.flatnonzero(facing & ((points.facets * views).sum(axis=1) > 0))
     pixels = camera.project(points.positions[seen]) - 0.5
     edge = np.array([camera.width - 1, camera.height - 1])
-    seen, pixels = (a[np.isfinite(pixels).all(axis=1)] for a in (seen, pixels))
-    seen, pixels = (a[((pixels >= 0) & (pixels < edge)).all(axis=1)] for a in (seen, pixels))
+    # What isn't finite lies behind the camera.
+    within = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1) & (pixels < edge).all(axis=1)
+    seen, pixels = seen[within], pixels[within]
     column, row = np.floor(pixels).astype(int).T
     across, down = (pixels - np.floor(pixels)).T
     samples = np.stack([number[row + i, column + j] for i in (0, 1) for j in (0, 1)], axis=1)

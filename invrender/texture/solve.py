@@ -1,7 +1,7 @@
 """The main job on a textured mesh, under known light [RH01, section 6.4].
 
-Twice through the photographs, one per core at a time: first a subset of points tells the model, mu and sigma; then every
-point's Kd, and Ks, is solved for. Predictions go through them once more.
+Twice through the photographs, one per core at a time: first a subset of points tells the model, mu and sigma; then
+every point's Kd, and Ks, is solved for. Predictions go through them once more.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def solve_textured(
 ) -> Solved:
     """Recover Kd and Ks over a mesh, and the mu and sigma that they share, under light that is known.
 
-    samples : about how many observations of points enter the search for mu and sigma; also, about how many pixels of all
-    photographs the residuals are reported of.
+    samples : about how many observations of points enter the search for mu and sigma; also, about how many pixels of
+    all photographs the residuals are reported of.
     """
     assert isinstance(specimen.body, MeshBody)
     used = {photo.lighting for photo in photoset.photos}
@@ -121,8 +121,8 @@ def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:
     for name, lighting in lightings.items():
         if lighting.recovers:
             raise ValueError(
-                f'{photoset.manifest}: [[lighting]] "{name}" leaves {" and ".join(lighting.recovers)} to be recovered, but'
-                " textures need light that is known: light and texture can't be told apart (RH01, section 6.4). Measure"
+                f'{photoset.manifest}: [[lighting]] "{name}" leaves {" and ".join(lighting.recovers)} to be recovered,'
+                " but textures need light that is known: light and texture can't be told apart (RH01, section 6.4). Measure"
                 " the light, or leave texture out"
             )
 
@@ -257,7 +257,7 @@ def _residuals(
     for photo in photoset.photos:
         field = fields[photo.label]
         predicted = radiance(photo, field)
-        known = np.isfinite(predicted).all(axis=1)
+        known = np.asarray(np.isfinite(predicted).all(axis=1))
         if not known.any():
             raise ValueError(
                 f"{photo.file}: shows no part of the object whose texture the other photographs determine; leave it"
@@ -342,21 +342,22 @@ def _quantities(
         quantities[name] = assess_linear(value, shares_std, np.ones(3), name[:2].capitalize())
     ks_share = float(np.mean(mean.ks / total))
     # The search's coordinates are logarithms, of mu - 1 in the case of mu.
-    spans = {"sigma": mean.sigma or 0.0} | ({"mu": mean.mu - 1} if mean.mu is not None else {})
-    scalars = {}
-    for k, (name, span) in enumerate(spans.items()):
-        value = float(getattr(mean, name))
-        std = float(np.hypot(span * np.sqrt(fit.covariance[k, k]), share * value))
-        scalars[name] = Scalar(value, std, float(span * fit.fragility[k]))
+    found = {"sigma": mean.sigma, "mu": mean.mu}
+    scalars: dict[str, Scalar] = {}
+    for k, (name, number) in enumerate(
+        (name, number) for name, number in found.items() if number is not None
+    ):
+        span = number - 1 if name == "mu" else number
+        deviation = float(np.hypot(span * np.sqrt(fit.covariance[k, k]), share * number))
+        scalars[name] = Scalar(number, deviation, float(span * fit.fragility[k]))
     quantities["sigma"] = assess_sigma(scalars["sigma"], lighting_degree(list(lightings.values())), ks_share)
     if "mu" in scalars:
         # It asks for their samples only.
         seen = cast("Sequence[PhotoColumns]", [_Seen(field) for field in fields.values()])
         quantities["mu"] = assess_mu(scalars["mu"], seen, ks_share)
-    names = [name for name in ("mu", "sigma") if name in scalars]
-    names += [f"{name}.{channel}" for name in ("kd", "ks") for channel in "rgb"]
-    std = [scalars[name].std for name in ("mu", "sigma") if name in scalars]
-    return quantities, tuple(names), np.concatenate([std, kd_std, ks_std])
+    order = [str(name) for name in ("mu", "sigma") if name in scalars]
+    std = np.concatenate([[scalars[name].std for name in order], kd_std, ks_std])
+    return quantities, (*order, *(f"{name}.{channel}" for name in ("kd", "ks") for channel in "rgb")), std
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,7 +371,7 @@ def _sentences(faults: Sequence[str], textures: Textures) -> list[str]:
     unknown = 1 - float(textures.known.mean())
     if unknown > _UNKNOWN:
         sentences.append(
-            f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't tell its Kd from its"
-            " Ks. It is marked in the textures (A = 0) and not predicted; photographs from other sides would fill it."
+            f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't tell its Kd from"
+            " its Ks. It is marked in the textures (A = 0) and not predicted; photographs from other sides would fill it."
         )
     return sentences

@@ -29,10 +29,11 @@ class Sums:
 
     @classmethod
     def zeros(cls, points: int) -> Sums:
-        return cls(*(np.zeros((points, 3)) for _ in range(6)), np.zeros(points))
+        dd, ds, ss, dy, sy, yy = np.zeros((6, points, 3))
+        return cls(dd, ds, ss, dy, sy, yy, np.zeros(points))
 
     def add(self, points: Ints, d: Floats, s: Floats, y: Floats, weight: Floats) -> None:
-        """Take in one photograph, in place: transfers and radiance (r, 3) of points, each once; weight, 1 / variance."""
+        """Take in one photograph, in place: transfers and radiance (r, 3) of points, each once; weights 1 / variance."""
         for total, one, other in (
             (self.dd, d, d),
             (self.ds, d, s),

@@ -60,8 +60,10 @@ class Textures:
             # A mean over points of which some are unknown is as good a scale: medians of what is known best.
             scale = np.median(values.kd[determined] + values.ks[determined], axis=0)
             determined &= (kd_std < _HOPELESS * scale).all(axis=1) & (ks_std < _HOPELESS * scale).all(axis=1)
-        kept = [np.where(determined[:, None], of, 0.0) for of in (values.kd, values.ks, kd_std, ks_std)]
-        return cls(layout, *kept, determined, ks_varies)
+        kd, ks, kd_std, ks_std = (
+            np.where(determined[:, None], of, 0.0) for of in (values.kd, values.ks, kd_std, ks_std)
+        )
+        return cls(layout, kd, ks, kd_std, ks_std, determined, ks_varies)
 
     def at(self, field: LightField) -> tuple[Floats, Floats]:
         """Kd and Ks (m, 3) at each ray of a field, NaN where none of the points around it is known."""
@@ -70,7 +72,8 @@ class Textures:
         total = weights.sum(axis=1)
         with np.errstate(invalid="ignore"):
             weights = np.where(total[:, None] > 1e-6, weights / total[:, None], np.nan)
-        return tuple(np.einsum("mk,mkc->mc", weights, values[places]) for values in (self.kd, self.ks))
+        kd, ks = (np.einsum("mk,mkc->mc", weights, values[places]) for values in (self.kd, self.ks))
+        return kd, ks
 
     def write(self, folder: Path, mesh_to_world: Floats) -> None:
         """Write the maps: R, G, B and, 1 where it is known, A; and the mesh in its own frame, in metres, where its
@@ -81,8 +84,9 @@ class Textures:
             images |= {KS_NAME: self.ks, KS_STD_NAME: self.ks_std}
         for name, values in images.items():
             write_exr(folder / name, self._margined(self.layout.image(values)), layers={"A": alpha})
-        if isinstance(self.layout, TexelLayout) and self.layout.made is not None:
-            write_mesh(folder / MESH_NAME, placed(self.layout.made, np.linalg.inv(mesh_to_world)))
+        if self.layout.made is not None:
+            world_to_mesh = np.asarray(np.linalg.inv(mesh_to_world), float)
+            write_mesh(folder / MESH_NAME, placed(self.layout.made, world_to_mesh))
 
     def _margined(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
         """The picture, repeated for two texels beyond the surface."""
