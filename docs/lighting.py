@@ -43,7 +43,7 @@ def comparison(twelve: LightResult, twenty: LightResult) -> Figure:
     """Truth, coefficients up to l = 12 and 20, the dual map, and the truth as blurred by the highlight."""
     assert twenty.truth is not None
     assert twenty.dual is not None
-    blurred = blurred_truth(twenty.truth, twenty.sigma)
+    blurred = blurred_truth(twenty.truth, twenty.brdf)
     white = white_level(blurred)
     figure = Figure(figsize=(19, 3.0), layout="constrained")
     panels = figure.subplots(1, 5)
@@ -51,7 +51,7 @@ def comparison(twelve: LightResult, twenty: LightResult) -> Figure:
     draw_map(panels[1], coefficient_map(twelve.direct.values), white, "coefficients, l* = 12")
     draw_map(panels[2], coefficient_map(twenty.direct.values), white, "coefficients, l* = 20")
     draw_map(panels[3], twenty.dual.radiance, white, "dual: angular and frequency space")
-    draw_map(panels[4], blurred, white, f"true light, blurred by σ = {twenty.sigma}")
+    draw_map(panels[4], blurred, white, f"true light, blurred by σ = {twenty.brdf.sigma}")
     for axes in panels:
         axes.set_xlabel("azimuth from +X (degrees)")
     panels[0].set_ylabel("polar angle\nfrom +Z (degrees)")

@@ -12,6 +12,8 @@ import typer
 from capture.cli import add_commands
 from invrender.brdf.command import brdf
 from invrender.compare.command import compare
+from invrender.export.command import export
+from invrender.factor.command import factor
 from invrender.lighting.command import light
 from invrender.plan.command import plan
 from invrender.render.command import render
@@ -119,9 +121,11 @@ app.command(
     short_help="What the photographs say of a mesh: samples, visibility, and a figure to check a set by."
 )(samples)
 app.command(short_help="A mesh of an object that nobody scanned, from its silhouettes.")(hull)
+app.command(short_help="Light and BRDF from the same photographs, whatever is known of the light.")(factor)
 app.command(short_help="The light on a sphere of known BRDF, as harmonics and as a map.")(light)
 app.command(short_help="What a result looks like from other sides and under other light.")(render)
 app.command(short_help="Two results side by side, or a result beside the truth.")(compare)
+app.command(short_help="A result for other programs: glTF, Mitsuba, MaterialX.")(export)
 app.command(short_help="A BRDF without a formula, under known light: harmonics, or a measured table.")(brdf)
 add_commands(app)
 

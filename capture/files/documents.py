@@ -54,11 +54,13 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def read_json(path: Path, schema: type[AnyTable], keys: Iterable[str], what: str) -> AnyTable:
+def read_json(
+    path: Path, schema: type[AnyTable], keys: Iterable[str], what: str, optional: Iterable[str] = ()
+) -> AnyTable:
     """The named keys of a JSON file as a table of the schema; other keys are ignored.
 
-    what : the kind of file for messages, e.g. "a camera.json holds model, params, width, height".
-    ValueError names the file, what is wrong with it, and what it should hold.
+    optional : keys that may be missing. what : the kind of file for messages, e.g. "a camera.json holds model, params,
+    width, height". ValueError names the file, what is wrong with it, and what it should hold.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -71,4 +73,4 @@ def read_json(path: Path, schema: type[AnyTable], keys: Iterable[str], what: str
     missing = [key for key in keys if key not in data]
     if missing:
         raise ValueError(f"{path}: lacks the key {missing[0]!r}; {what}")
-    return validated(schema, path, {key: data[key] for key in keys})
+    return validated(schema, path, {key: data[key] for key in (*keys, *optional) if key in data})

@@ -45,7 +45,7 @@ def _with_tuples(value: Any) -> Any:
 
 
 def _describe(schema: type[Table], path: Path, data: dict[str, Any], error: Any) -> str:
-    loc = tuple(error["loc"])
+    loc = _within(data, tuple(error["loc"]))
     if error["type"] == "value_error":
         return f"{path}: {_table_name(data, loc)} {error['msg'].removeprefix('Value error, ')}"
     # The key that the user wrote, and the place within its array, if it has one: centre[2].
@@ -61,15 +61,30 @@ def _describe(schema: type[Table], path: Path, data: dict[str, Any], error: Any)
     if error["type"] == "missing":
         what = f"key {key} is too short: it lacks {place}" if place else f"lacks the key {key!r}"
         return f"{where} {what}"
-    value: Any = data
-    for part in loc:
-        value = value[part]
+    value = _at(data, loc)
     message = error["msg"][:1].lower() + error["msg"][1:]
     if isinstance(value, dict) and error["type"] == "tuple_type":
         message = f"write its head with double brackets, [[{key}]]"
     # In the words of TOML, not of the schema's library.
     message = re.sub(r"valid dictionary or instance of \w+", "table", message).replace("tuple", "array")
     return f"{where} key {key}{place} is {_short(value)}: {message}"
+
+
+def _within(data: dict[str, Any], loc: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A place in the data, without the names of alternatives that the schema's library puts between."""
+    path: tuple[Any, ...] = ()
+    for k, part in enumerate(loc):
+        value = _at(data, path)
+        steps_into = isinstance(value, dict) if isinstance(part, str) else isinstance(value, list)
+        if steps_into and (k == len(loc) - 1 or isinstance(part, int) or part in value):
+            path += (part,)
+    return path
+
+
+def _at(data: Any, path: tuple[Any, ...]) -> Any:
+    for part in path:
+        data = data[part]
+    return data
 
 
 def _short(value: Any) -> str:

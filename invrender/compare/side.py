@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from invrender.model.lobes import LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.render.reflectance import reflectance
-from invrender.render.saved import SavedQuantity, SavedResult
+from invrender.render.saved import SavedQuantity, SavedResult, saved_form
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +44,8 @@ class Side:
 
     title : the file that it was read from. is_absolute : whether Kd and Ks are in the light's own scale.
     numbers : "kd", "ks", "mu", "sigma", "kd_normalised", "ks_normalised"; a name may be missing.
-    brdf : for pictures, None where it is not fully known or of another model.
+    brdf : for pictures, None where it is not fully known or of another model. form : of its lobe, None where it has
+    none, or another.
     photo_errors : relative RMS by photograph, NaN where none is known; held_out : those never fitted.
     pictures : predicted (or true) photographs, EXR; picture_factor : what their radiance is to be multiplied by.
     inputs : hashes of what it was made from. notes : sentences.
@@ -55,6 +57,7 @@ class Side:
     lightings: tuple[SideLighting, ...]
     brdf: Microfacet | None
     pictures: Mapping[str, Path]
+    form: LobeForm | None = None
     photo_errors: Mapping[str, float] = field(default_factory=dict)
     held_out: frozenset[str] = frozenset()
     picture_factor: float = 1.0
@@ -87,6 +90,8 @@ def result_side(result: SavedResult) -> Side:
         ),
         brdf=reflectance(result, {}).brdf if known else None,
         pictures=_predicted(result),
+        form=None if brdf.sigma is None else saved_form(brdf.model),
+        notes=() if content.texture is None else (f"Kd and Ks of {result.path} are means over its object.",),
         photo_errors={photo.file: photo.rms_relative for photo in content.photos},
         held_out=frozenset(photo.file for photo in content.photos if photo.held_out),
         inputs=content.inputs,
@@ -96,8 +101,10 @@ def result_side(result: SavedResult) -> Side:
 def _number(quantity: SavedQuantity | None) -> Number:
     if quantity is None:
         return Number(None, None, "not in its model")
-    if quantity.value is None or quantity.std is None:
+    if quantity.value is None:
         return Number(None, None, "undetermined")
+    if quantity.std is None:
+        return Number(None, None, "without a standard deviation")
     return Number(np.atleast_1d(quantity.value), np.atleast_1d(quantity.std))
 
 

@@ -21,6 +21,11 @@ def comparison_notes(first: Side, second: Side, lights: Sequence[LightPair]) -> 
             f"The gauge of {' and '.join(which)} is relative: Kd and Ks are compared by their shares, lightings up to a"
             " factor per channel."
         )
+    if first.form is not None and second.form is not None and first.form is not second.form:
+        notes.append(
+            f"The lobe of A is of the form {first.form.name!r}, that of B {second.form.name!r}: sigma and Ks mean the"
+            " same near normal incidence only, and numbers may differ by more than their standard deviations."
+        )
     if set(first.inputs.values()) & set(second.inputs.values()):
         notes.append(
             "Both are made from some of the same files, so part of their errors is common, and z is too small."

@@ -13,12 +13,15 @@ from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.lighting import Lighting, read_latlong
 from invrender.compare.side import Number, Side, SideLighting
+from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED, LobeForm, phong_sigma
 from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 
 _WHAT = "a truth.json, as `lightfactor synth` writes it, holds brdf, lighting, photos and sensor"
 _Triple = tuple[float, float, float]
+# Models whose kd, ks, mu and width mean what those of a form of the lobe do.
+_FORMS: dict[str, LobeForm] = {"microfacet": PRINTED, "smith": BECKMANN, "ggx": GGX_FORM, "phong": PHONG}
 
 
 class _Lenient(Table):
@@ -31,7 +34,21 @@ class _Brdf(_Lenient):
     ks: _Triple
     mu: Any = None
     sigma: float | None = None
+    alpha: float | None = None
+    exponent: float | None = None
     kd_map: str | None = None
+
+    @property
+    def width(self) -> float | None:
+        """Sigma of the form that has this lobe, radians; None without one."""
+        if self.exponent is not None:
+            return phong_sigma(self.exponent) if self.exponent > 0 else None
+        return self.sigma if self.alpha is None else self.alpha
+
+    @property
+    def form(self) -> LobeForm | None:
+        """The form of its lobe; None where there is none, or none like it."""
+        return None if self.width is None else _FORMS.get(self.model)
 
 
 class _Source(_Lenient):
@@ -86,7 +103,8 @@ def truth_side(path: Path) -> Side:
         )
     kd, ks, mu, sigma = (numbers.get(name) for name in ("kd", "ks", "mu", "sigma"))
     brdf = None
-    if truth.brdf.model in ("microfacet", "lambertian") and truth.brdf.kd_map is None:
+    form = truth.brdf.form
+    if (form is not None or truth.brdf.model == "lambertian") and truth.brdf.kd_map is None:
         assert kd is not None
         assert kd.value is not None
         brdf = Microfacet(
@@ -94,6 +112,7 @@ def truth_side(path: Path) -> Side:
             np.zeros(3) if ks is None or ks.value is None else ks.value,
             None if mu is None or mu.value is None else float(mu.value[0]),
             None if sigma is None or sigma.value is None else float(sigma.value[0]),
+            form or PRINTED,
         )
     pictures = {
         Path(photo.file).name: path.parent / photo.radiance
@@ -106,6 +125,7 @@ def truth_side(path: Path) -> Side:
         numbers=numbers,
         lightings=tuple(_lighting(path, light, factor if of_ball else 1.0) for light in truth.lighting),
         brdf=brdf,
+        form=form,
         pictures=pictures,
         picture_factor=factor,
         notes=tuple(notes),
@@ -119,13 +139,12 @@ def _numbers(brdf: _Brdf, factor: float) -> tuple[dict[str, Number], list[str]]:
         notes.append("The object is painted: the truth's Kd and Ks are means over it.")
     kd, ks = np.array(brdf.kd) * factor, np.array(brdf.ks) * factor
     numbers = {"kd": _exact(kd)}
-    if brdf.model not in ("microfacet", "smith", "lambertian"):
+    if brdf.form is None and brdf.model != "lambertian":
         notes.append(f"The truth's model is {brdf.model}: of its numbers only Kd means what a result's does.")
         return numbers, notes
-    if brdf.model == "smith":
+    if (named := {"ggx": "alpha", "phong": "exponent"}.get(brdf.model)) is not None:
         notes.append(
-            "The truth's model has Fresnel at the half vector, and shadowing: Ks, mu and sigma mean nearly,"
-            " not exactly, the same."
+            f"The truth's sigma stands for its {named}, {getattr(brdf, named):g}, of the same highlight."
         )
     absent = Number(None, None, "not in its model")
     total = np.where(kd + ks > 0, kd + ks, 1.0)
@@ -134,7 +153,7 @@ def _numbers(brdf: _Brdf, factor: float) -> tuple[dict[str, Number], list[str]]:
         "kd_normalised": _exact(kd / total),
         "ks_normalised": _exact(ks / total),
         "mu": absent if brdf.mu is None else _exact(np.array([float(brdf.mu)])),
-        "sigma": absent if brdf.sigma is None else _exact(np.array([brdf.sigma])),
+        "sigma": absent if brdf.width is None else _exact(np.array([brdf.width])),
     }
     return numbers, notes
 

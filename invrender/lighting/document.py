@@ -32,7 +32,13 @@ def light_document(
     return {
         "format": 1,
         "name": name,
-        "brdf": {"kd": brdf.kd.tolist(), "ks": brdf.ks.tolist(), "mu": brdf.mu, "sigma": brdf.sigma},
+        "brdf": {
+            "model": brdf.form.name,
+            "kd": brdf.kd.tolist(),
+            "ks": brdf.ks.tolist(),
+            "mu": brdf.mu,
+            "sigma": brdf.sigma,
+        },
         "rung": choices.rung,
         "lighting": [_lighting(result, named) for result, named in zip(results, files, strict=True)],
         "inputs": dict(inputs),

@@ -79,7 +79,7 @@ def estimate_dual(
     height = map_height(brdf.sigma)
     directions = latlong_directions(height).reshape(-1, 3)
     solid_angles = np.repeat(latlong_solid_angles(height)[:, 0], 2 * height)
-    blur = lobe_blur(brdf.sigma, max(direct.degree, _L_MAX), rung)[degrees(max(direct.degree, _L_MAX))]
+    blur = lobe_blur(brdf, max(direct.degree, _L_MAX), rung)[degrees(max(direct.degree, _L_MAX))]
     grid = _Grid(
         *_gathering(photos, directions, _REACH * np.pi / height),
         projection=evaluate_harmonics(directions, _L_MAX).T * solid_angles,

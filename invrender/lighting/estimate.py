@@ -43,7 +43,7 @@ class LightResult:
 
     direct : coefficients [RH01, eq. 25]. dual : map and nine coefficients; None where a channel has no specular part.
     photos, held_out : (label, relative RMS of the direct answer's prediction) of the photographs fitted, and of others.
-    truth : the light, where the set or the user tells it. sigma : the roughness through which it was seen, if any.
+    truth : the light, where the set or the user tells it. brdf : by which it was seen.
     """
 
     name: str
@@ -53,7 +53,7 @@ class LightResult:
     photos: tuple[tuple[str, float], ...]
     held_out: tuple[tuple[str, float], ...]
     truth: TrueLight | None
-    sigma: float | None
+    brdf: Microfacet
     warnings: tuple[str, ...]
 
     @property
@@ -123,7 +123,7 @@ def estimate_light(
             photos=_scores(photoset, rows, fitted, brdf, direct),
             held_out=_scores(photoset, rows, other, brdf, direct),
             truth=_truth(photoset, name, truth),
-            sigma=brdf.sigma if brdf.ks.any() else None,
+            brdf=brdf,
             warnings=(*found.warnings, *_warnings(brdf, direct, dual)),
         )
         results.append(result)

@@ -14,6 +14,7 @@ from invrender.lighting.coefficients import DETERMINED, UNDETERMINED
 from invrender.lighting.estimate import LightResult
 from invrender.lighting.maps import TrueLight, coefficient_map, coefficient_std_map
 from invrender.lighting.rows import lobe_blur
+from invrender.model.microfacet import Microfacet
 from recon.harmonics import degree_of, degrees
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def light_figure(results: Sequence[LightResult]) -> Figure:
             draw_map(panels[0, 0], result.truth.radiance_map, white, "truth")
             draw_map(
                 panels[1, 0],
-                blurred_truth(result.truth, result.sigma),
+                blurred_truth(result.truth, result.brdf),
                 white,
                 "truth, blurred as the highlight does",
             )
@@ -65,12 +66,12 @@ def _say(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, ha="center", transform=axes.transAxes)
 
 
-def blurred_truth(truth: TrueLight, sigma: float | None) -> Floats:
-    """Lat-long map (64, 128, 3) of a light, up to degree 30, as a highlight of roughness sigma blurs it, if any."""
-    if sigma is None:
+def blurred_truth(truth: TrueLight, brdf: Microfacet) -> Floats:
+    """Lat-long map (64, 128, 3) of a light, up to degree 30, as the highlight blurs it, if there is one."""
+    if brdf.sigma is None or not brdf.ks.any():
         return coefficient_map(truth.coefficients)
     l_max = degree_of(len(truth.coefficients))
-    return coefficient_map(truth.coefficients * lobe_blur(sigma, l_max)[degrees(l_max), None])
+    return coefficient_map(truth.coefficients * lobe_blur(brdf, l_max)[degrees(l_max), None])
 
 
 def white_level(radiance_map: Floats) -> float:

@@ -10,17 +10,25 @@ from typing import Any
 import numpy as np
 
 from invrender.model.fresnel import MU_RANGE
+from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
+from invrender.render.saved import saved_form
 
 RESULT_NAME = "result.json"
 
 
-def known_brdf(kd: Sequence[float], ks: Sequence[float], mu: float | None, sigma: float | None) -> Microfacet:
+def known_brdf(
+    kd: Sequence[float],
+    ks: Sequence[float],
+    mu: float | None,
+    sigma: float | None,
+    form: LobeForm = PRINTED,
+) -> Microfacet:
     """A BRDF from one number or three of Kd (1/sr) and of Ks, mu (None: no Fresnel factor) and sigma (radians).
 
     Raises ValueError for numbers that no BRDF has, for a specular part without sigma, and for a BRDF that is black.
     """
-    brdf = Microfacet(_per_channel(kd, "Kd"), _per_channel(ks, "Ks"), mu, sigma)
+    brdf = Microfacet(_per_channel(kd, "Kd"), _per_channel(ks, "Ks"), mu, sigma, form)
     if not (brdf.kd + brdf.ks).all():
         raise ValueError(
             f"Kd is {brdf.kd.tolist()} and Ks {brdf.ks.tolist()}: a channel in which both are 0 reflects nothing and"
@@ -46,16 +54,17 @@ def read_brdf(path: Path) -> Microfacet:
         raise ValueError(f"{path}: there is no such file; give the result.json of `lightfactor process`")
     try:
         table = json.loads(path.read_text(encoding="utf-8"))["brdf"]
+        model = table["model"]
         found = {name: table[name] for name in ("kd", "ks", "mu", "sigma")}
         kd, ks, sigma = (_value(found[name], path, name) for name in ("kd", "ks", "sigma"))
         # Without a value the model has no Fresnel factor, or the photographs don't show which.
         mu = None if found["mu"] is None else found["mu"]["value"]
     except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ValueError(
-            f"{path}: holds no BRDF (brdf with kd, ks, mu, sigma); give the result.json of `lightfactor process`"
+            f"{path}: holds no BRDF (brdf with model, kd, ks, mu, sigma); give the result.json of `lightfactor process`"
         ) from error
     try:
-        return known_brdf(kd, ks or [0.0], mu, sigma if ks else None)
+        return known_brdf(kd, ks or [0.0], mu, sigma if ks else None, saved_form(model))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

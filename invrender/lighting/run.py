@@ -22,6 +22,7 @@ from invrender.lighting.figure import light_figure
 from invrender.lighting.knownbrdf import known_brdf, read_brdf
 from invrender.lighting.maps import coefficient_map, coefficient_std_map
 from invrender.lighting.rows import RUNGS
+from invrender.model.lobes import PRINTED
 from invrender.model.microfacet import Microfacet
 from recon.sampling import NO_SOURCES
 
@@ -60,6 +61,10 @@ def run_light(
     chosen = next((name for name in RUNGS if name == rung), None)
     if chosen is None:
         raise ValueError(f"--rung is {rung!r}; it must be one of {', '.join(RUNGS)}")
+    if chosen != "exact" and brdf.form is not PRINTED:
+        raise ValueError(
+            f"--rung {rung} approximates RH01's lobe; the BRDF has one of the form {brdf.form.name!r}: leave --rung out"
+        )
     if degree is not None and not 0 <= degree <= HIGHEST_DEGREE:
         raise ValueError(f"--degree is {degree}; it must be 0 to {HIGHEST_DEGREE}")
     if samples < _LEAST_SAMPLES:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from invrender.model.lobes import phong_sigma
 from invrender.model.microfacet import Microfacet
 from invrender.plan.experiment import Experiment, Light, View
 from recon.bodies import MeshBody, SphereBody
@@ -185,7 +186,7 @@ def _brdf(name: str, material: Material) -> tuple[Microfacet, list[str]]:
             return _microfacet(material, None if mu is None else float(np.real(mu)), width), notes
         case Phong() if material.exponent > 0:
             # cos^s of twice the half-angle falls off as exp(-2 s theta_h^2); peaks (s + 2) / 2 pi and 1 / 4 pi sigma^2.
-            sigma = float(np.sqrt(1 / (2 * material.exponent)))
+            sigma = phong_sigma(material.exponent)
             notes = [f"Phong's exponent {material.exponent:g} is planned as RH01's lobe of sigma {sigma:.3g}"]
             scaled = material.ks * (material.exponent + 2) / (2 * np.pi) * 4 * np.pi * sigma**2
             return _microfacet(replace(material, ks=scaled), None, sigma), notes

@@ -21,7 +21,8 @@ def render(
             "-o",
             "--out",
             metavar="OUT",
-            help="x.exr: linear RGB and alpha. x.png: sRGB and alpha. With --turntable a folder.",
+            help="x.exr: linear RGB and alpha. x.png: sRGB and alpha. With --turntable x.mp4, x.png (a strip), or a"
+            " folder.",
             show_default=False,
         ),
     ],
@@ -48,6 +49,15 @@ def render(
             " to --light.",
         ),
     ] = None,
+    rotate_light: Annotated[
+        float,
+        typer.Option(
+            "--rotate-light",
+            metavar="DEG",
+            help="Turn the light about +Z, counter-clockwise seen from above.",
+            show_default=False,
+        ),
+    ] = 0.0,
     view: Annotated[
         str | None,
         typer.Option(
@@ -82,18 +92,31 @@ def render(
             min=1,
             max=10_000,
             metavar="N",
-            help="N views all around at the elevation of --view; the light stays. OUT gets 000.exr, 000.png, ...",
+            help="N pictures all around, from --view on. As a folder OUT gets 000.exr, 000.png, ...",
         ),
+    ] = None,
+    turn: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHAT",
+            help="What goes round, the rest at rest: view (at the elevation of --view), light, or object.  [default:"
+            " view]",
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option(metavar="FPS", help="Of an .mp4: pictures per second.  [default: 25]")
     ] = None,
     radius: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Another sphere's radius, metres; centre as in the result."),
+        typer.Option(
+            metavar="M", help="A sphere of this radius instead, metres, where the result's object is."
+        ),
     ] = None,
     mesh: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="A mesh instead of the sphere: PLY, OBJ, STL, GLB, in metres. It shadows itself (what"
+            help="A mesh instead of the result's object: PLY, OBJ, STL, GLB, in metres. It shadows itself (what"
             " that takes to compute is kept beside it, NAME.transfer.npz); light from one part of it to another is"
             " left out.",
         ),
@@ -104,9 +127,19 @@ def render(
             metavar="JSON", help="Its place: a file with mesh_to_world (4x4), such as alignment.json."
         ),
     ] = None,
+    mean: Annotated[
+        bool,
+        typer.Option(
+            "--mean", help="Where Kd and Ks vary over the result's object: render with their means instead."
+        ),
+    ] = False,
     exposure: Annotated[
         float | None,
-        typer.Option(metavar="EV", help="Of PNG: radiance 1 is white at 0; automatic if left out."),
+        typer.Option(
+            metavar="EV",
+            help="Of PNG and MP4: radiance 1 is white at 0, each EV doubles; left out, the brightest half percent"
+            " just clips.",
+        ),
     ] = None,
     std: Annotated[
         bool,
@@ -126,12 +159,14 @@ def render(
     """Predict what the object of a result looks like from other sides and under other light.
 
     Without --light or --source the light is the result's own. Radiance is in the unit of the light. Pixels at the
-    outline are covered in part: alpha says how far, and radiance is multiplied by it, as EXR has it.
+    outline are covered in part: alpha says how far, and radiance is multiplied by it, as EXR has it. PNG and MP4 are
+    that radiance, exposed, clipped and through the sRGB curve, without any other tone mapping.
 
     --std carries the covariance of Kd, Ks, mu and sigma into the picture by first order. Not in it: doubts of the
     light, of the shape, and of the model itself, which report.html shows under "Where the model falls short".
     """
-    from invrender.render.run import RenderOptions, run_render
+    from invrender.render.options import RenderOptions
+    from invrender.render.run import run_render
 
     run_render(
         RenderOptions(
@@ -141,15 +176,19 @@ def render(
             light=light,
             panorama=panorama,
             sources=tuple(source or ()),
+            rotate_light=rotate_light,
             view=view,
             photo=photo,
             photoset=photoset,
             size=size,
             fov_deg=fov,
             turntable=turntable,
+            turn=turn,
+            fps=fps,
             radius=radius,
             mesh=mesh,
             mesh_to_world=mesh_to_world,
+            mean=mean,
             exposure_ev=exposure,
             std=std,
             assume=tuple(assume or ()),

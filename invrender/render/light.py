@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,25 @@ def light_element(lighting: Lighting) -> LightElement:
         raise ValueError(f"lighting {lighting.name!r} is dark; give --light or --source")
     (element,) = light_elements(lighting)
     return element
+
+
+def turned(element: LightElement, degrees: float) -> LightElement:
+    """An element turned about +Z, counter-clockwise seen from above; its sources exactly, its map between columns."""
+    if degrees % 360 == 0:
+        return element
+    angle = np.radians(degrees)
+    cos, sin = np.cos(angle), np.sin(angle)
+    about_z = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    slow_map = element.slow_map
+    if slow_map is not None:
+        # What is far brighter than its surroundings is among the sources, so that mixing neighbours does no harm.
+        columns = degrees / 360 * slow_map.shape[1]
+        whole = int(np.floor(columns))
+        share = np.float32(columns - whole)
+        slow_map = (1 - share) * np.roll(slow_map, whole, axis=1) + share * np.roll(
+            slow_map, whole + 1, axis=1
+        )
+    return replace(element, directions=element.directions @ about_z.T, slow_map=slow_map)
 
 
 def _source(text: str) -> tuple[np.ndarray, np.ndarray]:

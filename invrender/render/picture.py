@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from invrender.model.transfer import LightElement
 from invrender.render.reflectance import Reflectance
 from invrender.render.shading import shade
 from invrender.render.subject import Subject
+from invrender.render.textures import Textures
 from recon.bodies import Body, body_window
 from recon.lightfield import LightField
 from recon.sampling import samples_at
@@ -28,11 +29,22 @@ _PIXELS_AT_A_TIME = 20_000
 
 
 @dataclass(frozen=True, eq=False)
+class _Paint:
+    """Kd and Ks of n pixels, (n, 3) each, with their standard deviations; known : (n,), the share where they are."""
+
+    kd: Floats
+    ks: Floats
+    kd_std: Floats
+    ks_std: Floats
+    known: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Picture:
     """Radiance in front of black.
 
     radiance : (h, w, 3) float32, linear, mean over the pixel: of the body times `alpha`, as EXR has it.
-    alpha : (h, w) float32, the share of the pixel that the body covers.
+    alpha : (h, w) float32, the share of the pixel that the body covers, as far as its Kd and Ks are known.
     std : (h, w, 3) float32, standard deviation of the radiance, or None where it wasn't asked for.
     """
 
@@ -59,6 +71,7 @@ def take_picture(
     at_vertices = subject.vertex_irradiance(element)
     black = np.zeros((*shape, 3), np.float32)
     image = RadianceImage(black, black, np.zeros(shape, bool))
+    seen = False
     for start in range(0, count, _PIXELS_AT_A_TIME):
         rows, columns = np.divmod(np.arange(start, min(start + _PIXELS_AT_A_TIME, count)), right - left)
         rows, columns = rows + top, columns + left
@@ -72,9 +85,9 @@ def take_picture(
         outer, alpha = _edge_samples(subject.body, camera, rows[rest], columns[rest], element.directions)
         for field, cover in ((inner, np.ones(len(inner))), (outer, alpha)):
             if len(field):
-                sky = None if at_vertices is None else subject.blended(at_vertices, field)
-                _enter(picture, reflectance, element, field, cover, sky)
-    if not picture.alpha.any():
+                seen = True
+                _enter(picture, subject, camera, reflectance, element, field, cover, at_vertices)
+    if not seen:
         raise ValueError(
             f"the camera at {camera.centre.round(4).tolist()} m sees nothing of the object: it is inside it, or looks"
             " past it"
@@ -84,30 +97,64 @@ def take_picture(
 
 def _enter(
     picture: Picture,
+    subject: Subject,
+    camera: Camera,
     reflectance: Reflectance,
     element: LightElement,
     field: LightField,
     alpha: Floats,
-    sky: Floats | None,
+    at_vertices: Floats | None,
 ) -> None:
-    """Enter samples, of which the body covers `alpha` (n,), into a picture."""
-    radiance, slopes = shade(reflectance.brdf, element, field, sky, picture.std is not None)
+    """Enter samples, of which the body covers `alpha` (n,), into a picture. at_vertices : (v, 3), irradiance."""
+    sky = None if at_vertices is None else subject.blended(at_vertices, field)
+    brdf, weights = reflectance.brdf, None
+    if reflectance.textures is not None:
+        weights = _paint(subject, camera, reflectance.textures, field, alpha)
+        brdf = replace(brdf, kd=weights.kd[field.ray_sample], ks=weights.ks[field.ray_sample])
+    radiance, slopes = shade(brdf, element, field, sky, picture.std is not None)
     pixels = field.rows, field.columns
     picture.radiance[pixels] = radiance * alpha[:, None]
     picture.alpha[pixels] = alpha
+    if weights is not None:
+        # Where the photographs left Kd and Ks open, both are zero, and the body counts as not there.
+        picture.alpha[pixels] *= weights.known
     if picture.std is not None:
         assert slopes is not None
         variance = np.einsum("nkc,ckl,nlc->nc", slopes, reflectance.covariance, slopes)
+        if weights is not None:
+            # A texel's deviation is much the same all over a pixel.
+            for slope, std in ((slopes[:, 0], weights.kd_std), (slopes[:, 1], weights.ks_std)):
+                variance += (slope * std) ** 2
         # Rounding may leave the tiniest variances below zero.
         picture.std[pixels] = np.sqrt(np.maximum(variance, 0)) * alpha[:, None]
+
+
+def _paint(subject: Subject, camera: Camera, textures: Textures, field: LightField, alpha: Floats) -> _Paint:
+    """Means of Kd and Ks over samples' pixels, as far as the body covers them (alpha, (n,)); paint may be fine.
+
+    They are taken at once for all rays of a pixel, whose light varies little beside.
+    """
+    places = (np.column_stack([field.columns, field.rows])[:, None] + _grid(_EDGE_RAYS)).reshape(-1, 2)
+    rays = subject.painted(textures, camera, places)
+
+    def mean(values: Floats) -> Floats:
+        return np.asarray(values.reshape(len(field), _EDGE_RAYS**2, -1).mean(axis=1) / alpha[:, None])
+
+    known = np.minimum(mean(rays.known[:, None].astype(float))[:, 0], 1)
+    return _Paint(mean(rays.kd), mean(rays.ks), mean(rays.kd_std), mean(rays.ks_std), known)
+
+
+def _grid(count: int) -> Floats:
+    """Points (count^2, 2) spread evenly over a pixel, from its corner."""
+    steps = (np.arange(count) + 0.5) / count
+    return np.asarray(np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2))
 
 
 def _edge_samples(
     body: Body, camera: Camera, rows: Ints, columns: Ints, sources: Floats
 ) -> tuple[LightField, Floats]:
     """Samples of pixels that a body covers in part, over what it covers, and the covered share (n,) of each."""
-    steps = (np.arange(_EDGE_RAYS) + 0.5) / _EDGE_RAYS
-    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    offsets = _grid(_EDGE_RAYS)
     points = (np.column_stack([columns, rows])[:, None] + offsets).reshape(-1, 2)
     hits = body.hits(camera, points)
     shares = hits.hit.reshape(-1, len(offsets)).mean(axis=1)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
-from invrender.render.saved import SavedQuantity, SavedResult
+from invrender.render.saved import SavedQuantity, SavedResult, saved_form
+from invrender.render.textures import Textures, read_textures
 from invrender.solve.identifiability import lighting_degree
 
 Floats = NDArray[np.float64]
@@ -32,20 +33,24 @@ class Reflectance:
     covariance : (3, 4, 4), per channel, of (kd, ks, mu, sigma); zero for what the model lacks or what is assumed.
     assumed : the values that the user put in place of undetermined ones.
     notes : sentences.
+    textures : where Kd and Ks vary over the object; those of the BRDF are then their means, without covariance.
     """
 
     brdf: Microfacet
     covariance: Floats
     assumed: Mapping[str, float]
     notes: tuple[str, ...]
+    textures: Textures | None = None
 
 
-def reflectance(result: SavedResult, assumed: Mapping[str, float]) -> Reflectance:
+def reflectance(result: SavedResult, assumed: Mapping[str, float], means: bool = False) -> Reflectance:
     """The BRDF of a result, with values for mu or sigma where it has none.
 
-    ValueError where a number is undetermined and not assumed, or assumed although it is determined.
+    means : of textures only the means are taken. ValueError where a number is undetermined and not assumed, or assumed
+    although it is determined.
     """
     saved = result.content.brdf
+    form = saved_form(saved.model)
     for name, value in assumed.items():
         _check_assumed(result, name, value, getattr(saved, name))
     values: dict[str, Floats | None] = {}
@@ -81,8 +86,23 @@ def reflectance(result: SavedResult, assumed: Mapping[str, float]) -> Reflectanc
         np.zeros(3) if ks is None else ks,
         None if mu is None else float(mu),
         None if sigma is None else float(sigma),
+        form,
     )
-    return Reflectance(brdf, _covariance(result, assumed), dict(assumed), tuple(notes))
+    covariance, textures = _covariance(result, assumed), read_textures(result, brdf.ks)
+    if means and textures is None:
+        raise ValueError(f"--mean: {result.path} has one Kd and Ks for the whole object; leave it out")
+    if textures is not None and means:
+        textures = None
+        notes.append("Kd and Ks vary over the object; the picture has their means.")
+    if textures is not None and (table := result.content.texture) is not None and table.known < 1:
+        notes.append(
+            f"The photographs leave Kd and Ks open on {1 - table.known:.2g} of the surface: it is transparent in the"
+            " picture; --mean shows all of it, with the means."
+        )
+    if textures is not None:
+        # The deviations of texels say all of Kd and Ks.
+        covariance[:, :2] = covariance[:, :, :2] = 0
+    return Reflectance(brdf, covariance, dict(assumed), tuple(notes), textures)
 
 
 def assumption_notes(reflectance: Reflectance, lighting: Lighting) -> list[str]:

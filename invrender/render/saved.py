@@ -6,14 +6,16 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import ConfigDict
+from pydantic import AfterValidator, ConfigDict
 
 from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
 from capture.files.tables import Table
 from capture.lighting import Lighting, check_latlong
+from invrender.model.lobes import FORMS, PRINTED, LobeForm
 
 RESULT_NAME = "result.json"
 _MANIFEST_NAME = "photoset.toml"
@@ -21,6 +23,7 @@ _WHAT = "a result.json, as `lightfactor process` writes it, holds brdf, object, 
 _KEYS = ("format", "name", "gauge", "brdf", "object", "lighting", "photos", "identifiability", "inputs")
 
 _Triple = tuple[float, float, float]
+_Row = tuple[float, float, float, float]
 
 
 class _Lenient(Table):
@@ -47,10 +50,18 @@ class _Covariance(_Lenient):
     values: tuple[tuple[float | None, ...], ...]
 
 
-class SavedBrdf(_Lenient):
-    """The BRDF's numbers; None where the chosen model has no such parameter."""
+def _is_known(model: str) -> str:
+    saved_form(model)
+    return model
 
-    model: str
+
+class SavedBrdf(_Lenient):
+    """The BRDF's numbers; None where the chosen model has no such parameter.
+
+    model : the name of the lobe's form, or "lambertian".
+    """
+
+    model: Annotated[str, AfterValidator(_is_known)]
     kd: SavedQuantity
     ks: SavedQuantity | None
     mu: SavedQuantity | None
@@ -60,8 +71,24 @@ class SavedBrdf(_Lenient):
 
 
 class _Object(_Lenient):
+    """A sphere, or a mesh with the sphere that holds it; the mesh itself lies in the photo set."""
+
+    shape: Literal["sphere", "mesh"] = "sphere"
     centre: _Triple
     radius: float
+    mesh_to_world: tuple[_Row, _Row, _Row, _Row] | None = None
+
+
+class _Texture(_Lenient):
+    """Where Kd and Ks vary.
+
+    known : the share of points where the photographs determine them. mesh : beside result.json, the object with the
+    texture coordinates that were made for it.
+    """
+
+    at: Literal["texels", "vertices"] = "texels"
+    known: float = 1.0
+    mesh: str | None = None
 
 
 class _Source(_Lenient):
@@ -105,6 +132,7 @@ class _Result(_Lenient):
     gauge: str
     brdf: SavedBrdf
     object: _Object
+    texture: _Texture | None = None
     lighting: tuple[SavedLighting, ...]
     photos: tuple[SavedPhoto, ...]
     identifiability: tuple[SavedFinding, ...]
@@ -181,7 +209,18 @@ def read_result(path: Path) -> SavedResult:
             )
             raise ValueError(f"{path}: holds no {RESULT_NAME}; {remedy}")
         path = path / RESULT_NAME
-    return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT))
+    return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=("texture",)))
+
+
+def saved_form(model: str) -> LobeForm:
+    """The form of the lobe of a result's brdf.model; of a Lambertian one RH01's, which then stands for none."""
+    if model == "lambertian":
+        return PRINTED
+    if model not in FORMS:
+        raise ValueError(
+            f"the form {model!r} of the lobe is unknown; {nearest(str(model), ['lambertian', *FORMS])}"
+        )
+    return FORMS[model]
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -2,23 +2,24 @@
 
 As `invrender.model.predict` [RH01, eq. 24], its parts kept apart:
 
-    B = Kd E + Ks F(mu, theta_o) S(sigma)
+    B = Kd E + Ks S(mu, sigma)
 
-E is the irradiance, S what the lobe gathers. On a mesh, sources and the mirrored direction of the view are visible or
-not, ray by ray, and the irradiance from the map is that of shadowed vertices. What hides light counts as black: light
-from one part of the object to another is left out.
+E is the irradiance, S what the lobe gathers, Fresnel's factor included. On a mesh, sources and the mirrored direction
+of the view are visible or not, ray by ray, and the irradiance from the map is that of shadowed vertices. What hides
+light counts as black: light from one part of the object to another is left out.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.fresnel import normalised_fresnel
 from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.model.transfer import LightElement, diffuse_transfer
+from invrender.render.lobe import Widths, gathered
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -42,33 +43,33 @@ def shade(
 ) -> tuple[Floats, Floats | None]:
     """Radiance (n, 3) of samples and, if asked for, its slopes (n, 4, 3) in kd, ks, mu and sigma.
 
-    element : of known strength. field : with `sources_visible` of the element's sources. sky : (m, 3), irradiance of
-    each ray's point from the element's map under the body's own shadows; None of a convex body, which has none.
+    brdf : its kd and ks may be those of each ray, (m, 3). element : of known strength. field : with `sources_visible`
+    of the element's sources. sky : (m, 3), irradiance of each ray's point from the element's map under the body's
+    own shadows; None of a convex body, which has none.
     """
     normals = _towards(field.normals, field.views)
     diffuse = _diffuse(element, field, normals, sky)
-    if brdf.sigma is None:
-        radiance = field.mean_over_rays(brdf.kd * diffuse)
-        if not slopes:
-            return np.asarray(radiance), None
-        gradient = np.zeros((len(normals), SLOPES, 3))
+    gradient = np.zeros((len(normals), SLOPES, 3)) if slopes else None
+    if gradient is not None:
         gradient[:, 0] = diffuse
-        return np.asarray(radiance), np.asarray(field.mean_over_rays(gradient))
-    steps = np.array([1.0, 1 - _STEP, 1 + _STEP]) if slopes else np.ones(1)
-    gathered = _specular(element, field, normals, brdf.sigma * steps, sky is not None)
-    cos = (normals * field.views).sum(axis=1)
-    fresnel = normalised_fresnel(brdf.mu, cos)[:, None]
-    specular = fresnel * gathered[:, 0]
-    radiance = field.mean_over_rays(brdf.kd * diffuse + brdf.ks * specular)
-    if not slopes:
-        return np.asarray(radiance), None
-    gradient = np.zeros((len(normals), SLOPES, 3))
-    gradient[:, 0], gradient[:, 1] = diffuse, specular
-    if brdf.mu is not None:
-        low, high = (normalised_fresnel(brdf.mu * step, cos)[:, None] for step in steps[1:])
-        gradient[:, 2] = brdf.ks * gathered[:, 0] * (high - low) / (2 * _STEP * brdf.mu)
-    gradient[:, 3] = brdf.ks * fresnel * (gathered[:, 2] - gathered[:, 1]) / (2 * _STEP * brdf.sigma)
-    return np.asarray(radiance), np.asarray(field.mean_over_rays(gradient))
+    total = brdf.kd * diffuse
+    if brdf.sigma is not None:
+        widths = _stepped(brdf.mu, brdf.sigma) if slopes else [(brdf.mu, brdf.sigma)]
+        specular = _specular(brdf, element, field, normals, widths, sky is not None)
+        total = total + brdf.ks * specular[:, 0]
+        if gradient is not None:
+            gradient[:, 1] = specular[:, 0]
+            gradient[:, 3] = brdf.ks * (specular[:, 2] - specular[:, 1]) / (2 * _STEP * brdf.sigma)
+            if brdf.mu is not None:
+                gradient[:, 2] = brdf.ks * (specular[:, 4] - specular[:, 3]) / (2 * _STEP * brdf.mu)
+    radiance = np.asarray(field.mean_over_rays(total))
+    return radiance, None if gradient is None else np.asarray(field.mean_over_rays(gradient))
+
+
+def _stepped(mu: float | None, sigma: float) -> list[Widths]:
+    """Mu and sigma themselves, then a step less and more of sigma, and of mu if there is one."""
+    steps: list[Widths] = [(mu, sigma), *((mu, sigma * step) for step in (1 - _STEP, 1 + _STEP))]
+    return steps if mu is None else [*steps, *((mu * step, sigma) for step in (1 - _STEP, 1 + _STEP))]
 
 
 def _diffuse(element: LightElement, field: LightField, normals: Floats, sky: Floats | None) -> Floats:
@@ -79,18 +80,24 @@ def _diffuse(element: LightElement, field: LightField, normals: Floats, sky: Flo
 
 
 def _specular(
-    element: LightElement, field: LightField, normals: Floats, sigmas: Floats, shadowed: bool
+    brdf: Microfacet,
+    element: LightElement,
+    field: LightField,
+    normals: Floats,
+    widths: Sequence[Widths],
+    shadowed: bool,
 ) -> Floats:
+    """S (m, widths, 3) of rays."""
     if not shadowed:
-        return specular_transfer(element, normals, field.views, sigmas)
+        return gathered(brdf.form, element, normals, field.views, widths)
     rest = replace(element, directions=np.zeros((0, 3)), irradiances=np.zeros((0, element.channels)))
-    total = specular_transfer(rest, normals, field.views, sigmas) * field.reflected_visible[:, None, None]
+    total = gathered(brdf.form, rest, normals, field.views, widths) * field.reflected_visible[:, None, None]
     for k, visible in enumerate(field.sources_visible.T):
         one = slice(k, k + 1)
         source = replace(
             element, directions=element.directions[one], irradiances=element.irradiances[one], slow_map=None
         )
-        total += specular_transfer(source, normals, field.views, sigmas) * visible[:, None, None]
+        total += gathered(brdf.form, source, normals, field.views, widths) * visible[:, None, None]
     return total
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,17 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict
 
-from capture.camera import rigid_transform
-from capture.files.documents import read_json
+from capture.camera import Camera, rigid_transform
+from capture.files.documents import file_hash, read_json
 from capture.files.tables import Table
+from capture.photoset import PhotoSet
 from invrender.model.transfer import LightElement
+from invrender.render.saved import SavedResult
+from invrender.render.textures import Textures, Weights
 from invrender.theory.latlong import map_coefficients
 from recon.bodies import Body, MeshBody, SphereBody
 from recon.lightfield import LightField
-from recon.shape import opening_warnings, placed, without_strays
+from recon.shape import opening_warnings, placed, read_object_mesh, without_strays
 from recon.sphere import Sphere
 from recon.transfercache import cached_transfer
-from recon.trianglemesh import read_mesh
+from recon.trianglemesh import TriangleMesh, read_mesh
 
 Floats = NDArray[np.float64]
 
@@ -58,12 +62,35 @@ class Subject:
         return np.asarray(self.transfer @ map_coefficients(element.slow_map, _L_MAX), float)
 
     def blended(self, at_vertices: Floats, field: LightField) -> Floats:
-        """Values (m, 3) at a field's rays on a mesh, between those at its vertices (v, 3)."""
+        """Values (m, k) at a field's rays on a mesh, between those at its vertices (v, k)."""
         assert isinstance(self.body, MeshBody)
         assert field.faces is not None
         assert field.corner_weights is not None
         corners = at_vertices[self.body.mesh.faces[field.faces]]
         return np.asarray(np.einsum("mk,mkc->mc", field.corner_weights, corners))
+
+    @property
+    def turns_visibly(self) -> bool:
+        """Whether it looks different from other sides, whatever its light; a sphere doesn't."""
+        return isinstance(self.body, MeshBody)
+
+    @property
+    def has_texture_coordinates(self) -> bool:
+        return isinstance(self.body, MeshBody) and self.body.mesh.uv is not None
+
+    def painted(self, textures: Textures, camera: Camera, pixels: Floats) -> Weights:
+        """Kd and Ks where rays through image points (m, 2) meet a mesh that the textures go with; zero beside it."""
+        assert isinstance(self.body, MeshBody)
+        hits = self.body.hits(camera, pixels)
+        assert hits.faces is not None
+        assert hits.weights is not None
+        corners = self.body.mesh.faces[hits.faces]
+        if textures.at_vertices:
+            found = textures.between(corners, hits.weights)
+        else:
+            assert self.body.mesh.uv is not None
+            found = textures.at(np.einsum("mk,mkc->mc", hits.weights, self.body.mesh.uv[corners]))
+        return found.where(hits.hit)
 
 
 def sphere_subject(centre: Floats, radius: float) -> Subject:
@@ -89,14 +116,97 @@ def mesh_subject(file: Path, placement: Path | None) -> Subject:
         warnings += opening_warnings(mesh)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
+    return _mesh_subject(mesh, file, mesh_to_world, [f"{file.name}: {text}" for text in warnings])
+
+
+def photographed_subject(result: SavedResult, photoset: PhotoSet | None) -> Subject:
+    """The object of a result; ValueError where it is a mesh, and the photo set that has it isn't there."""
+    known = result.content.object
+    if known.shape == "sphere":
+        return sphere_subject(np.array(known.centre), known.radius)
+    mesh, file, mesh_to_world, warnings = _scanned_mesh(result, photoset)
+    return _mesh_subject(mesh, file, mesh_to_world, warnings, _with_coordinates(result, mesh))
+
+
+def photographed_mesh(
+    result: SavedResult, photoset: PhotoSet | None
+) -> tuple[TriangleMesh, Path, Floats, tuple[str, ...]]:
+    """The mesh of a result in its own axes, its file, its place in the world, and warnings; ValueError as above.
+
+    Where texture coordinates were made for it, it has them, vertices doubled along their seams.
+    """
+    mesh, file, pose, warnings = _scanned_mesh(result, photoset)
+    return _with_coordinates(result, mesh), file, pose, warnings
+
+
+def _scanned_mesh(
+    result: SavedResult, photoset: PhotoSet | None
+) -> tuple[TriangleMesh, Path, Floats, tuple[str, ...]]:
+    """As `photographed_mesh`, the mesh as its file has it."""
+    if photoset is None:
+        raise ValueError(
+            f"{result.path}: its object is a mesh of the photo set that it was made from, which isn't beside it: name"
+            " the set's folder with --set, or another mesh with --mesh"
+        )
+    found = read_object_mesh(photoset)
+    assert photoset.object.mesh is not None
+    file = photoset.resolve(photoset.object.mesh)
+    _check_hash(result, file)
+    # Where the mesh lay when the result was made, whatever has aligned it since.
+    known = result.content.object
+    pose = photoset.mesh_to_world if known.mesh_to_world is None else np.array(known.mesh_to_world)
+    assert pose is not None, "a loaded set with a mesh has a place for it"
+    return found.mesh, file, pose, found.warnings
+
+
+def _with_coordinates(result: SavedResult, mesh: TriangleMesh) -> TriangleMesh:
+    """The mesh with the texture coordinates that lie beside the result, if any do; its faces keep their order."""
+    table = result.content.texture
+    if table is None or table.mesh is None:
+        return mesh
+    file = result.folder / table.mesh
+    found = read_mesh(file)
+    apart = np.inf
+    if found.faces.shape == mesh.faces.shape:
+        apart = float(np.abs(found.vertices[found.faces] - mesh.vertices[mesh.faces]).max())
+    # Files have nine digits.
+    if apart > 1e-6 * float(np.ptp(mesh.vertices, axis=0).max()) or found.uv is None:
+        raise ValueError(
+            f"{file}: is not the object's mesh with texture coordinates; run `lightfactor process` again"
+        )
+    return found
+
+
+def _check_hash(result: SavedResult, file: Path) -> None:
+    """ValueError where a mesh has changed since a result was made of it."""
+    if result.content.inputs.get(file.name, known := file_hash(file)) != known:
+        raise ValueError(
+            f"{file}: is not the mesh that {result.path} was made with (another hash): it has changed since; run"
+            " `lightfactor process` again"
+        )
+
+
+def _mesh_subject(
+    mesh: TriangleMesh,
+    file: Path,
+    mesh_to_world: Floats,
+    warnings: Sequence[str],
+    painted: TriangleMesh | None = None,
+) -> Subject:
+    """A mesh in its own axes, metres, put into the world. file : beside which its transfer vectors are kept.
+
+    painted : the same mesh with texture coordinates, face by face; itself if None.
+    """
     transfer, unkept = cached_transfer(mesh, file, _L_MAX, _RAYS)
-    warnings = [f"{file.name}: {text}" for text in warnings] + ([unkept] if unkept else [])
-    vertices = placed(mesh, mesh_to_world).vertices
-    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    painted = painted or mesh
+    coefficients = np.empty((len(painted.vertices), transfer.coefficients.shape[1]), np.float32)
+    coefficients[painted.faces] = transfer.rotated(mesh_to_world[:3, :3]).coefficients[mesh.faces]
+    in_world = placed(painted, mesh_to_world)
+    centre = (in_world.vertices.min(axis=0) + in_world.vertices.max(axis=0)) / 2
     return Subject(
-        MeshBody(placed(mesh, mesh_to_world)),
+        MeshBody(in_world),
         centre,
-        float(np.linalg.norm(vertices - centre, axis=1).max()),
-        transfer.rotated(mesh_to_world[:3, :3]).coefficients,
-        tuple(warnings),
+        float(np.linalg.norm(in_world.vertices - centre, axis=1).max()),
+        coefficients,
+        (*warnings, unkept) if unkept else tuple(warnings),
     )

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from capture.photoset import PhotoSet
 from invrender.render.numbers import direction, numbers
-from invrender.render.saved import SavedResult
 
 Floats = NDArray[np.float64]
 
@@ -65,31 +63,30 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def new_optics(
-    result: SavedResult,
-    photoset: PhotoSet | None,
+    photographs: tuple[Sequence[Camera], Floats, float] | None,
     radius: float,
     size: tuple[int, int] | None,
     fov_deg: float | None,
 ) -> Optics:
     """A camera for new views of an object of a radius: the photographs', as far as size and fov_deg leave it.
 
+    photographs : their cameras, and centre and radius of what they show, metres; None where they aren't known.
     Another size keeps the field of view, cut to the shorter side. fov_deg : across the width. Of an object larger
     than the photographed one the camera stands as much further away, so that it fills as much of the picture.
     """
     if fov_deg is not None and not 0 < fov_deg < 170:
         raise ValueError(f"--fov is {fov_deg:g} degrees; it must be above 0 and below 170")
-    photographed = result.content.object.radius
-    if photoset is None:
+    if photographs is None:
         width, height = size or (_SIDE, _SIDE)
         focal = _FILLED * min(width, height) / 2 * np.sqrt(_RADII**2 - 1)
-        radii, orthographic = _RADII, False
+        radii, orthographic, photographed = _RADII, False, radius
     else:
-        first = photoset.photos[0].camera
+        cameras, centre, photographed = photographs
+        first = cameras[0]
         width, height = size or (first.width, first.height)
         focal = first.focal_px * min(width / first.width, height / first.height)
         orthographic = first.is_orthographic
-        centre = np.array(result.content.object.centre)
-        apart = [np.linalg.norm(photo.camera.centre - centre) for photo in photoset.photos]
+        apart = [np.linalg.norm(camera.centre - centre) for camera in cameras]
         radii = _RADII if orthographic else float(np.median(apart)) / photographed
     middle = [width / 2, height / 2]
     if fov_deg is not None:
@@ -114,8 +111,3 @@ def seen_from(optics: Optics, view: View, centre: Floats, radius: float) -> Came
     level = np.sin(elevation)
     up = [-level * np.cos(azimuth), -level * np.sin(azimuth), np.cos(elevation)]
     return optics.camera.posed(look_at(centre + distance * outward, centre, up))
-
-
-def turntable(view: View, count: int) -> Sequence[View]:
-    """Views evenly all around, beginning with the given one."""
-    return [view.turned(360 * k / count) for k in range(count)]

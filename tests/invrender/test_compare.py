@@ -160,26 +160,6 @@ def test_lightings_differ_by_what_was_changed(workshop: Path, other: Path) -> No
     assert source.z == pytest.approx(0.1 / (0.01 * 1.1))  # 1.1 against 1, known to 1% of 1.1
 
 
-def test_the_truth_of_another_model_is_compared_where_it_means_the_same(
-    workshop: Path, tmp_path: Path
-) -> None:
-    truth = Path(shutil.copytree(workshop / "set", tmp_path / "set")) / "truth.json"
-
-    def make_ggx(document: Any) -> None:
-        kd, ks = document["brdf"]["kd"], document["brdf"]["ks"]
-        document["brdf"] = {"model": "ggx", "kd": kd, "ks": ks, "mu": 1.5, "alpha": 0.1}
-
-    change(truth, make_ggx)
-    side = read_side(truth)
-    rows = number_rows(read_side(workshop / "result"), side)
-    assert [row.label for row in rows if row.agrees is not None] == [
-        "Kd red (1/sr)",
-        "Kd green (1/sr)",
-        "Kd blue (1/sr)",
-    ]
-    assert "only Kd" in side.notes[0]
-
-
 def test_a_cameras_unit_of_radiance_is_taken_into_account(workshop: Path, tmp_path: Path) -> None:
     truth = Path(shutil.copytree(workshop / "set", tmp_path / "set")) / "truth.json"
     plain = read_side(truth)

@@ -186,7 +186,7 @@ def test_the_dual_map_is_the_light_blurred_by_the_lobe(bench, narrow, rng):
     direct = estimate_coefficients(photos, narrow.brdf, 14)
     dual = estimate_dual(photos, narrow.brdf, direct)
     assert dual.coverage > 0.98
-    blur = lobe_blur(narrow.brdf.sigma, 14)[degrees(14), None]
+    blur = lobe_blur(narrow.brdf, 14)[degrees(14), None]
     expected = synthesise_latlong(narrow.truth * blur, len(dual.radiance))
     off = dual.radiance - expected
     assert np.sqrt(np.mean(off[dual.reached] ** 2)) < 0.02 * expected.max()

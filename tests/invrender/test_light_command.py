@@ -125,6 +125,7 @@ def quantity(value: object, status: str = "determined") -> dict[str, object]:
 
 def test_the_brdf_of_a_result_is_read(tmp_path: Path):
     table = {
+        "model": "microfacet",
         "kd": quantity([0.1, 0.2, 0.3]),
         "ks": quantity([0.2] * 3),
         "mu": quantity(1.5),
@@ -160,6 +161,7 @@ def test_files_that_hold_no_brdf_are_refused(tmp_path: Path, text: str, message:
 
 def test_an_undetermined_brdf_is_refused(tmp_path: Path):
     table = {
+        "model": "microfacet",
         "kd": quantity([0.1] * 3),
         "ks": quantity([0.2] * 3),
         "mu": None,

@@ -11,10 +11,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import trimesh
 
 from capture.camera import Camera
-from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
+from capture.files.imagefile import read_pixels, write_exr
 from capture.lighting import latlong_directions
 from capture.srgb import linear_to_srgb
 from invrender.model.microfacet import Microfacet
@@ -23,7 +22,6 @@ from invrender.render.picture import take_picture
 from invrender.render.reflectance import Reflectance, reflectance
 from invrender.render.saved import read_result
 from invrender.render.subject import sphere_subject
-from recon.trianglemesh import TriangleMesh, write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource
@@ -31,6 +29,8 @@ from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.photograph import photographs
 from synthetic.scene import Scene, Shot
 from synthetic.shapes.ball import Ball
+
+from .renders import read, within
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -73,15 +73,6 @@ def make_undetermined(document: Any, name: str = "sigma") -> None:
     for finding in document["identifiability"]:
         if finding["parameter"] == name:
             finding |= {"reason": "the light is soft", "remedy": "add a small source"}
-
-
-def within(alpha: np.ndarray) -> np.ndarray:
-    """Pixels that the outline doesn't run through: a covered one next to it may yet lack a corner."""
-    return cv2.erode((alpha == 1).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
-
-
-def read(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    return read_pixels(path).astype(float), read_exr_layers(path)
 
 
 def test_the_picture_of_a_photograph_is_what_brute_force_integration_says(
@@ -238,64 +229,6 @@ def test_a_panorama_is_read_mirrored(lightfactor: Command, result: Path, tmp_pat
     # From +X, with +Z up, +Y is on the right.
     assert sides[0] > 3
     assert sides[0] * sides[1] == pytest.approx(1, rel=1e-3)
-
-
-def icosphere(path: Path, subdivisions: int = 4) -> None:
-    """A sphere of radius 20 mm as a mesh with exact normals."""
-    ball = trimesh.creation.icosphere(subdivisions, 1.0)
-    normals = np.array(ball.vertices) / np.linalg.norm(ball.vertices, axis=1, keepdims=True)
-    write_mesh(path, TriangleMesh(0.02 * normals, np.array(ball.faces), normals))
-
-
-def test_a_mesh_of_a_sphere_looks_like_the_sphere(lightfactor: Command, result: Path, tmp_path: Path) -> None:
-    make_true(result)
-    icosphere(tmp_path / "ball.ply")
-    pose = np.eye(4)
-    pose[:3, 3] = [0.001, 0, -0.001]
-    (tmp_path / "place.json").write_text(json.dumps({"mesh_to_world": pose.tolist()}))
-    common = ("render", result, "--view", "60,20,0.6", "--size", "60x60")
-    mesh = ("--mesh", tmp_path / "ball.ply", "--mesh-to-world", tmp_path / "place.json")
-    assert lightfactor(*common, "-o", tmp_path / "sphere.exr")[0] == 0
-    assert lightfactor(*common, *mesh, "-o", tmp_path / "mesh.exr")[0] == 0
-    (sphere, layers), (facets, other) = (read(tmp_path / f"{name}.exr") for name in ("sphere", "mesh"))
-    # A facet is 2.5 degrees wide: its flatness moves outline and shadows by a twentieth of a pixel.
-    inside = (layers["A"] == 1) & (other["A"] == 1)
-    assert other["A"].sum() == pytest.approx(layers["A"].sum(), rel=2e-3)
-    assert np.median(np.abs(sphere - facets)[inside]) < 0.002 * sphere.max()
-    assert np.sqrt(((sphere - facets)[inside] ** 2).mean()) < 0.01 * sphere.max()
-
-
-def plates(path: Path) -> None:
-    """A table, 2 m wide, its top at z = 0, and a smaller plate 0.5 m above its middle."""
-    corners, faces, normals = [], [], []
-    for side, bottom, top in ((2.0, -0.1, 0.0), (0.6, 0.5, 0.6)):
-        box = trimesh.creation.box((side, side, top - bottom))
-        box.apply_translation((0, 0, (top + bottom) / 2))
-        for k, face in enumerate(box.faces):
-            faces.append([len(corners), len(corners) + 1, len(corners) + 2])
-            corners.extend(box.vertices[face])
-            normals.extend([box.face_normals[k]] * 3)
-    write_mesh(path, TriangleMesh(np.array(corners), np.array(faces), np.array(normals)))
-
-
-def test_a_mesh_shadows_itself(lightfactor: Command, result: Path, tmp_path: Path) -> None:
-    change(result, make_lambertian)
-    plates(tmp_path / "plates.ply")
-    code, out, _ = lightfactor(
-        *("render", result, "--mesh", tmp_path / "plates.ply", "--source", "0,90,2", "--view", "20,30"),
-        *("--size", "120x120", "--turntable", 1, "-o", tmp_path / "turn"),
-    )
-    assert code == 0
-    assert "2 separate pieces" in out
-    radiance, _ = read(tmp_path / "turn" / "000.exr")
-    view = json.loads((tmp_path / "turn" / "views.json").read_text())["views"][0]
-    camera = Camera(*(view[key] for key in ("model", "params", "width", "height", "world_to_camera")))
-    # Lit from straight above: Kd E where the sky is free, nothing below the plate.
-    places = {(0.8, 0.8, 0.0): 1.0, (-0.8, 0.5, 0.0): 1.0, (0.0, 0.0, 0.6): 1.0, (0.1, 0.1, 0.0): 0.0}
-    pixels = camera.project(np.array(list(places)))
-    for (column, row), lit in zip(pixels, places.values(), strict=True):
-        expected = lit * 2 * np.array([0.1, 0.2, 0.3])
-        assert radiance[int(row), int(column)] == pytest.approx(expected, rel=1e-5)
 
 
 def test_an_undetermined_roughness_is_refused_or_assumed_by_name(

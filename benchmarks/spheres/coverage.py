@@ -1,0 +1,90 @@
+"""Errors over many draws of the noise in their own standard deviations: their RMS, and how many 95% intervals hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.kept import Kept
+from benchmarks.spheres.bench import MATERIALS, area_coefficients, noisy, photographs
+from benchmarks.spheres.methods import LIGHT, source_z
+from invrender.factorization import Quantity
+from invrender.model.columns import photo_columns
+from invrender.model.transfer import light_elements
+from invrender.solve.blind import BlindSolution, factorize_blind
+from invrender.solve.factorize import factorize
+from synthetic.materials.microfacet import Microfacet
+
+_CHANNELS = "rgb"
+_NINE = 9
+_RMS, _COVERED = (0.8, 1.3), (0.90, 0.99)
+
+
+def draw(kept: Kept, material: str, light: str, views: int, samples: int, draws: int) -> None:
+    """Fit as many draws as are not kept yet; z per number, None where it is undetermined."""
+    missing = [k for k in range(draws) if f"{k}" not in kept]
+    if not missing:
+        return
+    clean = photographs(material, light == "known", views, samples)
+    truth = MATERIALS[material]
+    if light == "known":
+        elements = light_elements(LIGHT)
+        columns = [photo_columns("light", elements, photo) for photo in clean]
+        for k in missing:
+            photos = [replace(c, field=f) for c, f in zip(columns, noisy(clean, k), strict=True)]
+            kept[f"{k}"] = _z(factorize(photos, [LIGHT]).quantities, truth)
+    else:
+        for k in missing:
+            solution = factorize_blind(noisy(clean, k), ladder=False)
+            kept[f"{k}"] = _z(solution.quantities, truth) | _light_z(solution, truth)
+
+
+def _z(quantities: Mapping[str, Quantity], truth: Microfacet) -> dict[str, float | None]:
+    total = truth.kd + truth.ks
+    true = {"kd": truth.kd, "ks": truth.ks, "ks_normalised": truth.ks / total}
+    true |= {name: np.array([getattr(truth, name)]) for name in ("mu", "sigma") if getattr(truth, name)}
+    z: dict[str, float | None] = {}
+    for name, values in true.items():
+        quantity = quantities.get(name)
+        if quantity is None and name in ("kd", "ks"):
+            continue
+        for k, value in enumerate(values):
+            label = name if len(values) == 1 else f"{name} {_CHANNELS[k]}"
+            known = quantity is not None and quantity.value is not None and quantity.std is not None
+            z[label] = float((quantity.value[k] - value) / quantity.std[k]) if known else None  # type: ignore[union-attr, index]
+    return z
+
+
+def _light_z(solution: BlindSolution, truth: Microfacet) -> dict[str, float | None]:
+    """Of the source, and RMS of the first nine coefficients of the light without it."""
+    # In this gauge the light is that in the photographs' unit times Kd + Ks.
+    true = area_coefficients(2) * (truth.kd + truth.ks)
+    off = (solution.coefficients[:_NINE] - true) / solution.coefficients_std[:_NINE]
+    return {"source": source_z(solution), "light, RMS of nine": float(np.sqrt(np.mean(off**2)))}
+
+
+def print_coverage(kept: Kept, title: str) -> None:
+    """RMS, mean, share of 95% intervals that hold the truth, and how often there was no number."""
+    entries = list(kept.values())
+    if not entries:
+        return
+    print(
+        f"\n{title}, {len(entries)} draws: errors in standard deviations; + within 0.8 to 1.3, and 90 to 99%"
+    )
+    for name in entries[0]:
+        values = np.array([entry[name] for entry in entries if entry[name] is not None], float)
+        if not len(values):
+            print(f"{name:20} never determined")
+            continue
+        rms, covered = float(np.sqrt(np.mean(values**2))), float((np.abs(values) < 1.96).mean())
+        line = f"{name:20} RMS {rms:5.2f}{_mark(rms, _RMS)}  mean {values.mean():+5.2f}"
+        if not name.startswith("light"):
+            line += f"  95% intervals hold {covered:6.1%}{_mark(covered, _COVERED)}"
+        lost = len(entries) - len(values)
+        print(line + (f"  undetermined in {lost}" if lost else ""))
+
+
+def _mark(value: float, limits: tuple[float, float]) -> str:
+    return "+" if limits[0] <= value <= limits[1] else "!"

@@ -1,0 +1,92 @@
+"""lightfactor factor: light and BRDF from the same photographs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def factor(
+    photoset: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SET", help="Folder of a photo set of a sphere, or its photoset.toml.", show_default=False
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Result folder; an earlier result in it is replaced.",
+            show_default=False,
+        ),
+    ],
+    order: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEGREES",
+            help="Degrees of the light's spherical harmonics that are tried, 1 to 20, as 4,8,12; the simplest that"
+            " explains the photographs is taken.  [default: 4,6,8,10,12]",
+            show_default=False,
+        ),
+    ] = None,
+    source_region: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AZIMUTH,ELEVATION,RADIUS",
+            help="Where lamps may be: within so many degrees (0 to 180) of a direction in degrees, azimuth from +X"
+            " towards +Y (-360 to 360), elevation above the horizon (-90 to 90). Anywhere if left out.",
+            show_default=False,
+        ),
+    ] = None,
+    transfer: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RUNG",
+            help="What the highlight does to the light: exact; filtered, blurred alike at all angles; mirror, nothing."
+            "  [default: exact]",
+            show_default=False,
+        ),
+    ] = None,
+    ladder: Annotated[
+        bool,
+        typer.Option(
+            "--ladder/--no-ladder",
+            help="Whether simpler and richer models are tried as well; without it one microfacet model is fitted, with"
+            " the highest of the degrees up to 10, which is several times faster.",
+        ),
+    ] = True,
+    published: Annotated[
+        bool,
+        typer.Option(
+            "--published",
+            help="Solve as Ramamoorthi and Hanrahan (2001, section 6.3) did, to compare with: a mirror's light, sigma"
+            " from the lamp's peak, no error bars.",
+        ),
+    ] = False,
+    samples: Annotated[
+        int,
+        typer.Option(
+            help="Pixels of all photographs together that enter the fit, drawn evenly; 500 or more. Fewer are faster,"
+            " with larger error bars."
+        ),
+    ] = 60_000,
+) -> None:
+    """Recover light and BRDF of a sphere together, whatever the set says of the light.
+
+    Nobody can tell light twice as bright from a surface half as bright: Kd + Ks is 1 in each colour channel, and the
+    light is in units of the photographs over that. All photographs must be under one lighting; held-out ones are
+    predicted. mu is the refractive index, sigma the roughness in radians. Where the set knows its light, or a
+    truth.json lies beside it, the columns "given" say what should have been found; nothing of it enters the fit.
+
+    Writes what `process` writes, for `render` and `compare` too: OUT/result.json, report.html, predicted/, lighting.exr
+    (the light without its lamps); and factor.png: look at it.
+    """
+    from invrender.factor.choices import read_choices
+    from invrender.factor.run import run_factor
+
+    run_factor(photoset, out, read_choices(order, source_region, transfer, ladder, published, samples))

@@ -1,0 +1,166 @@
+"""factor.png: recovered light, the BRDF's numbers with error bars, and photographs beside their predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.figures import printable, short_name
+from capture.lighting import Lighting
+from invrender.factor.given import Given
+from invrender.factorization import Factorization, FittedLighting, Quantity
+from invrender.lighting.figure import draw_map, white_level
+from invrender.lighting.maps import coefficient_map, true_light
+from invrender.pipeline import Prediction
+from invrender.report.pictures import difference_picture, tone_mapped
+from invrender.report.pictures import white_level as white_of_photo
+from recon.harmonics import degree_of, to_degree
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+_CHANNELS = ("#d1242f", "#1a7f37", "#0969da")
+# Differences saturate at so many times the RMS residual, and are cut out with so many pixels around the sphere.
+_DEVIATIONS, _MARGIN = 4.0, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A photograph, cut out around the sphere: observed and predicted (h, w, 3), and where it is predicted (h, w)."""
+
+    label: str
+    held_out: bool
+    observed: Floats
+    predicted: Floats
+    inside: NDArray[np.bool_]
+
+    @staticmethod
+    def of(prediction: Prediction) -> Shown:
+        rows, columns = np.nonzero(prediction.inside)
+        cut = np.s_[
+            max(rows.min() - _MARGIN, 0) : rows.max() + _MARGIN + 1,
+            max(columns.min() - _MARGIN, 0) : columns.max() + _MARGIN + 1,
+        ]
+        return Shown(
+            prediction.photo.label,
+            prediction.photo.held_out,
+            prediction.observed.radiance[cut].astype(float),
+            prediction.predicted[cut].astype(float),
+            prediction.inside[cut],
+        )
+
+
+def factor_figure(result: Factorization, given: Given, photos: Sequence[Shown]) -> Figure:
+    """Maps and numbers in the first row, then a row per photograph; what is given is drawn beside what was found."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14, 3.7 + 2.9 * len(photos)), dpi=90, layout="constrained")
+    figure.suptitle(printable(f"{result.name}: light and BRDF from the same photographs"))
+    top, *rows = figure.subfigures(
+        1 + len(photos), 1, squeeze=False, height_ratios=[3.4] + [2.9] * len(photos)
+    )[:, 0]
+    (entry,) = result.lightings
+    panels = top.subplots(1, 3 if given.light is None else 4)
+    assert entry.harmonics is not None
+    slow = coefficient_map(entry.harmonics.coefficients)
+    white = white_level(slow)
+    degree = degree_of(len(entry.harmonics.coefficients))
+    draw_map(panels[0], slow, white, f"recovered light, l ≤ {degree}, lamps")
+    _draw_sources(panels[0], entry.lighting)
+    if given.light is not None:
+        _draw_given(panels[1], given, entry, degree)
+    for axes in panels[:-2]:
+        axes.set(xlabel="azimuth from +X (degrees)", ylabel="polar angle from +Z (degrees)")
+    _draw_shares(panels[-2], result, given)
+    _draw_scalars(panels[-1], result, given)
+    rms = result.rms(held_out=False) or 0.0
+    for row, shown in zip(rows, photos, strict=True):
+        _draw_photo(row.subplots(1, 3), shown, rms)
+    return figure
+
+
+def _draw_sources(axes: Axes, lighting: Lighting) -> None:
+    x, y, z = lighting.directions.T
+    azimuth, polar = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arccos(np.clip(z, -1, 1)))
+    axes.plot(azimuth, polar, "*", color="#f5b301", mec="black", mew=0.6, ms=11)
+
+
+def _draw_given(axes: Axes, given: Given, entry: FittedLighting, degree: int) -> None:
+    """The given light without its sources, up to the same degree, each channel in the recovered light's scale."""
+    assert given.light is not None
+    assert entry.harmonics is not None
+    bare = Lighting("bare", given.light.radiance_map, np.zeros((0, 3)), np.zeros((0, 3)))
+    coefficients = to_degree(true_light(bare).coefficients, degree)
+    found = entry.harmonics.coefficients
+    power = (coefficients**2).sum(axis=0)
+    scale = (coefficients * found).sum(axis=0) / np.where(power > 0, power, 1)
+    shown = coefficient_map(coefficients * scale)
+    draw_map(axes, shown, white_level(coefficient_map(found)), f"given light, l ≤ {degree}")
+    _draw_sources(axes, given.light)
+
+
+def _draw_shares(axes: Axes, result: Factorization, given: Given) -> None:
+    """Ks / (Kd + Ks) per channel."""
+    quantity = result.quantities.get("ks_normalised")
+    truth = given.numbers.get("ks_normalised")
+    axes.set_title("Ks / (Kd + Ks)")
+    _draw_number(axes, quantity, truth)
+    axes.set(xticks=range(3), xticklabels=["red", "green", "blue"], xlim=(-0.6, 2.6))
+
+
+def _draw_scalars(axes: Axes, result: Factorization, given: Given) -> None:
+    """mu on the left scale, sigma on the right."""
+    axes.set_title("μ and σ (radians)")
+    right = axes.twinx()
+    for place, (name, own) in enumerate((("mu", axes), ("sigma", right))):
+        _draw_number(own, result.quantities.get(name), given.numbers.get(name), place)
+    axes.set(xticks=(0, 1), xticklabels=["μ (left)", "σ (right)"], xlim=(-0.6, 1.6))
+
+
+def _draw_number(axes: Axes, quantity: Quantity | None, truth: Floats | None, first: int = 0) -> None:
+    """Values with error bars of two standard deviations, and what is given as lines."""
+    if truth is not None:
+        places = first + np.arange(len(truth))
+        axes.hlines(truth, places - 0.3, places + 0.3, color="#24292f", ls="--", label="given")
+    if quantity is None or quantity.value is None or quantity.std is None:
+        axes.text(
+            first, 0.5, "undetermined" if quantity else "not needed", rotation=90, va="center", ha="center",
+            transform=axes.get_xaxis_transform(),
+        )  # fmt: skip
+        return
+    std = np.nan_to_num(quantity.std)
+    colours = _CHANNELS if len(quantity.value) == 3 else ("#24292f",)
+    for place, (value, error, colour) in enumerate(zip(quantity.value, std, colours, strict=True)):
+        axes.errorbar(first + place, value, 2 * error, fmt="o", color=colour, ms=4, capsize=5)
+    # Room, where error bars are too small to see.
+    low, high = axes.get_ylim()
+    middle, half = (low + high) / 2, max((high - low) / 2, 1e-3 * float(np.abs(quantity.value).max()))
+    axes.set_ylim(middle - 1.2 * half, middle + 1.2 * half)
+
+
+def _draw_photo(panels: Sequence[Axes], shown: Shown, rms: float) -> None:
+    observed = np.where(shown.inside[..., None], shown.observed, 0)
+    white = white_of_photo(observed[shown.inside])
+    scale = float(np.sqrt(np.mean(observed[shown.inside] ** 2)))
+    limit = max(_DEVIATIONS * rms, 1e-6)
+    difference = (observed - shown.predicted).mean(axis=2)
+    name = short_name(shown.label) + (", held out" if shown.held_out else "")
+    pictures = (
+        (f"photograph {name}", tone_mapped(observed, white)),
+        ("predicted", tone_mapped(shown.predicted, white)),
+        (
+            f"difference, ±{limit:.1%} of RMS radiance",
+            difference_picture(difference, limit * scale, shown.inside),
+        ),
+    )
+    for axes, (title, picture) in zip(panels, pictures, strict=True):
+        axes.imshow(picture, interpolation="nearest")
+        axes.set_title(title, fontsize="medium")
+        axes.set_axis_off()

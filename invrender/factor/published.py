@@ -1,0 +1,148 @@
+"""RH01's factorization of a photo set [section 6.3], in the terms of our results; its numbers have no error bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
+from invrender.clock import Clock
+from invrender.factorization import FittedLighting, HarmonicLight, Quantity
+from invrender.findings import find_warnings
+from invrender.model.fresnel import MU_RANGE
+from invrender.model.microfacet import Microfacet
+from invrender.reading import read_samples
+from invrender.solve.blind import Region
+from invrender.solve.blind.solution import GAUGE
+from invrender.solve.clusters import structured_rms
+from invrender.solve.evidence import Rung, relative_rms
+from invrender.solve.factorize import Solution, unless_misfit
+from invrender.solve.models import Estimate, Model
+from invrender.solve.noise import fit_noise, photo_weights
+from invrender.solve.published import PublishedFactors, published_factors
+from invrender.solved import Solved, factorization
+from invrender.theory.latlong import synthesise_latlong
+from recon.lightfield import LightField
+from recon.sphere import Sphere
+
+Floats = NDArray[np.float64]
+
+_MAP_HEIGHT = 64
+_NO_ERROR = "RH01's procedure says nothing of errors", "leave out --published for numbers with error bars"
+# Where a search ended at the range's end, as far as it can tell.
+_AT_END = 0.01
+_FOLDS = 5
+
+
+def solve_as_published(
+    photoset: PhotoSet, sphere: Sphere, samples: int, clock: Clock, track: Track, region: Region | None
+) -> Solved:
+    """Light and BRDF of a sphere by RH01's procedure; weights and noise are of its residuals, for reports only."""
+    fields = read_samples(photoset, sphere, {}, samples, clock, track)
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    with clock.on("invrender"):
+        found = published_factors([fields[photo.label] for photo in fitted], region=region)
+        predicted = {label: found.radiance(field) for label, field in fields.items()}
+        residuals = {label: field.radiance - predicted[label] for label, field in fields.items()}
+        unseen = _unseen([fields[photo.label] for photo in fitted], region)
+        solution = _solution(photoset, found, fields, predicted, unseen)
+    warnings = find_warnings(photoset, solution, sphere, {})
+    result = factorization(photoset, sphere, solution, fields, residuals, warnings)
+
+    def radiance(_: Photo, field: LightField) -> Floats:
+        return found.radiance(field)
+
+    return Solved(result, fields, residuals, radiance)
+
+
+def _unseen(fields: Sequence[LightField], region: Region | None) -> Floats:
+    """Relative RMS (photos,) of each photograph as predicted by a fit that has not seen it, a few at a time."""
+    errors = np.empty(len(fields))
+    folds = min(_FOLDS, len(fields))
+    for fold in range(folds):
+        rest = published_factors(
+            [field for k, field in enumerate(fields) if k % folds != fold], region=region
+        )
+        for k in range(fold, len(fields), folds):
+            errors[k] = relative_rms(fields[k].radiance - rest.radiance(fields[k]), fields[k].radiance)
+    return errors
+
+
+def _solution(
+    photoset: PhotoSet,
+    found: PublishedFactors,
+    fields: Mapping[str, LightField],
+    predicted: Mapping[str, Floats],
+    unseen: Floats,
+) -> Solution:
+    labels = [photo.label for photo in photoset.photos if not photo.held_out]
+    seen, made = [fields[label] for label in labels], [predicted[label] for label in labels]
+    left = [field.radiance - own for field, own in zip(seen, made, strict=True)]
+    noise = fit_noise(made, left)
+    weights = tuple(photo_weights(noise, *pair) for pair in zip(made, left, strict=True))
+    energy = float(np.sqrt(np.mean([np.mean(field.radiance**2) for field in seen])))
+    brdf = Microfacet(1 - found.share, found.share, found.mu, found.sigma)
+    model = Model("RH01, section 6.3", specular=True, fresnel=found.mu is not None)
+    parameters = 3 + 9 * 3 + sum(value is not None for value in (found.mu, found.sigma))
+    rung = Rung(Estimate(model, brdf, {}, 0.0), unseen, np.zeros(1), parameters)
+    names = (*(f"{name}.{c}" for name in ("kd", "ks") for c in "rgb"), "mu", "sigma")
+    return Solution(
+        estimate=rung.estimate,
+        rungs=(rung,),
+        chosen=0,
+        noise=noise,
+        weights=weights,
+        structured=structured_rms(seen, left) / energy,
+        quantities=unless_misfit(_quantities(found), rung.error),
+        lightings=(_lighting(found, photoset.photos[0].lighting),),
+        covariance=np.full((len(names), len(names)), np.nan),
+        covariance_names=names,
+        gauge=GAUGE,
+    )
+
+
+def _quantities(found: PublishedFactors) -> dict[str, Quantity]:
+    def told(values: Floats) -> Quantity:
+        return Quantity(values, np.full(len(values), np.nan), "weak", *_NO_ERROR)
+
+    quantities = {"kd": told(1 - found.share), "ks": told(found.share)}
+    quantities |= {f"{name}_normalised": quantity for name, quantity in quantities.items()}
+    if found.mu is not None:
+        low, high = MU_RANGE
+        inside = low + _AT_END < found.mu < high - _AT_END
+        quantities["mu"] = told(np.array([found.mu])) if inside else _at_end(found.mu)
+    if found.sigma is None:
+        quantities["sigma"] = Quantity(
+            None,
+            None,
+            "undetermined",
+            "the recovered light has no peak from which sigma could be read (RH01, eq. 26)",
+            "photograph under a small, bright source, and name its place by --source-region",
+        )
+    else:
+        quantities["sigma"] = told(np.array([found.sigma]))
+    return quantities
+
+
+def _at_end(mu: float) -> Quantity:
+    return Quantity(
+        None,
+        None,
+        "undetermined",
+        f"the fit runs to the end of the range of mu, {mu:.2f}: a metal has no Fresnel factor to speak of",
+        "photographs with highlights at grazing angles",
+    )
+
+
+def _lighting(found: PublishedFactors, name: str) -> FittedLighting:
+    slow, directions, irradiances = found.slow_and_source()
+    radiance = np.maximum(synthesise_latlong(slow, _MAP_HEIGHT), 0).astype(np.float32)
+    lighting = Lighting(name, radiance, directions, irradiances, recover_irradiance=True, origin="recovered")
+    untold = np.full_like(slow, np.nan)
+    degree = round(np.sqrt(len(slow))) - 1
+    harmonics = HarmonicLight(slow, untold, np.full(degree + 1, np.nan), -1, *_NO_ERROR)
+    return FittedLighting(lighting, np.full_like(irradiances, np.nan), None, None, harmonics)

@@ -1,0 +1,159 @@
+"""The command `factor` at work: progress and tables on the terminal, a result and a figure on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from capture.files.outfolder import result_folder
+from capture.photoset import load_photoset
+from capture.terminal import console, leave_cleanly_when_stopped, track
+from invrender.factor.choices import Choices
+from invrender.factor.figure import Shown, factor_figure
+from invrender.factor.given import Given, LightError, given_document, light_error, read_given
+from invrender.factor.solve import factor
+from invrender.factorization import Factorization, Quantity
+from invrender.pipeline import Run
+from invrender.report.page import with_error
+from invrender.result import identifiability
+from invrender.run import RESULT_FILES, write_result
+
+OWN_FILES = (*RESULT_FILES, "factor.png")
+_LABELS = {
+    "kd_normalised": "Kd",
+    "ks_normalised": "Ks",
+    "mu": "mu",
+    "sigma": "sigma (rad)",
+}
+_CHANNELS = ("red", "green", "blue")
+
+
+def run_factor(source: Path, out: Path, choices: Choices) -> Run:
+    """Factor a photo set into a result folder and print what was found."""
+    leave_cleanly_when_stopped()
+    photoset = load_photoset(source)
+    given = read_given(photoset)
+    with result_folder(out, OWN_FILES) as folder:
+        run = factor(photoset, choices, track)
+        error = light_error(given, run.result)
+        more = {"choices": choices.document(), "given": given_document(given, error)}
+        write_result(run, folder, more)
+        factor_figure(run.result, given, _pictured(run)).savefig(folder / "factor.png")
+    _print_numbers(run.result, given)
+    _print_light(run.result, given, error)
+    _print_rest(run.result)
+    console.print(f"Results: {out / 'result.json'}   Look at it: {out / 'factor.png'}", soft_wrap=True)
+    return run
+
+
+def _pictured(run: Run) -> list[Shown]:
+    """The first photograph, the one in the middle, and the last or one that is held out."""
+    photos = run.photoset.photos
+    held_out = [k for k, photo in enumerate(photos) if photo.held_out]
+    fitted = [k for k, photo in enumerate(photos) if not photo.held_out]
+    chosen = {fitted[0], fitted[len(fitted) // 2], held_out[0] if held_out else fitted[-1]}
+    return [Shown.of(prediction) for k, prediction in enumerate(run.predictions()) if k in chosen]
+
+
+def _print_numbers(result: Factorization, given: Given) -> None:
+    headings = ["parameter", "value ± std", "status"]
+    if given.numbers:
+        headings += ["given", "off", "off / std"]
+    title = f"{result.name}: {result.model.estimate.model.name}; Kd + Ks = 1"
+    table = Table(*headings, title=escape(title), title_justify="left")
+    for name, label in _LABELS.items():
+        quantity, truth = result.quantities.get(name), given.numbers.get(name)
+        count = 3 if name.endswith("normalised") else 1
+        for k in range(count):
+            row = [f"{label} {_CHANNELS[k]}" if count == 3 else label, *_found(quantity, k, result.misfits)]
+            if given.numbers:
+                row += _against(quantity, truth, k)
+            table.add_row(*row)
+    console.print(table)
+    if given.numbers:
+        console.print(f"Given: {given.brdf_from}.", soft_wrap=True)
+
+
+def _found(quantity: Quantity | None, k: int, misfits: bool) -> tuple[str, str]:
+    if quantity is None or quantity.value is None or quantity.std is None:
+        return "-", quantity.status if quantity or misfits else "not needed"  # type: ignore[union-attr]
+    std = float(quantity.std[k])
+    status = quantity.status if np.isfinite(std) else "no error bar"
+    return with_error(float(quantity.value[k]), std), status
+
+
+def _against(quantity: Quantity | None, truth: np.ndarray | None, k: int) -> tuple[str, str, str]:
+    """What is given, how far the value is off, and that in standard deviations."""
+    if truth is None:
+        return "-", "", ""
+    if quantity is None or quantity.value is None or quantity.std is None:
+        return f"{truth[k]:.5g}", "", ""
+    off, std = float(quantity.value[k] - truth[k]), float(quantity.std[k])
+    return f"{truth[k]:.5g}", f"{off:+.2g}", f"{off / std:+.1f}" if std > 0 else ""
+
+
+def _print_light(result: Factorization, given: Given, error: LightError | None) -> None:
+    (entry,) = result.lightings
+    lighting, harmonics = entry.lighting, entry.harmonics
+    assert harmonics is not None
+    if len(lighting.directions):
+        headings = ["lamp", "azimuth, elevation", "± (deg)", "irradiance ± std"]
+        table = Table(*headings, *(["off (deg)"] if error is not None else []), title_justify="left")
+        for k, (direction, strength) in enumerate(
+            zip(lighting.directions, lighting.irradiances, strict=True)
+        ):
+            std_deg = lighting.direction_std_deg
+            row = [
+                str(k + 1),
+                _place(direction),
+                "-" if std_deg is None else f"{std_deg[k]:.2g}",
+                ", ".join(
+                    with_error(float(v), float(s))
+                    for v, s in zip(strength, entry.irradiance_std[k], strict=True)
+                ),
+            ]
+            if error is not None:
+                row.append("-" if np.isnan(error.sources_deg[k]) else f"{error.sources_deg[k]:.3f}")
+            table.add_row(*row)
+        console.print(table)
+    degree = len(harmonics.shares) - 1
+    said = f"Light: {_count(len(lighting.directions), 'lamp')} and harmonics up to degree {degree}"
+    if harmonics.determined_degree >= 0:
+        said += f", determined up to degree {harmonics.determined_degree}"
+    if error is not None:
+        said += (
+            f". Against the given light ({given.light_from}, {_count(error.given_sources, 'lamp')}): the first nine"
+            f" coefficients, each over that of degree 0, are off by up to {error.nine:.4f}"
+        )
+    console.print(f"{said}.", soft_wrap=True)
+    if harmonics.reason and harmonics.determined_degree >= 0:
+        console.print(f"Light: {harmonics.reason}. To settle it: {harmonics.remedy}.", soft_wrap=True)
+
+
+def _print_rest(result: Factorization) -> None:
+    held_out = result.rms(held_out=True)
+    console.print(
+        f"RMS residual {result.rms(held_out=False):.2%} of the radiance, {result.model.error:.2%} on unseen photographs"
+        + (f", {held_out:.2%} on those held out" if held_out is not None else "")
+        + f". Scale: {result.gauge}.",
+        soft_wrap=True,
+    )
+    rows = identifiability(result)
+    for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
+        names = ", ".join(row["parameter"] for row in rows if row["reason"] == reason)
+        console.print(f"{names}: {reason}. To settle it: {remedy}.", soft_wrap=True)
+    for warning in result.warnings:
+        console.print(f"Warning: {escape(warning)}", style="yellow", soft_wrap=True)
+
+
+def _place(direction: Sequence[float] | np.ndarray) -> str:
+    x, y, z = direction
+    return f"{np.degrees(np.arctan2(y, x)):.2f}, {np.degrees(np.arcsin(np.clip(z, -1, 1))):.2f}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number or 'no'} {what}s"

@@ -1,0 +1,66 @@
+"""Light and BRDF of a photo set, by our factorization or RH01's. No terminal, no files."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+
+from capture.parallel import one_blas_thread
+from capture.photoset import PhotoSet
+from capture.progress import Track, silent
+from invrender.clock import Clock
+from invrender.factor.choices import Choices
+from invrender.factor.published import solve_as_published
+from invrender.pipeline import Run
+from invrender.solve.blind import factorize_blind
+from invrender.unknownlight import solve_unknown_light
+from recon.findsphere import find_sphere
+
+
+def factor(photoset: PhotoSet, choices: Choices, track: Track = silent) -> Run:
+    """Recover the one lighting and the BRDF of a sphere; what the set says of the light is not looked at."""
+    _check_scope(photoset)
+    begun, clock = time.perf_counter(), Clock()
+    with one_blas_thread():
+        with clock.on("recon"):
+            sphere = find_sphere(photoset, track)
+        given = (photoset, sphere, choices.samples, clock, track)
+        if choices.published:
+            solved = solve_as_published(*given, choices.region)
+        else:
+            solved = solve_unknown_light(
+                *given,
+                partial(
+                    factorize_blind,
+                    orders=choices.orders,
+                    source_region=choices.region,
+                    ladder=choices.ladder,
+                    transfer=choices.transfer,
+                ),
+            )
+    return Run(photoset, solved, {**clock.seconds, "total": time.perf_counter() - begun})
+
+
+def _check_scope(photoset: PhotoSet) -> None:
+    where = photoset.manifest
+    if photoset.object.shape != "sphere":
+        raise ValueError(
+            f"{where}: [object] shape = 'mesh': light and BRDF are recovered from spheres only, which don't shadow"
+            " themselves"
+        )
+    if photoset.object.texture:
+        raise ValueError(
+            f"{where}: [object] texture = true: texture and light can't be told apart; give a sphere of one BRDF"
+        )
+    names = list(dict.fromkeys(photo.lighting for photo in photoset.photos))
+    if len(names) > 1:
+        raise ValueError(
+            f"{where}: photographs are under {len(names)} lightings ({', '.join(map(repr, names))}), of which one is"
+            " recovered at a time: factor them in sets of their own"
+        )
+    fitted = sum(not photo.held_out for photo in photoset.photos)
+    if fitted < 2:
+        raise ValueError(
+            f"{where}: has {fitted} photo(s) to fit; one can't tell light from reflectance, since any image is"
+            " explained by a mirror ball under some light: add photographs from other sides"
+        )
