@@ -122,8 +122,8 @@ def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:
         if lighting.recovers:
             raise ValueError(
                 f'{photoset.manifest}: [[lighting]] "{name}" leaves {" and ".join(lighting.recovers)} to be recovered,'
-                " but textures need light that is known: light and texture can't be told apart (RH01, section 6.4). Measure"
-                " the light, or leave texture out"
+                " but textures need light that is known: light and texture can't be told apart (RH01, section 6.4)."
+                " Measure the light, or leave texture out"
             )
 
 
@@ -372,6 +372,7 @@ def _sentences(faults: Sequence[str], textures: Textures) -> list[str]:
     if unknown > _UNKNOWN:
         sentences.append(
             f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't tell its Kd from"
-            " its Ks. It is marked in the textures (A = 0) and not predicted; photographs from other sides would fill it."
+            " its Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides would fill"
+            " it."
         )
     return sentences

@@ -33,7 +33,7 @@ class Sums:
         return cls(dd, ds, ss, dy, sy, yy, np.zeros(points))
 
     def add(self, points: Ints, d: Floats, s: Floats, y: Floats, weight: Floats) -> None:
-        """Take in one photograph, in place: transfers and radiance (r, 3) of points, each once; weights 1 / variance."""
+        """Take in one photograph, in place: transfers, radiance and 1 / variance, (r, 3), of points, each once."""
         for total, one, other in (
             (self.dd, d, d),
             (self.ds, d, s),
