@@ -130,6 +130,11 @@ def _print_summary(result: Factorization) -> None:
         for label, text in _lines(row["parameter"], quantity, result.is_absolute):
             table.add_row(label, text, status)
     console.print(table)
+    if result.textures is not None:
+        console.print(
+            f"Kd{' and Ks vary' if result.textures.ks_varies else ' varies'} over the surface: these are means over the"
+            f" {result.textures.known.mean():.0%} of it that the photographs determine; the maps lie beside the report."
+        )
     held_out = result.rms(held_out=True)
     console.print(
         f"RMS residual {result.rms(held_out=False):.2%} of the radiance, {result.model.error:.2%} on unseen photographs"
