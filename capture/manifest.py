@@ -169,6 +169,7 @@ class LightingTable(Table):
     directional: tuple[SourceTable, ...] = ()
     mirror_ball: MirrorBallTable | None = None
     unknown: bool = False
+    dark: bool = False
     recover: tuple[Recoverable, ...] | None = None
 
     @model_validator(mode="after")
@@ -176,6 +177,8 @@ class LightingTable(Table):
         known = [key for key in ("map", "directional", "mirror_ball") if getattr(self, key)]
         if self.unknown and known:
             raise ValueError(f"unknown = true contradicts {known[0]}: remove one of them")
+        if self.dark and not self.unknown:
+            raise ValueError("dark = true is said of unknown light: remove it, or write unknown = true")
         if self.mirror_ball and len(known) > 1:
             raise ValueError(f"mirror_ball and {known[0]} both give this lighting: remove one of them")
         if not self.unknown and not known:

@@ -90,8 +90,8 @@ class Factorization:
     object : shape and place, as result.json has them.
     brdf : the chosen model's values, also those too uncertain to report: predictions use them.
     gauge : which scale the numbers are in, in words; `is_absolute` if the lighting fixes it.
-    quantities : by name, "kd", "ks", "mu", "sigma", "albedo", "kd_normalised", "ks_normalised"; a name
-        that the chosen model doesn't have is missing, and so is the albedo in a relative gauge.
+    quantities : by name, "kd", "ks", "mu", "sigma", "exponent" (Phong's), "albedo", "kd_normalised", "ks_normalised";
+        a name that the chosen model doesn't have is missing, and so is the albedo in a relative gauge.
     rungs, chosen : the ladder of models and the index of the chosen one.
     noise_floor, noise_relative : what the residuals look like: sqrt(floor^2 + (relative radiance)^2).
     structured : the part of the residuals that isn't noise, relative RMS.

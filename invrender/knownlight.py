@@ -20,7 +20,8 @@ from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
 from invrender.model.visibility import Shadows
 from invrender.reading import read_samples
-from invrender.solve.evidence import fit_strengths, ladder_steps
+from invrender.solve.evidence import fit_strengths
+from invrender.solve.explanation import explanation_steps
 from invrender.solve.factorize import Solution, factorize
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
@@ -42,7 +43,7 @@ def solve_known_light(
     _check_lit(photoset, lightings, columns)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
-        steps = iter(track(range(ladder_steps(len(fitted))), "Fitting and cross-validating"))
+        steps = iter(track(range(explanation_steps(len(fitted))), "Fitting and cross-validating"))
         next(steps)
         # A light that only held-out photographs are under is no evidence: it is scored, not fitted.
         seen = {photo.lighting for photo in fitted}
@@ -51,6 +52,9 @@ def solve_known_light(
             [lighting for name, lighting in lightings.items() if name in seen],
             lambda: next(steps, None),
         )
+        for _ in steps:
+            pass
+        columns = _in_form(photoset, solution, columns, elements)
         strengths = {
             photo.label: _strengths(solution, columns[photo.label], photo.held_out)
             for photo in photoset.photos
@@ -79,10 +83,28 @@ def _columns(
     shadows: Shadows | None,
 ) -> dict[str, PhotoColumns]:
     def of(photo: Photo) -> PhotoColumns:
-        return photo_columns(photo.lighting, elements[photo.lighting], fields[photo.label], shadows)
+        return photo_columns(photo.lighting, elements[photo.lighting], fields[photo.label], shadows=shadows)
 
     photos = photoset.photos
     return {photo.label: found for photo, found in zip(photos, parallel_map(of, photos), strict=True)}
+
+
+def _in_form(
+    photoset: PhotoSet,
+    solution: Solution,
+    columns: Mapping[str, PhotoColumns],
+    elements: Mapping[str, Sequence[LightElement]],
+) -> dict[str, PhotoColumns]:
+    """Columns of the form that was found; of held-out photographs they may not have been made yet."""
+    form = solution.estimate.model.form
+    fitted = iter(solution.photos)
+    found = {}
+    for photo in photoset.photos:
+        own = columns[photo.label] if photo.held_out else next(fitted)
+        if own.form is not form:
+            own = photo_columns(photo.lighting, elements[photo.lighting], own.field, form, own.shadows)
+        found[photo.label] = own
+    return found
 
 
 def _used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:

@@ -42,14 +42,15 @@ def result_document(
     """
     quantities = result.quantities
     model = result.model.estimate.model
-    scalars = {name: _quantity(quantities.get(name), scalar=True) for name in ("mu", "sigma")}
+    scalars = {name: _quantity(quantities.get(name), scalar=True) for name in ("mu", "sigma", "exponent")}
     fitted = [photo for photo in result.photos if not photo.held_out]
     return {
         "format": FORMAT,
         "name": result.name,
         "gauge": result.gauge,
         "brdf": {
-            "model": "microfacet" if model.specular else "lambertian",
+            "model": result.brdf.form.name if model.specular else "lambertian",
+            "specular": specular_colour(result),
             "kd": _quantity(quantities["kd"]),
             "ks": _quantity(quantities.get("ks")),
             **scalars,
@@ -116,6 +117,14 @@ def _texture(textures: Textures) -> dict[str, Any]:
     }
 
 
+def specular_colour(result: Factorization) -> str | None:
+    """ "neutral" if one Ks for all channels explains as much as three, "coloured" if not; None where nothing tells."""
+    model = result.model.estimate.model
+    if not any(rung.estimate.model.neutral for rung in result.rungs) or not model.specular:
+        return None
+    return "neutral" if model.neutral else "coloured"
+
+
 def identifiability(result: Factorization) -> list[dict[str, str]]:
     """One entry per BRDF parameter: status, and where it is not determined the reason and the remedy."""
     rows = []
@@ -140,6 +149,12 @@ def absence(result: Factorization, name: str) -> tuple[str, str]:
     what = "Fresnel factor" if name == "mu" and chosen.estimate.model.specular else "specular term"
     if result.misfits:
         return misfit_reason(chosen.error), MISFIT_REMEDY
+    form = chosen.estimate.model.form
+    if what == "Fresnel factor" and not form.has_fresnel:
+        return (
+            f"the form that explains these photographs best, {form.name}'s, has no Fresnel factor",
+            "photographs with highlights at grazing angles would show whether a form that has one does better",
+        )
     change = f"{chosen.error:.2%}" if best is chosen else f"{chosen.error:.2%} against {best.error:.2%}"
     reason = (
         f"these photographs need no {what}: the error on unseen photographs is {change},"
@@ -167,9 +182,10 @@ def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any]
     if quantity.value is None or quantity.std is None:
         return {"value": None, "std": None, "status": quantity.status}
     value, std = numbers(quantity.value), numbers(quantity.std)
+    untold = np.isnan(quantity.std).all()
     return {
         "value": value[0] if scalar else value,
-        "std": std[0] if scalar else std,
+        "std": None if untold else std[0] if scalar else std,
         "status": quantity.status,
     }
 

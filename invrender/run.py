@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -29,7 +30,7 @@ def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
     photoset = load_photoset(source)
     with result_folder(out, RESULT_FILES) as folder:
         run = process(photoset, samples, track)
-        _write_result(run, folder)
+        write_result(run, folder)
     _print_summary(run.result)
     console.print(
         f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True
@@ -66,7 +67,8 @@ def run_demo(out: Path) -> None:
     console.print(f"Photo set: {photos}", soft_wrap=True)
 
 
-def _write_result(run: Run, folder: Path) -> None:
+def write_result(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> None:
+    """Write everything that a run found into a folder. more : further keys of result.json."""
     result = run.result
     files = {}
     several = len(result.lightings) > 1
@@ -78,7 +80,7 @@ def _write_result(run: Run, folder: Path) -> None:
         assert run.photoset.mesh_to_world is not None
         result.textures.write(folder, run.photoset.mesh_to_world)
     (folder / "predicted").mkdir()
-    document = result_document(result, files, _input_hashes(run.photoset), run.seconds)
+    document = result_document(result, files, _input_hashes(run.photoset), run.seconds) | dict(more or {})
     report = ReportWriter(run, document)
     names = _predicted_names([photo.label for photo in run.photoset.photos])
     for prediction in _with_progress(run):
@@ -129,6 +131,8 @@ def _print_summary(result: Factorization) -> None:
         status = row["status"] if quantity or result.misfits else "not needed"
         for label, text in _lines(row["parameter"], quantity, result.is_absolute):
             table.add_row(label, text, status)
+    if exponent := result.quantities.get("exponent"):
+        table.add_row(*_lines("exponent", exponent)[0], exponent.status)
     console.print(table)
     if result.textures is not None:
         console.print(
@@ -162,8 +166,8 @@ def _ladder(result: Factorization) -> str:
 
 
 _MOST_MODELS = 5
-_LABELS = {"kd": "Kd", "ks": "Ks", "mu": "mu", "sigma": "sigma"}
-_UNITS = {"kd": " (1/sr)", "ks": "", "mu": "", "sigma": " (rad)"}
+_LABELS = {"kd": "Kd", "ks": "Ks", "mu": "mu", "sigma": "sigma", "exponent": "exponent"}
+_UNITS = {"kd": " (1/sr)", "ks": "", "mu": "", "sigma": " (rad)", "exponent": ""}
 
 
 def _lines(name: str, quantity: Quantity | None, is_absolute: bool = True) -> list[tuple[str, str]]:

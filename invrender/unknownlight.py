@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from capture.manifest import LightingTable
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
@@ -15,12 +17,19 @@ from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.microfacet import Microfacet
 from invrender.reading import read_samples
-from invrender.solve.blind import ORDERS, BlindSolution, factorize_blind, predict_blind
+from invrender.solve.blind import (
+    ORDERS,
+    BlindLight,
+    BlindSolution,
+    blind_steps,
+    factorize_blind,
+    predict_blind,
+)
 from invrender.solve.blind.state import State
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import Rung
 from invrender.solve.factorize import Solution, unless_misfit
-from invrender.solve.search import Estimate, Model
+from invrender.solve.models import Estimate, Model
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.theory.latlong import synthesise_latlong
@@ -29,8 +38,8 @@ from recon.lightfield import LightField
 Floats = NDArray[np.float64]
 
 _MAP_HEIGHT = 64
-# Steps of the ladder: each order with a lobe and without, the first fit, and what may be left out.
-_STEPS = 2 * len(ORDERS) + 4
+# Of the light in a dark room: the same from all sides.
+_DARK = (0,)
 _NO_SCALE = Quantity(
     None,
     None,
@@ -46,45 +55,80 @@ def solve_unknown_light(
     samples: int,
     clock: Clock,
     track: Track,
-    factorize: Callable[..., BlindSolution] = factorize_blind,
+    factorize: Callable[..., BlindSolution] | None = None,
 ) -> Solved:
-    """Recover the BRDF of a sphere, up to a scale per channel, and all of the one lighting on it.
+    """Recover the BRDF of a sphere, up to a scale per channel, and all of the lightings on it.
 
-    factorize : `factorize_blind`, or that with some of its options chosen.
+    factorize : `factorize_blind` with some of its options chosen; if None, as the set has it.
     """
-    _check_one_lighting(photoset)
+    _check_lightings(photoset)
+    orders = _DARK if _is_dark(photoset) else ORDERS
+    factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     fields = read_samples(photoset, specimen.found, {}, samples, clock, track)
-    fitted = [fields[photo.label] for photo in photoset.photos if not photo.held_out]
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
-        steps = iter(track(range(_STEPS), "Fitting light and BRDF"))
+        steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))
         next(steps)
-        blind = factorize(fitted, on_step=lambda: next(steps, None))
+        blind = factorize(
+            [fields[photo.label] for photo in fitted],
+            [photo.lighting for photo in fitted],
+            on_step=lambda: next(steps, None),
+        )
         for _ in steps:
             pass
-        residuals = {label: field.radiance - predict_blind(blind, field) for label, field in fields.items()}
-        chosen = [residuals[photo.label] for photo in photoset.photos if not photo.held_out]
-        solution = _solution(blind, photoset.photos[0].lighting, fitted, chosen)
+
+        def radiance(photo: Photo, field: LightField) -> Floats:
+            return predict_blind(blind, field, blind.lights[photo.lighting])
+
+        residuals = {
+            photo.label: fields[photo.label].radiance - radiance(photo, fields[photo.label])
+            for photo in photoset.photos
+        }
+        solution = _solution(
+            blind, [fields[photo.label] for photo in fitted], [residuals[photo.label] for photo in fitted]
+        )
     warnings = (*_sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
-
-    def radiance(_: Photo, field: LightField) -> Floats:
-        return predict_blind(blind, field)
-
     return Solved(result, fields, residuals, radiance)
 
 
-def _check_one_lighting(photoset: PhotoSet) -> None:
+def _used_tables(photoset: PhotoSet) -> list[LightingTable]:
     used = {photo.lighting for photo in photoset.photos}
-    if len(used) > 1:
+    return [table for table in photoset.lightings if table.name in used]
+
+
+def _check_lightings(photoset: PhotoSet) -> None:
+    tables = _used_tables(photoset)
+    known = [table.name for table in tables if not table.unknown]
+    if 0 < len(known) < len(tables):
         raise ValueError(
-            f"{photoset.manifest}: photographs are under {len(used)} lightings, one of them unknown; such light is"
-            " recovered where all photographs share one lighting: process them in sets of their own"
+            f"{photoset.manifest}: some photographs are under unknown light, others under {known[0]!r}, of which"
+            " something is known; such sets are not solved together yet: process them in sets of their own, or write"
+            " unknown = true into every [[lighting]]"
         )
+    seen = {photo.lighting for photo in photoset.photos if not photo.held_out}
+    for photo in photoset.photos:
+        if photo.lighting not in seen:
+            raise ValueError(
+                f"{photoset.manifest}: {photo.label} is held out, and no fitted photograph is under its lighting"
+                f" {photo.lighting!r}, which is unknown: nothing can predict it; fit one photograph under that light,"
+                " or leave it out"
+            )
 
 
-def _solution(
-    blind: BlindSolution, name: str, fields: Sequence[LightField], residuals: Sequence[Floats]
-) -> Solution:
+def _is_dark(photoset: PhotoSet) -> bool:
+    """Whether there are only lamps in the dark; ValueError where that is said of some lightings only."""
+    tables = _used_tables(photoset)
+    lit = [table.name for table in tables if not table.dark]
+    if lit and len(lit) < len(tables):
+        raise ValueError(
+            f"{photoset.manifest}: dark = true is said of some unknown lightings, but not of {lit[0]!r}; one degree of"
+            " light is sought for all of them: say it of all or of none"
+        )
+    return bool(tables) and not lit
+
+
+def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Sequence[Floats]) -> Solution:
     """The solution in the terms of those under known light; Kd + Ks is 1 in each channel."""
     rungs = tuple(
         Rung(
@@ -116,7 +160,7 @@ def _solution(
         weights=blind.weights,
         structured=structured_rms(fields, trusted) / float(energy),
         quantities=unless_misfit(_quantities(blind), rungs[blind.chosen].error),
-        lightings=(_lighting(blind, name),),
+        lightings=tuple(_lighting(name, light) for name, light in blind.lights.items()),
         covariance=of_brdf @ blind.covariance @ of_brdf.T,
         covariance_names=names,
         gauge=blind.gauge,
@@ -138,17 +182,17 @@ def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
 
 
 def _quantities(blind: BlindSolution) -> dict[str, Quantity]:
-    quantities = {name: found for name, found in blind.quantities.items() if name != "lighting"}
     if blind.sigma is None:
         return {"kd": _NO_SCALE}
+    quantities = blind.quantities
     # In this gauge the shares are Kd and Ks themselves.
     return {"kd": quantities["kd_normalised"], "ks": quantities["ks_normalised"], **quantities}
 
 
-def _lighting(blind: BlindSolution, name: str) -> FittedLighting:
+def _lighting(name: str, light: BlindLight) -> FittedLighting:
     # Harmonics ring below zero around what is sharp; a map of light is not negative.
-    radiance = np.maximum(synthesise_latlong(blind.coefficients, _MAP_HEIGHT), 0).astype(np.float32)
-    sources = blind.sources
+    radiance = np.maximum(synthesise_latlong(light.coefficients, _MAP_HEIGHT), 0).astype(np.float32)
+    sources = light.sources
     lighting = Lighting(
         name,
         radiance,
@@ -158,12 +202,12 @@ def _lighting(blind: BlindSolution, name: str) -> FittedLighting:
         direction_std_deg=sources.direction_std_deg,
         origin="recovered",
     )
-    doubt = blind.quantities.get("lighting")
+    doubt = light.doubt
     harmonics = HarmonicLight(
-        blind.coefficients,
-        blind.coefficients_std,
-        blind.degree_shares,
-        blind.determined_degree,
+        light.coefficients,
+        light.coefficients_std,
+        light.degree_shares,
+        light.determined_degree,
         "" if doubt is None else doubt.reason,
         "" if doubt is None else doubt.remedy,
     )

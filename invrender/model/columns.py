@@ -5,25 +5,31 @@
     B = sum_e x_e ( Kd d_e + Ks sum_kj a_k(mu) c_j(sigma) m_ekj )
 
 with lighting elements e of strength x_e, diffuse transfers d_e and specular transfers m_ekj that hold
-neither mu nor sigma: Fresnel's factor is a short sum in k, the lobe is interpolated between nodes j.
+neither mu nor sigma: Fresnel's factor is a short sum in k, the lobe is interpolated between nodes j. So it is for
+every form of the specular part; only the m_ekj differ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.model.form_transfer import FresnelFunctions, OneIndex, form_transfer
 from invrender.model.fresnel import FresnelBasis
+from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import sigma_nodes, sigma_weights
-from invrender.model.transfer import LightElement, specular_transfer
-from invrender.model.visibility import Shadows, seen_diffuse, seen_specular
+from invrender.model.transfer import LightElement
+from invrender.model.visibility import Rays, Shadows, seen_diffuse, seen_specular
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
+
+# Memory then doesn't grow with a photograph's rays.
+_SAMPLES_AT_A_TIME = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +39,23 @@ class PhotoColumns:
     lighting : name of its lighting. elements : names of the lighting's elements.
     columns : (channels, n, elements, 1 + rank * nodes) float32; channels is 1 where all share them.
         The first of the last axis is d, then m with j fastest.
-    field : the samples.
+    field : the samples. form : of the specular part. shadows : that they were made with, if any.
     """
 
     lighting: str
     elements: tuple[str, ...]
     columns: NDArray[np.float32]
     field: LightField
+    form: LobeForm = PRINTED
+    shadows: Shadows | None = None
 
     @property
     def radiance(self) -> Floats:
         return self.field.radiance
+
+    def where(self, keep: NDArray[np.bool_]) -> PhotoColumns:
+        """The samples marked by a mask (n,)."""
+        return replace(self, columns=self.columns[:, keep], field=self.field.where(keep))
 
 
 @lru_cache(maxsize=1)
@@ -52,31 +64,42 @@ def fresnel_basis() -> FresnelBasis:
     return FresnelBasis()
 
 
+def _fresnel_functions(form: LobeForm) -> FresnelFunctions:
+    return fresnel_basis().functions if form.has_fresnel else OneIndex(None)
+
+
 def photo_columns(
-    lighting: str, elements: Sequence[LightElement], field: LightField, shadows: Shadows | None = None
+    lighting: str,
+    elements: Sequence[LightElement],
+    field: LightField,
+    form: LobeForm = PRINTED,
+    shadows: Shadows | None = None,
 ) -> PhotoColumns:
     """Columns of a photograph's samples under a lighting given by its elements; shadows : of a mesh, if it has any."""
-    basis, nodes = fresnel_basis(), sigma_nodes()
-    cos = (field.normals * field.views).sum(axis=1)
-    fresnel = basis.functions(cos).astype(np.float32)
+    nodes, fresnel = sigma_nodes(), _fresnel_functions(form)
     channels = max(element.channels for element in elements)
-    columns = np.empty((channels, len(field), len(elements), 1 + basis.rank * len(nodes)), np.float32)
-    for e, element in enumerate(elements):
-        sight = None if shadows is None else shadows.sight(element, field)
-        diffuse = field.mean_over_rays(seen_diffuse(element, field.normals, sight))
-        columns[:, :, e, 0] = diffuse.T
-        specular = seen_specular(
-            element,
-            sight,
-            lambda part, rays: specular_transfer(part, field.normals[rays], field.views[rays], nodes),
-        ).astype(np.float32)
-        for k in range(basis.rank):
-            product = field.mean_over_rays(specular * fresnel[:, k, None, None])
-            first = 1 + k * len(nodes)
-            columns[:, :, e, first : first + len(nodes)] = product.transpose(2, 0, 1)
-    return PhotoColumns(lighting, tuple(element.name for element in elements), columns, field)
+    size = 1 + len(specular_weights(None, nodes[0], form))
+    columns = np.empty((channels, len(field), len(elements), size), np.float32)
+    place = np.arange(len(field))
+    for start in range(0, len(field), _SAMPLES_AT_A_TIME):
+        block = slice(start, start + _SAMPLES_AT_A_TIME)
+        part = field.where((place >= block.start) & (place < block.stop))
+        for e, element in enumerate(elements):
+            sight = None if shadows is None else shadows.sight(element, part)
+            diffuse = part.mean_over_rays(seen_diffuse(element, part.normals, sight))
+            columns[:, block, e, 0] = diffuse.T
+
+            def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
+                return form_transfer(form, light, part.normals[rays], part.views[rays], nodes, fresnel)
+
+            specular = seen_specular(element, sight, gather)
+            means = part.mean_over_rays(specular.reshape(len(specular), size - 1, -1))
+            columns[:, block, e, 1:] = means.transpose(2, 0, 1)
+    return PhotoColumns(lighting, tuple(element.name for element in elements), columns, field, form, shadows)
 
 
-def specular_weights(mu: float | None, sigma: float) -> Floats:
+def specular_weights(mu: float | None, sigma: float, form: LobeForm = PRINTED) -> Floats:
     """a_k(mu) c_j(sigma) in the columns' order, (rank * nodes,)."""
+    if not form.has_fresnel:
+        return sigma_weights(sigma)
     return np.outer(fresnel_basis().coefficients(mu), sigma_weights(sigma)).ravel()

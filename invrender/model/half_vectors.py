@@ -11,7 +11,7 @@ share one walk through the map.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -24,7 +24,7 @@ from invrender.theory.specialcases import lobe
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-_FIRST_RING, _LAST_RING = 0.004, 1.5
+_FIRST_RING = 0.004
 _RAYS_PER_CHUNK = 1024
 _PAD = 2
 # Turns one ring against the next so that azimuths never line up.
@@ -75,6 +75,17 @@ class PreparedMap:
             return cls(tuple(_padded(level) for level in levels), _ROUGH)
         return cls((_padded(radiance_map),), _SMOOTH)
 
+    def seen(self, directions: Singles, spacing: float) -> Singles:
+        """Radiance (m, p, c) from unit directions (m, p, 3) that lie about `spacing` radians apart."""
+        level = _level(self.levels, spacing)
+        row, column = latlong_pixels(directions, level.shape[0] - 2 * _PAD)
+        # OpenCV counts pixel centres at integers, so ours, at + 0.5, lie half a pixel back.
+        shift = np.float32(_PAD - 0.5)
+        values: Singles = cv2.remap(level, column + shift, row + shift, cv2.INTER_CUBIC).astype(
+            np.float32, copy=False
+        )
+        return values.reshape(*directions.shape[:2], -1)
+
 
 def map_transfer(light: PreparedMap, normals: Floats, views: Floats, sigmas: Floats) -> Floats:
     """The half-vector integral over a lat-long map of c channels: (m, sigmas, c) per unit of Ks F.
@@ -83,39 +94,55 @@ def map_transfer(light: PreparedMap, normals: Floats, views: Floats, sigmas: Flo
     a map that isn't smooth each ring looks at a level as coarse as its nodes are apart, so that structure
     finer than the rings averages out instead of biasing all samples alike.
     """
-    log_step = light.fineness.log_step
-    rng = np.random.default_rng(0)
     result = np.empty((len(normals), len(sigmas), light.levels[0].shape[2]))
-    count = int(np.ceil(np.log(_LAST_RING / _FIRST_RING) / log_step))
-    for start in range(0, len(normals), _RAYS_PER_CHUNK):
-        part = slice(start, start + _RAYS_PER_CHUNK)
-        shift, turn = rng.random(2)
-        rings = _FIRST_RING * np.exp(log_step * (shift + np.arange(count)))
-        weights = _ring_weights(rings, sigmas, log_step)
-        used = weights.max(axis=1) > _NEGLIGIBLE * weights.max()
-        frame = _Frame.of(normals[part], views[part])
-        means = np.stack(
-            [
-                _ring_mean(light, frame, theta, 2 * np.pi * turn + _GOLDEN_ANGLE * k)
-                for k, theta in enumerate(rings[used])
-            ],
-            axis=-1,
-        )
-        result[part] = np.einsum("mck,kj->mjc", means, weights[used])
+    for part, frame, thetas, turns in chunks(light, normals, views):
+        weights = ring_weights(lobe, thetas, sigmas, light.fineness.log_step)
+        used = np.flatnonzero(weights.max(axis=1) > _NEGLIGIBLE * weights.max())
+        means = [_ring_mean(frame, facet_ring(light, frame, thetas[k], turns[k])) for k in used]
+        result[part] = np.einsum("mck,kj->mjc", np.stack(means, axis=-1), weights[used])
     return result
 
 
-def _ring_weights(rings: Floats, sigmas: Floats, log_step: float) -> Floats:
-    """Weights (rings, sigmas) with which ring means add up to the integral over the hemisphere of h."""
-    weights = 2 * np.pi * lobe(rings[:, None], sigmas) * (np.sin(rings) * rings * log_step)[:, None]
-    # The disc within the first ring, where the map is constant to the eye of the quadrature.
+def chunks(
+    light: PreparedMap, normals: Floats, views: Floats
+) -> Iterator[tuple[slice, Frame, Floats, Floats]]:
+    """Rays in chunks: which, their frames, and the rings' angles and azimuths to start at."""
+    rng = np.random.default_rng(0)
+    log_step = light.fineness.log_step
+    place = np.arange(int(np.ceil(np.log(np.pi / 2 / _FIRST_RING) / log_step)))
+    for start in range(0, len(normals), _RAYS_PER_CHUNK):
+        part = slice(start, start + _RAYS_PER_CHUNK)
+        shift, turn = rng.random(2)
+        thetas = _FIRST_RING * np.exp(log_step * (shift + place))
+        yield part, Frame.of(normals[part], views[part]), thetas, 2 * np.pi * turn + _GOLDEN_ANGLE * place
+
+
+def _ring_mean(frame: Frame, ring: Ring) -> Singles:
+    """Mean (m, c) over azimuth of L(wi(h)) (wo.h) / cos theta_o."""
+    weight = ring.lit * np.maximum(ring.toward, 0) / np.maximum(frame.along_normal[:, None], np.float32(1e-6))
+    return np.einsum("mp,mpc->mc", weight, ring.radiance) / np.float32(weight.shape[1])
+
+
+def ring_weights(
+    density: Callable[[Floats, Floats], Floats], rings: Floats, sigmas: Floats, log_step: float
+) -> Floats:
+    """Weights (rings, sigmas) with which ring means add up to the integral of a density over the hemisphere.
+
+    density : of angle and roughness, 1/sr.
+    """
+    # What of the last ring's cell lies beyond the hemisphere doesn't count: tails of long-tailed densities end there.
+    cell = np.clip(np.log(np.pi / 2 / rings) + log_step / 2, 0, log_step)
+    inside = np.minimum(rings, np.pi / 2)
+    weights = 2 * np.pi * density(inside[:, None], sigmas) * (np.sin(inside) * inside * cell)[:, None]
+    # The disc within the first ring, where the map is constant to the eye of the quadrature. The density at the circle
+    # that halves its area is its mean to the third order.
     inner = rings[0] * np.exp(-log_step / 2)
-    weights[0] += 1 - np.exp(-((inner / sigmas) ** 2))
+    weights[0] += np.pi * inner**2 * density(np.array([[inner / np.sqrt(2)]]), sigmas)[0]
     return weights
 
 
 @dataclass(frozen=True, eq=False)
-class _Frame:
+class Frame:
     """Local frames of a chunk of rays, (m, 3) each, and the view in them, (m,) each; float32."""
 
     tangent: Singles
@@ -127,7 +154,7 @@ class _Frame:
     along_normal: Singles
 
     @classmethod
-    def of(cls, normals: Floats, views: Floats) -> _Frame:
+    def of(cls, normals: Floats, views: Floats) -> Frame:
         """Frames with an arbitrary but fixed tangent."""
         helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
         tangent = np.cross(helper, normals)
@@ -137,8 +164,22 @@ class _Frame:
         return cls(*(part.astype(np.float32) for part in (*axes, views, *along)))
 
 
-def _ring_mean(light: PreparedMap, frame: _Frame, theta: float, turn: float) -> Singles:
-    """Mean (m, c) over azimuth of L(wi(h)) (wo.h) / cos theta_o on the ring theta_h = theta."""
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """What the nodes of a ring of half-vectors meet, (m, p) each; float32.
+
+    toward : cosine of half-vector to view, theta_d's. lit : the share of a node's cell that is above the horizon.
+    cos_incident : of the light, its mean over that share. radiance : (m, p, c) that arrives there.
+    """
+
+    toward: Singles
+    cos_incident: Singles
+    lit: Singles
+    radiance: Singles
+
+
+def facet_ring(light: PreparedMap, frame: Frame, theta: float, turn: float) -> Ring:
+    """The ring theta_h = theta, its azimuths turned by an angle."""
     count, log_step = light.fineness.nodes(theta), light.fineness.log_step
     azimuth = turn + 2 * np.pi * np.arange(count) / count
     unit_x, unit_y = np.array([np.cos(azimuth), np.sin(azimuth)], np.float32)
@@ -154,21 +195,40 @@ def _ring_mean(light: PreparedMap, frame: _Frame, theta: float, turn: float) -> 
     around = np.float32(2 * np.pi / count) * sin_twice * sideways
     outward = np.float32(2 * log_step * theta) * (cos_twice * level - sin_twice * cos_exitant)
     cell = np.hypot(around, outward) + np.float32(1e-9)
-    lit = np.clip((sin_twice * level + cos_twice * cos_exitant) / cell + np.float32(0.5), 0, 1)
-    weight = lit * np.maximum(toward, 0) / np.maximum(cos_exitant, np.float32(1e-6))
+    cos_incident = sin_twice * level + cos_twice * cos_exitant
+    lit = np.clip(cos_incident / cell + np.float32(0.5), 0, 1)
+    cos_incident = np.maximum(cos_incident, lit * cell / 2)
     twice = 2 * toward
     incident = np.empty((*toward.shape, 3), np.float32)
     for k in range(3):
         half = frame.tangent[:, k, None] * x + frame.bitangent[:, k, None] * y + frame.normal[:, k, None] * z
         incident[..., k] = twice * half - frame.view[:, k, None]
     # Incident directions move by twice the half-vector's angle.
-    level_map = _level(light.levels, 2 * min(log_step * theta, 2 * np.pi * np.sin(theta) / count))
-    row, column = latlong_pixels(incident, level_map.shape[0] - 2 * _PAD)
-    # OpenCV counts pixel centres at integers, so ours, at + 0.5, lie half a pixel back.
-    shift = np.float32(_PAD - 0.5)
-    values = cv2.remap(level_map, column + shift, row + shift, cv2.INTER_CUBIC)
-    values = values.reshape(*toward.shape, -1)
-    return np.einsum("mp,mpc->mc", weight, values) / np.float32(count)
+    radiance = light.seen(incident, 2 * min(log_step * theta, 2 * np.pi * np.sin(theta) / count))
+    return Ring(toward, cos_incident, lit, radiance)
+
+
+def mirror_ring(light: PreparedMap, frame: Frame, angle: float, turn: float) -> Singles:
+    """Mean (m, c) of L(wi) (n.wi) over the ring of directions wi at an angle from the frames' axes.
+
+    frame : around the mirrored views, n taking the view's place.
+    """
+    # As many nodes as a ring of half-vectors of half the angle.
+    count = light.fineness.nodes(angle / 2)
+    azimuth = turn + 2 * np.pi * np.arange(count) / count
+    sin, cos = np.float32(np.sin(angle)), np.float32(np.cos(angle))
+    x, y = (sin * np.array([np.cos(azimuth), np.sin(azimuth)])).astype(np.float32)
+    incident = np.stack(
+        [
+            frame.tangent[:, k, None] * x + frame.bitangent[:, k, None] * y + frame.normal[:, k, None] * cos
+            for k in range(3)
+        ],
+        axis=-1,
+    )
+    cosine = frame.along_tangent[:, None] * x + frame.along_bitangent[:, None] * y
+    cosine = np.maximum(cosine + frame.along_normal[:, None] * cos, 0)
+    radiance = light.seen(incident, min(light.fineness.log_step * angle, 2 * np.pi * float(sin) / count))
+    return np.einsum("mp,mpc->mc", cosine, radiance) / np.float32(count)
 
 
 def _level(padded: Sequence[Singles], spacing: float) -> Singles:

@@ -8,6 +8,7 @@ where the form is RH01's own; `lobes` has the others.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,12 +54,16 @@ def sigma_weights(sigma: float) -> Floats:
     What is interpolated is sigma^2 S, whose peak is the same for all sigma; the error is 1e-4 of it.
     """
     low, high = np.log(SIGMA_RANGE)
+    position = min(max(2 * (np.log(sigma) - low) / (high - low) - 1, -1), 1)
+    return _cardinal() @ np.cos(np.arange(_NODES) * np.arccos(position)) / sigma**2
+
+
+@lru_cache(maxsize=1)
+def _cardinal() -> Floats:
+    """What Chebyshev polynomials (columns) contribute to the weight of each node, times its roughness squared."""
     degrees = np.arange(_NODES)
     at_nodes = np.cos(np.outer(np.arccos(_chebyshev_points()), degrees))
-    position = np.clip(2 * (np.log(sigma) - low) / (high - low) - 1, -1, 1)
-    scale = np.where(degrees == 0, 1, 2) / _NODES
-    cardinal = at_nodes @ (scale * np.cos(degrees * np.arccos(position)))
-    return cardinal * (sigma_nodes() / sigma) ** 2
+    return at_nodes * np.where(degrees == 0, 1, 2) / _NODES * sigma_nodes()[:, None] ** 2
 
 
 def _chebyshev_points() -> Floats:

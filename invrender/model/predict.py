@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.columns import PhotoColumns, specular_weights
-from invrender.model.fresnel import normalised_fresnel
+from invrender.model.form_transfer import OneIndex, form_transfer
 from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import LightElement, specular_transfer
-from invrender.model.visibility import Shadows, seen_diffuse, seen_specular
+from invrender.model.transfer import LightElement
+from invrender.model.visibility import Rays, Shadows, seen_diffuse, seen_specular
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -24,24 +24,21 @@ def predict(
     field: LightField,
     shadows: Shadows | None = None,
 ) -> Floats:
-    """Radiance (n, 3) of samples, without tables or interpolation [RH01, eq. 24].
+    """Radiance (n, 3) of samples, without tables or interpolation [RH01, eq. 24; its form any].
 
     strengths : (elements, 3). shadows : of a mesh, if it has any.
     """
     total = np.zeros((len(field.normals), 3))
-    cos = (field.normals * field.views).sum(axis=1)
-    fresnel = normalised_fresnel(brdf.mu, cos)[:, None]
-    sigmas = np.array([brdf.sigma or np.nan])
+    sigma, fresnel = np.array([brdf.sigma or np.nan]), OneIndex(brdf.mu)
+
+    def gather(light: LightElement, rays: Rays) -> NDArray[np.floating]:
+        return form_transfer(brdf.form, light, field.normals[rays], field.views[rays], sigma, fresnel)
+
     for element, strength in zip(elements, strengths, strict=True):
         sight = None if shadows is None else shadows.sight(element, field)
         total += brdf.kd * strength * seen_diffuse(element, field.normals, sight)
         if brdf.sigma is not None and brdf.ks.any():
-            lobe = seen_specular(
-                element,
-                sight,
-                lambda part, rays: specular_transfer(part, field.normals[rays], field.views[rays], sigmas),
-            )
-            total += brdf.ks * strength * fresnel * lobe[:, 0]
+            total += brdf.ks * strength * seen_specular(element, sight, gather)[:, 0, 0]
     return np.asarray(field.mean_over_rays(total))
 
 
@@ -50,12 +47,14 @@ def transfers(photo: PhotoColumns, mu: float | None, sigma: float | None) -> tup
     diffuse = photo.columns[..., 0].astype(float)
     if sigma is None:
         return diffuse, np.zeros_like(diffuse)
-    weights = specular_weights(mu, sigma).astype(np.float32)
+    weights = specular_weights(mu, sigma, photo.form).astype(np.float32)
     return diffuse, (photo.columns[..., 1:] @ weights).astype(float)
 
 
 def predict_columns(photo: PhotoColumns, brdf: Microfacet, strengths: Floats) -> Floats:
-    """Radiance (n, 3) of a photograph's samples through its columns."""
+    """Radiance (n, 3) of a photograph's samples through its columns, which must be of the BRDF's form."""
+    if brdf.sigma is not None and brdf.form is not photo.form:
+        raise ValueError(f"columns of the form {photo.form.name!r} can't predict {brdf.form.name!r}")
     diffuse, specular = transfers(photo, brdf.mu, brdf.sigma)
     shading = brdf.kd[:, None, None] * diffuse + brdf.ks[:, None, None] * specular
     return np.einsum("cne,ec->nc", shading, strengths)

@@ -97,8 +97,8 @@ def seen_diffuse(element: LightElement, normals: Floats, sight: Sight | None) ->
 
 
 def seen_specular(
-    element: LightElement, sight: Sight | None, gather: Callable[[LightElement, Rays], Floats]
-) -> Floats:
+    element: LightElement, sight: Sight | None, gather: Callable[[LightElement, Rays], NDArray[np.floating]]
+) -> NDArray[np.floating]:
     """What a lobe gathers of an element's light under visibility, (m, ...); sight : None where nothing is hidden.
 
     gather(part, rays) : what it gathers of a part of the light at some of the rays, (r, ...), nothing being hidden;
@@ -106,14 +106,14 @@ def seen_specular(
     """
     if sight is None:
         return gather(element, slice(None))
-    total: Floats | None = None
+    total: NDArray[np.floating] | None = None
     parts = [] if sight.hidden is None else [(element.without_sources, sight.mirrored)]
     parts += [(_source(element, k), visible) for k, visible in enumerate(sight.sources.T)]
     for part, visible in parts:
         rays = np.flatnonzero(visible)
         values = gather(part, rays)
         if total is None:
-            total = np.zeros((len(visible), *values.shape[1:]))
+            total = np.zeros((len(visible), *values.shape[1:]), values.dtype)
         total[rays] += values
     assert total is not None, "an element holds some light"
     return total

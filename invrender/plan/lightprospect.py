@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from invrender.factorization import Quantity
 from invrender.plan.experiment import Light
@@ -18,9 +17,10 @@ from invrender.plan.reflected import tangents
 from invrender.plan.unknowns import Unknowns
 from invrender.solve.identifiability import _WEAK as WEAK
 from invrender.solve.identifiability import ACCURACY, Scalar
+from invrender.solve.reached import reached_share
 from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import map_coefficients
-from recon.harmonics import degree_of, degrees, evaluate_harmonics, sphere_directions
+from recon.harmonics import degree_of, degrees, evaluate_harmonics
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -108,7 +108,7 @@ class UnknownLight:
         )
         shares = np.clip(1 - per_degree, 0, 1)
         return LightProspect(
-            self.light.lighting.name, self.coefficients, std.reshape(-1, 3), shares, _reached(fields)
+            self.light.lighting.name, self.coefficients, std.reshape(-1, 3), shares, reached_share(fields)
         )
 
     @cached_property
@@ -210,18 +210,3 @@ def _assessed(
         quantity = Quantity(size, std, "determined")
     relative_to = np.maximum(size, 1e-3 * size.max())
     return Expected(name, label, size, std, spread.std, quantity, relative_to, reducible)
-
-
-def _reached(fields: Sequence[LightField]) -> float:
-    """Share of all directions that some free mirrored ray comes within five degrees of."""
-    mirrored = [
-        (2 * (field.normals * field.views).sum(axis=1)[:, None] * field.normals - field.views)[
-            field.reflected_visible
-        ]
-        for field in fields
-    ]
-    rays = np.concatenate(mirrored)
-    if not len(rays):
-        return 0.0
-    distance, _ = cKDTree(rays).query(sphere_directions(1000))
-    return float((distance < 2 * np.sin(np.radians(5) / 2)).mean())

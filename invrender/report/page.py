@@ -10,6 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from invrender.factorization import Quantity
+from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED
 from invrender.pipeline import Prediction, Run
 from invrender.report.pictures import (
     difference_picture,
@@ -34,9 +35,18 @@ _NAMES = {
     "ks": ("K<sub>s</sub>", ""),
     "mu": ("μ", "refractive index"),
     "sigma": ("σ", "rad"),
+    "exponent": ("s", "Phong's exponent"),
     "albedo": ("albedo", "π K<sub>d</sub>"),
     "kd_normalised": ("K<sub>d</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),
     "ks_normalised": ("K<sub>s</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),
+}
+
+
+_FORMS = {
+    PRINTED: "microfacets as in RH01, Fresnel's factor at the exitant angle",
+    BECKMANN: "microfacets that hide each other, Fresnel's factor at the half angle (Smith, Beckmann)",
+    GGX_FORM: "long-tailed microfacets that hide each other, Fresnel's factor at the half angle (Smith, GGX)",
+    PHONG: "Phong's lobe about the mirrored view",
 }
 
 
@@ -79,6 +89,7 @@ class ReportWriter:
             document=self._document,
             result=result,
             model=result.model.estimate.model,
+            form=_FORMS[result.brdf.form],
             best=min(result.rungs, key=lambda rung: rung.error),
             parameters=_parameters(self._run),
             rows=self._rows,

@@ -31,18 +31,20 @@ def patch_of(field: LightField) -> NDArray[np.int64]:
 def structured_rms(fields: Sequence[LightField], residuals: Sequence[Floats]) -> float:
     """RMS of that part of the residuals which tiles of a photograph have in common: what isn't noise.
 
-    residuals : (n, 3) per photograph. From the tiles' mean squares less what independent samples would
-        give by chance; 0 if that leaves nothing.
+    residuals : (n, 3) per photograph. From the tiles' mean squares less what independent samples of a tile's own
+        scatter would give, two standard deviations of it included; 0 if that leaves nothing.
     """
-    common, scatter, tiles, count = 0.0, 0.0, 0, 0
+    common, by_chance, variance, count = 0.0, 0.0, 0.0, 0
     for field, residual in zip(fields, residuals, strict=True):
-        names, index = np.unique(tile_of(field), return_inverse=True)
+        index = np.unique(tile_of(field), return_inverse=True)[1]
         size = np.bincount(index)
+        several = size > 1
         for values in residual.T:
             mean = np.bincount(index, values) / size
-            common += float((size * mean**2).sum())
-            scatter += float(((values - mean[index]) ** 2).sum())
-            tiles += len(names)
-            count += len(values)
-    by_chance = tiles * scatter / max(count - tiles, 1)
-    return float(np.sqrt(max(common - by_chance, 0.0) / max(count, 1)))
+            scatter = np.bincount(index, (values - mean[index]) ** 2)[several] / (size[several] - 1)
+            common += float((size * mean**2)[several].sum())
+            by_chance += float(scatter.sum())
+            variance += float(2 * (scatter**2).sum())
+            count += int(size[several].sum())
+    beyond = common - by_chance - 2 * np.sqrt(variance)
+    return float(np.sqrt(max(beyond, 0.0) / max(count, 1)))

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import patch_of
+from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import Weights
-from invrender.solve.search import LADDER, Estimate, Model, fit
+from invrender.solve.search import LADDER, fit
 from invrender.solve.statistics import Statistics, by_lighting, weighted_statistics
 
 Floats = NDArray[np.float64]
@@ -76,10 +77,13 @@ def climb_ladder(
     photos: Sequence[PhotoColumns],
     weights: Sequence[Weights],
     on_step: Callable[[], None] = lambda: None,
-) -> tuple[tuple[Rung, ...], int]:
-    """Fit and cross-validate every model; returns the rungs and the index of the chosen one.
+    models: Sequence[Model] = LADDER,
+    patches: NDArray[np.int64] | None = None,
+) -> tuple[Rung, ...]:
+    """Fit and cross-validate models, all of the columns' form or without a specular part.
 
-    `on_step` is called after each fold of each model, `ladder_steps(len(photos))` times in all.
+    patches : of the surface, those of all photographs and maybe more; of these alone if None. `on_step` is called after
+    each fold of each model, `ladder_steps(len(photos))` times for the `LADDER`.
     """
     folds = min(len(photos), MAX_FOLDS)
     fold_of = np.arange(len(photos)) % folds
@@ -87,9 +91,13 @@ def climb_ladder(
     parts: list[list[Statistics]] = [[] for _ in range(folds)]
     for fold, entry in zip(fold_of, weighted_statistics(photos, [w.weight for w in weights]), strict=True):
         parts[fold] = list(by_lighting([*parts[fold], entry]))
-    patches = _Patches(photos)
-    rungs = tuple(_evaluate(model, photos, weights, parts, fold_of, patches, on_step) for model in LADDER)
-    return rungs, choose(rungs)
+    surface = _Patches(photos, patches_of(photos) if patches is None else patches)
+    return tuple(_evaluate(model, photos, weights, parts, fold_of, surface, on_step) for model in models)
+
+
+def patches_of(photos: Sequence[PhotoColumns]) -> NDArray[np.int64]:
+    """The patches of the surface that photographs show, ascending."""
+    return np.unique(np.concatenate([patch_of(photo.field) for photo in photos]))
 
 
 def choose(rungs: Sequence[Rung]) -> int:
@@ -134,10 +142,9 @@ def _score(differences: Floats) -> float:
 class _Patches:
     """The surface in patches: sums over them of what samples of any photograph hold."""
 
-    def __init__(self, photos: Sequence[PhotoColumns]) -> None:
-        names = [patch_of(photo.field) for photo in photos]
-        self._known = np.unique(np.concatenate(names))
-        self._index = [np.searchsorted(self._known, name) for name in names]
+    def __init__(self, photos: Sequence[PhotoColumns], known: NDArray[np.int64]) -> None:
+        self._known = known
+        self._index = [np.searchsorted(known, patch_of(photo.field)) for photo in photos]
 
     def __len__(self) -> int:
         return len(self._known)
@@ -161,7 +168,8 @@ def _evaluate(
     patches: _Patches,
     on_step: Callable[[], None],
 ) -> Rung:
-    full = fit(model, by_lighting(entry for part in parts for entry in part))
+    everything = by_lighting(entry for part in parts for entry in part)
+    full = fit(model, everything)
     errors, energy = np.empty(len(photos)), np.zeros(len(patches))
     for fold in range(len(parts)):
         rest = by_lighting(entry for k, part in enumerate(parts) if k != fold for entry in part)
@@ -179,8 +187,7 @@ def _evaluate(
             energy += patches.sums(j, share)
         on_step()
     free = {(photo.lighting, name) for photo in photos for name in photo.elements if name != "known"}
-    count = 3 + 3 * model.specular + model.specular + model.fresnel + 3 * len(free)
-    return Rung(full, errors, energy, count)
+    return Rung(full, errors, energy, model.parameters + 3 * len(free))
 
 
 def fit_strengths(photo: PhotoColumns, weight: Floats, estimate: Estimate) -> Floats:

@@ -11,17 +11,11 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
+from invrender.model.lobes import PHONG, LobeForm, phong_exponent
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import structured_rms
-from invrender.solve.evidence import (
-    HOPELESS,
-    MISFIT_REMEDY,
-    Rung,
-    adequate,
-    climb_ladder,
-    misfit_reason,
-    outlying,
-)
+from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
+from invrender.solve.explanation import Explanation, explain
 from invrender.solve.identifiability import (
     UNIFORM_LIGHT,
     Scalar,
@@ -30,15 +24,13 @@ from invrender.solve.identifiability import (
     assess_sigma,
     lighting_degree,
 )
-from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
+from invrender.solve.models import Estimate
+from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.reported import Report
-from invrender.solve.search import LADDER, Estimate, fit
-from invrender.solve.statistics import by_lighting, weighted_statistics
 from invrender.solve.uncertainty import pack, uncertainty_of
 
 Floats = NDArray[np.float64]
 
-_ROUNDS = 2
 # What our own quadratures over pixels and maps leave, relative: no number is claimed to be better known.
 # Measured on the noise-free demonstration: 8e-4 of mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
 NUMERICAL = 5e-4
@@ -48,7 +40,8 @@ NUMERICAL = 5e-4
 class Solution:
     """What the solve adds to what is known of a set; see `Factorization` for the fields.
 
-    weights : of each photograph's samples, as they entered the fit.
+    weights : of each photograph's samples, as they entered the fit. photos : columns of the chosen form; none where
+    the light was unknown.
     """
 
     estimate: Estimate
@@ -62,6 +55,7 @@ class Solution:
     covariance: Floats
     covariance_names: tuple[str, ...]
     gauge: str
+    photos: tuple[PhotoColumns, ...] = ()
 
 
 def factorize(
@@ -71,47 +65,32 @@ def factorize(
 ) -> Solution:
     """Solve for the BRDF and for what of the lighting is to be recovered.
 
-    A first fit with equal weights shows the noise; the next weigh each sample by its inverse variance.
-    `on_step` is called `evidence.ladder_steps(len(photos))` times.
+    photos : columns of RH01's form. A first fit with equal weights shows the noise; the next weigh each sample by its
+    inverse variance. `on_step` is called `explanation.explanation_steps(len(photos))` times at most.
     """
-    noise, weights = _weigh(photos)
-    rungs, chosen = climb_ladder(photos, weights, on_step)
-    fitting = adequate(rungs)
-    measured = [_measure(rung, photos, weights) for rung in rungs[chosen:]]
-    report, values, fragility = measured[0].report, measured[0].values, measured[0].fragility
-    others = [other for other, fits in zip(measured[1:], fitting[chosen + 1 :], strict=True) if fits]
-    covariance = measured[0].covariance + np.diag(_disagreement(measured[0], others) ** 2)
+    known = explain(photos, lightings, on_step)
+    chosen, weights = known.chosen, known.weights
+    measured = _measure(known.rungs[chosen], known.photos, weights)
+    report, values, fragility = measured.report, measured.values, measured.fragility
+    covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
     std = np.sqrt(np.diag(covariance))
-    quantities = _quantities(report, values, std, fragility, photos, lightings)
+    form = known.rungs[chosen].estimate.model.form
+    quantities = _quantities(form, report, values, std, fragility, photos, lightings)
     brdf_size = report.places["strengths"].start
     return Solution(
-        estimate=rungs[chosen].estimate,
-        rungs=rungs,
+        estimate=known.rungs[chosen].estimate,
+        rungs=known.rungs,
         chosen=chosen,
-        noise=noise,
-        weights=tuple(weights),
-        structured=measured[0].structured,
-        quantities=unless_misfit(quantities, rungs[chosen].error),
+        noise=known.noise,
+        weights=weights,
+        structured=measured.structured,
+        quantities=unless_misfit(quantities, known.rungs[chosen].error),
         lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
         covariance=covariance[:brdf_size, :brdf_size],
         covariance_names=report.names,
         gauge=_gauge(report),
+        photos=known.photos,
     )
-
-
-def _weigh(photos: Sequence[PhotoColumns]) -> tuple[NoiseModel, list[Weights]]:
-    """The noise and each sample's weight, from the residuals of the richest model.
-
-    The second round is for outliers: the first fit, which trusts them all, is dragged along by them.
-    """
-    current = [Weights(np.ones_like(photo.radiance), np.ones_like(photo.radiance)) for photo in photos]
-    for _ in range(_ROUNDS):
-        fitted = fit(LADDER[-1], by_lighting(weighted_statistics(photos, [w.weight for w in current])))
-        predictions = [predict_columns(p, fitted.brdf, fitted.strengths[p.lighting]) for p in photos]
-        residuals = [photo.radiance - p for photo, p in zip(photos, predictions, strict=True)]
-        noise = fit_noise(predictions, residuals)
-        current = [photo_weights(noise, *pair) for pair in zip(predictions, residuals, strict=True)]
-    return noise, current
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,19 +117,40 @@ def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weigh
     return _Measured(report, values, found.covariance + np.diag(own**2), found.fragility, structured)
 
 
-def _disagreement(chosen: _Measured, others: Sequence[_Measured]) -> Floats:
-    """By how much richer models that fit as well put each number elsewhere, beyond their own doubts of it.
+def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
+    """By how much models that fit as well put each number elsewhere, beyond their own doubts of it.
 
     The photographs don't speak against those models either: what they say belongs into the error bar.
     """
+    model = known.rungs[known.chosen].estimate.model
     apart = np.zeros(len(chosen.values))
-    for other in others:
-        std = np.sqrt(np.diag(other.covariance))
-        for name in chosen.report.places.keys() & other.report.places.keys():
-            mine, theirs = chosen.report.places[name], other.report.places[name]
-            difference = np.abs(chosen.values[mine] - other.values[theirs]) - 2 * std[theirs]
+    for rung, fits in list(zip(known.rungs, adequate(known.rungs), strict=True))[known.chosen + 1 :]:
+        other = rung.estimate.model
+        if not fits or not other.specular:
+            continue
+        here, doubt = chosen, 1.0
+        if other.form is model.form:
+            there = _measure(rung, known.photos, known.weights)
+        else:
+            # Both on the share of samples that the other form was tried on, so that noise is in both alike.
+            trial = known.trials[other.form]
+            there = _measure(trial.rung_like(other), trial.photos, trial.weights)
+            own = known.trials[model.form]
+            here = _measure(own.rung_like(model), own.photos, own.weights)
+            doubt = float(np.sqrt(_count(own.photos) / _count(known.photos)))
+        std = doubt * np.sqrt(np.diag(there.covariance))
+        for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
+            theirs = there.report.places[name]
+            difference = (
+                np.abs(here.values[here.report.places[name]] - there.values[theirs]) - 2 * std[theirs]
+            )
+            mine = chosen.report.places[name]
             apart[mine] = np.maximum(apart[mine], difference)
     return apart
+
+
+def _count(photos: Sequence[PhotoColumns]) -> int:
+    return sum(len(photo.field) for photo in photos)
 
 
 def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:
@@ -170,6 +170,7 @@ def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung
 
 
 def _quantities(
+    form: LobeForm,
     report: Report,
     values: Floats,
     std: Floats,
@@ -200,9 +201,20 @@ def _quantities(
     places = {name: report.places[name].start for name in ("mu", "sigma") if name in report.places}
     scalars = {name: Scalar(*(float(a[k]) for a in (values, std, fragility))) for name, k in places.items()}
     quantities["sigma"] = assess_sigma(scalars["sigma"], degree, ks_share)
+    if form is PHONG:
+        quantities["exponent"] = _as_exponent(quantities["sigma"])
     if "mu" in scalars:
         quantities["mu"] = assess_mu(scalars["mu"], photos, ks_share)
     return quantities
+
+
+def _as_exponent(sigma: Quantity) -> Quantity:
+    """The exponent of Phong's lobe of a width."""
+    if sigma.value is None or sigma.std is None:
+        return sigma
+    exponent = phong_exponent(sigma.value)
+    # To the first order: the exponent goes as 1 / sigma squared.
+    return replace(sigma, value=exponent, std=2 * exponent * sigma.std / sigma.value)
 
 
 def unless_misfit(quantities: dict[str, Quantity], error: float) -> dict[str, Quantity]:

@@ -44,20 +44,22 @@ class Statistics:
 def photo_statistics(photo: PhotoColumns, weights: Floats) -> Statistics:
     """Statistics of one photograph; weights (n, 3), inverse variances up to a scale."""
     channels, count, elements, size = photo.columns.shape
-    gram = np.empty((3, elements * size, elements * size))
-    right = np.empty((3, elements * size))
+    total = elements * size
+    gram, right, energy = np.empty((3, total, total)), np.empty((3, total)), np.empty(3)
+    # Columns and radiance side by side, so that one symmetric product holds all.
+    scaled = np.empty((count, total + 1))
     for c in range(3):
-        flat = photo.columns[min(c, channels - 1)].reshape(count, -1).astype(float)
         root = np.sqrt(weights[:, c])
-        scaled = flat * root[:, None]
-        gram[c] = scaled.T @ scaled
-        right[c] = scaled.T @ (root * photo.radiance[:, c])
+        np.multiply(photo.columns[min(c, channels - 1)].reshape(count, -1), root[:, None], out=scaled[:, :-1])
+        np.multiply(photo.radiance[:, c], root, out=scaled[:, -1])
+        products = scaled.T @ scaled
+        gram[c], right[c], energy[c] = products[:-1, :-1], products[:-1, -1], products[-1, -1]
     return Statistics(
         photo.lighting,
         photo.elements,
         gram.reshape(3, elements, size, elements, size),
         right.reshape(3, elements, size),
-        (weights * photo.radiance**2).sum(axis=0),
+        energy,
         3 * count,
     )
 

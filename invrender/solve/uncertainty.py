@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from invrender.model.columns import PhotoColumns
 from invrender.model.fresnel import MU_RANGE
+from invrender.model.lobes import LobeForm
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
 from invrender.model.predict import predict_columns, transfers
 from invrender.solve.clusters import patch_of, tile_of
-from invrender.solve.search import Estimate
+from invrender.solve.linear import symmetric_pinv
+from invrender.solve.models import Estimate
 
 Floats = NDArray[np.float64]
 
@@ -33,20 +35,22 @@ PRIOR_STD = {
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """An estimate as one vector: mu, sigma (where the model has them), Kd, Ks (3 each), free strengths.
+    """An estimate as one vector: mu, sigma (where the model has them), Kd, Ks, free strengths.
 
-    places : name of a block -> slice. Names are "mu", "sigma", "kd", "ks" and "lighting/element".
+    places : name of a block -> slice. Names are "mu", "sigma", "kd", "ks" and "lighting/element"; all but the first two
+    have three numbers, and a neutral Ks one. form : of the specular part.
     """
 
     vector: Floats
     places: Mapping[str, slice]
+    form: LobeForm
 
     def brdf(self, vector: Floats) -> Microfacet:
         """The BRDF of a vector of this layout."""
         mu = float(vector[self.places["mu"]][0]) if "mu" in self.places else None
         sigma = float(vector[self.places["sigma"]][0]) if "sigma" in self.places else None
         ks = vector[self.places["ks"]] if "ks" in self.places else np.zeros(3)
-        return Microfacet(vector[self.places["kd"]], ks, mu, sigma)
+        return Microfacet(vector[self.places["kd"]], np.broadcast_to(ks, 3), mu, sigma, self.form)
 
 
 def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameters:
@@ -58,7 +62,7 @@ def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameter
         blocks["sigma"] = np.array([estimate.brdf.sigma])
     blocks["kd"] = estimate.brdf.kd
     if estimate.model.specular:
-        blocks["ks"] = estimate.brdf.ks
+        blocks["ks"] = estimate.brdf.ks[:1] if estimate.model.neutral else estimate.brdf.ks
     for lighting, names in elements.items():
         for name, strength in zip(names, estimate.strengths[lighting], strict=True):
             if name != "known":
@@ -67,7 +71,7 @@ def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameter
     for name, values in blocks.items():
         places[name] = slice(start, start + len(values))
         start += len(values)
-    return Parameters(np.concatenate(list(blocks.values())), places)
+    return Parameters(np.concatenate(list(blocks.values())), places, estimate.model.form)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +123,7 @@ def uncertainty_of(
         if name in parameters.places:
             prior[parameters.places[name]] = 1 / std**2
     reduced = chi2 / max(count - size, 1)
-    inverse = _symmetric_pinv(information / reduced + np.diag(prior))
+    inverse = symmetric_pinv(information / reduced + np.diag(prior))
     derivative = _numerical_jacobian(report, parameters.vector)
     independent = derivative @ inverse @ derivative.T
     ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
@@ -146,7 +150,8 @@ def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) 
         jacobian = np.zeros((len(photo.field), len(parameters.vector)))
         jacobian[:, parameters.places["kd"].start + c] = diffuse[row] @ strengths[:, c]
         if "ks" in parameters.places:
-            jacobian[:, parameters.places["ks"].start + c] = specular[row] @ strengths[:, c]
+            ks = parameters.places["ks"]
+            jacobian[:, min(ks.start + c, ks.stop - 1)] = specular[row] @ strengths[:, c]
         for name, slope in slopes.items():
             jacobian[:, parameters.places[name].start] = brdf.ks[c] * (slope[row] @ strengths[:, c])
         for e, name in enumerate(photo.elements):
@@ -176,16 +181,6 @@ def _sum_by(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
     sums = np.zeros((len(names), values.shape[1]))
     np.add.at(sums, inverse, values)
     return dict(zip(names.tolist(), sums, strict=True))
-
-
-def _symmetric_pinv(matrix: Floats) -> Floats:
-    """Inverse of a symmetric matrix with its unobservable (gauge) directions left out.
-
-    Scaled to unit diagonal first: the parameters' units differ by orders of magnitude.
-    """
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-11, hermitian=True)
-    return inverse / np.outer(scale, scale)
 
 
 def _numerical_jacobian(report: Callable[[Floats], Floats], vector: Floats) -> Floats:

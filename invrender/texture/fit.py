@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from invrender.model.columns import specular_weights
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import Rung, choose, relative_rms
+from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
-from invrender.solve.search import Estimate, Model, best_point
+from invrender.solve.search import bounds_of, searched, simplex
 from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd
 
 Floats = NDArray[np.float64]
@@ -31,6 +32,8 @@ _FIRST_NOISE = NoiseModel(0.01, 0.01)
 _PREDICTED = 1.0
 # Patches of the surface by which models are compared.
 _PATCHES = 60
+# How near the search comes to mu - 1 and sigma, relative.
+_NEAR = 1e-5
 # Step of the slopes, in log sigma and log(mu - 1).
 _STEP = 0.02
 
@@ -247,9 +250,13 @@ class _Stack:
 def _search(model: TexturedModel, stack: _Stack, near: Floats | None = None) -> Floats:
     if not model.specular:
         return np.zeros(0)
-    return best_point(
-        model, lambda point: float(solved(model, stack.sums(_numbers(model, point))).cost.sum()), near
-    )
+    lower, upper = bounds_of(model)
+
+    def cost(point: Floats) -> float:
+        return float(solved(model, stack.sums(_numbers(model, point))).cost.sum())
+
+    start = searched(cost, lower, upper) if near is None else np.clip(near[: len(lower)], lower, upper)
+    return simplex(cost, start, lower, upper, size=0.02, near=_NEAR)
 
 
 def _weighed(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> tuple[NoiseModel, _Stack]:

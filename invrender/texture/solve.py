@@ -185,7 +185,9 @@ def _rows(bench: _Bench, photo: Photo, field: LightField, points: SurfacePoints)
     seen = observe(bench.body, photo.camera, field, points)
     used = seen.of_samples(len(field))
     seen, pixels = seen.renumbered(used), field.where(used)
-    entry = photo_columns(photo.lighting, bench.elements[photo.lighting], pixels, bench.specimen.shadows)
+    entry = photo_columns(
+        photo.lighting, bench.elements[photo.lighting], pixels, shadows=bench.specimen.shadows
+    )
     columns = np.stack([seen.at_points(channel) for channel in entry.columns[:, :, 0]])
     return Rows(
         seen.points,

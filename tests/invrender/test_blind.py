@@ -100,10 +100,10 @@ def test_brdf_light_and_source_are_found_from_photographs_alone(
     if found.mu is not None:
         assert_allclose(found.mu, material.mu, atol=limits[1])
     assert_allclose(found.sigma, material.sigma, atol=limits[2])
-    assert len(found.sources.directions) == 1
-    assert degrees_apart(found.sources.directions[0], bench.source.direction) < 0.05
+    assert len(found.light.sources.directions) == 1
+    assert degrees_apart(found.light.sources.directions[0], bench.source.direction) < 0.05
     truth = first_coefficients([bench.area_light], [bench.source])
-    assert_allclose(found.normalised_coefficients[:9], truth, atol=0.003)
+    assert_allclose(found.light.normalised_coefficients[:9], truth, atol=0.003)
     assert {"kd_normalised", "ks_normalised", "sigma"} <= found.quantities.keys()
     assert {quantity.status for quantity in found.quantities.values()} == {"determined"}
     # Few photographs are left out by tiles: without one of three the light would not be seen from all sides.
@@ -126,10 +126,10 @@ def test_errors_are_those_that_the_covariance_states(bench: SimpleNamespace, rng
         found = factorize_blind(noisy(clean, rng), orders=[5], ladder=False)
         assert found.mu is not None
         assert found.sigma is not None
-        across = found.sources.directions[0] - bench.source.direction
+        across = found.light.sources.directions[0] - bench.source.direction
         std = np.sqrt(np.diag(found.covariance))
         error = [*(found.brdf_share - share(TEFLON)), found.mu - 1.78, found.sigma - 0.12]
-        way = np.radians(found.sources.direction_std_deg[0]) * np.sqrt(2)
+        way = np.radians(found.light.sources.direction_std_deg[0]) * np.sqrt(2)
         scores.append([*(error / std[:5]), np.linalg.norm(across) / way])
     rms = np.sqrt(np.mean(np.square(scores), axis=0))
     # Eight draws scatter by a quarter; shares of three channels, mu and sigma are correlated.
@@ -143,7 +143,7 @@ def test_soft_light_leaves_sigma_undetermined(bench: SimpleNamespace, rng: np.ra
     light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.8)
     photos = noisy(photographs(bench, TEFLON, 10, 4000, lights=[light], sources=[]), rng)
     found = factorize_blind(photos, orders=[6], ladder=False)
-    assert not len(found.sources.directions)
+    assert not len(found.light.sources.directions)
     sigma = found.quantities["sigma"]
     assert sigma.status == "undetermined"
     assert sigma.value is None
@@ -158,13 +158,14 @@ def test_a_lambertian_object_is_told_and_shows_light_up_to_degree_two(
     found = factorize_blind(noisy(photographs(bench, matte, 10, 4000), rng), orders=[6, 10])
     assert found.model.startswith("lambertian")
     assert found.sigma is None
-    assert found.determined_degree == 2
+    assert found.light.determined_degree == 2
     # Nothing at all of degree 3 passes: what is known of it is the prior.
-    assert_allclose(found.degree_shares[3], 0, atol=0.01)
-    assert found.quantities["lighting"].status == "undetermined"
-    assert "above 2" in found.quantities["lighting"].reason
+    assert_allclose(found.light.degree_shares[3], 0, atol=0.01)
+    assert found.light.doubt is not None
+    assert found.light.doubt.status == "undetermined"
+    assert "above 2" in found.light.doubt.reason
     # Antipodes differ by light of degree 1 only, which only the demand that light be positive tells apart.
-    axis = found.sources.directions[0]
+    axis = found.light.sources.directions[0]
     assert min(degrees_apart(axis, way * bench.source.direction) for way in (-1, 1)) < 0.2
 
 
@@ -194,16 +195,16 @@ def test_sources_are_told_apart_down_to_the_width_of_the_lobe(
         )
         for other in beside
     )
-    assert len(apart.sources.directions) == 2
+    assert len(apart.light.sources.directions) == 2
     for source in (bench.source, beside[0]):
-        assert min(degrees_apart(d, source.direction) for d in apart.sources.directions) < 0.15
+        assert min(degrees_apart(d, source.direction) for d in apart.light.sources.directions) < 0.15
     # 3.6 degrees beside each other under a lobe of 6.9: one source, between the two, and a warning.
-    assert len(together.sources.directions) == 1
+    assert len(together.light.sources.directions) == 1
     widened, sigma = together.quantities["sigma"], TEFLON.sigma
     assert widened.value is not None
     assert widened.std is not None
     assert abs(widened.value[0] - sigma) < 3 * widened.std[0]
-    assert degrees_apart(together.sources.directions[0], bench.source.direction) < 3.6
+    assert degrees_apart(together.light.sources.directions[0], bench.source.direction) < 3.6
     assert "treated as one" in together.warnings[0]
 
 
@@ -211,10 +212,10 @@ def test_sources_stay_within_the_region_that_was_given(bench: SimpleNamespace, r
     photos = noisy(photographs(bench, TEFLON, 10, 4000), rng)
     near = Region(bench.direction(-10, 35), 0.4)
     found = factorize_blind(photos, orders=[8], source_region=near, ladder=False)
-    assert degrees_apart(found.sources.directions[0], bench.source.direction) < 0.05
+    assert degrees_apart(found.light.sources.directions[0], bench.source.direction) < 0.05
     away = Region(bench.direction(160, -40), 0.4)
     found = factorize_blind(photos, orders=[8], source_region=away, ladder=False)
-    assert not len(found.sources.directions)
+    assert not len(found.light.sources.directions)
 
 
 def test_regions_off_the_sphere_of_directions_are_refused():

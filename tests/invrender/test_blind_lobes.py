@@ -50,7 +50,7 @@ def test_the_ladder_tells_half_angle_lobes_from_rh01s(bench: SimpleNamespace, rn
     assert found.form is BECKMANN
     assert found.mu is not None
     assert found.sigma is not None
-    assert degrees_apart(found.sources.directions[0], bench.source.direction) < 0.05
+    assert degrees_apart(found.light.sources.directions[0], bench.source.direction) < 0.05
     std = np.sqrt(np.diag(found.covariance))
     error = [*(found.brdf_share - share(PAINTED)), found.mu - PAINTED.mu, found.sigma - PAINTED.sigma]
     # Five numbers, of which four agree by more than chance: all within 3 standard deviations.

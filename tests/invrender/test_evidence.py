@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from invrender.model.microfacet import Microfacet as Fitted
 from invrender.model.predict import predict_columns
-from invrender.solve.evidence import climb_ladder, fit_strengths, ladder_steps, relative_rms
+from invrender.solve.evidence import choose, climb_ladder, fit_strengths, ladder_steps, relative_rms
 from invrender.solve.noise import Weights
 from invrender.solve.search import LADDER, fit
 from invrender.solve.statistics import by_lighting, photo_statistics
@@ -46,7 +47,8 @@ def test_chooses_the_smallest_model_that_explains(material: Microfacet, chosen: 
     for seed in range(3):
         noisy = bench.with_noise(photos, np.random.default_rng(seed))
         steps: list[None] = []
-        rungs, best = climb_ladder(noisy, weights_of(photos), lambda steps=steps: steps.append(None))
+        rungs = climb_ladder(noisy, weights_of(photos), lambda steps=steps: steps.append(None))
+        best = choose(rungs)
         assert [rung.estimate.model for rung in rungs] == list(LADDER)
         assert rungs[best].estimate.model.name == chosen
         # Little is left but the noise that was drawn: the first and last photographs extrapolate from the others.
@@ -58,7 +60,7 @@ def test_chooses_the_smallest_model_that_explains(material: Microfacet, chosen: 
 def test_error_of_a_photograph_is_by_a_fit_that_has_not_seen_it(bench, rng):
     photos = bench.with_noise(bench.photograph(radiometric(RH01_MATERIALS["delrin"]), ANGLES[:4]), rng)
     weights = weights_of(photos)
-    rungs, _ = climb_ladder(photos, weights)
+    rungs = climb_ladder(photos, weights)
     others = by_lighting(
         photo_statistics(p, w.weight) for p, w in list(zip(photos, weights, strict=True))[1:]
     )
@@ -69,7 +71,7 @@ def test_error_of_a_photograph_is_by_a_fit_that_has_not_seen_it(bench, rng):
         # Started from the fit to all, a fold's simplex ends within its own tolerance of the other end.
         assert_allclose(rung.photo_errors[0], error, rtol=1e-4)
     spoilt = [bench.with_radiance(photos[0], 1.5 * photos[0].radiance), *photos[1:]]
-    again, _ = climb_ladder(spoilt, weights)
+    again = climb_ladder(spoilt, weights)
     # The first photograph's error is that of the same prediction against 1.5 times the radiance: about a third.
     assert_allclose(again[2].photo_errors[0], 1 / 3, rtol=0.02)
     assert_allclose(rungs[2].photo_errors[0], 0.01, rtol=0.2)
@@ -98,14 +100,15 @@ def test_strengths_of_an_unseen_lighting_are_fitted(bench, rng):
         LADDER[-1], by_lighting(photo_statistics(p, w.weight) for p, w in zip(photos, weights, strict=True))
     )
     # With the true BRDF the strengths come out in the true scale.
-    exact = replace(estimate, brdf=Microfacet(material.kd, material.ks, material.mu, material.sigma))
+    exact = replace(estimate, brdf=Fitted(material.kd, material.ks, material.mu, material.sigma))
     for photo, weight in zip(photos, weights, strict=True):
         assert_allclose(
             fit_strengths(photo, weight.weight, exact), truth[photo.lighting], rtol=5e-3, equal_nan=False
         )
     # A left-out photograph's own light is refitted, whatever its brightness: its error is the noise.
     noisy = bench.with_noise(photos, rng)
-    rungs, chosen = climb_ladder(noisy, weights)
+    rungs = climb_ladder(noisy, weights)
+    chosen = choose(rungs)
     assert rungs[chosen].estimate.model.name == "microfacet"
     # Its own 6 strengths are fitted to its own 600 numbers, 3 of them by the few that the source reaches.
     assert_allclose(rungs[chosen].photo_errors, drawn_noise(noisy, photos), rtol=0.1)

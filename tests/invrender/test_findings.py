@@ -46,7 +46,7 @@ def test_a_wrong_photograph_is_named_and_does_little_harm(demo_set: Path) -> Non
     result = run(demo_set)
     (warning,) = [text for text in result.warnings if "far worse than the others" in text]
     assert warning.startswith("007.exr")
-    assert result.model.estimate.model.name == "microfacet"
+    assert result.model.estimate.model.name == "neutral microfacet"
     assert_truth_is_covered(result)
 
 

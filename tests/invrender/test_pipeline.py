@@ -47,7 +47,7 @@ def test_the_demo_needs_the_whole_model_and_is_predicted_to_the_noise(
     demo: tuple[Run, dict[str, object]],
 ) -> None:
     result = demo[0].result
-    assert result.model.estimate.model.name == "microfacet"
+    assert result.model.estimate.model.name == "neutral microfacet"
     # 1% of radiance and a floor of 0.1% of its mean.
     assert result.model.error == pytest.approx(0.01, rel=0.05)
     assert result.rms(held_out=True) == pytest.approx(0.01, rel=0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,3 +91,42 @@ def test_the_scale_is_stated_as_a_gauge(psm: Run) -> None:
     np.testing.assert_allclose(irradiances.mean(axis=0), 1, rtol=1e-9, equal_nan=False)
     # The lamp was carried around the sphere at about one distance: its irradiance varies by a quarter at most.
     assert np.ptp(irradiances) < 0.3
+
+
+@pytest.fixture(scope="module")
+def in_the_dark(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The same photographs, of whose lights nothing is told but that the room is dark."""
+    text = (SET / "photoset.toml").read_text()
+    folder = tmp_path_factory.mktemp("psm")
+    told_nothing = re.sub(r"mirror_ball = .*\nrecover = .*\n", "unknown = true\ndark = true\n", text)
+    (folder / "photoset.toml").write_text(told_nothing)
+    return process(load_photoset(folder), samples=2400)
+
+
+def test_twelve_lamps_that_nobody_measured_are_found_on_the_grey_sphere(psm: Run, in_the_dark: Run) -> None:
+    angles, strengths = [], []
+    for known, found in zip(psm.result.lightings, in_the_dark.result.lightings, strict=True):
+        brightest = found.lighting.irradiances.sum(axis=1).argmax()
+        between = found.lighting.directions[brightest] @ known.lighting.directions[0]
+        angles.append(np.degrees(np.arccos(np.clip(between, -1, 1))))
+        strengths.append(found.lighting.irradiances[brightest] / known.lighting.irradiances[0])
+    # As near as shading and highlight agree where the light is known; a lamp behind the camera has no terminator.
+    assert np.median(angles) < 3
+    assert max(angles) < 10
+    # Relative strengths are those of the known-light fit, which has the ball's directions: to their stains' 5%.
+    assert np.std(strengths) < 0.08 * np.mean(strengths)
+
+
+def test_without_the_lights_the_grey_sphere_is_as_matte(psm: Run, in_the_dark: Run) -> None:
+    share = in_the_dark.result.quantities.get("ks")
+    if share is None:
+        assert not in_the_dark.result.model.estimate.model.specular
+        return
+    # The known-light ladder needs no lobe; the one it tries has a share of 0.02 to 0.04, and so has this one's.
+    assert share.value is not None
+    assert share.std is not None
+    assert share.status == "weak"
+    assert (np.abs(share.value) < 3 * share.std).all()
+    assert in_the_dark.result.quantities["kd"].status == "determined"
+    assert in_the_dark.result.gauge.startswith("no light is known")
+    assert any("not only noise" in warning for warning in in_the_dark.result.warnings)

@@ -10,7 +10,9 @@ from numpy.testing import assert_allclose
 
 from invrender.model.columns import PhotoColumns
 from invrender.model.predict import predict_columns
-from invrender.solve.search import LADDER, Estimate, Model, fit, recovers_light
+from invrender.solve.linear import recovers_light
+from invrender.solve.models import Estimate, Model
+from invrender.solve.search import LADDER, fit
 from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric

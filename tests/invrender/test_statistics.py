@@ -49,6 +49,18 @@ def assert_same(one: Statistics, other: Statistics) -> None:
     assert one.count == other.count
 
 
+def test_statistics_are_the_plain_sums(photos, rng):
+    for photo in photos:
+        weights = random_weights(photo, rng)
+        found = photo_statistics(photo, weights)
+        columns = np.broadcast_to(photo.columns, (3, *photo.columns.shape[1:])).astype(float)
+        gram = np.einsum("nc,cneq,cnfr->ceqfr", weights, columns, columns)
+        right = np.einsum("nc,cneq,nc->ceq", weights, columns, photo.radiance)
+        energy = (weights * photo.radiance**2).sum(axis=0)
+        plain = Statistics(photo.lighting, photo.elements, gram, right, energy, photo.radiance.size)
+        assert_same(found, plain)
+
+
 def test_sum_over_photographs_is_the_statistics_of_all_samples(photos, rng):
     weights = [random_weights(photo, rng) for photo in photos]
     (total,) = by_lighting(photo_statistics(*pair) for pair in zip(photos, weights, strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -49,15 +50,63 @@ def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path):
     assert "lighting" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_an_unknown_light_among_others_is_refused(small_set: Path):
-    text = without_light(small_set)
-    *fitted, last = text.split("[[photo]]")
-    other = (
-        '\n[[lighting]]\nname = "other"\ndirectional = [{ direction = [0, 0, 1], irradiance = [1, 1, 1] }]\n'
-    )
-    fitted = [part + 'lighting = "lighting"\n' if k else part for k, part in enumerate(fitted)]
-    (small_set / "photoset.toml").write_text(
-        "[[photo]]".join([*fitted, last + 'lighting = "other"\n']) + other
-    )
-    with pytest.raises(ValueError, match="under 2 lightings, one of them unknown"):
+def under(folder: Path, lightings: str, names: Sequence[str], held_out: bool = False) -> None:
+    """Rewrite the manifest of the set: its lightings, and whose light each photograph is under."""
+    text = without_light(folder)
+    head, *photos = text.split("[[photo]]")
+    photos = [f'{photo.strip()}\nlighting = "{name}"\n' for photo, name in zip(photos, names, strict=True)]
+    if not held_out:
+        photos = [photo.replace("held_out = true", "") for photo in photos]
+    head = head.split("[[lighting]]")[0] + lightings
+    (folder / "photoset.toml").write_text("\n[[photo]]\n".join([head, *photos]))
+
+
+def unknown(*names: str, also: str = "") -> str:
+    return "".join(f'[[lighting]]\nname = "{name}"\nunknown = true\n{also}' for name in names)
+
+
+def test_two_unknown_lightings_yield_one_brdf_and_a_map_each(small_set: Path, tmp_path: Path):
+    truth = json.loads((small_set / "truth.json").read_text())
+    under(small_set, unknown("day", "evening"), ["day", "evening", "day", "evening"])
+    run_process(small_set, tmp_path / "out", samples=3000)
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    for name in ("mu", "sigma"):
+        assert (
+            abs(result["brdf"][name]["value"] - truth["brdf"][name]) < 3 * result["brdf"][name]["std"] < 0.04
+        )
+    assert [light["name"] for light in result["lighting"]] == ["day", "evening"]
+    # The same lamp under two names: it is where it is, and as strong, in both.
+    (day,), (evening,) = (light["directional"] for light in result["lighting"])
+    (told,) = truth["lighting"][0]["directional"]
+    for found in (day, evening):
+        assert np.degrees(np.arccos(np.dot(found["direction"], told["direction"]))) < 0.2
+    np.testing.assert_allclose(day["irradiance"], evening["irradiance"], rtol=0.03)
+    assert {light["map"] for light in result["lighting"]} == {"lighting-day.exr", "lighting-evening.exr"}
+    assert all((tmp_path / "out" / light["map"]).exists() for light in result["lighting"])
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "day" in page
+    assert "evening" in page
+
+
+KNOWN = '[[lighting]]\nname = "b"\ndirectional = [{ direction = [0, 0, 1], irradiance = [1, 1, 1] }]\n'
+
+
+@pytest.mark.parametrize(
+    ("lightings", "message"),
+    [
+        (unknown("a") + KNOWN, "some photographs are under unknown light, others under 'b', of which"),
+        (unknown("a", "b"), r"is held out, and no fitted photograph is under its lighting 'b'"),
+        (unknown("a", also="dark = true\n") + unknown("b"), "dark = true is said of some .* but not of 'b'"),
+    ],
+)
+def test_sets_that_are_not_solved_together_are_refused(small_set: Path, lightings: str, message: str):
+    dark = "dark" in lightings
+    under(small_set, lightings, ["a", "a", "b" if dark else "a", "b"], held_out=True)
+    with pytest.raises(ValueError, match=message):
         process(load_photoset(small_set))
+
+
+def test_a_dark_room_is_said_of_unknown_light_only(small_set: Path):
+    under(small_set, KNOWN + "dark = true\n", ["b"] * 4)
+    with pytest.raises(ValueError, match="dark = true is said of unknown light"):
+        load_photoset(small_set)

@@ -6,12 +6,13 @@ and what residuals imply that hang together within tiles of a photograph or patc
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision
+from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
 from invrender.solve.clusters import patch_of, tile_of
@@ -29,46 +30,56 @@ class Certainty:
     """Standard deviations of a fit.
 
     covariance : (t, t), of kappa, mu, sigma (radians) and the sources' turns (radians), as `State.names` lists them.
-    light_std : (k + j, 3), of coefficients and irradiances. fragility : (t,), by how much each moves when the model is
-    off by all its radiance in tiles or patches. degree_shares : (l_max + 1,), mean share of what is known of a
-    coefficient that comes from the photographs, not from the prior.
+    light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility : (t,), by how much each moves
+    when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting, mean
+    share of what is known of a coefficient that comes from the photographs, not from the prior.
     """
 
     covariance: Floats
-    light_std: Floats
+    light_std: Mapping[int, Floats]
     fragility: Floats
-    degree_shares: Floats
+    degree_shares: Mapping[int, Floats]
 
 
 def certainty_of(search: Search, fit: Fit) -> Certainty:
     """Certainty at a fit, which must be the best of its model."""
     joint = joint_equations(search, fit)
-    reduced = joint.whole.reduced()
+    equations = reduced(joint.whole)
     scales, count = fit.state.scales(), sum(weight.size for weight in search.weights)
     noise = fit.cost / max(count - fit.parameters, 1)
     prior_std = np.array([_prior_std(name) for name in fit.state.names]) / scales
-    inverse = np.asarray(np.linalg.inv(reduced.corner / noise + np.diag(1 / prior_std**2)), float)
-    ratio, fragility = _sandwich(search, fit, reduced.leverage, inverse / noise, np.diag(inverse))
+    inverse = np.asarray(np.linalg.inv(equations.corner / noise + np.diag(1 / prior_std**2)), float)
+    ratio, fragility = _sandwich(search, fit, equations.leverage, inverse / noise, np.diag(inverse))
     root = np.sqrt(ratio)
     covariance = inverse * np.outer(root, root)
-    light_std, shares = [], []
-    prior = prior_precision(search.scale, fit.l_max, len(fit.state.directions))
-    size = (fit.l_max + 1) ** 2
+    light_std, shares = {}, {}
+    for lighting in fit.light:
+        prior = prior_precision(search.scales[lighting], fit.l_max, int((fit.state.owners == lighting).sum()))
+        gram, leverage = joint.whole[lighting].gram, equations.leverage[lighting]
+        light_std[lighting], shares[lighting] = _of_light(gram, leverage, prior, noise, covariance, fit.l_max)
+    return Certainty(
+        covariance * np.outer(scales, scales),
+        light_std,
+        fragility * np.abs(scales),
+        shares,
+    )
+
+
+def _of_light(
+    gram: Floats, leverage: Floats, prior: Floats, noise: float, covariance: Floats, l_max: int
+) -> tuple[Floats, Floats]:
+    """Standard deviations (k + j, 3) of a lighting, and the photographs' share (l_max + 1,) in what is known of it."""
+    size = (l_max + 1) ** 2
+    stds, shares = [], []
     for c in range(3):
-        leverage = reduced.leverage[c]
         before = np.diag(prior[c])
-        data = (joint.whole.gram[c] - before) / noise
-        posterior = np.linalg.inv(data + before) + leverage @ covariance @ leverage.T
-        light_std.append(np.sqrt(np.diag(posterior)))
+        data = (gram[c] - before) / noise
+        posterior = np.linalg.inv(data + before) + leverage[c] @ covariance @ leverage[c].T
+        stds.append(np.sqrt(np.diag(posterior)))
         gained = np.linalg.inv(posterior[:size, :size]) - before[:size, :size]
         known = Information((gained + gained.T) / 2).against(prior[c, :size] ** -0.5)
         shares.append(known.share_per_degree())
-    return Certainty(
-        covariance * np.outer(scales, scales),
-        np.stack(light_std, axis=-1),
-        fragility * np.abs(scales),
-        np.mean(shares, axis=0),
-    )
+    return np.stack(stds, axis=-1), np.mean(shares, axis=0)
 
 
 def _prior_std(name: str) -> float:
@@ -76,18 +87,18 @@ def _prior_std(name: str) -> float:
 
 
 def _sandwich(
-    search: Search, fit: Fit, leverage: Floats, gain: Floats, independent: Floats
+    search: Search, fit: Fit, leverage: Mapping[int, Floats], gain: Floats, independent: Floats
 ) -> tuple[Floats, Floats]:
     """Variances from clustered residuals over independent ones, at least 1, and fragility, (t,) each."""
     t = len(independent)
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
     for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
-        radiance = predicted(fit, rows)
+        radiance = predicted(sight, fit, rows)
         residual = sight.field.radiance - radiance
         lit, shared = joint_rows(sight, fit, rows)
         # What of a parameter's effect the lighting can't undo.
-        own = (shared - lit @ leverage) * weight.T[:, :, None]
+        own = (shared - lit @ leverage[sight.lighting]) * weight.T[:, :, None]
         scores = np.hstack([np.einsum("cnt,nc->nt", own, part) for part in (residual, radiance)])
         by_tile += list(_sums(tile_of(sight.field), scores).values())
         for patch, score in _sums(patch_of(sight.field), scores).items():
@@ -105,5 +116,6 @@ def _sandwich(
 
 def _sums(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
     names, index = np.unique(keys, return_inverse=True)
-    sums = np.stack([np.bincount(index, column) for column in values.T], axis=-1)
+    sums = np.zeros((len(names), values.shape[1]))
+    np.add.at(sums, index, values)
     return dict(zip(names.tolist(), sums, strict=True))

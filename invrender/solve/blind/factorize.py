@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -9,59 +10,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
+from invrender.model.lobes import FORMS
 from invrender.model.lobetable import TRANSFERS, Transfer
 from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.solution import GAUGE, BlindSolution, BlindSources
-from invrender.solve.blind.start import Found, Region, Search, find_sources, first_state, thinned
+from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
+from invrender.solve.blind.sources import Found, Lamps, bright, find_starts, sources_of_diffuse
+from invrender.solve.blind.start import Region, Search, of_degree, thinned
 from invrender.solve.blind.state import State
-from invrender.solve.blind.verdicts import determined_degree, quantities_of
+from invrender.solve.blind.verdicts import doubt_of, quantities_of
+from invrender.solve.clusters import structured_rms
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 from recon.harmonics import check_degree
 from recon.lightfield import LightField, off_terminators
 
 Floats = NDArray[np.float64]
 
-ORDERS = (4, 6, 8, 10, 12)
+# What the lighting is called where all photographs are under one.
+ONLY_LIGHT = "light"
+ORDERS = (0, 4, 6, 8, 10, 12)
 # Sources are looked for under light of up to this degree, in a part of the samples.
-_SEARCH_DEGREE, _SEARCH_SAMPLES = 10, 3000
-# Noise that is assumed until residuals show it.
+_SEARCH_DEGREE, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING = 10, 3000, 600
 # Samples that the ladder of models is climbed with.
-_LADDER_SAMPLES = 15_000
+_LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
+# Noise that is assumed until residuals show it.
 _FIRST_RELATIVE, _FIRST_FLOOR = 0.01, 0.002
 _FIRST_MU = 1.5
 _SAME_ANGLE = 1e-3
+# Structured residuals, relative to the radiance, that noise does not make by chance; and what share of it might.
+_STRUCTURED, _BY_CHANCE = 0.005, 0.2
 
 
 def factorize_blind(
     photos: Sequence[LightField],
+    lighting_of: Sequence[str] | None = None,
     orders: Sequence[int] = ORDERS,
     source_region: Region | None = None,
     ladder: bool = True,
     on_step: Callable[[], None] = lambda: None,
     transfer: Transfer = "exact",
 ) -> BlindSolution:
-    """Lighting and BRDF from light-field samples of a homogeneous convex body under one unknown lighting.
+    """Lightings and BRDF from light-field samples of a homogeneous convex body under unknown light.
 
-    photos : two or more, under the same light, normals and views in one frame. orders : degrees of the lighting that
-    are tried. source_region : where sources may be; None for anywhere. ladder : whether other forms of the lobe and
-    simpler models are tried; False fits RH01's microfacet model at the highest order up to 10. `on_step` is called
-    after each model. transfer : what the lobe makes of the light, of RH01's form alone unless `exact`; sources have
-    closed forms in any case [eq. 23]. Raises ValueError for photographs that can't determine anything: a single one,
-    too few samples, all at one angle, radiance that is not finite or mostly negative.
+    photos : two or more, normals and views in one frame. lighting_of : which lighting each is under, by name; all under
+    one if None. orders : degrees of the lightings that are tried, one for all of them. source_region : where sources
+    may be; None for anywhere. ladder : whether other forms of the lobe and simpler models are tried; False fits RH01's
+    microfacet model at the highest order up to 10. `on_step` is called after each model. transfer : what the lobe makes
+    of the light, of RH01's form alone unless `exact`; sources have closed forms in any case [eq. 23]. Raises ValueError
+    for photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
+    finite or mostly negative.
     """
     orders = sorted(set(orders))
-    _check(photos, orders, transfer)
+    lighting_of = [ONLY_LIGHT] * len(photos) if lighting_of is None else list(lighting_of)
+    names = tuple(dict.fromkeys(lighting_of))
+    _check(photos, lighting_of, orders, transfer)
+    numbers = [names.index(name) for name in lighting_of]
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
-        search = _first_weights(photos, orders[-1] if ladder else degree, source_region, transfer)
-        thin = thinned(search, degree, _SEARCH_SAMPLES)
-        formed = Formed(find_sources(thin, first_state(thin, degree), degree), ())
+        search = _first_weights(photos, numbers, orders[-1] if ladder else degree, source_region, transfer)
+        dark = degree == 0 or (ladder and orders[0] == 0)
+        thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
+        found, lamps = find_starts(thin, degree, dark)
+        formed = Formed(found, ())
         if ladder and transfer == "exact":
-            formed = choose_form(thin, formed.found, degree)
+            formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
         found = formed.found
         fit = search.fit(found.fit.state, degree)
         search, noise, weights = _weighed(search, fit)
@@ -70,25 +85,37 @@ def factorize_blind(
         chosen, rungs = 0, [cross_validate(_name(fit), search, fit)]
         if ladder:
             # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
-            few = thinned(search, orders[-1], _LADDER_SAMPLES)
+            few = thinned(search, orders[-1], _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
             tried = few.fit(fit.state, degree)
-            rungs = [cross_validate(_name(tried), few, tried)]
-            rungs = _climb(few, thin, tried, orders, formed.others, on_step, rungs)
+            rungs = _climb(few, thin, lamps, tried, orders, formed.others, on_step)
             chosen = simplest(rungs)
             if few is not search:
                 chosen = _confirm(search, rungs, chosen)
             on_step()
-        certainty = _with_split(certainty_of(search, rungs[chosen].fit), rungs[chosen].fit, found.split)
-    return _solution(search, rungs, chosen, certainty, noise, weights, found, transfer)
+        certainty = _certainty(search, rungs[chosen].fit, noise, found.split)
+    return _solution(search, rungs, chosen, certainty, noise, weights, found, names, transfer)
 
 
-def _check(photos: Sequence[LightField], orders: Sequence[int], transfer: Transfer) -> None:
+def blind_steps(orders: Sequence[int] = ORDERS) -> int:
+    """How often `factorize_blind` reports progress at most."""
+    # Each order with a lobe and without, and of degree 2; lamps; other forms; the first fit, what may be left out, the
+    # last.
+    return 2 * len(orders) + 6 + len(FORMS)
+
+
+def _check(
+    photos: Sequence[LightField], lighting_of: Sequence[str], orders: Sequence[int], transfer: Transfer
+) -> None:
     if transfer not in TRANSFERS:
         raise ValueError(f"transfer is {transfer!r}; it must be one of {', '.join(TRANSFERS)}")
     if len(photos) < 2:
         raise ValueError(
             f"there are {len(photos)} photographs; one can't tell light from reflectance (any image is explained by a"
             " mirror ball under some light): add photographs from other sides"
+        )
+    if len(lighting_of) != len(photos):
+        raise ValueError(
+            f"lighting_of names the lightings of {len(lighting_of)} photographs; there are {len(photos)}"
         )
     if not orders:
         raise ValueError("orders is empty; name at least one degree of the lighting to try")
@@ -100,11 +127,17 @@ def _check(photos: Sequence[LightField], orders: Sequence[int], transfer: Transf
                 f"photograph {index}: {wrong} of {photo.radiance.size} radiances are not finite; leave out those"
                 " samples"
             )
-    samples, unknowns = sum(len(photo) for photo in photos), (orders[0] + 1) ** 2 + 6
-    if samples < unknowns:
-        raise ValueError(
-            f"there are {samples} samples for {unknowns} unknowns; take more samples or lower the order"
-        )
+    # Lamps alone are an answer to a dark room only: elsewhere it takes the next order.
+    unknowns = (next((order for order in orders if order), 0) + 1) ** 2 + 6
+    counts: Counter[str] = Counter()
+    for photo, name in zip(photos, lighting_of, strict=True):
+        counts[name] += len(photo)
+    for name, samples in counts.items():
+        if samples < unknowns:
+            where = "" if len(counts) == 1 else f" under lighting {name!r}"
+            raise ValueError(
+                f"there are {samples} samples{where} for {unknowns} unknowns; take more samples or lower the order"
+            )
     radiance = np.concatenate([photo.radiance for photo in photos])
     dark = float((radiance <= 0).mean())
     if dark > 0.5:
@@ -120,9 +153,13 @@ def _check(photos: Sequence[LightField], orders: Sequence[int], transfer: Transf
 
 
 def _first_weights(
-    photos: Sequence[LightField], l_max: int, region: Region | None, transfer: Transfer
+    photos: Sequence[LightField],
+    numbers: Sequence[int],
+    l_max: int,
+    region: Region | None,
+    transfer: Transfer,
 ) -> Search:
-    sights = [Sight.of(photo, l_max, transfer) for photo in photos]
+    sights = [Sight.of(photo, l_max, number, transfer) for photo, number in zip(photos, numbers, strict=True)]
     level = float(np.mean([np.abs(photo.radiance).mean() for photo in photos]))
     assumed = NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
     weights = [photo.weight[:, None] / assumed.variance(photo.radiance) for photo in photos]
@@ -132,13 +169,14 @@ def _first_weights(
 
 def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:
     """The same search with weights from the noise that a fit's residuals show."""
-    predictions = [predicted(fit, rows) for rows in fit.rows]
+    predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
     residuals = [s.field.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     noise = fit_noise(predictions, residuals)
     weights, counted_trust = [], []
     for sight, prediction, residual in zip(search.sights, predictions, residuals, strict=True):
         found = photo_weights(noise, prediction, residual)
-        counted = (sight.field.weight * _off_terminators(sight.field, fit.state.directions))[:, None]
+        sources = fit.state.under(sight.lighting).directions
+        counted = (sight.field.weight * _off_terminators(sight.field, sources))[:, None]
         weights.append(Weights(found.trust, found.weight * counted))
         counted_trust.append(found.trust * counted)
     return (
@@ -158,38 +196,43 @@ def _off_terminators(field: LightField, directions: Floats) -> NDArray[np.bool_]
 def _climb(
     search: Search,
     thin: Search,
+    lamps: Lamps | None,
     fit: Fit,
     orders: Sequence[int],
     others: Sequence[State],
     on_step: Callable[[], None],
-    rungs: Sequence[BlindRung],
 ) -> list[BlindRung]:
     """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
 
     others : states with lobes of other forms, as good as their best.
     """
-    rungs = list(rungs)
+    rungs = [cross_validate(_name(fit), search, fit)]
+    in_the_dark = of_degree(search, 0)
 
     def add(state: State, l_max: int, fitted: bool = False) -> None:
-        tried = search.at(state, l_max) if fitted else search.fit(state, l_max)
-        rungs.append(cross_validate(_name(tried), search, tried))
+        own = search if l_max else in_the_dark
+        tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max))
+        rungs.append(cross_validate(_name(tried), own, tried))
         on_step()
 
     for order in orders:
-        if order != fit.l_max:
+        if order != fit.l_max and (order or lamps is not None):
             add(fit.state, order)
+    if lamps is not None:
+        if fit.l_max:
+            add(lamps.glossy.state.with_form(fit.state.form), 0)
+        add(lamps.diffuse.state, 0)
     best = rungs[simplest(rungs)].fit
-    if best.state.form.has_fresnel:
+    if best.state.sigma is not None and best.state.form.has_fresnel:
         add(replace(best.state, mu=_FIRST_MU if best.state.mu is None else None), best.l_max)
     for other in others:
         add(other, best.l_max, fitted=True)
     if len(best.state.directions):
-        weakest = int(best.light[(best.l_max + 1) ** 2 :].sum(axis=1).argmin())
+        weakest = int(best.irradiances.sum(axis=1).argmin())
         add(best.state.without_source(weakest), best.l_max)
     # What a purely diffuse body would need of light is another matter: its sources are looked for anew.
-    none = State(np.zeros(3), None, None, np.zeros((0, 3)))
-    diffuse = find_sources(thin, none, fit.l_max).fit.state
-    for order in dict.fromkeys([min(2, orders[0]), *orders]):
+    diffuse = sources_of_diffuse(thin, fit.l_max, lamps)
+    for order in sorted({min(2, orders[-1]), *orders} - {0}):
         add(diffuse, order)
     return rungs
 
@@ -209,6 +252,25 @@ def _confirm(search: Search, rungs: list[BlindRung], chosen: int) -> int:
         fit = search.fit(rungs[index].fit.state, rungs[index].fit.l_max)
         rungs[index] = cross_validate(_name(fit), search, fit)
     return pair[simplest([rungs[index] for index in pair])]
+
+
+def _certainty(search: Search, fit: Fit, noise: NoiseModel, split: Fit | None) -> Certainty:
+    """That of a fit, and what else its standard deviations must hold."""
+    certainty = _with_split(certainty_of(search, fit), fit, split)
+    fields = [sight.field for sight in search.sights]
+    left = [
+        np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows))
+        for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
+    ]
+    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
+    structured = structured_rms(fields, left) / max(float(energy), 1e-300)
+    if structured < max(_STRUCTURED, _BY_CHANCE * noise.relative):
+        return certainty
+    # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
+    # radian: by as much does shading that is wrong by so much of itself turn a source.
+    widths = {"mu": fit.state.mu or 0.0, "sigma": fit.state.sigma or 0.0}
+    own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
+    return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
 
 
 def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
@@ -242,43 +304,68 @@ def _solution(
     noise: NoiseModel,
     weights: tuple[Weights, ...],
     found: Found,
+    names: Sequence[str],
     transfer: Transfer,
 ) -> BlindSolution:
     fit = rungs[chosen].fit
-    size, count = (fit.l_max + 1) ** 2, len(fit.state.directions)
-    turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
-    sources = BlindSources(
-        fit.state.directions,
-        fit.light[size:],
-        certainty.light_std[size:],
-        np.degrees(turns.max(axis=1)) if count else np.zeros(0),
-    )
-    warnings = []
-    if found.split is not None:
-        near = ", ".join(f"{x:.2f}" for x in found.split.state.directions[-1])
-        warnings.append(
-            f"light near ({near}) looks like a second source, but is nearer to another than the lobe is wide"
-            f" ({np.degrees(found.split.state.sigma or 0):.1f} degrees): the two are treated as one"
-        )
     return BlindSolution(
         model=rungs[chosen].name,
         brdf_share=fit.state.kappa,
         mu=fit.state.mu,
         sigma=fit.state.sigma,
         form=fit.state.form,
-        coefficients=fit.light[:size],
-        coefficients_std=certainty.light_std[:size],
-        sources=sources,
-        determined_degree=determined_degree(certainty.degree_shares),
-        degree_shares=certainty.degree_shares,
+        lights={
+            name: _light(search.only(number), fit, certainty, number) for number, name in enumerate(names)
+        },
         quantities=quantities_of(fit, certainty, search.sights),
         covariance=certainty.covariance,
-        covariance_names=fit.state.names,
+        covariance_names=_covariance_names(fit.state, names),
         rungs=tuple(rungs),
         chosen=chosen,
         noise=noise,
         weights=weights,
         gauge=GAUGE,
-        warnings=tuple(warnings),
+        warnings=_split_warnings(found, names),
         transfer=transfer,
     )
+
+
+def _light(search: Search, fit: Fit, certainty: Certainty, number: int) -> BlindLight:
+    size, light, std = (fit.l_max + 1) ** 2, fit.light[number], certainty.light_std[number]
+    count = len(fit.state.directions)
+    turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
+    own = fit.state.owners == number
+    sources = BlindSources(
+        fit.state.directions[own], light[size:], std[size:], np.degrees(turns[own].max(axis=1, initial=0))
+    )
+    shares = certainty.degree_shares[number]
+    degree, doubt = doubt_of(fit, shares, [sight.field for sight in search.sights])
+    return BlindLight(light[:size], std[:size], sources, shares, degree, doubt)
+
+
+def _covariance_names(state: State, names: Sequence[str]) -> tuple[str, ...]:
+    """The state's names, sources by their lighting where there are several, each counted on its own."""
+    if len(names) == 1:
+        return state.names
+    seen: Counter[int] = Counter()
+    own = []
+    for owner in state.owners.tolist():
+        seen[owner] += 1
+        own += [f"{names[owner]}/source {seen[owner]} {way}" for way in "ab"]
+    return (*state.names[: len(state.names) - len(own)], *own)
+
+
+def _split_warnings(found: Found, names: Sequence[str]) -> tuple[str, ...]:
+    if found.split is None:
+        return ()
+    state, warnings = found.split.state, []
+    for number in range(len(names)):
+        ways = state.under(number).directions
+        if len(ways) > len(found.fit.state.under(number).directions):
+            near = ", ".join(f"{x:.2f}" for x in ways[-1])
+            where = f" in lighting {names[number]!r}" if len(names) > 1 else ""
+            warnings.append(
+                f"light near ({near}){where} looks like a second source, but is nearer to another than the lobe is wide"
+                f" ({np.degrees(state.sigma or 0):.1f} degrees): the two are treated as one"
+            )
+    return tuple(warnings)

@@ -6,12 +6,15 @@ it may stand for its faults: so the form comes first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+import numpy as np
 
 from invrender.model.lobes import FORMS, PRINTED
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import as_good, cross_validate
-from invrender.solve.blind.start import Found, Search, find_sources
+from invrender.solve.blind.sources import Found, find_sources
+from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import State
 
 # From RH01's best answer, after which forms differ by far more than they still gain.
@@ -45,9 +48,8 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
 
 
 def _brightest_source(fit: Fit) -> State:
-    """The state with the brightest of its sources alone."""
-    count = len(fit.state.directions)
-    if count <= 1:
-        return fit.state
-    brightest = int(fit.light[-count:].sum(axis=1).argmax())
-    return replace(fit.state, directions=fit.state.directions[brightest, None])
+    """The state with the brightest source alone in each lighting."""
+    state, brightness = fit.state, fit.irradiances.sum(axis=1)
+    first = {k: int(np.where(state.owners == k, brightness, -np.inf).argmax()) for k in state.owners.tolist()}
+    rest = [k for k in range(len(brightness)) if k not in first.values()]
+    return state.without_source(np.array(rest, int))

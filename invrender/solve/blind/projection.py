@@ -1,13 +1,14 @@
 """Variable projection: the lighting solved linearly inside, BRDF and sources by damped Gauss-Newton outside.
 
 With the lighting optimal, Kaufman's step for the nonlinear parameters is the Schur complement of the joint normal
-equations, which are an arrow: a block of lighting per channel, bordered by what channels share. The same arrow yields
-fits that leave samples out and the covariance.
+equations, which are an arrow: a block per channel of each lighting, bordered by what channels and lightings share.
+Schur complements add up, so that each lighting keeps an arrow of its own. The same arrows yield fits that leave samples
+out and the covariance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,24 +29,41 @@ _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The best state of a model, and its lighting.
+    """The best state of a model, and its lightings, each by its number.
 
-    l_max : of the lighting. light : (k + j, 3), harmonic coefficients, then the sources' irradiances. cost : squared
-    residuals over variances, with what the prior adds. gram : (3, k + j, k + j), of the lighting's equations, prior
-    included. rows : per photograph.
+    l_max : of the lightings. light : (k + j, 3) each, harmonic coefficients, then the irradiances of its sources.
+    costs : squared residuals over variances, with what the prior adds. grams : (3, k + j, k + j) each, of the
+    lighting's equations, prior included. rows : per photograph.
     """
 
     state: State
     l_max: int
-    light: Floats
-    cost: float
-    gram: Floats
+    light: Mapping[int, Floats]
+    costs: Mapping[int, float]
+    grams: Mapping[int, Floats]
     rows: tuple[Rows, ...]
+
+    @property
+    def cost(self) -> float:
+        """Squared residuals over variances of all photographs, with what the priors add."""
+        return sum(self.costs.values())
 
     @property
     def parameters(self) -> int:
         """How many numbers were fitted."""
-        return self.light.size + len(self.state.names)
+        return sum(light.size for light in self.light.values()) + len(self.state.names)
+
+    def slow(self, lighting: int) -> Floats:
+        """Coefficients ((l_max + 1)^2, 3) of a lighting without its sources."""
+        return self.light[lighting][: (self.l_max + 1) ** 2]
+
+    @property
+    def irradiances(self) -> Floats:
+        """Irradiances (k, 3) of all sources, in the state's order."""
+        found = np.zeros((len(self.state.directions), 3))
+        for lighting, light in self.light.items():
+            found[self.state.owners == lighting] = light[(self.l_max + 1) ** 2 :]
+        return found
 
 
 def prior_precision(scale: Floats, l_max: int, sources: int) -> Floats:
@@ -59,45 +77,54 @@ def prior_precision(scale: Floats, l_max: int, sources: int) -> Floats:
     return np.asarray(1 / np.maximum(scale[:, None] * std, 1e-300) ** 2)
 
 
-def light_scale(sights: Sequence[Sight]) -> Floats:
-    """An upper estimate (3,) of the lighting's coefficient of degree 0, in the gauge Kd + Ks = 1.
+def light_scale(sights: Sequence[Sight]) -> dict[int, Floats]:
+    """An upper estimate (3,) of each lighting's coefficient of degree 0, in the gauge Kd + Ks = 1.
 
     Uniform light L sends at least L to the camera (a mirror would; diffuse bodies send pi L).
     """
-    brightest = np.max([np.abs(sight.field.radiance).mean(axis=0) for sight in sights], axis=0)
-    return np.asarray(np.sqrt(4 * np.pi) * brightest)
+    means: dict[int, list[Floats]] = {}
+    for sight in sights:
+        means.setdefault(sight.lighting, []).append(np.abs(sight.field.radiance).mean(axis=0))
+    return {lighting: np.sqrt(4 * np.pi) * np.max(of, axis=0) for lighting, of in means.items()}
 
 
 def solve_lighting(
-    sights: Sequence[Sight], weights: Sequence[Floats], scale: Floats, state: State, l_max: int
+    sights: Sequence[Sight],
+    weights: Sequence[Floats],
+    scales: Mapping[int, Floats],
+    state: State,
+    l_max: int,
 ) -> Fit:
-    """The best lighting at a state; weights : (n, 3) per photograph, inverse variances."""
+    """The best lightings at a state; weights : (n, 3) per photograph, inverse variances."""
 
-    def equations(pair: tuple[Sight, Floats]) -> tuple[Rows, Floats, Floats, Floats]:
+    def equations(pair: tuple[Sight, Floats]) -> tuple[Rows, Floats, Floats, float]:
         sight, weight = pair
-        rows = rows_of(sight, state, l_max)
+        rows = rows_of(sight, state.under(sight.lighting), l_max)
         gram, right = [], []
         for c in range(3):
             root = np.sqrt(weight[:, c])
             whitened = rows.of_channel(state.kappa[c]) * root[:, None]
             gram.append(whitened.T @ whitened)
             right.append(whitened.T @ (root * sight.field.radiance[:, c]))
-        return rows, np.array(gram), np.array(right), (weight * sight.field.radiance**2).sum(axis=0)
+        return rows, np.array(gram), np.array(right), float((weight * sight.field.radiance**2).sum())
 
     rows, grams, rights, energies = zip(
         *parallel_map(equations, zip(sights, weights, strict=True)), strict=True
     )
-    gram, right, energy = sum(grams), sum(rights), sum(energies)
-    prior = prior_precision(scale, l_max, len(state.directions))
-    gram = gram + np.einsum("cp,pq->cpq", prior, np.eye(prior.shape[1]))
-    light = np.stack([cho_solve(cho_factor(gram[c]), right[c]) for c in range(3)], axis=-1)
-    cost = float(energy.sum() - (right.T * light).sum())
-    return Fit(state, l_max, light, cost, gram, rows)
+    lights, costs, full = {}, {}, {}
+    for lighting in dict.fromkeys(sight.lighting for sight in sights):
+        mine = [k for k, sight in enumerate(sights) if sight.lighting == lighting]
+        gram, right = sum(grams[k] for k in mine), sum(rights[k] for k in mine)
+        prior = prior_precision(scales[lighting], l_max, int((state.owners == lighting).sum()))
+        full[lighting] = gram = gram + np.einsum("cp,pq->cpq", prior, np.eye(prior.shape[1]))
+        lights[lighting] = np.stack([cho_solve(cho_factor(gram[c]), right[c]) for c in range(3)], axis=-1)
+        costs[lighting] = float(sum(energies[k] for k in mine) - (right.T * lights[lighting]).sum())
+    return Fit(state, l_max, lights, costs, full, rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Arrow:
-    """Joint normal equations: per channel of the lighting, its border, and the corner of shared parameters.
+    """Joint normal equations of a lighting: per channel, its border, and the corner of shared parameters.
 
     gram : (3, p, p). border : (3, p, t), zero where a channel doesn't depend on a parameter. corner : (t, t).
     right : (3, p) and right_shared : (t,), the rows' products with residuals.
@@ -127,24 +154,30 @@ class Arrow:
             self.right_shared - other.right_shared,
         )
 
-    def reduced(self) -> Reduced:
-        """The shared parameters' equations, the lighting eliminated."""
-        factors = [cho_factor(gram) for gram in self.gram]
-        leverage = np.stack([cho_solve(f, b) for f, b in zip(factors, self.border, strict=True)])
-        alone = np.stack([cho_solve(f, r) for f, r in zip(factors, self.right, strict=True)])
-        corner = self.corner - np.einsum("cpt,cpu->tu", self.border, leverage)
-        right = self.right_shared - np.einsum("cpt,cp->t", leverage, self.right)
-        return Reduced(corner, right, leverage, alone)
+
+def reduced(arrows: Mapping[int, Arrow]) -> Reduced:
+    """The shared parameters' equations, all lightings eliminated."""
+    corners, rights, leverage, alone = [], [], {}, {}
+    for lighting, arrow in arrows.items():
+        factors = [cho_factor(gram) for gram in arrow.gram]
+        leverage[lighting] = np.stack([cho_solve(f, b) for f, b in zip(factors, arrow.border, strict=True)])
+        alone[lighting] = np.stack([cho_solve(f, r) for f, r in zip(factors, arrow.right, strict=True)])
+        corners.append(arrow.corner - np.einsum("cpt,cpu->tu", arrow.border, leverage[lighting]))
+        rights.append(arrow.right_shared - np.einsum("cpt,cp->t", leverage[lighting], arrow.right))
+    return Reduced(sum(corners), sum(rights), leverage, alone)
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """Equations of the shared parameters. leverage : (3, p, t), how the lighting gives way to them; alone : (3, p)."""
+    """Equations of the shared parameters.
+
+    leverage : (3, p, t) of each lighting, how it gives way to them. alone : (3, p) of each, its step without them.
+    """
 
     corner: Floats
     right: Floats
-    leverage: Floats
-    alone: Floats
+    leverage: Mapping[int, Floats]
+    alone: Mapping[int, Floats]
 
     def step(self, free: NDArray[np.bool_], damping: float = 0.0) -> Floats:
         """Step (t,) of the shared parameters that are free, damped as Levenberg and Marquardt do."""
@@ -157,25 +190,27 @@ class Reduced:
 
 
 def joint_rows(sight: Sight, fit: Fit, rows: Rows) -> tuple[Floats, Floats]:
-    """Jacobian of a photograph at a fit: over the lighting (3, n, p), over the shared parameters (3, n, t)."""
-    slopes = slopes_of(sight, fit.state, rows, fit.light)
-    shared = np.zeros((3, len(sight.field), len(fit.state.names)))
+    """Jacobian of a photograph at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
+    state = fit.state
+    slopes = slopes_of(sight, state.under(sight.lighting), rows, fit.light[sight.lighting])
+    shared = np.zeros((3, len(sight.field), len(state.names)))
     for c in range(3):
-        shared[c][:, fit.state.own(c)] = slopes[:, c]
-    return np.stack([rows.of_channel(kappa) for kappa in fit.state.kappa]), shared
+        shared[c][:, state.own(c, sight.lighting)] = slopes[:, c]
+    return np.stack([rows.of_channel(kappa) for kappa in state.kappa]), shared
 
 
-def predicted(fit: Fit, rows: Rows) -> Floats:
+def predicted(sight: Sight, fit: Fit, rows: Rows) -> Floats:
     """Radiance (n, 3) of a photograph's rows."""
-    return np.stack([rows.of_channel(fit.state.kappa[c]) @ fit.light[:, c] for c in range(3)], axis=-1)
+    light = fit.light[sight.lighting]
+    return np.stack([rows.of_channel(fit.state.kappa[c]) @ light[:, c] for c in range(3)], axis=-1)
 
 
 def _border(sights: Sequence[Sight], weights: Sequence[Floats], fit: Fit) -> Reduced:
-    """Kaufman's equations at a fit whose lighting is optimal."""
+    """Kaufman's equations at a fit whose lightings are optimal."""
 
     def equations(item: tuple[Sight, Floats, Rows]) -> tuple[Floats, Floats, Floats]:
         sight, weight, rows = item
-        residual = sight.field.radiance - predicted(fit, rows)
+        residual = sight.field.radiance - predicted(sight, fit, rows)
         lit, shared = joint_rows(sight, fit, rows)
         weighted = shared * weight.T[:, :, None]
         return (
@@ -184,22 +219,26 @@ def _border(sights: Sequence[Sight], weights: Sequence[Floats], fit: Fit) -> Red
             np.einsum("cnt,nc->t", weighted, residual),
         )
 
-    borders, corners, rights = zip(
-        *parallel_map(equations, zip(sights, weights, fit.rows, strict=True)), strict=True
-    )
-    return Arrow(fit.gram, sum(borders), sum(corners), np.zeros(fit.light.T.shape), sum(rights)).reduced()
+    parts = list(parallel_map(equations, zip(sights, weights, fit.rows, strict=True)))
+    arrows = {}
+    for lighting, gram in fit.grams.items():
+        mine = [part for sight, part in zip(sights, parts, strict=True) if sight.lighting == lighting]
+        borders, corners, rights = zip(*mine, strict=True)
+        none = np.zeros(fit.light[lighting].T.shape)
+        arrows[lighting] = Arrow(gram, sum(borders), sum(corners), none, sum(rights))
+    return reduced(arrows)
 
 
 def refine(
     sights: Sequence[Sight],
     weights: Sequence[Floats],
-    scale: Floats,
+    scales: Mapping[int, Floats],
     state: State,
     l_max: int,
     iterations: int = ITERATIONS,
 ) -> Fit:
-    """The best state near a given one, with its lighting."""
-    fit = solve_lighting(sights, weights, scale, state, l_max)
+    """The best state near a given one, with its lightings."""
+    fit = solve_lighting(sights, weights, scales, state, l_max)
     if not state.names:
         return fit
     damping = _FIRST_DAMPING
@@ -211,7 +250,7 @@ def refine(
             return fit
         while True:
             moved = fit.state.moved(equations.step(free, damping))
-            tried = solve_lighting(sights, weights, scale, moved, l_max)
+            tried = solve_lighting(sights, weights, scales, moved, l_max)
             if tried.cost <= fit.cost or damping > _MOST_DAMPING:
                 break
             damping *= 10

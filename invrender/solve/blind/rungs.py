@@ -6,14 +6,15 @@ lighting and, a step away from the optimum, as good as exact for the rest.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from invrender.solve.blind.projection import Arrow, Fit, joint_rows, predicted
+from invrender.solve.blind.projection import Arrow, Fit, joint_rows, predicted, reduced
 from invrender.solve.blind.sight import Rows, Sight
 from invrender.solve.blind.start import Search
 from invrender.solve.clusters import tile_of
@@ -22,7 +23,8 @@ from invrender.solve.evidence import MAX_FOLDS, relative_rms
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# From this many photographs on they are left out whole; of fewer, tiles are, since the rest would not see the light.
+# From this many photographs of each lighting on they are left out whole; of fewer, tiles are, since the rest would not
+# see the light.
 _ENOUGH_PHOTOS = 8
 _TILE_FOLDS = 10
 
@@ -70,26 +72,28 @@ def as_good(rung: BlindRung, best: BlindRung) -> bool:
 def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:
     """The evidence for a fitted model."""
     joint = joint_equations(search, fit)
-    free = ~fit.state.stuck(joint.whole.reduced().right)
+    free = ~fit.state.stuck(reduced(joint.whole).right)
     residuals = [np.empty_like(sight.field.radiance) for sight in search.sights]
     steps = {}
-    for fold, part in joint.folds.items():
-        rest = (joint.whole - part).reduced()
+    for fold, parts in joint.folds.items():
+        rest = reduced({k: arrow - parts[k] if k in parts else arrow for k, arrow in joint.whole.items()})
         step = rest.step(free)
-        steps[fold] = (rest.alone - np.einsum("cpt,t->cp", rest.leverage, step), step)
+        light_steps = {k: rest.alone[k] - np.einsum("cpt,t->cp", rest.leverage[k], step) for k in joint.whole}
+        steps[fold] = (light_steps, step)
     for sight, rows, of, residual in zip(search.sights, fit.rows, joint.fold_of, residuals, strict=True):
         lit, shared = joint_rows(sight, fit, rows)
-        left = sight.field.radiance - predicted(fit, rows)
+        left = sight.field.radiance - predicted(sight, fit, rows)
         for fold in np.unique(of):
-            chosen, (light_step, step) = of == fold, steps[int(fold)]
-            change = (lit[:, chosen] @ light_step[:, :, None])[:, :, 0] + shared[:, chosen] @ step
+            chosen, (light_steps, step) = of == fold, steps[int(fold)]
+            own = light_steps[sight.lighting]
+            change = (lit[:, chosen] @ own[:, :, None])[:, :, 0] + shared[:, chosen] @ step
             residual[chosen] = left[chosen] - change.T
     errors = [
         relative_rms(residual, sight.field.radiance, trust)
         for residual, sight, trust in zip(residuals, search.sights, search.trust, strict=True)
     ]
     squares = [weight * residual**2 for weight, residual in zip(search.weights, residuals, strict=True)]
-    if len(search.sights) >= _ENOUGH_PHOTOS:
+    if left_out_whole(search.sights):
         deviance = [square.mean() for square in squares]
     else:
         deviance = [
@@ -101,13 +105,13 @@ def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Joint normal equations at a fit: of all samples with the prior, and of each fold.
+    """Joint normal equations at a fit by lighting: of all samples with the prior, and of each fold.
 
     fold_of : (n,) per photograph.
     """
 
-    whole: Arrow
-    folds: dict[int, Arrow]
+    whole: dict[int, Arrow]
+    folds: dict[int, dict[int, Arrow]]
     fold_of: tuple[Ints, ...]
 
 
@@ -118,7 +122,7 @@ def joint_equations(search: Search, fit: Fit) -> Joint:
     def of_photo(item: tuple[Sight, Floats, Rows, Ints]) -> dict[int, Arrow]:
         sight, weight, rows, fold = item
         lit, shared = joint_rows(sight, fit, rows)
-        residual = sight.field.radiance - predicted(fit, rows)
+        residual = sight.field.radiance - predicted(sight, fit, rows)
         return {
             int(k): _equations(
                 lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k]
@@ -126,15 +130,22 @@ def joint_equations(search: Search, fit: Fit) -> Joint:
             for k in np.unique(fold)
         }
 
-    folds: dict[int, Arrow] = {}
-    for parts in parallel_map(of_photo, zip(search.sights, search.weights, fit.rows, fold_of, strict=True)):
+    folds: dict[int, dict[int, Arrow]] = {}
+    sums: dict[int, Arrow] = {}
+    found = parallel_map(of_photo, zip(search.sights, search.weights, fit.rows, fold_of, strict=True))
+    for sight, parts in zip(search.sights, found, strict=True):
         for fold, part in parts.items():
-            folds[fold] = folds[fold] + part if fold in folds else part
-    seen = list(folds.values())
-    whole = sum(seen[1:], seen[0])
+            _add(folds.setdefault(fold, {}), sight.lighting, part)
+            _add(sums, sight.lighting, part)
     # The light is at its optimum, prior included: there its equations have nothing left to say.
-    whole = Arrow(fit.gram, whole.border, whole.corner, np.zeros_like(whole.right), whole.right_shared)
+    whole = {
+        k: replace(arrow, gram=fit.grams[k], right=np.zeros_like(arrow.right)) for k, arrow in sums.items()
+    }
     return Joint(whole, folds, fold_of)
+
+
+def _add(arrows: dict[int, Arrow], lighting: int, part: Arrow) -> None:
+    arrows[lighting] = arrows[lighting] + part if lighting in arrows else part
 
 
 def _equations(lit: Floats, shared: Floats, weight: Floats, residual: Floats) -> Arrow:
@@ -149,8 +160,19 @@ def _equations(lit: Floats, shared: Floats, weight: Floats, residual: Floats) ->
     )
 
 
+def left_out_whole(sights: Sequence[Sight]) -> bool:
+    """Whether photographs are left out whole: each lighting has enough of them."""
+    return min(Counter(sight.lighting for sight in sights).values()) >= _ENOUGH_PHOTOS
+
+
 def _folds(sights: Sequence[Sight]) -> tuple[Ints, ...]:
-    if len(sights) >= _ENOUGH_PHOTOS:
-        return tuple(np.full(len(sight.field), k % MAX_FOLDS) for k, sight in enumerate(sights))
+    if left_out_whole(sights):
+        # Numbered within each lighting, so that no fold takes all that shows one of them.
+        seen: Counter[int] = Counter()
+        folds = []
+        for sight in sights:
+            folds.append(np.full(len(sight.field), seen[sight.lighting] % MAX_FOLDS))
+            seen[sight.lighting] += 1
+        return tuple(folds)
     tiles = [np.unique(tile_of(sight.field), return_inverse=True)[1] for sight in sights]
     return tuple((tile + 3 * k) % _TILE_FOLDS for k, tile in enumerate(tiles))

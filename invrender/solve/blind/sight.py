@@ -42,7 +42,8 @@ class Sight:
     """A photograph with what doesn't change while the BRDF is searched.
 
     field : the photograph. l_max : of the lighting. transfer : of the lobe, for all but the sources. rays : the same as
-    one sample per ray. cos : (m,) exitant, of rays. diffuse : (n, (l_max + 1)^2), irradiance.
+    one sample per ray. cos : (m,) exitant, of rays. diffuse : (n, (l_max + 1)^2), irradiance. lighting : number of the
+    lighting that it is under.
     """
 
     field: LightField
@@ -51,16 +52,21 @@ class Sight:
     rays: LightField
     cos: Floats
     diffuse: Singles
+    lighting: int = 0
     _nodes: dict[int, tuple[Singles, Singles]] = defaulted(default_factory=dict, repr=False)
     _last: dict[_Shape, tuple[Singles, Singles, Singles]] = defaulted(default_factory=dict, repr=False)
 
     @staticmethod
-    def of(samples: LightField, l_max: int, transfer: Transfer = "exact") -> Sight:
+    def of(samples: LightField, l_max: int, lighting: int = 0, transfer: Transfer = "exact") -> Sight:
         """Prepare a photograph for lighting of degree l_max."""
         diffuse = samples.mean_over_rays(irradiance_operator(samples.normals, l_max))
         rays = _one_sample_per_ray(samples)
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
-        return Sight(samples, l_max, transfer, rays, cos, diffuse.astype(np.float32))
+        return Sight(samples, l_max, transfer, rays, cos, diffuse.astype(np.float32), lighting)
+
+    def like(self, samples: LightField, l_max: int) -> Sight:
+        """Prepare other samples of the photograph, under the same lighting, for another degree."""
+        return Sight.of(samples, l_max, self.lighting, self.transfer)
 
     def lobe_rows(self, state: State, l_max: int) -> Singles:
         """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""

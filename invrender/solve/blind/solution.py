@@ -13,19 +13,19 @@ from invrender.model.formtable import form_radiance
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
 from invrender.model.lobetable import Transfer, specular_radiance
-from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung
 from invrender.solve.blind.state import State
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.theory.harmonics import project_sources
 from invrender.theory.lambertian import irradiance
+from recon.harmonics import degree_of
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
 GAUGE = (
     "no light is known, so the overall scale of light against reflectance is free in each channel: Kd + Ks = 1 in each,"
-    " and the lighting is in units of the photographs over that"
+    " and lighting is in units of the photographs over that"
 )
 
 
@@ -43,18 +43,41 @@ class BlindSources:
 
 
 @dataclass(frozen=True, eq=False)
-class BlindSolution:
-    """BRDF and lighting of a homogeneous convex body, up to a scale per channel (`gauge`).
+class BlindLight:
+    """One recovered lighting, in the solution's gauge.
 
-    model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks); whether the specular part is neutral is
-    not seen where the light's colour is unknown. mu, sigma : None where the model lacks them; sigma in radians. form :
-    of the lobe. coefficients, coefficients_std : ((l_max + 1)^2, 3), the lighting without its sources, at
-    index l*l + l + m. sources : those found. determined_degree : the degree up to which the photographs, not the
-    prior, determine the lighting; -1 if not even the mean. quantities : "kd_normalised", "ks_normalised", "mu",
-    "sigma", and "lighting" where degrees of it aren't determined. degree_shares : (l_max + 1,), mean share of what is
-    known of a coefficient that comes from the photographs. covariance, covariance_names : of the shares, mu, sigma and
-    the sources' turns (radians). rungs, chosen : the ladder. noise, weights : as in `noise`, weights per photograph.
-    transfer : of the lobe, that the fit went by.
+    coefficients, coefficients_std : ((l_max + 1)^2, 3), of the light without its sources, at index l*l + l + m.
+    sources : those found. degree_shares : (l_max + 1,), mean share of what is known of a coefficient that comes from
+    the photographs. determined_degree : the degree up to which these, not the prior, determine it; -1 if not even the
+    mean. doubt : why degrees of it aren't determined, and what would help; None if all are.
+    """
+
+    coefficients: Floats
+    coefficients_std: Floats
+    sources: BlindSources
+    degree_shares: Floats
+    determined_degree: int
+    doubt: Quantity | None
+
+    @property
+    def normalised_coefficients(self) -> Floats:
+        """The whole light's coefficients ((l_max + 1)^2, 3), sources included, over those of degree 0."""
+        total, sources = self.coefficients, self.sources
+        if len(sources.directions):
+            l_max = degree_of(len(total))
+            total = total + project_sources(sources.directions, sources.irradiances, l_max)
+        return np.asarray(total / total[0])
+
+
+@dataclass(frozen=True, eq=False)
+class BlindSolution:
+    """BRDF and lightings of a homogeneous convex body, up to a scale per channel (`gauge`).
+
+    model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks). mu, sigma : None where the model lacks
+    them; sigma in radians. form : of the lobe. lights : by name, in the order in which photographs first name them.
+    quantities : "kd_normalised", "ks_normalised", "mu", "sigma". covariance, covariance_names : of the shares, mu,
+    sigma and the sources' turns (radians). rungs, chosen : the ladder. noise, weights : as in `noise`, weights per
+    photograph. transfer : of the lobe, that the fit went by.
     """
 
     model: str
@@ -62,11 +85,7 @@ class BlindSolution:
     mu: float | None
     sigma: float | None
     form: LobeForm
-    coefficients: Floats
-    coefficients_std: Floats
-    sources: BlindSources
-    determined_degree: int
-    degree_shares: Floats
+    lights: Mapping[str, BlindLight]
     quantities: Mapping[str, Quantity]
     covariance: Floats
     covariance_names: tuple[str, ...]
@@ -80,35 +99,27 @@ class BlindSolution:
 
     @property
     def l_max(self) -> int:
-        """Degree of the lighting."""
+        """Degree of the lightings."""
         return self.rungs[self.chosen].fit.l_max
 
     @property
-    def normalised_coefficients(self) -> Floats:
-        """The whole lighting's coefficients ((l_max + 1)^2, 3), sources included, over those of degree 0."""
-        total = with_sources(self.rungs[self.chosen].fit)
-        return np.asarray(total / total[0])
+    def light(self) -> BlindLight:
+        """The only lighting; raises ValueError where there are several."""
+        if len(self.lights) > 1:
+            raise ValueError(f"there are {len(self.lights)} lightings; name one of {', '.join(self.lights)}")
+        return next(iter(self.lights.values()))
 
 
-def with_sources(fit: Fit) -> Floats:
-    """Coefficients ((l_max + 1)^2, 3) of all light, the sources' added to the slow light's."""
-    size = (fit.l_max + 1) ** 2
-    slow = fit.light[:size]
-    if not len(fit.state.directions):
-        return slow
-    return np.asarray(slow + project_sources(fit.state.directions, fit.light[size:], fit.l_max))
-
-
-def predict_blind(solution: BlindSolution, field: LightField) -> Floats:
-    """Radiance (n, 3) of a photograph's samples under the recovered light, in the photographs' units."""
-    fit = solution.rungs[solution.chosen].fit
-    state, slow = fit.state, fit.light[: (fit.l_max + 1) ** 2]
-    strengths = fit.light[len(slow) :]
-    total = irradiance(field.normals, slow) + np.maximum(field.normals @ state.directions.T, 0) @ strengths
-    total *= 1 - state.kappa
+def predict_blind(solution: BlindSolution, field: LightField, light: BlindLight | None = None) -> Floats:
+    """Radiance (n, 3) of a photograph's samples in a recovered light (the only one if None), in photographs' units."""
+    state = solution.rungs[solution.chosen].fit.state
+    light = solution.light if light is None else light
+    directions, strengths = light.sources.directions, light.sources.irradiances
+    total = irradiance(field.normals, light.coefficients)
+    total = (total + np.maximum(field.normals @ directions.T, 0) @ strengths) * (1 - state.kappa)
     if state.sigma is not None:
-        lobe = _reflected(state, field, slow, solution.transfer)
-        for direction, strength in zip(state.directions, strengths, strict=True):
+        lobe = _reflected(state, field, light.coefficients, solution.transfer)
+        for direction, strength in zip(directions, strengths, strict=True):
             angles = Angles.between(field.normals, direction, field.views)
             lobe += state.form.reflected(angles, state.mu, state.sigma)[:, None] * strength
         total += state.kappa * lobe

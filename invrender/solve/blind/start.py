@@ -1,18 +1,17 @@
-"""A first answer from nothing: trial BRDFs, the light that they imply, and sources at its sharp peaks."""
+"""A first answer from nothing: trial BRDFs, the light that they imply, and its sharp peaks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.fresnel import MU_RANGE
 from invrender.solve.blind.projection import ITERATIONS, Fit, refine, solve_lighting
 from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.state import State, turn
+from invrender.solve.blind.state import State
 from recon.harmonics import degree_of, degrees, evaluate_harmonics, sphere_directions
 
 Floats = NDArray[np.float64]
@@ -20,15 +19,11 @@ Floats = NDArray[np.float64]
 _ROUGHNESSES, _SHARES, _TRIED = (0.08, 0.15, 0.3), (0.1, 0.6), 2
 _FIRST_MU = 1.5
 _GRID = 20000
+# A diffuse body without sources.
+NOTHING = State(np.zeros(3), None, None, np.zeros((0, 3)))
 # Width, radians, of the peaks that are looked for, and how far apart they are.
-_PEAK, _APART = 0.08, 0.35
+PEAK_WIDTH, _APART = 0.08, 0.35
 _PEAKS = 4
-# Squared residuals in noise units, per parameter and log of the count of numbers, that a source must save [Schwarz
-# 1978's criterion].
-_PER_SOURCE = 5
-# Iterations until a source has shown its worth.
-_FEW = 6
-_MOST_SOURCES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,41 +60,70 @@ class Region:
 class Search:
     """Photographs as searches take them.
 
-    weights, trust : (n, 3) per photograph, as in `noise.Weights`. scale : (3,) of the light, that the prior goes by.
+    weights, trust : (n, 3) per photograph, as in `noise.Weights`. scales : (3,) of each lighting by its number, that
+    the prior goes by.
     """
 
     sights: Sequence[Sight]
     weights: Sequence[Floats]
     trust: Sequence[Floats]
-    scale: Floats
+    scales: Mapping[int, Floats]
     region: Region | None = None
 
     @property
-    def problem(self) -> tuple[Sequence[Sight], Sequence[Floats], Floats]:
-        """What the solvers take: sights, weights, and the light's scale."""
-        return self.sights, self.weights, self.scale
+    def problem(self) -> tuple[Sequence[Sight], Sequence[Floats], Mapping[int, Floats]]:
+        """What the solvers take: sights, weights, and the lightings' scales."""
+        return self.sights, self.weights, self.scales
 
     @property
     def numbers(self) -> int:
         return sum(weight.size for weight in self.weights)
+
+    @property
+    def lightings(self) -> list[int]:
+        """Numbers of the lightings that photographs are under."""
+        return sorted(self.scales)
+
+    def only(self, lighting: int) -> Search:
+        """The same with the photographs under one lighting only."""
+        mine = [k for k, sight in enumerate(self.sights) if sight.lighting == lighting]
+        return Search(
+            [self.sights[k] for k in mine],
+            [self.weights[k] for k in mine],
+            [self.trust[k] for k in mine],
+            {lighting: self.scales[lighting]},
+            self.region,
+        )
 
     def fit(self, state: State, l_max: int, iterations: int = ITERATIONS) -> Fit:
         """The best fit near a state."""
         return refine(*self.problem, state, l_max, iterations)
 
     def at(self, state: State, l_max: int) -> Fit:
-        """The best lighting at a state."""
+        """The best lightings at a state."""
         return solve_lighting(*self.problem, state, l_max)
 
 
-def first_state(search: Search, l_max: int) -> State:
-    """The likeliest of a few shares and roughnesses, with a source at a peak of the light that they imply."""
+def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
+    """The likeliest of a few shares and roughnesses, with each lighting's source at a peak that they imply.
+
+    known : the sources to begin with.
+    """
     trials = []
     for sigma, share in product(_ROUGHNESSES, _SHARES):
-        bare = search.at(State(np.full(3, share), _FIRST_MU, sigma, np.zeros((0, 3))), l_max)
-        peaks = light_peaks(bare.light, search.region)[:_TRIED]
-        trials += [bare, *(search.at(bare.state.with_source(peak), l_max) for peak in peaks)]
-    return min(trials, key=lambda fit: fit.cost).state
+        bare = replace(known, kappa=np.full(3, share), mu=_FIRST_MU, sigma=sigma)
+        state, cost = bare, 0.0
+        for lighting in search.lightings:
+            own = search.only(lighting)
+            fits = [own.at(bare, l_max)]
+            peaks = light_peaks(fits[0].slow(lighting), search.region)[:_TRIED]
+            fits += [own.at(bare.with_source(peak, lighting), l_max) for peak in peaks]
+            best = min(fits, key=lambda fit: fit.cost)
+            cost += best.cost
+            for direction in best.state.directions[len(known.directions) :]:
+                state = state.with_source(direction, lighting)
+        trials.append((cost, state))
+    return min(trials, key=lambda trial: trial[0])[1]
 
 
 def light_peaks(light: Floats, region: Region | None) -> Floats:
@@ -107,7 +131,7 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
     l_max = degree_of(len(light))
     l = degrees(l_max)
     # Area lights have little power in the degrees that the Laplacian raises.
-    sharpened = light.sum(axis=1) * l * (l + 1) * np.exp(-((_PEAK * l) ** 2))
+    sharpened = light.sum(axis=1) * l * (l + 1) * np.exp(-((PEAK_WIDTH * l) ** 2))
     grid = sphere_directions(_GRID)
     if region is not None:
         grid = grid[region.holds(grid)]
@@ -120,90 +144,21 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
     return np.array(peaks).reshape(-1, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """The best fit with as many sources as are worth their parameters.
-
-    split : a fit that explains more with one of them as two, nearer to each other than the lobe is wide; None if no
-    such does.
-    """
-
-    fit: Fit
-    split: Fit | None
+def of_degree(search: Search, l_max: int) -> Search:
+    """The same, prepared for lighting of another degree."""
+    return replace(search, sights=[sight.like(sight.field, l_max) for sight in search.sights])
 
 
-def find_sources(search: Search, start: State, l_max: int) -> Found:
-    """Sources entered one at a time, each refined with all else and kept only where the photographs ask for it."""
-    fit = _bright(search, _sensible(search, search.fit(start, l_max)))
-    while len(fit.state.directions) < _MOST_SOURCES:
-        known, apart = fit.state.directions, np.cos(fit.state.sigma or _PEAK)
-        peaks = [
-            p for p in light_peaks(fit.light[: (l_max + 1) ** 2], search.region) if (known @ p < apart).all()
-        ]
-        if not peaks:
-            break
-        entered = min((search.at(fit.state.with_source(peak), l_max) for peak in peaks), key=lambda f: f.cost)
-        better = _bright(search, _sensible(search, search.fit(entered.state, l_max, _FEW)))
-        ways = better.state.directions
-        close = len(ways) > 1 and (ways @ ways.T - 2 * np.eye(len(ways))).max() > apart
-        # Its entry may have let an earlier one go dark, whose place it then takes.
-        if close or not worth_it(search, better, fit):
-            break
-        fit = better
-    if len(start.directions) and len(fit.state.directions):
-        # The first was taken on trust.
-        without = search.fit(fit.state.without_source(0), l_max, _FEW)
-        fit = fit if worth_it(search, fit, without) else without
-    return Found(fit, _split(search, fit))
-
-
-def _split(search: Search, fit: Fit) -> Fit | None:
-    """The best fit with one source as two, if that is worth it."""
-    if fit.state.sigma is None or not len(fit.state.directions):
-        return None
-    offset = fit.state.sigma / 2
-    trials = []
-    for direction in fit.state.directions:
-        for way in (*np.eye(2), *-np.eye(2)):
-            trials.append(search.at(fit.state.with_source(turn(direction, *(offset * way))), fit.l_max))
-    best = min(trials, key=lambda f: f.cost)
-    best = search.fit(best.state, fit.l_max, _FEW)
-    near = (best.state.directions[:-1] @ best.state.directions[-1]).max() > np.cos(best.state.sigma or 0.0)
-    return best if near and worth_it(search, best, fit) else None
-
-
-def worth_it(search: Search, fit: Fit, simpler: Fit) -> bool:
-    """Whether a source saves what its parameters cost, is bright, and lies where sources are looked for."""
-    size = (fit.l_max + 1) ** 2
-    noise = max(fit.cost / search.numbers, 1e-300)
-    saves = simpler.cost - fit.cost > _PER_SOURCE * np.log(search.numbers) * noise
-    inside = search.region is None or bool(search.region.holds(fit.state.directions).all())
-    return bool(saves and inside and (fit.light[size:].sum(axis=1) > 0).all())
-
-
-def _bright(search: Search, fit: Fit) -> Fit:
-    """The fit without sources that would have to take light away."""
-    dark = np.flatnonzero(fit.light[(fit.l_max + 1) ** 2 :].sum(axis=1) <= 0)
-    return search.fit(fit.state.without_source(dark), fit.l_max) if len(dark) else fit
-
-
-def _sensible(search: Search, fit: Fit) -> Fit:
-    """The fit, without Fresnel factor where that runs to the end of its range and explains less than none does."""
-    if fit.state.mu is None or fit.state.mu < MU_RANGE[1]:
-        return fit
-    return min(fit, search.fit(replace(fit.state, mu=None), fit.l_max), key=lambda f: f.cost)
-
-
-def thinned(search: Search, l_max: int, most: int) -> Search:
-    """The same with at most about `most` samples, evenly taken."""
+def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
+    """The same with at most about `most` samples, or `per_lighting` of each if that is more, evenly taken."""
     total = sum(len(sight.field) for sight in search.sights)
-    every = max(1, int(np.ceil(total / most)))
+    every = max(1, int(np.ceil(total / max(most, per_lighting * len(search.lightings)))))
     if every == 1 and all(sight.l_max == l_max for sight in search.sights):
         return search
     sights, weights, trusts = [], [], []
     for k, (sight, weight, trust) in enumerate(zip(search.sights, search.weights, search.trust, strict=True)):
         keep = np.arange(len(sight.field)) % every == k % every
-        sights.append(Sight.of(sight.field.where(keep), l_max, sight.transfer))
+        sights.append(sight.like(sight.field.where(keep), l_max))
         weights.append(weight[keep])
         trusts.append(trust[keep])
     return replace(search, sights=sights, weights=weights, trust=trusts)

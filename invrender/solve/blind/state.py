@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 # Largest steps: of a share, of log(mu - 1) and log sigma, and of a source, radians.
 _STEPS = {"kappa": 0.2, "mu": 0.5, "sigma": 0.5, "source": 0.1}
@@ -23,7 +24,8 @@ class State:
     """A BRDF up to its scale, and where the sources are.
 
     kappa : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is diffuse, and
-    kappa zero. directions : (k, 3) unit, towards the sources. form : of the lobe.
+    kappa zero. directions : (k, 3) unit, towards the sources. form : of the lobe. owners : (k,), the number of the
+    lighting that each source belongs to.
     """
 
     kappa: Floats
@@ -31,6 +33,7 @@ class State:
     sigma: float | None
     directions: Floats
     form: LobeForm = PRINTED
+    owners: Ints = field(default_factory=lambda: np.zeros(0, int))
 
     @property
     def roughness(self) -> float:
@@ -50,9 +53,11 @@ class State:
         names += [] if self.sigma is None else ["sigma"]
         return (*names, *(f"source {k + 1} {way}" for k in range(len(self.directions)) for way in "ab"))
 
-    def own(self, channel: int) -> list[int]:
-        """Indices into `names` of what a channel depends on: its kappa and what all share."""
+    def own(self, channel: int, lighting: int) -> list[int]:
+        """Indices into `names` of what a channel depends on: its kappa, the lighting's sources, and what all share."""
         skip = {"kappa r", "kappa g", "kappa b"} - {f"kappa {'rgb'[channel]}"}
+        others = np.flatnonzero(self.owners != lighting)
+        skip |= {f"source {k + 1} {way}" for k in others for way in "ab"}
         return [k for k, name in enumerate(self.names) if name not in skip]
 
     def scales(self) -> Floats:
@@ -74,7 +79,7 @@ class State:
             turn(direction, by_name[f"source {k + 1} a"], by_name[f"source {k + 1} b"])
             for k, direction in enumerate(self.directions)
         ]
-        return State(kappa, mu, sigma, np.array(turned).reshape(-1, 3), self.form)
+        return replace(self, kappa=kappa, mu=mu, sigma=sigma, directions=np.array(turned).reshape(-1, 3))
 
     def stuck(self, gradient: Floats) -> NDArray[np.bool_]:
         """Which parameters are at an end of their range that they would leave, (t,)."""
@@ -88,17 +93,29 @@ class State:
             )
         return np.array(found, bool)
 
+    def under(self, lighting: int) -> State:
+        """The same with no sources but those of one lighting."""
+        return self.without_source(np.flatnonzero(self.owners != lighting))
+
     def with_form(self, form: LobeForm) -> State:
         """The same with a lobe of another form, which may have no Fresnel factor."""
         return replace(self, form=form, mu=self.mu if form.has_fresnel else None)
 
-    def with_source(self, direction: Floats) -> State:
+    def with_source(self, direction: Floats, lighting: int = 0) -> State:
         """The same with one more source."""
-        return replace(self, directions=np.vstack([self.directions, direction]))
+        return replace(
+            self,
+            directions=np.vstack([self.directions, direction]),
+            owners=np.append(self.owners, lighting),
+        )
 
-    def without_source(self, index: int | NDArray[np.int64]) -> State:
+    def without_source(self, index: int | Ints) -> State:
         """The same without one of its sources, or several."""
-        return replace(self, directions=np.delete(self.directions, index, axis=0))
+        return replace(
+            self,
+            directions=np.delete(self.directions, index, axis=0),
+            owners=np.delete(self.owners, index),
+        )
 
 
 def tangents(direction: Floats) -> Floats:

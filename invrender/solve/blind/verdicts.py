@@ -14,13 +14,17 @@ from invrender.solve.blind.certainty import Certainty
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.sight import Sight
 from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_sigma
+from invrender.solve.reached import reached_share
 from recon.harmonics import degrees
+from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
 # A degree is the photographs' when they hold at least this share of what is known of it.
 _DETERMINED = 0.5
 _POWER = 0.99
+# Directions of which reflections show less than this share leave light above the degrees of shading to guesswork.
+_REACHED, _DIFFUSE_DEGREE = 0.75, 2
 
 
 def determined_degree(shares: Floats) -> int:
@@ -30,12 +34,15 @@ def determined_degree(shares: Floats) -> int:
 
 
 def varying_degree(fit: Fit) -> int | None:
-    """The degree up to which lies 99% of the varying power of the recovered light; None where it has sources."""
+    """The degree up to which lies 99% of the varying power of the best-suited light; None where one has sources."""
     if len(fit.state.directions):
         return None
     l = degrees(fit.l_max)
-    power = np.bincount(l, (fit.light**2).sum(axis=1))[1:]
-    return 1 + int(np.searchsorted(np.cumsum(power) / max(power.sum(), 1e-300), _POWER))
+    found = []
+    for light in fit.light.values():
+        power = np.bincount(l, (light**2).sum(axis=1))[1:]
+        found.append(1 + int(np.searchsorted(np.cumsum(power) / max(power.sum(), 1e-300), _POWER)))
+    return max(found)
 
 
 def quantities_of(fit: Fit, certainty: Certainty, sights: Sequence[Sight]) -> dict[str, Quantity]:
@@ -56,13 +63,27 @@ def quantities_of(fit: Fit, certainty: Certainty, sights: Sequence[Sight]) -> di
     if state.sigma is not None:
         scalar = Scalar(state.sigma, std["sigma"], fragility["sigma"])
         found["sigma"] = assess_sigma(scalar, varying_degree(fit), share)
-    degree = determined_degree(certainty.degree_shares)
-    if degree < fit.l_max:
-        found["lighting"] = _lighting(fit, certainty.degree_shares, degree)
     return found
 
 
-def _lighting(fit: Fit, shares: Floats, degree: int) -> Quantity:
+def doubt_of(fit: Fit, shares: Floats, fields: Sequence[LightField]) -> tuple[int, Quantity | None]:
+    """The degree up to which a lighting is determined, and why not all of it is; None if all is.
+
+    shares : (l_max + 1,), of the photographs in what is known. fields : the photographs under it.
+    """
+    degree, reached = determined_degree(shares), reached_share(fields)
+    if fit.state.sigma is not None and reached < _REACHED and min(degree, fit.l_max) > _DIFFUSE_DEGREE:
+        return _DIFFUSE_DEGREE, Quantity(
+            None,
+            None,
+            "undetermined",
+            f"mirrored rays look at {reached:.0%} of all directions; light from elsewhere shows in diffuse reflection"
+            f" only, which passes little above degree {_DIFFUSE_DEGREE} (RH01, section 5.1): more of it is continued"
+            " from what is seen",
+            "add photographs from more sides",
+        )
+    if degree >= fit.l_max:
+        return degree, None
     if fit.state.sigma is None:
         why = (
             "a Lambertian object passes no odd degrees above 1 and little of the even ones above 2: it is a low-pass"
@@ -78,7 +99,7 @@ def _lighting(fit: Fit, shares: Floats, degree: int) -> Quantity:
     else:
         why = "the reflections seen come from part of the sphere of directions only"
         remedy = "add photographs from more sides"
-    return Quantity(
+    return degree, Quantity(
         None,
         None,
         "undetermined",

@@ -1,0 +1,107 @@
+"""Which model explains the photographs: form, Fresnel factor and colour of the specular part, each by evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from capture.lighting import Lighting
+from invrender.model.columns import PhotoColumns
+from invrender.model.lobes import PRINTED, LobeForm
+from invrender.model.transfer import light_elements
+from invrender.solve.evidence import Rung, choose, climb_ladder, ladder_steps
+from invrender.solve.forms import Elements, Trial, beside, columns_of, try_forms
+from invrender.solve.linear import recovers_light
+from invrender.solve.models import Model
+from invrender.solve.noise import NoiseModel, Weights
+from invrender.solve.search import LADDER, OTHER_FORMS, models_of, with_neutral
+from invrender.solve.weighing import weigh
+
+# Share of the cost that a specular part of the wrong form, which may predict worse than none, must take away for other
+# forms to be tried.
+_NOTABLE = 1.02
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The ladder of models and what it was climbed with.
+
+    rungs, chosen : all models that were tried, the simple ones first, and the index of the chosen one. photos, weights,
+    noise : columns of the chosen form, what their samples count for, and why. trials : each form's on a share of the
+    samples; none where no specular part is needed.
+    """
+
+    rungs: tuple[Rung, ...]
+    chosen: int
+    photos: tuple[PhotoColumns, ...]
+    weights: tuple[Weights, ...]
+    noise: NoiseModel
+    trials: Mapping[LobeForm, Trial] = field(default_factory=dict)
+
+
+def explanation_steps(photos: int) -> int:
+    """How often `explain` reports progress, at most."""
+    return ladder_steps(photos) + len(OTHER_FORMS)
+
+
+def explain(
+    photos: Sequence[PhotoColumns],
+    lightings: Sequence[Lighting],
+    on_step: Callable[[], None] = lambda: None,
+) -> Explanation:
+    """Climb the ladder with RH01's form; where a specular part is needed, see if another form suits it better.
+
+    photos : columns of RH01's form. Of forms that explain as well RH01's is preferred.
+    """
+    noise, weights = weigh(photos, LADDER[-1])
+    rungs = climb_ladder(photos, weights, on_step, _models(LADDER, photos))
+    chosen = choose(rungs)
+    if not rungs[chosen].estimate.model.specular and not _shows_more(rungs):
+        return Explanation(rungs, chosen, tuple(photos), tuple(weights), noise)
+    elements = {lighting.name: light_elements(lighting) for lighting in lightings}
+    trials = try_forms(photos, weights, elements, on_step)
+    all_rungs = (*rungs, *_others(rungs[-1], PRINTED, trials))
+    chosen = choose(all_rungs)
+    form = all_rungs[chosen].estimate.model.form
+    if form is PRINTED:
+        return Explanation(all_rungs, chosen, tuple(photos), tuple(weights), noise, trials)
+    return _in_form(form, photos, elements, trials)
+
+
+def _shows_more(rungs: Sequence[Rung]) -> bool:
+    """Whether a specular part explains more than chance would, though not what it takes to predict photographs."""
+    plain = next(rung.estimate.cost for rung in rungs if not rung.estimate.model.specular)
+    return plain > _NOTABLE * min(rung.estimate.cost for rung in rungs)
+
+
+def _in_form(
+    form: LobeForm,
+    photos: Sequence[PhotoColumns],
+    elements: Elements,
+    trials: Mapping[LobeForm, Trial],
+) -> Explanation:
+    """The ladder with another form on all samples, and the noise that this one leaves."""
+    columns = columns_of(form, photos, elements)
+    noise, weights = weigh(columns, models_of(form)[-1])
+    printed = climb_ladder(photos, weights, models=LADDER)
+    own = climb_ladder(columns, weights, models=_models(models_of(form), photos))
+    rest = [rung for rung in _others(own[-1], form, trials) if rung.estimate.model.form is not PRINTED]
+    chosen = len(printed) + choose(own)
+    return Explanation((*printed, *own, *rest), chosen, tuple(columns), tuple(weights), noise, trials)
+
+
+def _others(reference: Rung, form: LobeForm, trials: Mapping[LobeForm, Trial]) -> list[Rung]:
+    """Rungs of all forms but one, beside that one's richest on all samples; the simple and the good first."""
+    own = trials[form].rungs[-1]
+    found = [
+        beside(reference, rung, own)
+        for other, trial in trials.items()
+        if other is not form
+        for rung in trial.rungs
+    ]
+    return sorted(found, key=lambda rung: (rung.parameters, rung.error))
+
+
+def _models(models: Sequence[Model], photos: Sequence[PhotoColumns]) -> Sequence[Model]:
+    """Whether Ks is the same in all channels can only be seen in light whose colour is known."""
+    return models if recovers_light(photos) else with_neutral(models)

@@ -1,0 +1,113 @@
+"""Forms of the specular part, tried on a share of the samples beside RH01's own.
+
+What a form is worth shows in its error on unseen photographs less RH01's on the same samples; added to RH01's on all
+samples it stands in one ladder with the other models. Which form it is, few samples tell: where two forms differ by a
+share of the noise too small for them, numbers differ by less than their error bars hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import parallel_map
+from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.lobes import PRINTED, LobeForm
+from invrender.model.transfer import LightElement
+from invrender.solve.evidence import Rung, climb_ladder, patches_of
+from invrender.solve.models import Model
+from invrender.solve.noise import Weights
+from invrender.solve.search import OTHER_FORMS, fit, models_of
+from invrender.solve.statistics import by_lighting, weighted_statistics
+from invrender.solve.weighing import weigh
+
+# Two forms that differ by a fifteenth of the noise are three standard errors apart on so many.
+_SAMPLES = 3000
+# Photographs with fewer are not worth their part.
+_FEWEST = 20
+
+Elements = Mapping[str, Sequence[LightElement]]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Models of one form, fitted to a share of the samples.
+
+    rungs : their evidence on the share. photos, weights : the share.
+    """
+
+    rungs: tuple[Rung, ...]
+    photos: tuple[PhotoColumns, ...]
+    weights: tuple[Weights, ...]
+
+    def rung_like(self, model: Model) -> Rung:
+        """The rung with a Fresnel factor if a model, of any form and colour, has one and this form too."""
+        return next((r for r in self.rungs if r.estimate.model.fresnel == model.fresnel), self.rungs[-1])
+
+
+def try_forms(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    elements: Elements,
+    on_step: Callable[[], None] = lambda: None,
+) -> dict[LobeForm, Trial]:
+    """Every form, RH01's among them, on the same share of the samples; photos are columns of RH01's.
+
+    The noise is read off the residuals of the form that fits best: what another misses is no noise. `on_step` is called
+    `len(OTHER_FORMS)` times.
+    """
+    kept = [_share(photo, sum(len(p.field) for p in photos)) for photo in photos]
+    share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
+    columns: dict[LobeForm, list[PhotoColumns]] = {PRINTED: share}
+    for form in OTHER_FORMS:
+        columns[form] = columns_of(form, share, elements)
+        on_step()
+    first = [Weights(w.trust[keep], w.weight[keep]) for w, keep in zip(weights, kept, strict=True)]
+    costs = {form: _cost(models_of(form)[-1], part, first) for form, part in columns.items()}
+    best = min(costs, key=lambda form: costs[form])
+    own = weigh(columns[best], models_of(best)[-1], first)[1]
+    patches = patches_of(photos)
+    return {
+        form: Trial(climb_ladder(part, own, models=models_of(form), patches=patches), tuple(part), tuple(own))
+        for form, part in columns.items()
+    }
+
+
+def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:
+    return fit(model, by_lighting(weighted_statistics(photos, [w.weight for w in weights]))).cost
+
+
+def columns_of(form: LobeForm, photos: Sequence[PhotoColumns], elements: Elements) -> list[PhotoColumns]:
+    """The same samples with columns of another form."""
+    return list(
+        parallel_map(
+            lambda photo: photo_columns(
+                photo.lighting, elements[photo.lighting], photo.field, form, photo.shadows
+            ),
+            photos,
+        )
+    )
+
+
+def beside(reference: Rung, tried: Rung, own: Rung) -> Rung:
+    """A rung tried on a share of the samples as it would be on all.
+
+    reference : of another model, on all samples. own : the same model on the share.
+    """
+    squares = reference.photo_errors**2 + tried.photo_errors**2 - own.photo_errors**2
+    return replace(
+        tried,
+        # Where the share's noise says that nothing is left, a tenth is.
+        photo_errors=np.sqrt(np.maximum(squares, 0.01 * reference.photo_errors**2)),
+        patch_energy=reference.patch_energy + tried.patch_energy - own.patch_energy,
+    )
+
+
+def _share(photo: PhotoColumns, total: int) -> NDArray[np.bool_]:
+    """Which samples (n,) of a photograph to try forms on, of so many in all."""
+    count = min(len(photo.field), max(int(_SAMPLES * len(photo.field) / total), _FEWEST))
+    # The same at any number of photographs, so that results don't hang on their order.
+    return np.random.default_rng(0).permutation(len(photo.field)) < count

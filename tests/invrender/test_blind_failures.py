@@ -1,0 +1,125 @@
+"""Where unknown light can't tell something, by theory: no number then, but why, and which photograph would help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from invrender.solve.blind import factorize_blind
+from recon.lightfield import LightField
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
+from synthetic.render.lobes import reflected_radiance
+
+TEFLON = radiometric(RH01_MATERIALS["teflon"])
+
+
+def photographs(
+    bench: SimpleNamespace,
+    rng: np.random.Generator,
+    material: Microfacet = TEFLON,
+    angles: Sequence[float] = (0, 45, 90, 135),
+    lights: Sequence[AreaLight] = (),
+    sources: Sequence[DirectionalSource] = (),
+    least_cos: float = 0.0,
+    samples: int = 400,
+) -> list[LightField]:
+    """Photographs of a sphere with 1% noise, of what is seen within an exitant angle only."""
+    photos = []
+    for angle in angles:
+        field = bench.sphere_field(angle, samples, 90.0)
+        field = field.where(field.cos_exitant > least_cos)
+        clean = field.mean_over_rays(
+            reflected_radiance(material, lights, sources, field.normals, field.views)
+        )
+        deviation = np.hypot(0.01 * clean, 0.001 * clean.mean())
+        photos.append(replace(field, radiance=clean + deviation * rng.standard_normal(clean.shape)))
+    return photos
+
+
+def test_a_single_photograph_is_explained_by_any_light(bench: SimpleNamespace, rng: np.random.Generator):
+    one = photographs(bench, rng, angles=[0], sources=[bench.source])
+    with pytest.raises(
+        ValueError, match=r"one can't tell light from reflectance .* add photographs from other"
+    ):
+        factorize_blind(one)
+
+
+def test_light_without_high_degrees_hides_the_lobes_width(bench: SimpleNamespace, rng: np.random.Generator):
+    soft = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.9)
+    found = factorize_blind(photographs(bench, rng, lights=[soft]), orders=[6], ladder=False)
+    sigma = found.quantities["sigma"]
+    assert (sigma.status, sigma.value) == ("undetermined", None)
+    assert "light's varying power lies in degrees up to" in sigma.reason
+    assert sigma.remedy == "add a photograph under a small, bright source"
+
+
+def test_a_matte_body_shows_no_light_above_degree_two(bench: SimpleNamespace, rng: np.random.Generator):
+    matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
+    photos = photographs(bench, rng, matte, lights=[bench.area_light])
+    found = factorize_blind(photos, orders=[6])
+    assert found.sigma is None
+    assert found.light.determined_degree == 2
+    assert found.light.doubt is not None
+    assert "passes no odd degrees above 1" in found.light.doubt.reason
+    assert "mirror ball" in found.light.doubt.remedy
+
+
+def test_without_grazing_views_mu_stays_open(bench: SimpleNamespace, rng: np.random.Generator):
+    # Of each sphere the middle only: nothing is seen at more than 25 degrees.
+    photos = photographs(
+        bench,
+        rng,
+        angles=(-60, -20, 20, 60, 100),
+        sources=[bench.source],
+        lights=[bench.area_light],
+        least_cos=np.cos(np.radians(25)),
+        samples=600,
+    )
+    found = factorize_blind(photos, orders=[6], ladder=False)
+    mu = found.quantities["mu"]
+    assert (mu.status, mu.value) == ("undetermined", None)
+    assert "samples reach 25 degrees" in mu.reason
+    assert "grazing" in mu.remedy
+
+
+def test_directions_that_no_reflection_reaches_are_said_to_be_open(
+    bench: SimpleNamespace, rng: np.random.Generator
+):
+    # Close beside each other, and of each sphere the middle third: mirrored rays go to one side of the world only.
+    photos = photographs(
+        bench,
+        rng,
+        angles=(-8, 0, 8),
+        lights=[bench.area_light],
+        sources=[bench.source],
+        least_cos=0.75,
+        samples=600,
+        material=radiometric(RH01_MATERIALS["steel"]),
+    )
+    found = factorize_blind(photos, orders=[6], ladder=False)
+    doubt = found.light.doubt
+    assert doubt is not None
+    assert found.light.determined_degree == 2
+    share = int(doubt.reason.split("mirrored rays look at ")[1].split("%")[0])
+    # A cone of twice 41 degrees and the five by which it is widened is 48% of the sphere; between samples are gaps.
+    assert 38 < share < 52
+    assert doubt.remedy == "add photographs from more sides"
+
+
+def test_two_sources_within_the_lobe_count_as_one(bench: SimpleNamespace, rng: np.random.Generator):
+    sources = [
+        DirectionalSource(bench.direction(azimuth, 25), np.array([1.2, 1.1, 1.0])) for azimuth in (-20, -16)
+    ]
+    photos = photographs(bench, rng, lights=[bench.area_light], sources=sources, samples=1000)
+    found = factorize_blind(photos, orders=[8], ladder=False)
+    (only,) = found.light.sources.directions
+    assert only @ bench.direction(-18, 25) > np.cos(np.radians(1))
+    assert "nearer to another than the lobe is wide" in found.warnings[0]
+    assert "treated as one" in found.warnings[0]

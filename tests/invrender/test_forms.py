@@ -1,0 +1,127 @@
+"""The form of the specular part, chosen by evidence; truth by summing over the directions that light comes from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from invrender.model.columns import PhotoColumns
+from invrender.solve.explanation import explain
+from invrender.solve.factorize import Solution, factorize
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials import facets
+from synthetic.materials.material import Material
+from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.phong import Phong
+from synthetic.materials.rh01 import RH01_MATERIALS, exact, radiometric
+from synthetic.materials.smith import Smith
+from synthetic.render.lobes import irradiance
+from synthetic.vectors import local_frame, to_local, to_world
+
+ANGLES = np.linspace(0, 180, 8)
+# Ks neutral and coloured.
+KD, GREY, COLOURED = np.array([0.11, 0.10, 0.09]), np.full(3, 0.03), np.array([0.03, 0.035, 0.04])
+TRUTHS: dict[str, Material] = {
+    "microfacet": radiometric(RH01_MATERIALS["teflon"]),
+    "half-angle microfacet": exact(RH01_MATERIALS["teflon"]),
+    "GGX": Smith(KD, COLOURED, 1.6, facets.GGX(0.12, 0.12)),
+    "Phong": Phong(KD, GREY, 35.0),
+}
+
+
+def gathered(material: Material, light: AreaLight, source: DirectionalSource, normals, views) -> np.ndarray:
+    """Radiance (n, 3) under both lights; Gauss-Legendre and trapezoid rules around the area light's axis."""
+    frames = local_frame(normals)
+    wo = to_local(frames, views)
+    wi = to_local(frames, np.broadcast_to(source.direction, normals.shape))
+    brdf = material.kd + material.ks * material.lobe(wi, wo)
+    radiance = brdf * np.maximum(wi[:, 2:], 0) * source.irradiance
+    radiance += material.kd * light.radiance * irradiance(light, normals)[:, None]
+    # Beyond four widths a Gaussian of light is 1e-4 of its peak. 30 nodes leave 1e-5 of the radiance.
+    order, reach = 30, 4.2 * light.width_rad
+    node, weight = np.polynomial.legendre.leggauss(order)
+    theta, phi = np.meshgrid((node + 1) / 2 * reach, np.arange(2 * order) * np.pi / order, indexing="ij")
+    local = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    directions = to_world(local_frame(light.axis), local.reshape(-1, 3))
+    weights = (np.sin(theta) * weight[:, None] * reach / 2 * np.pi / order).ravel()
+    arriving = light.profile(directions @ light.axis) * weights
+    for start in range(0, len(normals), 64):
+        part = slice(start, start + 64)
+        wi = to_local(frames[part, None], directions[None])
+        lobe = material.lobe(wi, wo[part, None])[..., 0] * np.maximum(wi[..., 2], 0)
+        radiance[part] += material.ks * light.radiance * (lobe @ arriving)[:, None]
+    return radiance
+
+
+def photographs(material: Material, bench, samples: int = 100) -> list[PhotoColumns]:
+    """Without noise, as columns of RH01's form."""
+    # Any material has the samples' geometry; what it reflects is put in afterwards.
+    photos = []
+    for photo in bench.photograph(Microfacet(KD, np.zeros(3), None, 0.1), ANGLES, samples=samples):
+        field = photo.field
+        radiance = gathered(material, bench.area_light, bench.source, field.normals, field.views)
+        photos.append(bench.with_radiance(photo, field.mean_over_rays(radiance)))
+    return photos
+
+
+@pytest.fixture(scope="module", params=TRUTHS)
+def solved(request, bench) -> tuple[str, Material, Solution]:
+    photos = photographs(TRUTHS[request.param], bench)
+    noisy = bench.with_noise(photos, np.random.default_rng(5))
+    return request.param, TRUTHS[request.param], factorize(noisy, [bench.known_lighting()])
+
+
+def test_the_ladder_finds_the_form_and_its_numbers(solved):
+    form, material, solution = solved
+    model = solution.estimate.model
+    assert model.form.name == form
+    assert model.neutral == bool(np.ptp(material.ks) == 0)
+    found = solution.quantities
+    sigma = (2 * 35.0) ** -0.5 if form == "Phong" else 0.12
+    assert_allclose(found["sigma"].value, sigma, atol=min(4 * found["sigma"].std[0], 8e-4))
+    if form == "Phong":
+        assert "mu" not in found
+        assert_allclose(found["exponent"].value, 35.0, atol=4 * found["exponent"].std[0])
+        # 1 / (2 sigma^2): twice the share.
+        share = found["sigma"].std / found["sigma"].value
+        assert_allclose(found["exponent"].std / found["exponent"].value, 2 * share, rtol=1e-12)
+    else:
+        assert_allclose(found["mu"].value, material.mu, atol=min(4 * found["mu"].std[0], 0.02))
+    for name, truth in (("kd", material.kd), ("ks", material.ks)):
+        assert (np.abs(found[name].value - truth) < 4 * found[name].std).all(), name
+        assert (found[name].std < 0.02 * truth).all(), name
+    # As it was drawn (24 bins of a hundred numbers tell it to 5%), not the several percent that RH01's form leaves.
+    assert_allclose(solution.noise.relative, 0.01, rtol=0.15)
+
+
+def test_the_other_forms_stand_in_the_ladder_as_worse(solved):
+    form, _, solution = solved
+    best = solution.rungs[solution.chosen].error
+    others = [rung for rung in solution.rungs if rung.estimate.model.form.name != form]
+    assert {rung.estimate.model.form.name for rung in others} | {form} == TRUTHS.keys()
+    # These lights show grazing highlights, where forms differ by several percent of the radiance.
+    assert min(rung.error for rung in others if rung.estimate.model.specular) > 2 * best
+
+
+def test_a_matte_object_tries_no_forms(bench):
+    photos = photographs(Microfacet(KD, np.zeros(3), None, 0.1), bench, samples=60)
+    noisy = bench.with_noise(photos, np.random.default_rng(0))
+    explanation = explain(noisy, [bench.known_lighting()])
+    assert explanation.rungs[explanation.chosen].estimate.model.name == "lambertian"
+    assert not explanation.trials
+
+
+def test_in_light_of_unknown_strength_ks_has_no_colour_of_its_own(bench):
+    told = bench.known_lighting(recover_irradiance=True, recover_ambient=True)
+    material = radiometric(RH01_MATERIALS["teflon"])
+    ambient = replace(bench.area_light, width_rad=1e6)
+    photos = bench.photograph(material, ANGLES[::2], [ambient], [bench.source], told, samples=60)
+    explanation = explain(bench.with_noise(photos, np.random.default_rng(0)), [told])
+    assert explanation.rungs[explanation.chosen].estimate.model.name == "microfacet"
+    assert not any(rung.estimate.model.neutral for rung in explanation.rungs)
+    # Other forms were tried in uniform light and under a source, all strengths free.
+    assert {"GGX", "Phong"} < {rung.estimate.model.form.name for rung in explanation.rungs}
