@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import HOPELESS, Rung
-from recon.sphere import Sphere
+from invrender.texture.textures import Textures
 
 Floats = NDArray[np.float64]
 Status = Literal["determined", "weak", "undetermined"]
@@ -87,6 +87,7 @@ class PhotoScore:
 class Factorization:
     """Everything that a run found.
 
+    object : shape and place, as result.json has them.
     brdf : the chosen model's values, also those too uncertain to report: predictions use them.
     gauge : which scale the numbers are in, in words; `is_absolute` if the lighting fixes it.
     quantities : by name, "kd", "ks", "mu", "sigma", "exponent" (Phong's), "albedo", "kd_normalised", "ks_normalised";
@@ -95,11 +96,12 @@ class Factorization:
     noise_floor, noise_relative : what the residuals look like: sqrt(floor^2 + (relative radiance)^2).
     structured : the part of the residuals that isn't noise, relative RMS.
     covariance, covariance_names : of the BRDF's numbers, in the order named.
+    textures : Kd and Ks over the surface, where they vary; those of `brdf` and `quantities` are then means.
     """
 
     name: str
     gauge: str
-    sphere: Sphere
+    object: Mapping[str, Any]
     brdf: Microfacet
     quantities: Mapping[str, Quantity]
     lightings: tuple[FittedLighting, ...]
@@ -112,6 +114,7 @@ class Factorization:
     covariance: Floats
     covariance_names: tuple[str, ...]
     warnings: tuple[str, ...]
+    textures: Textures | None = None
 
     @property
     def is_absolute(self) -> bool:

@@ -10,8 +10,8 @@ from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.solve.evidence import MISFIT_REMEDY, outlying
 from invrender.solve.factorize import Solution
-from recon.knownlight import frame_warnings
-from recon.sphere import Sphere
+from invrender.specimen import Specimen
+from recon.bodies import SphereBody
 
 # Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
 _POOR = 0.12
@@ -20,10 +20,10 @@ _STRUCTURED, _STRAYS = 0.005, 0.02
 
 
 def find_warnings(
-    photoset: PhotoSet, solution: Solution, sphere: Sphere, lightings: Mapping[str, Lighting]
+    photoset: PhotoSet, solution: Solution, specimen: Specimen, lightings: Mapping[str, Lighting]
 ) -> tuple[str, ...]:
     """Sentences on all that a user should know before using the numbers; empty if there is nothing."""
-    warnings = [f"{text[0].upper()}{text[1:]}." for text in frame_warnings(photoset)]
+    warnings = list(specimen.warnings)
     rung = solution.rungs[solution.chosen]
     if rung.error > _POOR:
         warnings.append(
@@ -49,9 +49,11 @@ def find_warnings(
                 f"{photo.label} is explained far worse than the others (RMS {error:.1%}, median"
                 f" {np.median(rung.photo_errors):.1%}) and counts for less: check its pose, light and mask."
             )
-    if sphere.residual_px and max(sphere.residual_px) > 0.6:
+    body = specimen.body
+    outlines = body.sphere.residual_px if isinstance(body, SphereBody) else ()
+    if max(outlines, default=0) > 0.6:
         warnings.append(
-            f"The masks' outlines stray up to {max(sphere.residual_px):.1f} px from the fitted sphere;"
+            f"The masks' outlines stray up to {max(outlines):.1f} px from the fitted sphere;"
             " normals near the rim are uncertain by as much."
         )
     for table in photoset.lightings:

@@ -18,25 +18,28 @@ from invrender.findings import find_warnings
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
+from invrender.model.visibility import Shadows
 from invrender.reading import read_samples
 from invrender.solve.evidence import fit_strengths
 from invrender.solve.explanation import explanation_steps
 from invrender.solve.factorize import Solution, factorize
 from invrender.solved import Solved, factorization
+from invrender.specimen import Specimen
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField
-from recon.sphere import Sphere
 
 
-def solve_known_light(photoset: PhotoSet, sphere: Sphere, samples: int, clock: Clock, track: Track) -> Solved:
-    """Recover the BRDF of a sphere, and what of its lighting is free."""
+def solve_known_light(
+    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
+) -> Solved:
+    """Recover the BRDF of an object, and what of its lighting is free."""
     with clock.on("recon"):
         lightings = _used_lightings(photoset)
     sources = {name: lighting.directions for name, lighting in lightings.items()}
-    fields = read_samples(photoset, sphere, sources, samples, clock, track)
+    fields = read_samples(photoset, specimen.found, sources, samples, clock, track)
     with clock.on("invrender"):
         elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-        columns = _columns(photoset, fields, elements)
+        columns = _columns(photoset, fields, elements, specimen.shadows)
     _check_lit(photoset, lightings, columns)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
@@ -64,20 +67,23 @@ def solve_known_light(photoset: PhotoSet, sphere: Sphere, samples: int, clock: C
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
         }
-    warnings = find_warnings(photoset, solution, sphere, lightings)
-    result = factorization(photoset, sphere, solution, fields, residuals, warnings, scored)
+    warnings = find_warnings(photoset, solution, specimen, lightings)
+    result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
 
     def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
-        return predict(result.brdf, elements[photo.lighting], strengths[photo.label], field)
+        return predict(result.brdf, elements[photo.lighting], strengths[photo.label], field, specimen.shadows)
 
     return Solved(result, fields, residuals, radiance)
 
 
 def _columns(
-    photoset: PhotoSet, fields: Mapping[str, LightField], elements: Mapping[str, Sequence[LightElement]]
+    photoset: PhotoSet,
+    fields: Mapping[str, LightField],
+    elements: Mapping[str, Sequence[LightElement]],
+    shadows: Shadows | None,
 ) -> dict[str, PhotoColumns]:
     def of(photo: Photo) -> PhotoColumns:
-        return photo_columns(photo.lighting, elements[photo.lighting], fields[photo.label])
+        return photo_columns(photo.lighting, elements[photo.lighting], fields[photo.label], shadows=shadows)
 
     photos = photoset.photos
     return {photo.label: found for photo, found in zip(photos, parallel_map(of, photos), strict=True)}
@@ -96,7 +102,7 @@ def _in_form(
     for photo in photoset.photos:
         own = columns[photo.label] if photo.held_out else next(fitted)
         if own.form is not form:
-            own = photo_columns(photo.lighting, elements[photo.lighting], own.field, form)
+            own = photo_columns(photo.lighting, elements[photo.lighting], own.field, form, own.shadows)
         found[photo.label] = own
     return found
 
@@ -118,6 +124,14 @@ def _check_lit(
                     f'{photoset.manifest}: [[lighting]] "{name}": source {k + 1} at {np.round(direction, 3).tolist()}'
                     " is below the horizon of everything that is seen; directions point from the object to the"
                     " light, in the world's frame: check its sign and frame"
+                )
+            if lighting.recover_irradiance and not any(
+                photo.field.sources_visible[:, k].any() for photo in users
+            ):
+                raise ValueError(
+                    f'{photoset.manifest}: [[lighting]] "{name}": source {k + 1} is hidden by the object itself from'
+                    " everything that is seen, so its irradiance can't be recovered: photograph the side that it"
+                    " lights, or give its irradiance"
                 )
 
 

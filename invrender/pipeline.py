@@ -17,10 +17,12 @@ from capture.radiance import RadianceImage
 from invrender.clock import Clock
 from invrender.factorization import Factorization
 from invrender.knownlight import solve_known_light
+from invrender.model.visibility import facing
 from invrender.solved import Solved
+from invrender.specimen import Specimen, find_specimen
+from invrender.texture.solve import solve_textured
 from invrender.unknownlight import solve_unknown_light
-from recon.bodies import SphereBody, body_pixels
-from recon.findsphere import find_sphere
+from recon.bodies import body_pixels
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, samples_at
 
@@ -44,6 +46,7 @@ class Run:
     """A finished run. seconds : per package, added up over threads, and "total", by the clock on the wall."""
 
     photoset: PhotoSet
+    specimen: Specimen
     solved: Solved
     seconds: dict[str, float]
 
@@ -62,48 +65,65 @@ class Run:
 
     def _predict(self, photo: Photo) -> Prediction:
         observed = decode_photo(self.photoset, photo)
-        body = SphereBody(self.result.sphere)
+        body = self.specimen.body
         rows, columns = body_pixels(body, photo.camera)
         predicted = np.zeros_like(observed.radiance)
+        inside = np.zeros(observed.saturated.shape, bool)
         for part in np.array_split(np.arange(len(rows)), len(rows) // _PIXELS_AT_A_TIME + 1):
             pixels = rows[part], columns[part]
-            samples = samples_at(body, photo.camera, observed, *pixels, NO_SOURCES)
-            predicted[pixels] = self.solved.radiance(photo, samples)
-        inside = np.zeros(observed.saturated.shape, bool)
-        inside[rows, columns] = True
+            samples = facing(samples_at(body, photo.camera, observed, *pixels, NO_SOURCES))
+            radiance = self.solved.radiance(photo, samples)
+            # Pixels with a hole, and where a texture isn't known, are left out.
+            known = np.isfinite(radiance).all(axis=1)
+            predicted[samples.rows[known], samples.columns[known]] = radiance[known]
+            inside[samples.rows[known], samples.columns[known]] = True
         return Prediction(photo, observed, predicted, inside)
 
 
-def process(photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track = silent) -> Run:
-    """Recover the BRDF of a sphere, and what of its lighting is free, from a photo set.
+def process(
+    photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track = silent, shadowing: bool = True
+) -> Run:
+    """Recover the BRDF of an object, and what of its lighting is free, from a photo set.
 
-    samples : about how many pixels of all photographs together enter the fit.
+    samples : about how many pixels of all photographs together enter the fit. shadowing : False leaves the
+    shadows of a mesh on itself out, to show what they amount to.
     """
     with one_blas_thread():
-        return _process(photoset, samples, track)
+        return _process(photoset, samples, track, shadowing)
 
 
-def _process(photoset: PhotoSet, samples: int, track: Track) -> Run:
+def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) -> Run:
     begun = time.perf_counter()
     clock = Clock()
     _check_scope(photoset, [photo for photo in photoset.photos if not photo.held_out])
     with clock.on("recon"):
-        sphere = find_sphere(photoset, track)
+        specimen = find_specimen(photoset, track, shadowing)
     unknown = {table.name for table in photoset.lightings if table.unknown}
-    solve = (
-        solve_unknown_light if unknown & {photo.lighting for photo in photoset.photos} else solve_known_light
-    )
-    solved = solve(photoset, sphere, samples, clock, track)
-    return Run(photoset, solved, {**clock.seconds, "total": time.perf_counter() - begun})
+    given = photoset, specimen, samples, clock, track
+    if unknown & {photo.lighting for photo in photoset.photos}:
+        solved = solve_unknown_light(*given)
+    else:
+        solved = (solve_textured if photoset.object.texture else solve_known_light)(*given)
+    return Run(photoset, specimen, solved, {**clock.seconds, "total": time.perf_counter() - begun})
 
 
 def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
     where = photoset.manifest
-    if photoset.object.shape != "sphere":
-        raise ValueError(f"{where}: [object] shape = 'mesh': this version processes spheres only")
-    if photoset.object.texture:
+    unknown = [table.name for table in photoset.lightings if table.unknown]
+    if photoset.object.texture and photoset.object.shape != "mesh":
         raise ValueError(
-            f"{where}: [object] texture = true: this version recovers one BRDF for the whole object only"
+            f"{where}: [object] texture = true is for meshes, whose surface has coordinates; remove it, or give the"
+            " sphere as a mesh"
+        )
+    if photoset.object.texture and unknown:
+        raise ValueError(
+            f'{where}: [object] texture = true, but [[lighting]] "{unknown[0]}" is unknown: light and texture can\'t be'
+            " told apart (RH01, section 6.4). Measure the light, with a mirror ball say, or remove texture"
+        )
+    if photoset.object.shape == "mesh" and unknown:
+        raise ValueError(
+            f'{where}: [object] shape = "mesh", but [[lighting]] "{unknown[0]}" is unknown: this version recovers'
+            " unknown light from spheres only; measure it, with a mirror ball say"
         )
     if len(fitted) < 2:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Photographs of a sphere to samples: decoded, masked, drawn, checked."""
+"""Photographs of an object to samples: decoded, masked, drawn, checked."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from capture.radiance import RadianceImage
 from invrender.clock import Clock
-from recon.bodies import SphereBody
-from recon.findsphere import sphere_mask
 from recon.lightfield import LightField, off_terminators
+from recon.samples.find import FoundBody
 from recon.sampling import NO_SOURCES, sample_body
-from recon.sphere import Sphere
 
 _MIN_SAMPLES_PER_PHOTO = 20
 # Noise about black makes half of a dark photograph's numbers negative.
@@ -26,7 +24,7 @@ _MOSTLY_NEGATIVE = 0.6
 
 def read_samples(
     photoset: PhotoSet,
-    sphere: Sphere,
+    found: FoundBody,
     sources: Mapping[str, NDArray[np.float64]],
     samples: int,
     clock: Clock,
@@ -37,7 +35,6 @@ def read_samples(
     sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
     how many in all, evenly over the photographs that are fitted; each that is held out gets as many.
     """
-    body = SphereBody(sphere)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
 
@@ -46,25 +43,26 @@ def read_samples(
         with clock.on("capture"):
             image = decode_photo(photoset, photo)
         with clock.on("recon"):
-            mask = sphere_mask(photoset, photo, sphere)
+            mask = found.mask_of(photo)
             directions = sources.get(photo.lighting, NO_SOURCES)
             # Seeded by place, so that neither order nor threads change what is drawn.
             rng = np.random.default_rng(index)
-            drawn = sample_body(body, photo.camera, image, mask, directions, budget, rng)
+            drawn = sample_body(found.body, photo.camera, image, mask, directions, budget, rng)
             drawn = off_terminators(drawn, directions)
-            _check_usable(photo, image, drawn, mask)
+            check_usable(photo, image, drawn, mask)
         return drawn
 
-    found: dict[str, LightField] = {}
+    fields: dict[str, LightField] = {}
     work = parallel_map(read, range(len(photoset.photos)))
     for photo in track(photoset.photos, "Reading photographs"):
-        found[photo.label] = next(work)
-    return found
+        fields[photo.label] = next(work)
+    return fields
 
 
-def _check_usable(
+def check_usable(
     photo: Photo, image: RadianceImage, samples: LightField, coverage: NDArray[np.float32] | None
 ) -> None:
+    """ValueError if a photograph says nothing: saturated, too small, negative, or black throughout the object."""
     inside = coverage >= 0.5 if coverage is not None else np.ones(image.saturated.shape, bool)
     if image.saturated[inside].all():
         raise ValueError(

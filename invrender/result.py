@@ -11,6 +11,15 @@ from numpy.typing import NDArray
 from capture.files.documents import numbers, software
 from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
+from invrender.texture.layout import TexelLayout
+from invrender.texture.textures import (
+    KD_NAME,
+    KD_STD_NAME,
+    KS_NAME,
+    KS_STD_NAME,
+    MESH_NAME,
+    Textures,
+)
 from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import map_coefficients
 from recon.harmonics import to_degree
@@ -52,14 +61,8 @@ def result_document(
             },
             "covariance": {"names": list(result.covariance_names), "values": numbers(result.covariance)},
         },
-        "object": {
-            "shape": "sphere",
-            "centre": numbers(result.sphere.centre),
-            "radius": result.sphere.radius,
-            # In order of centre and radius; zero where given.
-            "std": numbers(np.sqrt(np.diag(result.sphere.covariance))),
-            "outline_rms_px": [round(r, 4) for r in result.sphere.residual_px],
-        },
+        "object": dict(result.object),
+        "texture": None if result.textures is None else _texture(result.textures),
         "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in result.lightings],
         "fit": {
             "rms_relative": result.rms(held_out=False),
@@ -96,6 +99,21 @@ def result_document(
         "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
         "inputs": dict(inputs),
         "software": software(),
+    }
+
+
+def _texture(textures: Textures) -> dict[str, Any]:
+    layout = textures.layout
+    return {
+        "kd": KD_NAME,
+        "kd_std": KD_STD_NAME,
+        "ks": KS_NAME if textures.ks_varies else None,
+        "ks_std": KS_STD_NAME if textures.ks_varies else None,
+        "at": "texels" if isinstance(layout, TexelLayout) else "vertices",
+        "side": layout.side if isinstance(layout, TexelLayout) else None,
+        "known": float(textures.known.mean()),
+        # The set's own mesh has the texture coordinates, unless they were made.
+        "mesh": MESH_NAME if layout.made is not None else None,
     }
 
 

@@ -19,8 +19,9 @@ from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
 from invrender.report.page import ReportWriter, with_error
 from invrender.result import identifiability, lighting_map, result_document
+from invrender.texture.textures import TEXTURE_FILES
 
-RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr")
+RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEXTURE_FILES)
 
 
 def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
@@ -75,6 +76,9 @@ def write_result(run: Run, folder: Path, more: Mapping[str, Any] | None = None) 
         name = entry.lighting.name
         files[name] = f"lighting-{name.replace('/', '_')}.exr" if several else "lighting.exr"
         write_exr(folder / files[name], lighting_map(entry))
+    if result.textures is not None:
+        assert run.photoset.mesh_to_world is not None
+        result.textures.write(folder, run.photoset.mesh_to_world)
     (folder / "predicted").mkdir()
     document = result_document(result, files, _input_hashes(run.photoset), run.seconds) | dict(more or {})
     report = ReportWriter(run, document)
@@ -103,6 +107,7 @@ def _predicted_names(labels: Sequence[str]) -> dict[str, str]:
 def _input_hashes(photoset: PhotoSet) -> dict[str, str]:
     """Hashes of every file that the result depends on, by its place in the set's folder, or its name elsewhere."""
     paths = [photoset.manifest, *photoset.calibration_files]
+    paths += [photoset.resolve(photoset.object.mesh)] if photoset.object.mesh else []
     for photo in photoset.photos:
         paths += [photo.file] + ([photo.mask] if photo.mask else [])
     for table in photoset.lightings:
@@ -129,6 +134,11 @@ def _print_summary(result: Factorization) -> None:
     if exponent := result.quantities.get("exponent"):
         table.add_row(*_lines("exponent", exponent)[0], exponent.status)
     console.print(table)
+    if result.textures is not None:
+        console.print(
+            f"Kd{' and Ks vary' if result.textures.ks_varies else ' varies'} over the surface: these are means over the"
+            f" {result.textures.known.mean():.0%} of it that the photographs determine; the maps lie beside the report."
+        )
     held_out = result.rms(held_out=True)
     console.print(
         f"RMS residual {result.rms(held_out=False):.2%} of the radiance, {result.model.error:.2%} on unseen photographs"

@@ -12,8 +12,8 @@ from capture.photoset import Photo, PhotoSet
 from invrender.factorization import Factorization, FittedLighting, PhotoScore
 from invrender.solve.evidence import relative_rms
 from invrender.solve.factorize import Solution
+from invrender.specimen import Specimen
 from recon.lightfield import LightField
-from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class Solved:
 
 def factorization(
     photoset: PhotoSet,
-    sphere: Sphere,
+    specimen: Specimen,
     solution: Solution,
     fields: Mapping[str, LightField],
     residuals: Mapping[str, Floats],
@@ -45,7 +45,7 @@ def factorization(
     return Factorization(
         name=photoset.name,
         gauge=solution.gauge,
-        sphere=sphere,
+        object=specimen.description,
         brdf=solution.estimate.brdf,
         quantities=solution.quantities,
         lightings=(*solution.lightings, *scored),

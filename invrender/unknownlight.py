@@ -31,9 +31,9 @@ from invrender.solve.evidence import Rung
 from invrender.solve.factorize import Solution, unless_misfit
 from invrender.solve.models import Estimate, Model
 from invrender.solved import Solved, factorization
+from invrender.specimen import Specimen
 from invrender.theory.latlong import synthesise_latlong
 from recon.lightfield import LightField
-from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ _NO_SCALE = Quantity(
 
 def solve_unknown_light(
     photoset: PhotoSet,
-    sphere: Sphere,
+    specimen: Specimen,
     samples: int,
     clock: Clock,
     track: Track,
@@ -64,7 +64,7 @@ def solve_unknown_light(
     _check_lightings(photoset)
     orders = _DARK if _is_dark(photoset) else ORDERS
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
-    fields = read_samples(photoset, sphere, {}, samples, clock, track)
+    fields = read_samples(photoset, specimen.found, {}, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))
@@ -87,8 +87,8 @@ def solve_unknown_light(
         solution = _solution(
             blind, [fields[photo.label] for photo in fitted], [residuals[photo.label] for photo in fitted]
         )
-    warnings = (*_sentences(blind.warnings), *find_warnings(photoset, solution, sphere, {}))
-    result = factorization(photoset, sphere, solution, fields, residuals, warnings)
+    warnings = (*_sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
+    result = factorization(photoset, specimen, solution, fields, residuals, warnings)
     return Solved(result, fields, residuals, radiance)
 
 

@@ -113,17 +113,20 @@ class SphereBody:
 
 @dataclass(frozen=True, eq=False)
 class MeshBody:
-    """A mesh in the world as a body. Poses and scans are off by a pixel or so: its edges are kept away from."""
+    """A mesh in the world as a body. Poses and scans are off by a pixel or so: its edges are kept away from.
+
+    facets : (f, 3) unit outward normals of its flat faces; zero of faces without area.
+    """
 
     mesh: TriangleMesh
     tracer: RayTracer = field(init=False, repr=False)
-    _facets: Floats = field(init=False, repr=False)
+    facets: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tracer", RayTracer(self.mesh.vertices, self.mesh.faces))
         areas = area_vectors(self.mesh.vertices, self.mesh.faces)
         lengths = np.linalg.norm(areas, axis=1, keepdims=True)
-        object.__setattr__(self, "_facets", areas / np.maximum(lengths, np.finfo(float).tiny))
+        object.__setattr__(self, "facets", areas / np.maximum(lengths, np.finfo(float).tiny))
 
     def pixel_geometry(self, camera: Camera, rows: Ints, columns: Ints) -> PixelGeometry:
         centres = _centres(rows, columns)
@@ -163,17 +166,17 @@ class MeshBody:
             along = ((self.tracer.centre - origins) * directions).sum(axis=1)
             origins = origins + (along - 2 * self.tracer.size)[:, None] * directions
         found = self.tracer.first_hits(origins, directions)
-        facets = self._facets[found.faces]
+        facets = self.facets[found.faces]
         # The back of a face, seen through a hole, is no surface.
         hit = np.asarray(reached & (found.faces >= 0) & ((facets * directions).sum(axis=1) < 0))
         corners = self.mesh.faces[found.faces]
         weights = np.where(hit[:, None], found.weights, 0.0)
-        normals = _blended(self.mesh.normals, corners, weights)
+        normals = blended(self.mesh.normals, corners, weights)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return SurfaceHits(
             hit=hit,
             views=-directions,
-            positions=_blended(self.mesh.vertices, corners, weights),
+            positions=blended(self.mesh.vertices, corners, weights),
             normals=normals / np.where(hit[:, None], lengths, 1.0),
             facets=np.where(hit[:, None], facets, 0.0),
             faces=np.where(hit, found.faces, -1).astype(np.int64),
@@ -254,6 +257,6 @@ def _continues(
     return near.hit & (np.abs(off) < reach)
 
 
-def _blended(values: Floats, corners: Ints, weights: Floats) -> Floats:
-    """Vertex values (v, 3) at points of faces, by the weights of their corners (n, 3), (n, 3)."""
+def blended(values: NDArray[np.floating], corners: Ints, weights: Floats) -> Floats:
+    """Vertex values (v, c) at points of faces, (n, c), by the weights of their corners (n, 3), (n, 3)."""
     return np.asarray(np.einsum("nk,nkc->nc", weights, values[corners]))

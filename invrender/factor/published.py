@@ -25,9 +25,9 @@ from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import fit_noise, photo_weights
 from invrender.solve.published import PublishedFactors, published_factors
 from invrender.solved import Solved, factorization
+from invrender.specimen import Specimen
 from invrender.theory.latlong import synthesise_latlong
 from recon.lightfield import LightField
-from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
 
@@ -39,10 +39,10 @@ _FOLDS = 5
 
 
 def solve_as_published(
-    photoset: PhotoSet, sphere: Sphere, samples: int, clock: Clock, track: Track, region: Region | None
+    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track, region: Region | None
 ) -> Solved:
     """Light and BRDF of a sphere by RH01's procedure; weights and noise are of its residuals, for reports only."""
-    fields = read_samples(photoset, sphere, {}, samples, clock, track)
+    fields = read_samples(photoset, specimen.found, {}, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         found = published_factors([fields[photo.label] for photo in fitted], region=region)
@@ -50,8 +50,8 @@ def solve_as_published(
         residuals = {label: field.radiance - predicted[label] for label, field in fields.items()}
         unseen = _unseen([fields[photo.label] for photo in fitted], region)
         solution = _solution(photoset, found, fields, predicted, unseen)
-    warnings = find_warnings(photoset, solution, sphere, {})
-    result = factorization(photoset, sphere, solution, fields, residuals, warnings)
+    warnings = find_warnings(photoset, solution, specimen, {})
+    result = factorization(photoset, specimen, solution, fields, residuals, warnings)
 
     def radiance(_: Photo, field: LightField) -> Floats:
         return found.radiance(field)

@@ -13,8 +13,8 @@ from invrender.factor.choices import Choices
 from invrender.factor.published import solve_as_published
 from invrender.pipeline import Run
 from invrender.solve.blind import factorize_blind
+from invrender.specimen import find_specimen
 from invrender.unknownlight import solve_unknown_light
-from recon.findsphere import find_sphere
 
 
 def factor(photoset: PhotoSet, choices: Choices, track: Track = silent) -> Run:
@@ -23,8 +23,8 @@ def factor(photoset: PhotoSet, choices: Choices, track: Track = silent) -> Run:
     begun, clock = time.perf_counter(), Clock()
     with one_blas_thread():
         with clock.on("recon"):
-            sphere = find_sphere(photoset, track)
-        given = (photoset, sphere, choices.samples, clock, track)
+            specimen = find_specimen(photoset, track)
+        given = (photoset, specimen, choices.samples, clock, track)
         if choices.published:
             solved = solve_as_published(*given, choices.region)
         else:
@@ -38,7 +38,7 @@ def factor(photoset: PhotoSet, choices: Choices, track: Track = silent) -> Run:
                     transfer=choices.transfer,
                 ),
             )
-    return Run(photoset, solved, {**clock.seconds, "total": time.perf_counter() - begun})
+    return Run(photoset, specimen, solved, {**clock.seconds, "total": time.perf_counter() - begun})
 
 
 def _check_scope(photoset: PhotoSet) -> None:

@@ -22,7 +22,8 @@ from invrender.model.form_transfer import FresnelFunctions, OneIndex, form_trans
 from invrender.model.fresnel import FresnelBasis
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import sigma_nodes, sigma_weights
-from invrender.model.transfer import LightElement, diffuse_transfer
+from invrender.model.transfer import LightElement
+from invrender.model.visibility import Rays, Shadows, seen_diffuse, seen_specular
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -38,7 +39,7 @@ class PhotoColumns:
     lighting : name of its lighting. elements : names of the lighting's elements.
     columns : (channels, n, elements, 1 + rank * nodes) float32; channels is 1 where all share them.
         The first of the last axis is d, then m with j fastest.
-    field : the samples. form : of the specular part.
+    field : the samples. form : of the specular part. shadows : that they were made with, if any.
     """
 
     lighting: str
@@ -46,6 +47,7 @@ class PhotoColumns:
     columns: NDArray[np.float32]
     field: LightField
     form: LobeForm = PRINTED
+    shadows: Shadows | None = None
 
     @property
     def radiance(self) -> Floats:
@@ -67,9 +69,13 @@ def _fresnel_functions(form: LobeForm) -> FresnelFunctions:
 
 
 def photo_columns(
-    lighting: str, elements: Sequence[LightElement], field: LightField, form: LobeForm = PRINTED
+    lighting: str,
+    elements: Sequence[LightElement],
+    field: LightField,
+    form: LobeForm = PRINTED,
+    shadows: Shadows | None = None,
 ) -> PhotoColumns:
-    """Columns of a photograph's samples under a lighting given by its elements."""
+    """Columns of a photograph's samples under a lighting given by its elements; shadows : of a mesh, if it has any."""
     nodes, fresnel = sigma_nodes(), _fresnel_functions(form)
     channels = max(element.channels for element in elements)
     size = 1 + len(specular_weights(None, nodes[0], form))
@@ -79,12 +85,17 @@ def photo_columns(
         block = slice(start, start + _SAMPLES_AT_A_TIME)
         part = field.where((place >= block.start) & (place < block.stop))
         for e, element in enumerate(elements):
-            diffuse = part.mean_over_rays(diffuse_transfer(element, part.normals))
+            sight = None if shadows is None else shadows.sight(element, part)
+            diffuse = part.mean_over_rays(seen_diffuse(element, part.normals, sight))
             columns[:, block, e, 0] = diffuse.T
-            specular = form_transfer(form, element, part.normals, part.views, nodes, fresnel)
+
+            def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
+                return form_transfer(form, light, part.normals[rays], part.views[rays], nodes, fresnel)
+
+            specular = seen_specular(element, sight, gather)
             means = part.mean_over_rays(specular.reshape(len(specular), size - 1, -1))
             columns[:, block, e, 1:] = means.transpose(2, 0, 1)
-    return PhotoColumns(lighting, tuple(element.name for element in elements), columns, field, form)
+    return PhotoColumns(lighting, tuple(element.name for element in elements), columns, field, form, shadows)
 
 
 def specular_weights(mu: float | None, sigma: float, form: LobeForm = PRINTED) -> Floats:

@@ -10,26 +10,35 @@ from numpy.typing import NDArray
 from invrender.model.columns import PhotoColumns, specular_weights
 from invrender.model.form_transfer import OneIndex, form_transfer
 from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import LightElement, diffuse_transfer
+from invrender.model.transfer import LightElement
+from invrender.model.visibility import Rays, Shadows, seen_diffuse, seen_specular
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
 
 def predict(
-    brdf: Microfacet, elements: Sequence[LightElement], strengths: Floats, field: LightField
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    field: LightField,
+    shadows: Shadows | None = None,
 ) -> Floats:
     """Radiance (n, 3) of samples, without tables or interpolation [RH01, eq. 24; its form any].
 
-    strengths : (elements, 3).
+    strengths : (elements, 3). shadows : of a mesh, if it has any.
     """
     total = np.zeros((len(field.normals), 3))
+    sigma, fresnel = np.array([brdf.sigma or np.nan]), OneIndex(brdf.mu)
+
+    def gather(light: LightElement, rays: Rays) -> NDArray[np.floating]:
+        return form_transfer(brdf.form, light, field.normals[rays], field.views[rays], sigma, fresnel)
+
     for element, strength in zip(elements, strengths, strict=True):
-        total += brdf.kd * strength * diffuse_transfer(element, field.normals)
+        sight = None if shadows is None else shadows.sight(element, field)
+        total += brdf.kd * strength * seen_diffuse(element, field.normals, sight)
         if brdf.sigma is not None and brdf.ks.any():
-            sigma, fresnel = np.array([brdf.sigma]), OneIndex(brdf.mu)
-            lobe = form_transfer(brdf.form, element, field.normals, field.views, sigma, fresnel)
-            total += brdf.ks * strength * lobe[:, 0, 0]
+            total += brdf.ks * strength * seen_specular(element, sight, gather)[:, 0, 0]
     return np.asarray(field.mean_over_rays(total))
 
 

@@ -6,7 +6,7 @@ convolution [RH01, eq. 15], the specular part an integral over half-vectors (`ha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import cv2
@@ -57,6 +57,11 @@ class LightElement:
     def prepared_map(self) -> PreparedMap | None:
         """The map made ready for the half-vector integral."""
         return None if self.slow_map is None else PreparedMap.of(self.slow_map)
+
+    @cached_property
+    def without_sources(self) -> LightElement:
+        """The rest of the element, from which its directional sources are taken."""
+        return replace(self, directions=np.zeros((0, 3)), irradiances=np.zeros((0, self.channels)))
 
 
 def light_elements(lighting: Lighting) -> tuple[LightElement, ...]:

@@ -190,7 +190,7 @@ def _quantities(
     scale = kd + ks
     quantities = {"kd": assess_linear(kd, kd_std, scale, "Kd")}
     if report.is_absolute:
-        quantities["albedo"] = _scaled(quantities["kd"], np.pi)
+        quantities["albedo"] = scaled(quantities["kd"], np.pi)
     if "ks" not in report.places:
         return quantities
     quantities["ks"] = assess_linear(ks, ks_std, scale, "Ks")
@@ -225,7 +225,7 @@ def unless_misfit(quantities: dict[str, Quantity], error: float) -> dict[str, Qu
     return {name: Quantity(None, None, "undetermined", reason, MISFIT_REMEDY) for name in quantities}
 
 
-def _scaled(quantity: Quantity, factor: float) -> Quantity:
+def scaled(quantity: Quantity, factor: float) -> Quantity:
     if quantity.value is None or quantity.std is None:
         return quantity
     return replace(quantity, value=quantity.value * factor, std=quantity.std * factor)

@@ -84,7 +84,10 @@ def columns_of(form: LobeForm, photos: Sequence[PhotoColumns], elements: Element
     """The same samples with columns of another form."""
     return list(
         parallel_map(
-            lambda photo: photo_columns(photo.lighting, elements[photo.lighting], photo.field, form), photos
+            lambda photo: photo_columns(
+                photo.lighting, elements[photo.lighting], photo.field, form, photo.shadows
+            ),
+            photos,
         )
     )
 

@@ -64,7 +64,7 @@ def fit(model: Model, statistics: Sequence[Statistics], start: Estimate | None =
         return estimate_at(model, statistics, np.zeros(0))
     lower, upper = bounds_of(model)
     if start is None or start.brdf.sigma is None:
-        point = _searched(lambda point: estimate_at(model, statistics, point).cost, lower, upper)
+        point = searched(lambda point: estimate_at(model, statistics, point).cost, lower, upper)
     else:
         point = np.array([np.log(start.brdf.sigma), np.log((start.brdf.mu or 1.5) - 1)][: len(lower)])
     return gauss_newton(
@@ -81,11 +81,11 @@ def bounds_of(model: Model) -> tuple[Floats, Floats]:
     return lower, upper
 
 
-def _searched(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> Floats:
+def searched(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> Floats:
     """Near the lowest cost: the best of a coarse grid and a rival far from it, a simplex from both."""
     grid = sorted(_coarse_grid(lower, upper), key=cost)
     other = next((g for g in grid if abs(g[0] - grid[0][0]) > 0.5), grid[1])
-    return min((_simplex(cost, point, lower, upper) for point in (grid[0], other)), key=cost)
+    return min((simplex(cost, point, lower, upper) for point in (grid[0], other)), key=cost)
 
 
 def _coarse_grid(lower: Floats, upper: Floats) -> list[Floats]:
@@ -93,8 +93,16 @@ def _coarse_grid(lower: Floats, upper: Floats) -> list[Floats]:
     return [np.array(point) for point in product(*axes[: len(lower)])]
 
 
-def _simplex(cost: Callable[[Floats], float], start: Floats, lower: Floats, upper: Floats) -> Floats:
-    scale, size = cost(start) + 1e-300, 0.1
+def simplex(
+    cost: Callable[[Floats], float],
+    start: Floats,
+    lower: Floats,
+    upper: Floats,
+    size: float = 0.1,
+    near: float = _NEAR,
+) -> Floats:
+    """The least cost from a start, by a simplex of a size at first, until it is as small as `near`."""
+    scale = cost(start) + 1e-300
     simplex = np.vstack([start, start + size * np.eye(len(start))])
     simplex = np.where(simplex > upper, simplex - 2 * size, simplex)
     found = minimize(
@@ -102,6 +110,6 @@ def _simplex(cost: Callable[[Floats], float], start: Floats, lower: Floats, uppe
         start,
         method="Nelder-Mead",
         bounds=list(zip(lower, upper, strict=True)),
-        options={"initial_simplex": simplex, "xatol": _NEAR, "fatol": 1e-3, "maxfev": 1000},
+        options={"initial_simplex": simplex, "xatol": near, "fatol": 2.5 * near**2, "maxfev": 1000},
     )
     return np.asarray(found.x)

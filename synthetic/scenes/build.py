@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import read_latlong
+from recon.atlas import with_atlas
 from recon.trianglemesh import TriangleMesh, read_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
@@ -43,7 +44,6 @@ from synthetic.scenes.views import shots, towards
 from synthetic.sensing.development import Development
 from synthetic.sensing.noise import Noise
 from synthetic.sensing.sensor import Sensor
-from synthetic.shapes.atlas import with_atlas
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.cat import REACH, cat_field
 from synthetic.shapes.doll import doll_mesh

@@ -228,7 +228,7 @@ def swapped_pose_convention(folder: Path) -> None:
             id="texture",
         ),
         pytest.param(
-            lambda f: edit(f, r'shape = "sphere"', 'shape = "mesh"'), ["[object]", "spheres only"], id="mesh"
+            lambda f: edit(f, r'shape = "sphere"', 'shape = "mesh"'), ["[object]", "has no mesh"], id="mesh"
         ),
         pytest.param(
             lambda f: edit(f, r"(?m)^map = ", "unknown = true\nmap = "),

@@ -1,0 +1,152 @@
+"""What visibility does to transfer: a mesh keeps light from itself [RH01, section 6.4].
+
+Three parts of the reflected light field, three rules:
+
+- light of a directional source, diffuse and specular, counts where the ray towards it is free;
+- the irradiance from all else is that of the clear sky at the normal, less what the mesh hides of it: its shadow, known
+  per vertex and degree (`recon.transfer`) and blended between vertices. What varies with the normal is thus exact at
+  each ray, and only the shadow is interpolated;
+- the lobe's integral over all else counts where the mirrored ray is free. RH01's approximation takes one ray for the
+  whole lobe: it is weak where an edge stands in part of the lobe, within about 2 sigma of the mirrored direction, and
+  there the light is either all counted or not at all.
+
+What hides light counts as black: light from one part of the object to another is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.model.transfer import LightElement, diffuse_transfer
+from recon.bodies import MeshBody, blended
+from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics, to_degree
+from recon.lightfield import LightField
+from recon.transfer import TransferVectors
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+# Which of m rays: indices, or all.
+Rays = NDArray[np.int64] | slice
+
+_MIN_COS = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Shadows:
+    """A mesh in the world, and what it hides of the sky.
+
+    body : the mesh. shadow : (v, (l + 1)^2) per vertex, transfer of each harmonic without the mesh less that with it.
+    """
+
+    body: MeshBody
+    shadow: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, body: MeshBody, transfer: TransferVectors) -> Shadows:
+        """The shadows of a mesh whose transfer vectors, in the world's axes, are known."""
+        l_max = transfer.l_max
+        per_degree = np.repeat(clamped_cosine_transfer(l_max), 2 * np.arange(l_max + 1) + 1)
+        clear = per_degree * evaluate_harmonics(body.mesh.normals, l_max)
+        return cls(body, (clear - transfer.coefficients).astype(np.float32))
+
+    def sight(self, element: LightElement, field: LightField) -> Sight:
+        """What the rays of a photograph's samples see of an element's light."""
+        assert field.faces is not None
+        assert field.corner_weights is not None
+        facets = self.body.facets[field.faces]
+        sources = np.zeros((len(field.faces), len(element.directions)), bool)
+        for k, direction in enumerate(element.directions):
+            towards = np.broadcast_to(direction, facets.shape)
+            sources[:, k] = self.body.visible(field.positions, facets, towards)
+        hidden = None
+        coefficients = _sky(element, round(np.sqrt(self.shadow.shape[1])) - 1)
+        if coefficients is not None:
+            at_vertices = self.shadow @ coefficients.astype(np.float32)
+            corners = self.body.mesh.faces[field.faces]
+            hidden = blended(at_vertices, corners, field.corner_weights)
+        return Sight(sources, field.reflected_visible, hidden)
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What m rays see of an element's light.
+
+    sources : (m, k), whether each of its directional sources. mirrored : (m,), whether the mirror direction of the view
+    is free. hidden : (m, channels), irradiance that the mesh keeps off, of all but the sources; None without such.
+    """
+
+    sources: Mask
+    mirrored: Mask
+    hidden: Floats | None
+
+
+def seen_diffuse(element: LightElement, normals: Floats, sight: Sight | None) -> Floats:
+    """`diffuse_transfer` under visibility, (m, channels); sight : None where nothing is hidden."""
+    if sight is None:
+        return diffuse_transfer(element, normals)
+    cos = np.maximum(normals @ element.directions.T, 0) * sight.sources
+    total = cos @ element.irradiances
+    if sight.hidden is not None:
+        # Below zero only by rounding, and by harmonics that end at some degree.
+        total += np.maximum(diffuse_transfer(element.without_sources, normals) - sight.hidden, 0)
+    return np.asarray(total)
+
+
+def seen_specular(
+    element: LightElement, sight: Sight | None, gather: Callable[[LightElement, Rays], NDArray[np.floating]]
+) -> NDArray[np.floating]:
+    """What a lobe gathers of an element's light under visibility, (m, ...); sight : None where nothing is hidden.
+
+    gather(part, rays) : what it gathers of a part of the light at some of the rays, (r, ...), nothing being hidden;
+    `specular_transfer` at these rays, say.
+    """
+    if sight is None:
+        return gather(element, slice(None))
+    total: NDArray[np.floating] | None = None
+    parts = [] if sight.hidden is None else [(element.without_sources, sight.mirrored)]
+    parts += [(_source(element, k), visible) for k, visible in enumerate(sight.sources.T)]
+    for part, visible in parts:
+        rays = np.flatnonzero(visible)
+        values = gather(part, rays)
+        if total is None:
+            total = np.zeros((len(visible), *values.shape[1:]), values.dtype)
+        total[rays] += values
+    assert total is not None, "an element holds some light"
+    return total
+
+
+def _sky(element: LightElement, l_max: int) -> Floats | None:
+    """Harmonic coefficients ((l_max + 1)^2, channels) of all of an element's light but its sources; None if none."""
+    if element.diffuse_coefficients is None and not element.uniform:
+        return None
+    result = np.zeros(((l_max + 1) ** 2, element.channels))
+    if element.diffuse_coefficients is not None:
+        result += to_degree(element.diffuse_coefficients, l_max)
+    result[0] += np.sqrt(4 * np.pi) * element.uniform
+    return result
+
+
+def _source(element: LightElement, k: int) -> LightElement:
+    one = slice(k, k + 1)
+    return LightElement(element.name, element.directions[one], element.irradiances[one])
+
+
+def facing(field: LightField) -> LightField:
+    """The field, its normals that a mesh's smoothing turns away from the view turned back to it.
+
+    The lobe as printed grows as 1 / cos theta_o: beyond 88 degrees a normal is taken to lie at 88, as of a sphere only
+    the outermost 0.05% do.
+    """
+    cos = (field.normals * field.views).sum(axis=1)
+    turned = np.flatnonzero(cos < _MIN_COS)
+    if not len(turned):
+        return field
+    across = field.normals[turned] - cos[turned, None] * field.views[turned]
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    normals = field.normals.copy()
+    normals[turned] = _MIN_COS * field.views[turned] + np.sqrt(1 - _MIN_COS**2) * across
+    return replace(field, normals=normals)

@@ -1,0 +1,1 @@
+"""Reflectance that varies over a mesh: Kd and Ks as textures, under known light [RH01, section 6.4]."""

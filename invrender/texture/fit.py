@@ -1,0 +1,371 @@
+"""mu, sigma and the model of a textured object, from a subset of its points: each has a Kd, and a Ks, of its own.
+
+Outside, a search over mu and sigma; inside, the tiny linear problems of all points [RH01, section 6.4]. Three questions
+are the photographs': whether there is a specular part, whether it has a Fresnel factor, and whether its Ks varies too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.model.columns import specular_weights
+from invrender.model.microfacet import Microfacet
+from invrender.solve.evidence import Rung, choose, relative_rms
+from invrender.solve.models import Estimate, Model
+from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
+from invrender.solve.search import bounds_of, searched, simplex
+from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+# mu and sigma, as far as a model has them.
+Numbers = tuple[float | None, float | None]
+
+# Noise that the first fit takes for granted, relative and of the RMS radiance: it only has to weigh dark and bright.
+_FIRST_NOISE = NoiseModel(0.01, 0.01)
+# Rows of a photograph left out count for the evidence if the others predict them to this many times their own noise.
+_PREDICTED = 1.0
+# Patches of the surface by which models are compared.
+_PATCHES = 60
+# How near the search comes to mu - 1 and sigma, relative.
+_NEAR = 1e-5
+# Step of the slopes, in log sigma and log(mu - 1).
+_STEP = 0.02
+
+
+@dataclass(frozen=True)
+class TexturedModel(Model):
+    """A rung: what varies over the surface besides Kd."""
+
+    ks_varies: bool = False
+
+
+LADDER = (
+    TexturedModel("lambertian, Kd varies", specular=False, fresnel=False),
+    TexturedModel("microfacet without Fresnel, Kd varies", specular=True, fresnel=False),
+    TexturedModel("microfacet, Kd varies", specular=True, fresnel=True),
+    TexturedModel("microfacet, Kd and Ks vary", specular=True, fresnel=True, ks_varies=True),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What a photograph says of the points that it sees.
+
+    points : (r,), each once. columns : (channels, r, q), as of `PhotoColumns`. radiance : (r, 3); brightness : (r, 3),
+    about the same, by which noise is judged. share : (r,), the variance of these interpolated numbers over that of a
+    pixel, divided by how far its geometry is trusted. tiles : (r,), from 0, the tile of the photograph that each is in.
+    """
+
+    points: Ints
+    columns: NDArray[np.float32]
+    radiance: Floats
+    brightness: Floats
+    share: Floats
+    tiles: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class TexturedFit:
+    """What a subset of the points says of the whole.
+
+    rungs, chosen : the ladder; an estimate's Kd and Ks are means over the points. covariance, fragility : of the
+    logarithms of sigma and mu - 1, as far as the chosen model has them; as of `uncertainty.Uncertainty`.
+    common_ks, common_ks_std : (3,), of all points where Ks doesn't vary.
+    """
+
+    rungs: tuple[Rung, ...]
+    chosen: int
+    noise: NoiseModel
+    covariance: Floats
+    fragility: Floats
+    common_ks: Floats
+    common_ks_std: Floats
+
+    @property
+    def model(self) -> TexturedModel:
+        model = self.rungs[self.chosen].estimate.model
+        assert isinstance(model, TexturedModel)
+        return model
+
+    @property
+    def brdf(self) -> Microfacet:
+        return self.rungs[self.chosen].estimate.brdf
+
+
+def fit_textured(
+    photos: Sequence[Rows], points: int, on_step: Callable[[], None] = lambda: None
+) -> TexturedFit:
+    """Fit the ladder to what photographs say of some points; `on_step` is called after each of its rungs."""
+    scale = float(np.sqrt(np.mean(np.concatenate([rows.radiance for rows in photos]) ** 2)))
+    richest = LADDER[-1]
+    stack = _Stack.of(photos, points, NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative))
+    start = _search(richest, stack)
+    noise, stack = _weighed(richest, stack, len(photos), start)
+    fitted = [(model, _search(model, stack, start)) for model in LADDER]
+    judged = _judged(richest, stack, len(photos), fitted[-1][1])
+    rungs = []
+    for model, point in fitted:
+        rungs.append(_rung(model, stack, len(photos), point, judged))
+        on_step()
+    chosen = choose(rungs)
+    model, point = fitted[chosen]
+    ks = ks_std = np.zeros(3)
+    if model.specular and not model.ks_varies:
+        ks, ks_std = common_ks(stack.sums(_numbers(model, point)))
+    covariance, fragility = _uncertainty(model, stack, point)
+    return TexturedFit(tuple(rungs), chosen, noise, covariance, fragility, ks, ks_std)
+
+
+def solved(model: TexturedModel, sums: Sums, ks: Floats | None = None) -> PointValues:
+    """Kd and Ks of points under a model; ks : (3,), where it doesn't vary, as found by others."""
+    if model.ks_varies:
+        return solve_both(sums)
+    if not model.specular:
+        return solve_kd(sums, np.zeros(3))
+    return solve_kd(sums, common_ks(sums)[0] if ks is None else ks)
+
+
+def _numbers(model: Model, point: Floats) -> Numbers:
+    """mu and sigma at the search's coordinates, log sigma and log(mu - 1)."""
+    sigma = float(np.exp(point[0])) if model.specular else None
+    return (1 + float(np.exp(point[1])) if model.fresnel else None), sigma
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """The rows of all photographs together, sorted by point.
+
+    points : (p,), those seen, of `size` in all; starts : (p,), their first rows. at, photo, tiles : (r,), point,
+    photograph and tile of each row. diffuse, radiance, weight : (r, 3). specular : (channels * r, q) columns.
+    trust : (r, 3), as of `Weights`. share : as of `Rows`, (r, 1).
+    """
+
+    size: int
+    points: Ints
+    starts: Ints
+    at: Ints
+    photo: Ints
+    tiles: Ints
+    diffuse: Floats
+    specular: NDArray[np.float32]
+    radiance: Floats
+    weight: Floats
+    trust: Floats
+    share: Floats
+
+    @classmethod
+    def of(cls, photos: Sequence[Rows], size: int, noise: NoiseModel) -> _Stack:
+        photo = np.repeat(np.arange(len(photos)), [len(rows.points) for rows in photos])
+        first = np.cumsum([0, *(rows.tiles.max(initial=-1) + 1 for rows in photos)])
+        at = np.concatenate([rows.points for rows in photos])
+        order = np.argsort(at, kind="stable")
+        columns = np.concatenate([rows.columns for rows in photos], axis=1)[:, order]
+        brightness = np.concatenate([rows.brightness for rows in photos])[order]
+        share = np.concatenate([rows.share for rows in photos])[order, None]
+        tiles = np.concatenate([rows.tiles + start for rows, start in zip(photos, first, strict=False)])
+        points, starts = np.unique(at[order], return_index=True)
+        return cls(
+            size=size,
+            points=points,
+            starts=starts,
+            at=at[order],
+            photo=photo[order],
+            tiles=tiles[order],
+            diffuse=np.broadcast_to(columns[..., 0].T, brightness.shape).astype(float),
+            specular=np.ascontiguousarray(columns[..., 1:]).reshape(-1, columns.shape[2] - 1),
+            radiance=np.concatenate([rows.radiance for rows in photos])[order],
+            weight=1 / (noise.variance(brightness) * share),
+            trust=np.ones_like(brightness),
+            share=share,
+        )
+
+    def transfers(self, numbers: Numbers) -> tuple[Floats, Floats]:
+        """Diffuse and specular transfers (r, 3) at mu and sigma."""
+        mu, sigma = numbers
+        if sigma is None:
+            return self.diffuse, np.zeros_like(self.diffuse)
+        flat = self.specular @ specular_weights(mu, sigma).astype(np.float32)
+        return self.diffuse, np.broadcast_to(flat.reshape(-1, len(self.at)).T, self.diffuse.shape).astype(
+            float
+        )
+
+    def sums(self, numbers: Numbers, photo: int | None = None) -> Sums:
+        """Normal equations of all points at mu and sigma, of all photographs or of one."""
+        if photo is not None:
+            return self._of_photo(photo).sums(numbers)
+        d, s = self.transfers(numbers)
+        y, weighted = self.radiance, self.weight * s
+        with_s = np.concatenate([weighted * d, weighted * s, weighted * y], axis=1)
+        ds, ss, sy = np.split(self._added(with_s), 3, axis=1)
+        dd, dy, yy, count = self._without_s
+        return Sums(dd, ds, ss, dy, sy, yy, count)
+
+    @cached_property
+    def _without_s(self) -> tuple[Floats, Floats, Floats, Floats]:
+        d, y = self.diffuse, self.radiance
+        parts = [part * self.weight for part in (d * d, d * y, y * y)]
+        dd, dy, yy, count = np.split(
+            self._added(np.concatenate([*parts, np.ones((len(d), 1))], axis=1)), [3, 6, 9], axis=1
+        )
+        return dd, dy, yy, count[:, 0]
+
+    def _added(self, values: Floats) -> Floats:
+        """Sums (size, k) over the rows of each point of values (r, k)."""
+        total = np.zeros((self.size, values.shape[1]))
+        if len(self.starts):
+            total[self.points] = np.add.reduceat(values, self.starts)
+        return total
+
+    def _of_photo(self, photo: int) -> _Stack:
+        own = self.photo == photo
+        points, starts = np.unique(self.at[own], return_index=True)
+        channels = len(self.specular) // len(self.at)
+        return replace(
+            self,
+            points=points,
+            starts=starts,
+            at=self.at[own],
+            photo=self.photo[own],
+            tiles=self.tiles[own],
+            diffuse=self.diffuse[own],
+            specular=self.specular[np.tile(own, channels)],
+            radiance=self.radiance[own],
+            weight=self.weight[own],
+            trust=self.trust[own],
+            share=self.share[own],
+        )
+
+    def predicted(self, values: PointValues, numbers: Numbers) -> Floats:
+        """Radiance (r, 3) of the rows, of points with given values."""
+        d, s = self.transfers(numbers)
+        return values.kd[self.at] * d + values.ks[self.at] * s
+
+
+def _search(model: TexturedModel, stack: _Stack, near: Floats | None = None) -> Floats:
+    if not model.specular:
+        return np.zeros(0)
+    lower, upper = bounds_of(model)
+
+    def cost(point: Floats) -> float:
+        return float(solved(model, stack.sums(_numbers(model, point))).cost.sum())
+
+    start = searched(cost, lower, upper) if near is None else np.clip(near[: len(lower)], lower, upper)
+    return simplex(cost, start, lower, upper, size=0.02, near=_NEAR)
+
+
+def _weighed(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> tuple[NoiseModel, _Stack]:
+    """The noise of a pixel, and the rows weighed by it, from what a fit leaves.
+
+    Residuals are taken for larger by what each point's own numbers take up of them. Where paint changes within a pixel
+    they stray as noise does not, and count for less.
+    """
+    numbers = _numbers(model, point)
+    total = stack.sums(numbers)
+    values = solved(model, total)
+    at, share = stack.at, stack.share
+    taken = np.sqrt(total.count / np.maximum(values.freedom, 1))[at, None]
+    predicted = stack.predicted(values, numbers)
+    residual = (stack.radiance - predicted) * taken / np.sqrt(share)
+    free = values.freedom[at] > 0
+    noise = fit_noise([predicted[free]], [residual[free]])
+    weight, trust = np.empty_like(predicted), np.empty_like(predicted)
+    for photo in range(photos):
+        own = stack.photo == photo
+        if own.any():
+            found = photo_weights(noise, predicted[own], residual[own])
+            weight[own], trust[own] = found.weight, found.trust
+    return noise, replace(stack, weight=weight / share, trust=trust)
+
+
+def _judged(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> NDArray[np.bool_]:
+    """Which rows (r,) the richest model predicts well enough from the other photographs to be judged by."""
+    numbers = _numbers(model, point)
+    total = stack.sums(numbers)
+    d, s = stack.transfers(numbers)
+    judged = np.zeros(len(d), bool)
+    for photo in range(photos):
+        own = np.flatnonzero(stack.photo == photo)
+        rest = total - stack.sums(numbers, photo)
+        dd, ds, ss = (part[stack.at[own]] for part in (rest.dd, rest.ds, rest.ss))
+        determinant = dd * ss - ds**2
+        apart = determinant > 1e-6 * dd * ss
+        gain = d[own] ** 2 * ss - 2 * d[own] * s[own] * ds + s[own] ** 2 * dd
+        variance = gain / np.where(apart, determinant, 1)
+        judged[own] = (apart & (variance * stack.weight[own] < _PREDICTED)).all(axis=1)
+    return judged
+
+
+def _rung(model: TexturedModel, stack: _Stack, photos: int, point: Floats, judged: NDArray[np.bool_]) -> Rung:
+    """A rung with its evidence: each photograph predicted from Kd and Ks that the others give.
+
+    mu and sigma are those of all photographs: two numbers that one of them moves but little.
+    """
+    numbers = _numbers(model, point)
+    total = stack.sums(numbers)
+    values = solved(model, total)
+    seen = total.count > 0
+    brdf = Microfacet(values.kd[seen].mean(axis=0), values.ks[seen].mean(axis=0), *numbers)
+    errors, energy = np.full(photos, np.nan), np.zeros(_PATCHES)
+    for photo in range(photos):
+        use = judged & (stack.photo == photo)
+        if use.any():
+            unseen = solved(model, total - stack.sums(numbers, photo))
+            radiance, trust = stack.radiance[use], stack.trust[use]
+            residual = radiance - stack.predicted(unseen, numbers)[use]
+            errors[photo] = relative_rms(residual, radiance, trust)
+            square = (trust * residual**2).sum(axis=1) / max(float((trust * radiance**2).sum()), 1e-300)
+            # The points are in the order of the map's rows: patches are bands of it.
+            energy += np.bincount(stack.at[use] * _PATCHES // stack.size, square, minlength=_PATCHES)
+    if np.isnan(errors).all():
+        raise ValueError(
+            "no point of the object is seen by enough photographs to tell how well others predict it; take more, from"
+            " sides that overlap, or leave texture out"
+        )
+    # A photograph that shares no points with others has no say.
+    errors = np.where(np.isnan(errors), np.nanmean(errors), errors)
+    count = int(seen.sum()) * 3 * (1 + model.ks_varies) + 3 * (model.specular and not model.ks_varies)
+    estimate = Estimate(model, brdf, {}, float(values.cost.sum()))
+    return Rung(estimate, errors, energy, count + model.specular + model.fresnel)
+
+
+def _uncertainty(model: TexturedModel, stack: _Stack, point: Floats) -> tuple[Floats, Floats]:
+    """Covariance (k, k) and fragility (k,) of the search's coordinates, as `uncertainty.uncertainty_of` has them.
+
+    All points' own numbers are solved for anew as the coordinates move: what is left of the residuals' slopes is what
+    tells of these alone. Clusters are tiles of photographs.
+    """
+    size = len(point)
+    if not size:
+        return np.zeros((0, 0)), np.zeros(0)
+    root = np.sqrt(stack.weight)
+
+    def predicted(at: Floats) -> Floats:
+        numbers = _numbers(model, at)
+        return stack.predicted(solved(model, stack.sums(numbers)), numbers) * root
+
+    centre = predicted(point)
+    slopes = []
+    for axis in range(size):
+        step = _STEP * np.eye(size)[axis]
+        slopes.append((predicted(point + step) - predicted(point - step)) / (2 * _STEP))
+    jacobian = np.stack(slopes, axis=-1)  # (rows, 3, k)
+    residual = stack.radiance * root - centre
+    values = solved(model, stack.sums(_numbers(model, point)))
+    freedom = 3 * float(np.maximum(values.freedom, 0).sum())
+    reduced = float((residual**2).sum()) / max(freedom, 1)
+    # A prior: what the photographs don't touch would have an infinite variance, and drag the other with it.
+    inverse = np.linalg.inv(np.einsum("rci,rcj->ij", jacobian, jacobian) / reduced + np.eye(size))
+
+    def pull(off: Floats) -> Floats:
+        scores = np.einsum("rci,rc->ri", jacobian, off) / reduced
+        by_tile = np.stack([np.bincount(stack.tiles, column) for column in scores.T], axis=1)
+        return np.sqrt(((by_tile @ inverse) ** 2).sum(axis=0))
+
+    wider = np.maximum(pull(residual) / np.sqrt(np.diag(inverse)), 1)
+    return inverse * np.outer(wider, wider), pull(centre)

@@ -1,0 +1,387 @@
+"""The main job on a textured mesh, under known light [RH01, section 6.4].
+
+Twice through the photographs, one per core at a time: first a subset of points tells the model, mu and sigma; then
+every point's Kd, and Ks, is solved for. Predictions go through them once more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.decode import decode_photo
+from capture.lighting import Lighting
+from capture.parallel import parallel_map
+from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
+from invrender.clock import Clock
+from invrender.factorization import FittedLighting, Quantity
+from invrender.findings import find_warnings
+from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.microfacet import Microfacet
+from invrender.model.predict import predict
+from invrender.model.transfer import LightElement, light_elements
+from invrender.reading import check_usable
+from invrender.solve.clusters import structured_rms, tile_of
+from invrender.solve.factorize import NUMERICAL, Solution, scaled, unless_misfit
+from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_sigma, lighting_degree
+from invrender.solve.noise import photo_weights
+from invrender.solved import Solved, factorization
+from invrender.specimen import Specimen
+from invrender.texture.fit import LADDER, Rows, TexturedFit, fit_textured, solved
+from invrender.texture.layout import Layout, SurfacePoints, find_layout
+from invrender.texture.observe import Observations, observe
+from invrender.texture.sums import Sums
+from invrender.texture.textures import Textures
+from recon.bodies import MeshBody
+from recon.knownlight import read_lighting
+from recon.lightfield import LightField, off_terminators
+from recon.sampling import sample_body
+
+Floats = NDArray[np.float64]
+
+# Pixels whose transfers are computed together.
+_PIXELS_AT_A_TIME = 100_000
+# Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
+_SEEN_SHARE = 0.25
+# What the pixels around a point differ by beyond noise counts as its error by this share, in squares: more, and honest
+# error bars elsewhere become too wide; less, and those at paint's edges are too narrow (doll: z 3.4 RMS, 8 without).
+_BLEND = 0.05
+# Share of the surface without a texture from which on a sentence says so.
+_UNKNOWN = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class _Bench:
+    """What both passes need."""
+
+    photoset: PhotoSet
+    specimen: Specimen
+    body: MeshBody
+    lightings: Mapping[str, Lighting]
+    elements: Mapping[str, Sequence[LightElement]]
+    clock: Clock
+
+    def pixels(self, photo: Photo) -> LightField:
+        """All usable pixels of a photograph."""
+        with self.clock.on("capture"):
+            image = decode_photo(self.photoset, photo)
+        with self.clock.on("recon"):
+            mask = self.specimen.found.mask_of(photo)
+            directions = self.lightings[photo.lighting].directions
+            drawn = sample_body(
+                self.body, photo.camera, image, mask, directions, None, np.random.default_rng(0)
+            )
+            drawn = off_terminators(drawn, directions)
+            check_usable(photo, image, drawn, mask)
+        return drawn
+
+
+def solve_textured(
+    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
+) -> Solved:
+    """Recover Kd and Ks over a mesh, and the mu and sigma that they share, under light that is known.
+
+    samples : about how many observations of points enter the search for mu and sigma; also, about how many pixels of
+    all photographs the residuals are reported of.
+    """
+    assert isinstance(specimen.body, MeshBody)
+    used = {photo.lighting for photo in photoset.photos}
+    with clock.on("recon"):
+        lightings = {t.name: read_lighting(photoset, t) for t in photoset.lightings if t.name in used}
+    _check_known(photoset, lightings)
+    elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+    bench = _Bench(photoset, specimen, specimen.body, lightings, elements, clock)
+    with clock.on("recon"):
+        layout, faults = find_layout(specimen.body, _footprint(photoset, specimen.body))
+    fit, fields = _first_pass(bench, layout.points, samples, track)
+    textures = _second_pass(bench, layout, fit, track)
+    if not textures.known.any():
+        raise ValueError(
+            f"{photoset.manifest}: no point of the object is seen by enough photographs to tell its Kd from its Ks;"
+            " take more, from sides that overlap, or leave texture out"
+        )
+
+    def radiance(photo: Photo, field: LightField) -> Floats:
+        brdf = fit.brdf
+        kd, ks = textures.at(field)
+        own = replace(brdf, kd=kd, ks=ks)
+        ones = np.ones((len(elements[photo.lighting]), 3))
+        return predict(own, elements[photo.lighting], ones, field, specimen.shadows)
+
+    fields, residuals = _residuals(photoset, fields, radiance)
+    solution = _solution(photoset, lightings, fit, textures, fields, residuals)
+    warnings = [*find_warnings(photoset, solution, specimen, lightings), *_sentences(faults, textures)]
+    result = factorization(photoset, specimen, solution, fields, residuals, warnings)
+    return Solved(replace(result, textures=textures), fields, residuals, radiance)
+
+
+def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:
+    for name, lighting in lightings.items():
+        if lighting.recovers:
+            raise ValueError(
+                f'{photoset.manifest}: [[lighting]] "{name}" leaves {" and ".join(lighting.recovers)} to be recovered,'
+                " but textures need light that is known: light and texture can't be told apart (RH01, section 6.4)."
+                " Measure the light, or leave texture out"
+            )
+
+
+def _footprint(photoset: PhotoSet, body: MeshBody) -> float:
+    """Metres on the object that a pixel of a photograph spans, the median over the fitted ones."""
+    centre = body.mesh.vertices.mean(axis=0)
+    spans = []
+    for photo in photoset.photos:
+        if not photo.held_out:
+            camera = photo.camera
+            depth = 1.0 if camera.is_orthographic else float(camera.depth(centre)[0])
+            spans.append(depth / camera.focal_px)
+    return float(np.median(spans))
+
+
+def _first_pass(
+    bench: _Bench, points: SurfacePoints, samples: int, track: Track
+) -> tuple[TexturedFit, dict[str, LightField]]:
+    """Model, mu and sigma from a subset of the points, and some pixels of each photograph to report residuals of."""
+    photos = bench.photoset.photos
+    fitted = [photo for photo in photos if not photo.held_out]
+    rng = np.random.default_rng(0)
+    count = min(len(points), int(samples / (_SEEN_SHARE * len(fitted))) + 1)
+    chosen = np.sort(rng.choice(len(points), count, replace=False))
+    subset = points.where(chosen)
+    budget = max(samples // len(fitted), 100)
+
+    def read(index: int) -> tuple[LightField, Rows | None]:
+        photo = photos[index]
+        field = bench.pixels(photo)
+        with bench.clock.on("invrender"):
+            rows = None if photo.held_out else _rows(bench, photo, field, subset)
+        keep = np.zeros(len(field), bool)
+        keep[np.random.default_rng(index).permutation(len(field))[:budget]] = True
+        return field.where(keep), rows
+
+    work = parallel_map(read, range(len(photos)))
+    fields: dict[str, LightField] = {}
+    found = []
+    for photo in track(photos, "Reading photographs"):
+        field, rows = next(work)
+        fields[photo.label] = field
+        if rows is not None:
+            found.append(rows)
+    with bench.clock.on("invrender"):
+        steps = iter(track(range(len(LADDER) + 1), "Fitting and cross-validating"))
+        next(steps)
+        fit = fit_textured(found, count, lambda: next(steps, None))
+        for _ in steps:
+            pass
+    return fit, fields
+
+
+def _rows(bench: _Bench, photo: Photo, field: LightField, points: SurfacePoints) -> Rows:
+    """What a photograph says of points, as columns that hold neither mu nor sigma."""
+    seen = observe(bench.body, photo.camera, field, points)
+    used = seen.of_samples(len(field))
+    seen, pixels = seen.renumbered(used), field.where(used)
+    entry = photo_columns(
+        photo.lighting, bench.elements[photo.lighting], pixels, shadows=bench.specimen.shadows
+    )
+    columns = np.stack([seen.at_points(channel) for channel in entry.columns[:, :, 0]])
+    return Rows(
+        seen.points,
+        columns.astype(np.float32),
+        seen.at_points(pixels.radiance),
+        _brightness(seen, pixels),
+        _share(seen, pixels),
+        np.unique(tile_of(pixels)[seen.samples[:, 0]], return_inverse=True)[1],
+    )
+
+
+def _brightness(seen: Observations, field: LightField) -> Floats:
+    return np.maximum(field.radiance[seen.samples].mean(axis=1), 0)
+
+
+def _share(seen: Observations, field: LightField) -> Floats:
+    """Variance of interpolated numbers over a pixel's, more where its geometry is trusted less."""
+    return seen.variance_share() / np.maximum(seen.at_points(field.weight), 0.01)
+
+
+def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) -> Textures:
+    """Kd and Ks of every point."""
+    points = layout.points
+    sums = Sums.zeros(len(points))
+    fitted = [photo for photo in bench.photoset.photos if not photo.held_out]
+    brdf = fit.brdf
+
+    def read(photo: Photo) -> tuple[Observations, Floats, Floats, Floats, Floats]:
+        field = bench.pixels(photo)
+        with bench.clock.on("invrender"):
+            seen = observe(bench.body, photo.camera, field, points)
+            used = seen.of_samples(len(field))
+            seen, field = seen.renumbered(used), field.where(used)
+            d, s = (seen.at_points(part) for part in _transfers(bench, photo, field, brdf))
+            noise = fit.noise.variance(_brightness(seen, field))
+            y = seen.at_points(field.radiance)
+            # Where paint changes between the pixels around a point, their blend may be any of them.
+            spread = seen.at_points(field.radiance**2) - y**2
+            variance = noise * _share(seen, field)[:, None] + _BLEND * np.maximum(spread - noise, 0)
+        return seen, d, s, y, 1 / variance
+
+    work = parallel_map(read, fitted)
+    for _ in track(fitted, "Adding up the texture"):
+        seen, d, s, y, weight = next(work)
+        sums.add(seen.points, d, s, y, weight)
+    with bench.clock.on("invrender"):
+        values = solved(fit.model, sums, fit.common_ks)
+    return Textures.of(layout, values, fit.model.ks_varies)
+
+
+def _transfers(
+    bench: _Bench, photo: Photo, field: LightField, brdf: Microfacet
+) -> Iterator[NDArray[np.floating]]:
+    """Diffuse, then specular transfer (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
+    elements = bench.elements[photo.lighting]
+    strengths = np.ones((len(elements), 3))
+    parts = np.array_split(np.arange(len(field)), len(field) // _PIXELS_AT_A_TIME + 1)
+    for kd in (1.0, 0.0):
+        if kd == 0 and brdf.sigma is None:
+            yield np.zeros((len(field), 3))
+            continue
+        unit = replace(brdf, kd=np.full(3, kd), ks=np.full(3, 1 - kd))
+        found = []
+        for part in parts:
+            keep = np.zeros(len(field), bool)
+            keep[part] = True
+            found.append(predict(unit, elements, strengths, field.where(keep), bench.specimen.shadows))
+        yield np.concatenate(found)
+
+
+def _residuals(
+    photoset: PhotoSet, fields: Mapping[str, LightField], radiance: Callable[[Photo, LightField], Floats]
+) -> tuple[dict[str, LightField], dict[str, Floats]]:
+    """The samples of each photograph that lie where the texture is known, and what of them is left unexplained."""
+    kept, residuals = {}, {}
+    for photo in photoset.photos:
+        field = fields[photo.label]
+        predicted = radiance(photo, field)
+        known = np.asarray(np.isfinite(predicted).all(axis=1))
+        if not known.any():
+            raise ValueError(
+                f"{photo.file}: shows no part of the object whose texture the other photographs determine; leave it"
+                " out, or add photographs that overlap with it"
+            )
+        kept[photo.label] = field.where(known)
+        residuals[photo.label] = field.radiance[known] - predicted[known]
+    return kept, residuals
+
+
+def _solution(
+    photoset: PhotoSet,
+    lightings: Mapping[str, Lighting],
+    fit: TexturedFit,
+    textures: Textures,
+    fields: Mapping[str, LightField],
+    residuals: Mapping[str, Floats],
+) -> Solution:
+    """The solution in the terms of those of one BRDF: Kd and Ks are means over the surface."""
+    labels = [photo.label for photo in photoset.photos if not photo.held_out]
+    left = [residuals[label] for label in labels]
+    weights = [
+        photo_weights(fit.noise, fields[label].radiance - residuals[label], residuals[label])
+        for label in labels
+    ]
+    trusted = [np.sqrt(own.trust) * residual for own, residual in zip(weights, left, strict=True)]
+    energy = np.sqrt(np.mean([np.mean(fields[label].radiance ** 2) for label in labels]))
+    structured = structured_rms([fields[label] for label in labels], trusted) / float(energy)
+    rung = fit.rungs[fit.chosen]
+    kd, ks = (values[textures.known].mean(axis=0) for values in (textures.kd, textures.ks))
+    estimate = replace(rung.estimate, brdf=replace(fit.brdf, kd=kd, ks=ks))
+    rungs = tuple(replace(r, estimate=estimate) if k == fit.chosen else r for k, r in enumerate(fit.rungs))
+    quantities, names, std = _quantities(lightings, fit, textures, fields, estimate.brdf, structured)
+    return Solution(
+        estimate=estimate,
+        rungs=rungs,
+        chosen=fit.chosen,
+        noise=fit.noise,
+        weights=tuple(weights),
+        structured=structured,
+        quantities=unless_misfit(quantities, rung.error),
+        lightings=tuple(
+            FittedLighting(lighting, np.zeros_like(lighting.irradiances), None, None)
+            for lighting in lightings.values()
+        ),
+        covariance=np.diag(std**2),
+        covariance_names=names,
+        gauge="absolute: the given lighting fixes the scale of Kd and Ks in each channel",
+    )
+
+
+def _quantities(
+    lightings: Mapping[str, Lighting],
+    fit: TexturedFit,
+    textures: Textures,
+    fields: Mapping[str, LightField],
+    mean: Microfacet,
+    structured: float,
+) -> tuple[dict[str, Quantity], tuple[str, ...], Floats]:
+    """What is reported, and names and standard deviations of the BRDF's numbers.
+
+    Whatever is structured in the residuals counts as a share of each number, as of one BRDF.
+    """
+    count = int(textures.known.sum())
+    share = np.hypot(structured, NUMERICAL)
+    scale = mean.kd + mean.ks
+
+    def of_mean(deviations: Floats) -> Floats:
+        spread = np.sqrt((deviations[textures.known] ** 2).mean(axis=0) / count)
+        return np.hypot(spread, share * scale)
+
+    kd_std = of_mean(textures.kd_std)
+    quantities = {"kd": assess_linear(mean.kd, kd_std, scale, "Kd")}
+    quantities["albedo"] = scaled(quantities["kd"], np.pi)
+    if not fit.model.specular:
+        return quantities, ("kd.r", "kd.g", "kd.b"), kd_std
+    ks_std = of_mean(textures.ks_std) if textures.ks_varies else np.hypot(fit.common_ks_std, share * scale)
+    quantities["ks"] = assess_linear(mean.ks, ks_std, scale, "Ks")
+    total = np.where(scale > 0, scale, 1)
+    shares_std = np.hypot(mean.kd * ks_std, mean.ks * kd_std) / total**2
+    for name, value in (("kd_normalised", mean.kd / total), ("ks_normalised", mean.ks / total)):
+        quantities[name] = assess_linear(value, shares_std, np.ones(3), name[:2].capitalize())
+    ks_share = float(np.mean(mean.ks / total))
+    # The search's coordinates are logarithms, of mu - 1 in the case of mu.
+    found = {"sigma": mean.sigma, "mu": mean.mu}
+    scalars: dict[str, Scalar] = {}
+    for k, (name, number) in enumerate(
+        (name, number) for name, number in found.items() if number is not None
+    ):
+        span = number - 1 if name == "mu" else number
+        deviation = float(np.hypot(span * np.sqrt(fit.covariance[k, k]), share * number))
+        scalars[name] = Scalar(number, deviation, float(span * fit.fragility[k]))
+    quantities["sigma"] = assess_sigma(scalars["sigma"], lighting_degree(list(lightings.values())), ks_share)
+    if "mu" in scalars:
+        # It asks for their samples only.
+        seen = cast("Sequence[PhotoColumns]", [_Seen(field) for field in fields.values()])
+        quantities["mu"] = assess_mu(scalars["mu"], seen, ks_share)
+    order = [str(name) for name in ("mu", "sigma") if name in scalars]
+    std = np.concatenate([[scalars[name].std for name in order], kd_std, ks_std])
+    return quantities, (*order, *(f"{name}.{channel}" for name in ("kd", "ks") for channel in "rgb")), std
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    field: LightField
+
+
+def _sentences(faults: Sequence[str], textures: Textures) -> list[str]:
+    """What a user should know of the texture before using it."""
+    sentences = [f"{text[0].upper()}{text[1:]}." for text in faults]
+    unknown = 1 - float(textures.known.mean())
+    if unknown > _UNKNOWN:
+        sentences.append(
+            f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't tell its Kd from"
+            " its Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides would fill"
+            " it."
+        )
+    return sentences

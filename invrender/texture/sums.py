@@ -1,0 +1,112 @@
+"""Kd and Ks of each point of a surface: many tiny linear problems at once [RH01, section 6.4].
+
+For one point and channel the photographs say B = Kd d + Ks s, with known transfers d and s. The normal equations of all
+points are added up photograph by photograph; what they take in memory doesn't depend on how many there are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Weighted normal equations of n points, (n, 3) each but for `count` (n,), the observations."""
+
+    dd: Floats
+    ds: Floats
+    ss: Floats
+    dy: Floats
+    sy: Floats
+    yy: Floats
+    count: Floats
+
+    @classmethod
+    def zeros(cls, points: int) -> Sums:
+        dd, ds, ss, dy, sy, yy = np.zeros((6, points, 3))
+        return cls(dd, ds, ss, dy, sy, yy, np.zeros(points))
+
+    def add(self, points: Ints, d: Floats, s: Floats, y: Floats, weight: Floats) -> None:
+        """Take in one photograph, in place: transfers, radiance and 1 / variance, (r, 3), of points, each once."""
+        for total, one, other in (
+            (self.dd, d, d),
+            (self.ds, d, s),
+            (self.ss, s, s),
+            (self.dy, d, y),
+            (self.sy, s, y),
+            (self.yy, y, y),
+        ):
+            total[points] += weight * one * other
+        self.count[points] += 1
+
+    def __add__(self, other: Sums) -> Sums:
+        return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+
+    def __sub__(self, other: Sums) -> Sums:
+        return Sums(*(getattr(self, f.name) - getattr(other, f.name) for f in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class PointValues:
+    """Kd and Ks of n points with their standard deviations, (n, 3); infinite where nothing tells.
+
+    cost : (n, 3), weighted sum of squared residuals. freedom : (n,), observations less numbers fitted, per channel.
+    """
+
+    kd: Floats
+    ks: Floats
+    kd_std: Floats
+    ks_std: Floats
+    cost: Floats
+    freedom: Floats
+
+
+def solve_both(sums: Sums) -> PointValues:
+    """Kd and Ks of each point, neither below zero."""
+    determinant = sums.dd * sums.ss - sums.ds**2
+    # Transfers that are the same up to a factor, to single precision, don't tell Kd from Ks.
+    apart = determinant > 1e-6 * sums.dd * sums.ss
+    safe = np.where(apart, determinant, 1.0)
+    kd = np.where(apart, (sums.ss * sums.dy - sums.ds * sums.sy) / safe, 0.0)
+    ks = np.where(apart, (sums.dd * sums.sy - sums.ds * sums.dy) / safe, 0.0)
+    kd_std = np.sqrt(np.where(apart, sums.ss / safe, np.inf))
+    ks_std = np.sqrt(np.where(apart, sums.dd / safe, np.inf))
+    # Where one would be negative it is zero, and the other is the best without it.
+    matte, dark = ks < 0, kd < 0
+    kd = np.where(matte, _ratio(sums.dy, sums.dd), np.where(dark, 0.0, kd))
+    ks = np.where(dark & ~matte, _ratio(sums.sy, sums.ss), np.where(matte, 0.0, ks))
+    kd, ks = np.maximum(kd, 0), np.maximum(ks, 0)
+    return PointValues(kd, ks, kd_std, ks_std, _cost(sums, kd, ks), sums.count - 2)
+
+
+def solve_kd(sums: Sums, ks: Floats) -> PointValues:
+    """Kd of each point, not below zero, where Ks is that of the whole object, (3,)."""
+    kd = np.maximum(_ratio(sums.dy - ks * sums.ds, sums.dd), 0)
+    everywhere = np.broadcast_to(ks, kd.shape)
+    std = np.sqrt(_ratio(np.ones_like(sums.dd), sums.dd, np.inf))
+    return PointValues(kd, everywhere, std, np.zeros_like(kd), _cost(sums, kd, everywhere), sums.count - 1)
+
+
+def common_ks(sums: Sums) -> tuple[Floats, Floats]:
+    """The Ks (3,) that all points share best, each having a Kd of its own, and its standard deviation."""
+    gram = (sums.ss - _ratio(sums.ds**2, sums.dd)).sum(axis=0)
+    right = (sums.sy - _ratio(sums.ds * sums.dy, sums.dd)).sum(axis=0)
+    known = gram > 1e-9 * sums.ss.sum(axis=0)
+    ks = np.where(known, right / np.where(known, gram, 1), 0.0)
+    return np.maximum(ks, 0), np.sqrt(np.where(known, 1 / np.where(known, gram, 1), np.inf))
+
+
+def _cost(sums: Sums, kd: Floats, ks: Floats) -> Floats:
+    square = kd**2 * sums.dd + 2 * kd * ks * sums.ds + ks**2 * sums.ss
+    return np.maximum(sums.yy - 2 * (kd * sums.dy + ks * sums.sy) + square, 0)
+
+
+def _ratio(numerator: Floats, denominator: Floats, otherwise: float = 0.0) -> Floats:
+    positive = denominator > 0
+    return np.where(positive, numerator / np.where(positive, denominator, 1), otherwise)

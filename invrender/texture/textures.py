@@ -1,0 +1,101 @@
+"""Kd and Ks over a surface: values, how well they are known, what lies between them, and their files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from capture.files.imagefile import write_exr
+from invrender.texture.layout import Layout, TexelLayout
+from invrender.texture.sums import PointValues
+from recon.lightfield import LightField
+from recon.shape import placed
+from recon.trianglemesh import write_mesh
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+KD_NAME, KS_NAME = "texture_kd.exr", "texture_ks.exr"
+KD_STD_NAME, KS_STD_NAME = "texture_kd_std.exr", "texture_ks_std.exr"
+# The mesh with the texture coordinates that were made for it, where its own can't be used.
+MESH_NAME = "textured.obj"
+TEXTURE_FILES = (KD_NAME, KS_NAME, KD_STD_NAME, KS_STD_NAME, MESH_NAME)
+
+# A value with a standard deviation above this share of the surface's mean isn't given.
+_HOPELESS = 0.5
+# Residuals beyond what noise leaves by this factor, in squares, widen a point's error bars.
+_BEYOND_NOISE = 2.0
+# Texels around the charts that repeat what is next to them, so that interpolation across a border finds no black.
+_MARGIN = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Textures:
+    """What the photographs say of n points of a surface.
+
+    kd, ks, kd_std, ks_std : (n, 3); zero where not known. known : (n,), whether they determine the point's values.
+    ks_varies : False where Ks is one number per channel for the whole surface.
+    """
+
+    layout: Layout
+    kd: Floats
+    ks: Floats
+    kd_std: Floats
+    ks_std: Floats
+    known: Mask
+    ks_varies: bool
+
+    @classmethod
+    def of(cls, layout: Layout, values: PointValues, ks_varies: bool) -> Textures:
+        """The textures of what was solved for; what the photographs leave open isn't given."""
+        excess = values.cost.sum(axis=1) / np.maximum(3 * values.freedom, 1)
+        wider = np.sqrt(np.where(excess > _BEYOND_NOISE, excess, 1))[:, None]
+        kd_std, ks_std = values.kd_std * wider, values.ks_std * wider
+        determined = (values.freedom >= 0) & np.isfinite(kd_std + ks_std).all(axis=1)
+        if determined.any():
+            # A mean over points of which some are unknown is as good a scale: medians of what is known best.
+            scale = np.median(values.kd[determined] + values.ks[determined], axis=0)
+            determined &= (kd_std < _HOPELESS * scale).all(axis=1) & (ks_std < _HOPELESS * scale).all(axis=1)
+        kd, ks, kd_std, ks_std = (
+            np.where(determined[:, None], of, 0.0) for of in (values.kd, values.ks, kd_std, ks_std)
+        )
+        return cls(layout, kd, ks, kd_std, ks_std, determined, ks_varies)
+
+    def at(self, field: LightField) -> tuple[Floats, Floats]:
+        """Kd and Ks (m, 3) at each ray of a field, NaN where none of the points around it is known."""
+        places, weights = self.layout.places(field)
+        weights = weights * np.where(places >= 0, self.known[places], 0.0)
+        total = weights.sum(axis=1)
+        with np.errstate(invalid="ignore"):
+            weights = np.where(total[:, None] > 1e-6, weights / total[:, None], np.nan)
+        kd, ks = (np.einsum("mk,mkc->mc", weights, values[places]) for values in (self.kd, self.ks))
+        return kd, ks
+
+    def write(self, folder: Path, mesh_to_world: Floats) -> None:
+        """Write the maps: R, G, B and, 1 where it is known, A; and the mesh in its own frame, in metres, where its
+        texture coordinates were made."""
+        alpha = self.layout.image(self.known.astype(float))
+        images = {KD_NAME: self.kd, KD_STD_NAME: self.kd_std}
+        if self.ks_varies:
+            images |= {KS_NAME: self.ks, KS_STD_NAME: self.ks_std}
+        for name, values in images.items():
+            write_exr(folder / name, self._margined(self.layout.image(values)), layers={"A": alpha})
+        if self.layout.made is not None:
+            world_to_mesh = np.asarray(np.linalg.inv(mesh_to_world), float)
+            write_mesh(folder / MESH_NAME, placed(self.layout.made, world_to_mesh))
+
+    def _margined(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The picture, repeated for two texels beyond the surface."""
+        if not isinstance(self.layout, TexelLayout) or not self.known.any():
+            return picture
+        surface = self.layout.image(np.ones(len(self.known))) > 0
+        known = self.layout.image(self.known.astype(float)) > 0
+        distance, (row, column) = distance_transform_edt(~known, return_indices=True)
+        near = ~surface & (distance <= _MARGIN)
+        result = picture.copy()
+        result[near] = picture[row[near], column[near]]
+        return result
