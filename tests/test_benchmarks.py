@@ -9,9 +9,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
-import benchmarks.__main__ as command
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+
+import benchmarks.__main__ as command
 from benchmarks.atlas import BOUNDARIES
 from benchmarks.atlas.charts import atlas_table
 from benchmarks.atlas.faults import (
@@ -41,12 +43,10 @@ from benchmarks.atlas.stage import Finding
 from benchmarks.atlas.sweep import gathered
 from benchmarks.atlas.views import steepest_draw, steepest_theory, views_draw
 from benchmarks.contest import Outcome
+from benchmarks.kept import Kept
 from benchmarks.pareto import front
 from benchmarks.race import race_figure
 from benchmarks.scaling import exponent
-from numpy.testing import assert_allclose
-
-from benchmarks.kept import Kept
 
 FAR = 4.0
 

@@ -13,7 +13,7 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import Microfacet
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.unknowns import Unknowns
-from invrender.solve.factorize import NUMERICAL
+from invrender.solve.factorize import FINEST, NUMERICAL
 from invrender.solve.identifiability import (
     UNIFORM_LIGHT,
     Scalar,
@@ -115,7 +115,7 @@ def counted(spread: Spread, scale: Floats) -> tuple[Floats, Floats]:
     Quadratures count as a model error of the radiance, propagated, and as a share of a `scale`, which stays.
     """
     reducible = np.hypot(spread.std, NUMERICAL * spread.fragility)
-    return np.asarray(np.hypot(reducible, NUMERICAL * scale)), np.asarray(reducible)
+    return np.asarray(np.hypot(reducible, FINEST * scale)), np.asarray(reducible)
 
 
 def brdf_rows(brdf: Microfacet, unknowns: Unknowns, absolute: bool) -> dict[str, Floats]:

@@ -17,7 +17,7 @@ from invrender.plan.lightprospect import HALF, LightProspect
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.report.page import with_error
-from invrender.solve.factorize import NUMERICAL
+from invrender.solve.factorize import FINEST
 
 # Of many lightings so many are told of; plan.json has them all.
 _SHOWN = 3
@@ -56,7 +56,7 @@ def sentences(plan: Plan, advice: Advice) -> Iterator[str]:
         f" Scale: {gauge(experiment)}."
     )
     yield (
-        f"In the deviations is what `process` always counts, {NUMERICAL:.2%} of Kd + Ks, of mu, sigma and of the light,"
+        f"In the deviations is what `process` always counts, {FINEST:.2%} of Kd + Ks, of mu, sigma and of the light,"
         " beside the noise."
     )
     if experiment.gauge_light is not None and experiment.brdf.sigma is None:

@@ -20,6 +20,9 @@ from invrender.solve.weighing import weigh
 # Share of the cost that a specular part of the wrong form, which may predict worse than none, must take away for other
 # forms to be tried.
 _NOTABLE = 1.02
+# Of the error on unseen photographs that is left without a specular part, what other forms may leave at most to be
+# believed where RH01's finds none: whichever of several does best by chance does a little better.
+_MUCH_BETTER = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +63,12 @@ def explain(
         return Explanation(rungs, chosen, tuple(photos), tuple(weights), noise)
     elements = {lighting.name: light_elements(lighting) for lighting in lightings}
     trials = try_forms(photos, weights, elements, on_step)
-    all_rungs = (*rungs, *_others(rungs[-1], PRINTED, trials))
-    chosen = choose(all_rungs)
+    others = _others(rungs[-1], PRINTED, trials)
+    all_rungs = (*rungs, *others)
+    if rungs[chosen].estimate.model.specular or (
+        min(rung.error for rung in others) < _MUCH_BETTER * rungs[chosen].error
+    ):
+        chosen = choose(all_rungs)
     form = all_rungs[chosen].estimate.model.form
     if form is PRINTED:
         return Explanation(all_rungs, chosen, tuple(photos), tuple(weights), noise, trials)

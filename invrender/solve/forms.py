@@ -24,8 +24,8 @@ from invrender.solve.search import OTHER_FORMS, fit, models_of
 from invrender.solve.statistics import by_lighting, weighted_statistics
 from invrender.solve.weighing import weigh
 
-# Two forms that differ by a fifteenth of the noise are three standard errors apart on so many.
-_SAMPLES = 3000
+# Two forms that differ by a tenth of the noise are three standard errors apart on so many.
+_SAMPLES = 1500
 # Photographs with fewer are not worth their part.
 _FEWEST = 20
 

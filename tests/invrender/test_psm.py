@@ -26,7 +26,7 @@ SET = Path(__file__).parents[1] / "sets" / "psm"
 @pytest.fixture(scope="module")
 def psm(data_dir: Path) -> Run:
     # `data_dir` is what LIGHTFACTOR_DATA names, and the manifest's paths go through that variable.
-    return process(load_photoset(SET), samples=24_000)
+    return process(load_photoset(SET), samples=9_000)
 
 
 def shading_direction(field: LightField, start: NDArray[np.float64]) -> NDArray[np.float64]:

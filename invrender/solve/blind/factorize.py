@@ -25,6 +25,7 @@ from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
 from invrender.solve.clusters import structured_rms
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
+from invrender.solve.uncertainty import PRIOR_STD
 from recon.harmonics import check_degree
 from recon.lightfield import LightField, off_terminators
 
@@ -277,7 +278,8 @@ def _certainty(search: Search, fit: Fit, split: Fit | None) -> Certainty:
         return certainty
     # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
     # radian: by as much does shading that is wrong by so much of itself turn a source.
-    widths = {"mu": fit.state.mu or 0.0, "sigma": fit.state.sigma or 0.0}
+    # A lobe that a wrong model has made narrow is not the better known for it.
+    widths = {"mu": fit.state.mu or 0.0, "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"])}
     own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
     return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
 
