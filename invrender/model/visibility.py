@@ -56,7 +56,6 @@ class Shadows:
     def sight(self, element: LightElement, field: LightField) -> Sight:
         """What the rays of a photograph's samples see of an element's light."""
         assert field.faces is not None
-        assert field.corner_weights is not None
         facets = self.body.facets[field.faces]
         sources = np.zeros((len(field.faces), len(element.directions)), bool)
         for k, direction in enumerate(element.directions):
@@ -65,10 +64,14 @@ class Shadows:
         hidden = None
         coefficients = _sky(element, round(np.sqrt(self.shadow.shape[1])) - 1)
         if coefficients is not None:
-            at_vertices = self.shadow @ coefficients.astype(np.float32)
-            corners = self.body.mesh.faces[field.faces]
-            hidden = blended(at_vertices, corners, field.corner_weights)
+            hidden = self.at_rays(self.shadow @ coefficients.astype(np.float32), field)
         return Sight(sources, field.reflected_visible, hidden)
+
+    def at_rays(self, values: NDArray[np.floating], field: LightField) -> Floats:
+        """Values of the mesh's vertices (v, c) at rays on it, (m, c)."""
+        assert field.faces is not None
+        assert field.corner_weights is not None
+        return blended(values, self.body.mesh.faces[field.faces], field.corner_weights)
 
 
 @dataclass(frozen=True, eq=False)

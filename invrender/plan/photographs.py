@@ -199,10 +199,9 @@ def _batch_rows(optics: Optics, fields: Sequence[LightField], l_max: int) -> Ite
         )
         specular = reflection_operator(optics.lobe_without_fresnel, normals, views, l_max, _TOLERANCE)
         specular *= (free * normalised_fresnel(optics.brdf.mu, cos))[:, None]
-    if optics.transfer is None:
-        diffuse = irradiance_operator(normals, l_max)
-    else:
-        diffuse = np.concatenate([optics.vertex_transfer(field, count) for field in fields])
+    diffuse = irradiance_operator(normals, l_max)
+    if optics.shadows is not None:
+        diffuse -= np.concatenate([optics.hidden_rows(field, count) for field in fields])
     ends = np.cumsum([len(field) for field in fields])[:-1]
     yield from zip(np.split(diffuse, ends), np.split(specular, ends), strict=True)
 

@@ -1,8 +1,5 @@
-"""What samples reflect, by RH01's model, and how that changes with mu and sigma.
-
-The visibility of `LightField` enters as [RH01, section 6] has it: a source counts where it is seen, the specular part
-of extended light where the mirrored ray is free, and its diffuse part through the mesh's transfer vectors.
-"""
+"""What samples reflect, by RH01's model under visibility (`invrender.model.visibility`), and how that changes with mu
+and sigma."""
 
 from __future__ import annotations
 
@@ -13,14 +10,14 @@ from numpy.typing import NDArray
 
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import LightElement, diffuse_transfer, light_elements, specular_transfer
+from invrender.model.transfer import LightElement, light_elements, specular_transfer
+from invrender.model.visibility import Rays, Shadows, Sight, seen_diffuse, seen_specular
 from invrender.plan.experiment import Light
 from invrender.solve.blind.state import tangents
-from invrender.theory.latlong import map_coefficients
 from invrender.theory.specialcases import lobe
 from recon.bodies import Body, MeshBody
 from recon.lightfield import LightField
-from recon.transfer import TransferVectors, transfer_vectors
+from recon.transfer import transfer_vectors
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +71,6 @@ class Parts:
 
     slow : what varies slowly, or None. spots : (h, 3), directions of the map's outstanding pixels, with
         `spot_irradiances` (h, 3). sources : (k, 3), directions, with `irradiances` (k, 3).
-    vertex_irradiance : (v, 3), of the slow part at a mesh's vertices; None on a sphere.
     """
 
     slow: LightElement | None
@@ -82,7 +78,6 @@ class Parts:
     spot_irradiances: Floats
     sources: Floats
     irradiances: Floats
-    vertex_irradiance: Floats | None
 
     @property
     def compact(self) -> Floats:
@@ -93,15 +88,14 @@ class Parts:
 class Optics:
     """An object and its BRDF: what samples of it reflect.
 
-    transfer : of a mesh's vertices, up to the degree of unknown light and not below 8; None of a sphere.
+    shadows : of a mesh, up to the degree of unknown light and not below 8; None of a sphere.
     """
 
     def __init__(self, body: Body, brdf: Microfacet, degree: int) -> None:
         self.brdf = brdf
-        self.mesh = body.mesh if isinstance(body, MeshBody) else None
-        self.transfer: TransferVectors | None = None
-        if self.mesh is not None:
-            self.transfer = transfer_vectors(self.mesh, max(degree, 8), _RAYS)
+        self.shadows: Shadows | None = None
+        if isinstance(body, MeshBody):
+            self.shadows = Shadows.of(body, transfer_vectors(body.mesh, max(degree, 8), _RAYS))
 
     def parts(self, light: Light) -> Parts:
         """A light taken apart."""
@@ -110,18 +104,12 @@ class Optics:
         count = len(lighting.directions)
         dark = replace(known, directions=np.zeros((0, 3)), irradiances=np.zeros((0, 3)))
         slow = dark if known.slow_map is not None else None
-        vertex_irradiance = None
-        if slow is not None and self.transfer is not None:
-            assert slow.slow_map is not None
-            coefficients = map_coefficients(slow.slow_map, self.transfer.l_max)
-            vertex_irradiance = self.transfer.coefficients @ coefficients
         return Parts(
             slow,
             known.directions[count:],
             known.irradiances[count:],
             known.directions[:count],
             known.irradiances[:count],
-            vertex_irradiance,
         )
 
     def of_extended(self, parts: Parts, field: LightField) -> Reflected:
@@ -132,18 +120,13 @@ class Optics:
             total += self.of_source(direction, field, field.sources_visible[:, count + k]).times(irradiance)
         if parts.slow is None:
             return total
-        if parts.vertex_irradiance is None:
-            diffuse = diffuse_transfer(parts.slow, field.normals)
-        else:
-            diffuse = self._blended(parts.vertex_irradiance, field)
-        return total + self._reflected(parts.slow, field, diffuse, field.reflected_visible)
+        sight = None if self.shadows is None else self.shadows.sight(parts.slow, field)
+        return total + self._reflected(parts.slow, field, sight)
 
     def of_source(self, direction: Floats, field: LightField, visible: NDArray[np.bool_]) -> Reflected:
         """What a source of unit irradiance gives, one channel; visible : (m,), of the rays."""
         source = LightElement("source", direction[None], np.ones((1, 1)))
-        return self._reflected(
-            source, field, diffuse_transfer(source, field.normals) * visible[:, None], visible
-        )
+        return self._reflected(source, field, Sight(visible[:, None], field.reflected_visible, None))
 
     def by_direction(
         self, direction: Floats, field: LightField, visible: NDArray[np.bool_]
@@ -165,28 +148,21 @@ class Optics:
         above = (incident[..., 2] > 0) & (exitant[..., 2] > 0)
         return np.where(above, lobe(theta, self.brdf.sigma or 1.0) / (4 * np.where(above, cosines, 1)), 0.0)
 
-    def vertex_transfer(self, field: LightField, count: int) -> Floats:
-        """Rows (n, count) that yield the irradiance at a mesh's samples from the lighting's coefficients."""
-        assert self.transfer is not None
-        blended = self._blended(self.transfer.coefficients[:, :count].astype(float), field)
-        return np.asarray(field.mean_over_rays(blended))
+    def hidden_rows(self, field: LightField, count: int) -> Floats:
+        """Rows (n, count) that yield what a mesh's samples lose of the irradiance from the lighting's coefficients."""
+        assert self.shadows is not None
+        return np.asarray(field.mean_over_rays(self.shadows.at_rays(self.shadows.shadow[:, :count], field)))
 
-    def _blended(self, values: Floats, field: LightField) -> Floats:
-        """Values at a mesh's vertices (v, c) at the rays of a field, (m, c)."""
-        assert self.mesh is not None
-        assert field.faces is not None
-        assert field.corner_weights is not None
-        corners = self.mesh.faces[field.faces]
-        return np.asarray(np.einsum("mk,mkc->mc", field.corner_weights, values[corners]))
-
-    def _reflected(
-        self, element: LightElement, field: LightField, diffuse: Floats, visible: NDArray[np.bool_]
-    ) -> Reflected:
-        diffuse = np.asarray(field.mean_over_rays(diffuse))
+    def _reflected(self, element: LightElement, field: LightField, sight: Sight | None) -> Reflected:
+        diffuse = np.asarray(field.mean_over_rays(seen_diffuse(element, field.normals, sight)))
         if self.brdf.sigma is None:
             return Reflected(diffuse, *(np.zeros_like(diffuse) for _ in range(3)))
         sigmas = self.brdf.sigma * np.array([1, 1 - _STEP, 1 + _STEP])
-        specular = specular_transfer(element, field.normals, field.views, sigmas) * visible[:, None, None]
+
+        def gather(light: LightElement, rays: Rays) -> Floats:
+            return specular_transfer(light, field.normals[rays], field.views[rays], sigmas)
+
+        specular = seen_specular(element, sight, gather)
         cos = (field.normals * field.views).sum(axis=1)
         fresnel = normalised_fresnel(self.brdf.mu, cos)
         by_mu = np.zeros_like(fresnel)

@@ -16,7 +16,7 @@ from invrender.render.subject import Subject
 from invrender.render.textures import Textures
 from recon.bodies import Body, body_window
 from recon.lightfield import LightField
-from recon.sampling import samples_at
+from recon.sampling import NO_SOURCES, samples_at
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -68,7 +68,6 @@ def take_picture(
     )
     top, left, bottom, right = body_window(subject.body, camera)
     count = (bottom - top) * (right - left)
-    at_vertices = subject.vertex_irradiance(element)
     black = np.zeros((*shape, 3), np.float32)
     image = RadianceImage(black, black, np.zeros(shape, bool))
     seen = False
@@ -77,16 +76,16 @@ def take_picture(
         rows, columns = rows + top, columns + left
         geometry = subject.body.pixel_geometry(camera, rows, columns)
         whole = geometry.whole & (geometry.turn <= _EDGE_TURN)
-        inner = samples_at(subject.body, camera, image, rows[whole], columns[whole], element.directions)
+        inner = samples_at(subject.body, camera, image, rows[whole], columns[whole], NO_SOURCES)
         # What turned out not to lie wholly on the body, such as a pixel with a hole, is left to finer rays.
         done = np.zeros(shape, bool)
         done[inner.rows, inner.columns] = True
         rest = ~done[rows, columns]
-        outer, alpha = _edge_samples(subject.body, camera, rows[rest], columns[rest], element.directions)
+        outer, alpha = _edge_samples(subject.body, camera, rows[rest], columns[rest])
         for field, cover in ((inner, np.ones(len(inner))), (outer, alpha)):
             if len(field):
                 seen = True
-                _enter(picture, subject, camera, reflectance, element, field, cover, at_vertices)
+                _enter(picture, subject, camera, reflectance, element, field, cover)
     if not seen:
         raise ValueError(
             f"the camera at {camera.centre.round(4).tolist()} m sees nothing of the object: it is inside it, or looks"
@@ -103,15 +102,13 @@ def _enter(
     element: LightElement,
     field: LightField,
     alpha: Floats,
-    at_vertices: Floats | None,
 ) -> None:
-    """Enter samples, of which the body covers `alpha` (n,), into a picture. at_vertices : (v, 3), irradiance."""
-    sky = None if at_vertices is None else subject.blended(at_vertices, field)
+    """Enter samples, of which the body covers `alpha` (n,), into a picture."""
     brdf, weights = reflectance.brdf, None
     if reflectance.textures is not None:
         weights = _paint(subject, camera, reflectance.textures, field, alpha)
         brdf = replace(brdf, kd=weights.kd[field.ray_sample], ks=weights.ks[field.ray_sample])
-    radiance, slopes = shade(brdf, element, field, sky, picture.std is not None)
+    radiance, slopes = shade(brdf, element, field, subject.shadows, picture.std is not None)
     pixels = field.rows, field.columns
     picture.radiance[pixels] = radiance * alpha[:, None]
     picture.alpha[pixels] = alpha
@@ -150,9 +147,7 @@ def _grid(count: int) -> Floats:
     return np.asarray(np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2))
 
 
-def _edge_samples(
-    body: Body, camera: Camera, rows: Ints, columns: Ints, sources: Floats
-) -> tuple[LightField, Floats]:
+def _edge_samples(body: Body, camera: Camera, rows: Ints, columns: Ints) -> tuple[LightField, Floats]:
     """Samples of pixels that a body covers in part, over what it covers, and the covered share (n,) of each."""
     offsets = _grid(_EDGE_RAYS)
     points = (np.column_stack([columns, rows])[:, None] + offsets).reshape(-1, 2)
@@ -165,7 +160,6 @@ def _edge_samples(
         values[met] for values in (hits.views, hits.normals, hits.facets, hits.positions)
     )
     reflected = 2 * (normals * views).sum(axis=1)[:, None] * normals - views
-    seen = [body.visible(positions, facets, np.broadcast_to(source, views.shape)) for source in sources]
     nothing = np.zeros((len(touched), 3))
     field = LightField(
         rows=rows[touched],
@@ -178,7 +172,7 @@ def _edge_samples(
         normals=normals,
         views=views,
         reflected_visible=body.visible(positions, facets, reflected),
-        sources_visible=np.column_stack(seen) if seen else np.zeros((len(met), 0), bool),
+        sources_visible=np.zeros((len(met), 0), bool),
         faces=None if hits.faces is None else hits.faces[met],
         corner_weights=None if hits.weights is None else hits.weights[met],
     )

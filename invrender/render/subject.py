@@ -14,14 +14,13 @@ from capture.camera import Camera, rigid_transform
 from capture.files.documents import file_hash, read_json
 from capture.files.tables import Table
 from capture.photoset import PhotoSet
-from invrender.model.transfer import LightElement
+from invrender.model.visibility import Shadows
 from invrender.render.saved import SavedResult
 from invrender.render.textures import Textures, Weights
-from invrender.theory.latlong import map_coefficients
 from recon.bodies import Body, MeshBody, SphereBody
-from recon.lightfield import LightField
 from recon.shape import opening_warnings, placed, read_object_mesh, without_strays
 from recon.sphere import Sphere
+from recon.transfer import TransferVectors
 from recon.transfercache import cached_transfer
 from recon.trianglemesh import TriangleMesh, read_mesh
 
@@ -40,34 +39,17 @@ class _Placement(Table):
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A body with what its own shadows leave of the diffuse light.
+    """A body with its shadows on itself.
 
     centre : (3,) metres, what cameras look at. radius : metres, of a sphere about it that holds the body.
-    transfer : (v, (l + 1)^2) shadowed diffuse transfer of a mesh's vertices in the world; None of a sphere.
-    warnings : sentences on the mesh.
+    shadows : of a mesh; None of a sphere, which has none. warnings : sentences on the mesh.
     """
 
     body: Body
     centre: Floats
     radius: float
-    transfer: NDArray[np.float32] | None = None
+    shadows: Shadows | None = None
     warnings: tuple[str, ...] = ()
-
-    def vertex_irradiance(self, element: LightElement) -> Floats | None:
-        """Irradiance (v, 3) of a mesh's vertices from an element's map, under its own shadows; None of a sphere."""
-        if self.transfer is None:
-            return None
-        if element.slow_map is None:
-            return np.zeros((len(self.transfer), 3))
-        return np.asarray(self.transfer @ map_coefficients(element.slow_map, _L_MAX), float)
-
-    def blended(self, at_vertices: Floats, field: LightField) -> Floats:
-        """Values (m, k) at a field's rays on a mesh, between those at its vertices (v, k)."""
-        assert isinstance(self.body, MeshBody)
-        assert field.faces is not None
-        assert field.corner_weights is not None
-        corners = at_vertices[self.body.mesh.faces[field.faces]]
-        return np.asarray(np.einsum("mk,mkc->mc", field.corner_weights, corners))
 
     @property
     def turns_visibly(self) -> bool:
@@ -199,14 +181,17 @@ def _mesh_subject(
     """
     transfer, unkept = cached_transfer(mesh, file, _L_MAX, _RAYS)
     painted = painted or mesh
-    coefficients = np.empty((len(painted.vertices), transfer.coefficients.shape[1]), np.float32)
-    coefficients[painted.faces] = transfer.rotated(mesh_to_world[:3, :3]).coefficients[mesh.faces]
+    # Along seams several vertices of the painted mesh are one of the mesh's.
+    original = np.zeros(len(painted.vertices), int)
+    original[painted.faces] = mesh.faces
+    transfer = TransferVectors(transfer.coefficients[original], transfer.std[original])
     in_world = placed(painted, mesh_to_world)
+    body = MeshBody(in_world)
     centre = (in_world.vertices.min(axis=0) + in_world.vertices.max(axis=0)) / 2
     return Subject(
-        MeshBody(in_world),
+        body,
         centre,
         float(np.linalg.norm(in_world.vertices - centre, axis=1).max()),
-        coefficients,
+        Shadows.of(body, transfer.rotated(mesh_to_world[:3, :3])),
         (*warnings, unkept) if unkept else tuple(warnings),
     )

@@ -59,8 +59,9 @@ def test_a_cat_is_what_brute_force_integration_says(
         assert_allclose(layers["A"], coverage, atol=0.12)  # parts of pixels, counted in 36 and in 16
         inside = within(layers["A"])
         apart = (radiance - truth)[inside]
-        # Pixels that a shadow's or a part's edge runs through are coarse on either side; the rest are as on spheres.
-        assert np.sqrt((apart**2).mean() / (truth[inside] ** 2).mean()) < 0.02
+        # Pixels that a shadow's or a part's edge runs through are coarse on either side, which makes 1.0%; the rest
+        # are as on spheres. Were the sky's whole irradiance interpolated between vertices, it would be 1.5%.
+        assert np.sqrt((apart**2).mean() / (truth[inside] ** 2).mean()) < 0.0125
         assert np.median(np.abs(apart)) < 0.003 * truth[inside].mean()
         if name == "lamp":
             # The shadows are where they should be: they fill a third of the cat.
