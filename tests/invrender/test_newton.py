@@ -1,4 +1,4 @@
-"""Gauss-Newton steps end where a long simplex does."""
+"""Steps of `gauss_newton` end where a long simplex does."""
 
 from __future__ import annotations
 

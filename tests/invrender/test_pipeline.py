@@ -17,7 +17,7 @@ from invrender.result import result_document
 @pytest.fixture(scope="module")
 def demo(demo_set_original: Path) -> tuple[Run, dict[str, object]]:
     truth = json.loads((demo_set_original / "truth.json").read_text())["brdf"]
-    return process(load_photoset(demo_set_original), samples=30_000), truth
+    return process(load_photoset(demo_set_original), samples=15_000), truth
 
 
 @pytest.mark.parametrize(
