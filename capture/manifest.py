@@ -249,7 +249,9 @@ def read_manifest(path: Path) -> Manifest:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is not a UTF-8 text file; TOML must be UTF-8") from error
+        raise ValueError(
+            f"{path}: is not a UTF-8 text file, as a manifest must be; give a photo set's folder or its photoset.toml"
+        ) from error
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

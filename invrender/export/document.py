@@ -108,8 +108,8 @@ def warnings(mapping: Mapping) -> list[str]:
     if bright.any():
         found.append(
             f"The BRDF as fitted reflects more than it receives at views beyond {mapping.view_deg[bright].min():.0f}"
-            f" degrees (up to {mapping.albedo.max():.2f} times): a lobe without shadowing does, and light that bounces"
-            " there may grow without end."
+            f" degrees (up to {mapping.albedo.max():.2f} times), as lobes without shadowing do, or diffuse and specular"
+            " parts that together exceed 1; light that bounces there may grow without end."
         )
     return found
 

@@ -35,6 +35,8 @@ _LEAST_DEGREE = 2
 _SPARE_DEGREES = 6
 # A structured residual that widens the error bars notably.
 _STRUCTURED = 0.005
+# Times the usual error of fitted photographs beyond which one that was held out calls for words.
+_FAR_WORSE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,16 +117,17 @@ def estimate_light(
         with one_blas_thread():
             direct = estimate_coefficients(mine, brdf, choices.degree)
             dual = estimate_dual(mine, brdf, direct, choices.rung) if brdf.ks.all() else None
+        scores = [_scores(photoset, rows, which, brdf, direct) for which in (fitted, other)]
         result = LightResult(
             name=name or photoset.name,
             direct=direct,
             dual=dual,
             samples=sum(len(photo.field) for photo in mine),
-            photos=_scores(photoset, rows, fitted, brdf, direct),
-            held_out=_scores(photoset, rows, other, brdf, direct),
+            photos=scores[0],
+            held_out=scores[1],
             truth=_truth(photoset, name, truth),
             brdf=brdf,
-            warnings=(*found.warnings, *_warnings(brdf, direct, dual)),
+            warnings=(*found.warnings, *_warnings(brdf, direct, dual), *_held_out_warnings(*scores)),
         )
         results.append(result)
     return tuple(results)
@@ -199,3 +202,17 @@ def _warnings(brdf: Microfacet, direct: LightCoefficients, dual: DualLight | Non
             " photographs: light of higher degrees, such as lamps, or another BRDF. The error bars are widened by it."
         )
     return warnings
+
+
+def _held_out_warnings(
+    fitted: Sequence[tuple[str, float]], held_out: Sequence[tuple[str, float]]
+) -> list[str]:
+    """A sentence for each photograph that was held out and is explained far worse than those fitted."""
+    usual = float(np.median([error for _, error in fitted]))
+    return [
+        f"{label}, which was held out, is off by {error:.1%} of its radiance, {error / usual:.0f} times as much as what"
+        " was fitted: the light is sharper than its degree, such as a lamp; raise --degree, or let `lightfactor"
+        " process` find lamps."
+        for label, error in held_out
+        if error > _FAR_WORSE * usual
+    ]

@@ -84,7 +84,8 @@ def draw_map(axes: Axes, radiance_map: Floats, white: float, title: str) -> None
     shown = linear_to_srgb(np.clip(radiance_map / white, 0, 1))
     below = np.clip(radiance_map / white, -1, 0)
     axes.imshow(_ZERO + (1 - _ZERO) * shown + _ZERO * below, extent=(0, 360, 180, 0), interpolation="nearest")
-    axes.set(title=title, xticks=range(0, 361, 90), yticks=range(0, 181, 90))
+    axes.set_title(title)
+    _label(axes)
 
 
 def _draw_std(figure: SubFigure, axes: Axes, result: LightResult) -> None:
@@ -98,7 +99,14 @@ def _draw_std(figure: SubFigure, axes: Axes, result: LightResult) -> None:
         title = f"standard deviation of the dual map; {dual.coverage:.0%} of directions reached"
         _hatch(axes, dual.reached)
     axes.set_title(title, fontsize="medium")
+    _label(axes)
+
+
+def _label(axes: Axes) -> None:
+    """Ticks and units of a map's directions."""
     axes.set(xticks=range(0, 361, 90), yticks=range(0, 181, 90))
+    axes.set_xlabel("azimuth from +X (degrees)", fontsize="small")
+    axes.set_ylabel("from +Z (degrees)", fontsize="small")
 
 
 def _hatch(axes: Axes, reached: NDArray[np.bool_]) -> None:

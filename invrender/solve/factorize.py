@@ -121,6 +121,9 @@ def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weigh
         place = report.places["sigma"]
         scale[place] = np.maximum(scale[place], PRIOR_STD["sigma"])
     own = np.hypot(own, structured * scale)
+    if rung.estimate.model.neutral:
+        # One number has one error bar.
+        own[report.places["ks"]] = own[report.places["ks"]].max()
     return _Measured(report, values, found.covariance + np.diag(own**2), found.fragility, structured)
 
 
