@@ -17,7 +17,7 @@ from synthetic.demo import demo_staging
 from synthetic.scene import Shot
 from synthetic.writer import write_photoset
 
-SAMPLES = 12_000
+SAMPLES = 6_000
 TRUTH = {"kd": 0.243634, "ks": 0.030112, "mu": 1.78, "sigma": 0.12}
 
 
