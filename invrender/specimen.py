@@ -12,13 +12,10 @@ from capture.files.documents import numbers
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.model.visibility import Shadows
+from invrender.wording import sentences
 from recon.bodies import Body, MeshBody, SphereBody
 from recon.samples.find import FoundBody, find_body
 from recon.transfercache import cached_transfer
-
-# As `lightfactor samples` and `render` have it, so that each finds what another has kept beside the mesh. Light is
-# taken as it is; what ends at this degree is how a mesh's shadow on it varies.
-_L_MAX, _RAYS = 8, 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +49,10 @@ def find_specimen(photoset: PhotoSet, track: Track = silent, shadowing: bool = T
         assert photoset.object.mesh is not None
         assert photoset.mesh_to_world is not None
         mesh_file = photoset.resolve(photoset.object.mesh)
-        transfer, unkept = cached_transfer(found.mesh, mesh_file, _L_MAX, _RAYS)
+        transfer, unkept = cached_transfer(found.mesh, mesh_file)
         warnings += [unkept] if unkept else []
         shadows = Shadows.of(found.body, transfer.rotated(photoset.mesh_to_world[:3, :3]))
-    sentences = tuple(f"{text[0].upper()}{text[1:]}." for text in warnings)
-    return Specimen(found, shadows, _description(photoset, found), sentences)
+    return Specimen(found, shadows, _description(photoset, found), tuple(sentences(warnings)))
 
 
 def _description(photoset: PhotoSet, found: FoundBody) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from invrender.solve.models import Estimate, Model
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.theory.latlong import synthesise_latlong
+from invrender.wording import sentences
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -87,7 +88,7 @@ def solve_unknown_light(
         solution = _solution(
             blind, [fields[photo.label] for photo in fitted], [residuals[photo.label] for photo in fitted]
         )
-    warnings = (*_sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
+    warnings = (*sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
     return Solved(result, fields, residuals, radiance)
 
@@ -212,7 +213,3 @@ def _lighting(name: str, light: BlindLight) -> FittedLighting:
         "" if doubt is None else doubt.remedy,
     )
     return FittedLighting(lighting, sources.irradiance_std, None, None, harmonics)
-
-
-def _sentences(texts: Sequence[str]) -> list[str]:
-    return [f"{text[0].upper()}{text[1:]}." for text in texts]

@@ -13,10 +13,12 @@ from recon.trianglemesh import TriangleMesh
 
 # Counts up whenever `transfer_vectors` would give other numbers for the same mesh.
 _METHOD = 1
+# What every command asks for unless told otherwise, so that each finds what another has kept.
+USUAL_DEGREE, USUAL_RAYS = 8, 256
 
 
 def cached_transfer(
-    mesh: TriangleMesh, mesh_file: Path, l_max: int, rays: int = 256
+    mesh: TriangleMesh, mesh_file: Path, l_max: int = USUAL_DEGREE, rays: int = USUAL_RAYS
 ) -> tuple[TransferVectors, str | None]:
     """Transfer vectors read from cat.transfer.npz beside cat.ply, or computed and written there.
 

@@ -30,7 +30,7 @@ def factor(
         typer.Option(
             metavar="DEGREES",
             help="Degrees of the light's spherical harmonics that are tried, 1 to 20, as 4,8,12; the simplest that"
-            " explains the photographs is taken.  [default: 4,6,8,10,12]",
+            " explains the photographs is taken.  [default: lamps in the dark, and 4,6,8,10,12]",
             show_default=False,
         ),
     ] = None,

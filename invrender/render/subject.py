@@ -26,8 +26,6 @@ from recon.trianglemesh import TriangleMesh, read_mesh
 
 Floats = NDArray[np.float64]
 
-# As `lightfactor samples` has it, so that both find what the other has kept beside the mesh.
-_L_MAX, _RAYS = 8, 256
 _Row = tuple[float, float, float, float]
 
 
@@ -179,7 +177,7 @@ def _mesh_subject(
 
     painted : the same mesh with texture coordinates, face by face; itself if None.
     """
-    transfer, unkept = cached_transfer(mesh, file, _L_MAX, _RAYS)
+    transfer, unkept = cached_transfer(mesh, file)
     painted = painted or mesh
     # Along seams several vertices of the painted mesh are one of the mesh's.
     original = np.zeros(len(painted.vertices), int)

@@ -37,6 +37,7 @@ from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
 from invrender.texture.sums import Sums
 from invrender.texture.textures import Textures
+from invrender.wording import sentences
 from recon.bodies import MeshBody
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField, off_terminators
@@ -115,7 +116,7 @@ def solve_textured(
 
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = _solution(photoset, lightings, fit, textures, fields, residuals)
-    warnings = [*find_warnings(photoset, solution, specimen, lightings), *_sentences(faults, textures)]
+    warnings = [*find_warnings(photoset, solution, specimen, lightings), *_remarks(faults, textures)]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
     return Solved(replace(result, textures=textures), fields, residuals, radiance)
 
@@ -374,14 +375,14 @@ class _Seen:
     field: LightField
 
 
-def _sentences(faults: Sequence[str], textures: Textures) -> list[str]:
+def _remarks(faults: Sequence[str], textures: Textures) -> list[str]:
     """What a user should know of the texture before using it."""
-    sentences = [f"{text[0].upper()}{text[1:]}." for text in faults]
+    remarks = sentences(faults)
     unknown = 1 - float(textures.known.mean())
     if unknown > _UNKNOWN:
-        sentences.append(
+        remarks.append(
             f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't tell its Kd from"
             " its Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides would fill"
             " it."
         )
-    return sentences
+    return remarks
