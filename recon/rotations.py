@@ -6,19 +6,20 @@ angle alpha and azimuth beta.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
-from recon.harmonics import check_degree, degree_of, degrees, finite, orders
+from recon.harmonics import check_degree, degree_of, finite
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 _ORTHOGONAL = 1e-6
+# Functions that are turned at a time.
+_BLOCK = 512
 
 
 def wigner_d(l_max: int, alpha: ArrayLike) -> list[Floats]:
@@ -127,34 +128,55 @@ def rotated_harmonics(coefficients: ArrayLike, rotation: ArrayLike) -> NDArray[n
         )
     if not np.issubdtype(coefficients.dtype, np.floating):
         coefficients = coefficients.astype(float)
-    l_max = degree_of(coefficients.shape[-1])
     finite(coefficients, "coefficients")
-    alpha, beta, gamma = euler_angles(rotation)
-    turned = _about_z(coefficients, gamma, l_max)
-    turned = _by_degree(turned, _quarter_turns(l_max))
-    turned = _about_z(turned, alpha, l_max)
-    turned = _by_degree(turned, [quarter.T for quarter in _quarter_turns(l_max)])
-    return _about_z(turned, beta, l_max)
-
-
-def _about_z(coefficients: NDArray[np.floating], angle: Floats, l_max: int) -> NDArray[np.floating]:
-    """Coefficients of functions turned about z: cos(m (phi - angle)) for cos(m phi), and so on."""
-    l, m = degrees(l_max), orders(l_max)
-    phase = angle[..., None] * np.arange(l_max + 1)
-    cos, sin = np.cos(phase).astype(coefficients.dtype), np.sin(phase).astype(coefficients.dtype)
-    mirrored = l * l + l - m
-    # y_m is cos(m phi) and y_-m is sin(m phi), of m > 0.
-    return coefficients * cos[..., np.abs(m)] + coefficients[..., mirrored] * (
-        -np.sign(m).astype(coefficients.dtype) * sin[..., np.abs(m)]
-    )
-
-
-def _by_degree(coefficients: NDArray[np.floating], matrices: Sequence[Floats]) -> NDArray[np.floating]:
-    result = np.empty_like(coefficients)
-    for l, matrix in enumerate(matrices):
-        band = slice(l * l, (l + 1) ** 2)
-        result[..., band] = coefficients[..., band] @ matrix.T.astype(coefficients.dtype)
+    angles = euler_angles(rotation)
+    shape = np.broadcast_shapes(coefficients.shape[:-1], angles[0].shape)
+    functions = np.broadcast_to(coefficients, (*shape, coefficients.shape[-1]))
+    if not shape:
+        return _turned(functions[None], *(angle[None] for angle in angles))[0]
+    # As many at a time as fit in the processor's cache.
+    rows = [np.broadcast_to(angle, shape) for angle in angles]
+    result = np.empty_like(functions, order="C")
+    for start in range(0, shape[-1], _BLOCK):
+        here = slice(start, start + _BLOCK)
+        result[..., here, :] = _turned(functions[..., here, :], *(angle[..., here] for angle in rows))
     return result
+
+
+def _turned(
+    coefficients: NDArray[np.floating], alpha: Floats, beta: Floats, gamma: Floats
+) -> NDArray[np.floating]:
+    l_max = degree_of(coefficients.shape[-1])
+    # Functions last: what happens to a coefficient happens to a row of them.
+    functions = np.array(np.swapaxes(coefficients, -1, -2), order="C")
+    first, between, last = (_phases(angle, l_max, functions.dtype) for angle in (gamma, alpha, beta))
+    for l, quarter in enumerate(_quarter_turns(l_max)):
+        band, own = slice(l * l, (l + 1) ** 2), slice(l_max - l, l_max + l + 1)
+        turn = quarter.astype(functions.dtype)
+        turned = turn @ _about_z(functions[..., band, :], first, own)
+        turned = turn.T @ _about_z(turned, between, own)
+        functions[..., band, :] = _about_z(turned, last, own)
+    return np.swapaxes(functions, -1, -2)
+
+
+def _phases(
+    angle: Floats, l_max: int, dtype: np.dtype[np.floating]
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """cos(m angle) and sin(m angle), (..., 2 l_max + 1, n), of angles (..., n)."""
+    once = np.exp(1j * angle)[..., None, :]
+    # Powers of one number: trigonometric functions of each multiple would take as long as all that follows.
+    ahead = np.cumprod(np.broadcast_to(once, (*once.shape[:-2], l_max, once.shape[-1])), axis=-2)
+    turns = np.concatenate([ahead[..., ::-1, :].conj(), np.ones_like(once), ahead], axis=-2)
+    return turns.real.astype(dtype), turns.imag.astype(dtype)
+
+
+def _about_z(
+    band: NDArray[np.floating], phases: tuple[NDArray[np.floating], NDArray[np.floating]], own: slice
+) -> NDArray[np.floating]:
+    """A degree's coefficients (..., 2 l + 1, n) of functions turned about z: cos(m (phi - angle)) for cos(m phi)."""
+    cos, sin = phases
+    # y_m is cos(m phi) and y_-m is sin(m phi), of m > 0.
+    return np.asarray(band * cos[..., own, :] - band[..., ::-1, :] * sin[..., own, :])
 
 
 @lru_cache(maxsize=4)

@@ -14,12 +14,13 @@ from invrender.model.lobes import FORMS
 from invrender.model.lobetable import TRANSFERS, Transfer
 from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import Formed, choose_form
+from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.screen import find_among_nonsense, judged
 from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
-from invrender.solve.blind.sources import Found, Lamps, bright, sources_of_diffuse
+from invrender.solve.blind.sources import Found
 from invrender.solve.blind.start import Region, Search, of_degree, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
@@ -40,7 +41,6 @@ _SEARCH_DEGREE, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING = 10, 3000, 600
 _LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
 # Noise that is assumed until residuals show it.
 _FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
-_FIRST_MU = 1.5
 _SAME_ANGLE = 1e-3
 # Structured residuals, relative to the radiance, up to which lighting of a finite degree leaves them in clean sets.
 _STRUCTURED = 0.005
@@ -72,7 +72,7 @@ def factorize_blind(
     numbers = [names.index(name) for name in lighting_of]
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
-        search = _first_weights(photos, numbers, orders[-1] if ladder else degree, source_region, transfer)
+        search = _first_weights(photos, numbers, source_region, transfer)
         dark = degree == 0 or (ladder and orders[0] == 0)
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
         assumed = _assumed(photos)
@@ -82,22 +82,27 @@ def factorize_blind(
         if ladder and transfer == "exact":
             formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
         found = formed.found
+        # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
+        few = thinned(search, orders[-1] if ladder else degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
         if strays:
-            search = judged(search, found.fit, assumed)
-        fit = search.fit(found.fit.state, degree)
-        search, noise, weights = _weighed(search, fit)
-        fit = search.fit(fit.state, degree)
+            few = judged(few, found.fit, assumed)
+        fit = few.fit(found.fit.state, degree)
+        few, noise, weights = _weighed(few, fit)
+        fit = few.fit(fit.state, degree)
         on_step()
-        chosen, rungs = 0, [cross_validate(_name(fit), search, fit)]
+        rungs = [cross_validate(model_name(fit), few, fit)]
         if ladder:
-            # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
-            few = thinned(search, orders[-1], _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
-            tried = few.fit(fit.state, degree)
-            rungs = _climb(few, thin, lamps, tried, orders, formed.others, on_step)
-            chosen = simplest(rungs)
-            if few is not search:
-                chosen = _confirm(search, rungs, chosen)
-            on_step()
+            rungs = climb(few, thin, lamps, rungs[0], orders, formed.others, on_step)
+        chosen = simplest(rungs)
+        pair = [chosen] if few.numbers == search.numbers else neighbours(rungs, chosen)
+        own, degree = rungs[chosen].fit, max(rungs[index].fit.l_max for index in pair)
+        if few.numbers == search.numbers:
+            search = of_degree(few, degree)
+        else:
+            search = of_degree(search, degree)
+            search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
+        chosen = confirm(search, rungs, pair)
+        on_step()
         certainty = _certainty(search, rungs[chosen].fit, found.split)
     return _solution(search, rungs, chosen, certainty, noise, weights, found, names, transfer)
 
@@ -159,13 +164,10 @@ def _check(
 
 
 def _first_weights(
-    photos: Sequence[LightField],
-    numbers: Sequence[int],
-    l_max: int,
-    region: Region | None,
-    transfer: Transfer,
+    photos: Sequence[LightField], numbers: Sequence[int], region: Region | None, transfer: Transfer
 ) -> Search:
-    sights = [Sight.of(photo, l_max, number, transfer) for photo, number in zip(photos, numbers, strict=True)]
+    """All samples, weighed by an assumed noise, and prepared for uniform light as yet."""
+    sights = [Sight.of(photo, 0, number, transfer) for photo, number in zip(photos, numbers, strict=True)]
     assumed = _assumed(photos)
     weights = [photo.weight[:, None] / assumed.variance(photo.radiance) for photo in photos]
     trust = [np.ones_like(photo.radiance) for photo in photos]
@@ -203,67 +205,6 @@ def _off_terminators(field: LightField, directions: Floats) -> NDArray[np.bool_]
     return np.isin(numbered.rows, off_terminators(numbered, directions).rows)
 
 
-def _climb(
-    search: Search,
-    thin: Search,
-    lamps: Lamps | None,
-    fit: Fit,
-    orders: Sequence[int],
-    others: Sequence[State],
-    on_step: Callable[[], None],
-) -> list[BlindRung]:
-    """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
-
-    others : states with lobes of other forms, as good as their best.
-    """
-    rungs = [cross_validate(_name(fit), search, fit)]
-    in_the_dark = of_degree(search, 0)
-
-    def add(state: State, l_max: int, fitted: bool = False) -> None:
-        own = search if l_max else in_the_dark
-        tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max))
-        rungs.append(cross_validate(_name(tried), own, tried))
-        on_step()
-
-    for order in orders:
-        if order != fit.l_max and (order or lamps is not None):
-            add(fit.state, order)
-    if lamps is not None:
-        if fit.l_max:
-            add(lamps.glossy.state.with_form(fit.state.form), 0)
-        add(lamps.diffuse.state, 0)
-    best = rungs[simplest(rungs)].fit
-    if best.state.sigma is not None and best.state.form.has_fresnel:
-        add(replace(best.state, mu=_FIRST_MU if best.state.mu is None else None), best.l_max)
-    for other in others:
-        add(other, best.l_max, fitted=True)
-    if len(best.state.directions):
-        weakest = int(best.irradiances.sum(axis=1).argmin())
-        add(best.state.without_source(weakest), best.l_max)
-    # What a purely diffuse body would need of light is another matter: its sources are looked for anew.
-    diffuse = sources_of_diffuse(thin, fit.l_max, lamps)
-    for order in sorted({min(2, orders[-1]), *orders} - {0}):
-        add(diffuse, order)
-    return rungs
-
-
-def _confirm(search: Search, rungs: list[BlindRung], chosen: int) -> int:
-    """Fit to all samples the chosen rung and the next richer lighting, in place; the simpler of both that suffices."""
-    own = rungs[chosen].fit
-    richer = [
-        index
-        for index, rung in enumerate(rungs)
-        if rung.fit.l_max > own.l_max
-        and rung.fit.state.names == own.state.names
-        and rung.fit.state.form is own.state.form
-    ]
-    pair = [chosen, *sorted(richer, key=lambda index: rungs[index].fit.l_max)[:1]]
-    for index in pair:
-        fit = search.fit(rungs[index].fit.state, rungs[index].fit.l_max)
-        rungs[index] = cross_validate(_name(fit), search, fit)
-    return pair[simplest([rungs[index] for index in pair])]
-
-
 def _certainty(search: Search, fit: Fit, split: Fit | None) -> Certainty:
     """That of a fit, and what else its standard deviations must hold."""
     certainty = _with_split(certainty_of(search, fit), fit, split)
@@ -296,15 +237,6 @@ def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
     covariance = certainty.covariance.copy()
     covariance[np.arange(count), np.arange(count)] += (ends[1] - ends[0]) ** 2
     return replace(certainty, covariance=covariance)
-
-
-def _name(fit: Fit) -> str:
-    state = fit.state
-    kind = "lambertian" if state.sigma is None else state.form.name
-    bare = state.sigma is not None and state.mu is None and state.form.has_fresnel
-    count = len(state.directions)
-    sources = f"{count} source{'' if count == 1 else 's'}"
-    return f"{kind}{' without Fresnel' if bare else ''}, lighting of degree {fit.l_max}, {sources}"
 
 
 def _solution(

@@ -22,8 +22,9 @@ from invrender.solve.blind.state import State
 Floats = NDArray[np.float64]
 
 ITERATIONS = 30
-# In noise units, where a parameter that moves by its standard deviation costs 1.
-_CONVERGED = 1e-2
+# Of squared residuals, in units of the noise that they show, in which a parameter's step by its standard deviation
+# costs 1: so small gains end a search; smaller than the others they are beneath what single precision tells apart.
+_CONVERGED, _TOLD_APART = 1e-2, 1.0
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
 
 
@@ -242,19 +243,21 @@ def refine(
     if not state.names:
         return fit
     damping = _FIRST_DAMPING
+    count = sum(weight.size for weight in weights)
     for _ in range(iterations):
         equations = _border(sights, weights, fit)
         free = ~fit.state.stuck(equations.right)
-        # What a full step promises to gain; less is within a fraction of the standard deviations.
-        if equations.step(free) @ equations.right < _CONVERGED:
+        noise = max(fit.cost / count, 1)
+        promise = equations.step(free) @ equations.right / noise
+        if promise < _CONVERGED:
             return fit
         while True:
             moved = fit.state.moved(equations.step(free, damping))
             tried = solve_lighting(sights, weights, scales, moved, l_max)
-            if tried.cost <= fit.cost or damping > _MOST_DAMPING:
+            if tried.cost <= fit.cost or promise < _TOLD_APART or damping > _MOST_DAMPING:
                 break
             damping *= 10
-        gain = fit.cost - tried.cost
+        gain = (fit.cost - tried.cost) / noise
         if gain > 0:
             fit = tried
         if gain < _CONVERGED:

@@ -45,14 +45,14 @@ def find_among_nonsense(
     screened = _screened(search, l_max or search.sights[0].l_max, noise)
     if _distrusted(screened, _GROSS) < _FEW:
         return search, *find_starts(search, l_max, in_the_dark)
-    search = screened
-    found, lamps = find_starts(search, l_max, in_the_dark)
+    fit = find_starts(screened, l_max, in_the_dark)[0].fit
+    search = judged(screened, fit, noise)
     for _ in range(_MOST_JUDGEMENTS):
-        before, search = _distrusted(search, _HALF), judged(search, found.fit, noise)
+        fit = search.fit(fit.state, fit.l_max)
+        before, search = _distrusted(search, _HALF), judged(search, fit, noise)
         if abs(_distrusted(search, _HALF) - before) < _FEW / 3:
             break
-        found, lamps = find_starts(search, l_max, in_the_dark)
-    return search, found, lamps
+    return search, *find_starts(search, l_max, in_the_dark)
 
 
 def judged(search: Search, fit: Fit, noise: NoiseModel) -> Search:

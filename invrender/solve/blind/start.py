@@ -146,7 +146,8 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
 
 def of_degree(search: Search, l_max: int) -> Search:
     """The same, prepared for lighting of another degree."""
-    return replace(search, sights=[sight.like(sight.field, l_max) for sight in search.sights])
+    sights = [sight if sight.l_max == l_max else sight.like(sight.field, l_max) for sight in search.sights]
+    return replace(search, sights=sights)
 
 
 def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:

@@ -1,0 +1,96 @@
+"""The ladder of models under unknown light: orders of the lighting, and what else may be left out or be needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from invrender.solve.blind.projection import Fit
+from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
+from invrender.solve.blind.sources import Lamps, bright, sources_of_diffuse
+from invrender.solve.blind.start import Search, of_degree
+from invrender.solve.blind.state import State
+
+_FIRST_MU = 1.5
+# Iterations by which a model that is any good has arrived, from the best of another.
+_ENOUGH = 8
+
+
+def climb(
+    search: Search,
+    thin: Search,
+    lamps: Lamps | None,
+    first: BlindRung,
+    orders: Sequence[int],
+    others: Sequence[State],
+    on_step: Callable[[], None],
+) -> list[BlindRung]:
+    """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
+
+    others : states with lobes of other forms, as good as their best.
+    """
+    rungs, fit = [first], first.fit
+    in_the_dark = of_degree(search, 0)
+
+    def add(state: State, l_max: int, fitted: bool = False) -> None:
+        own = search if l_max else in_the_dark
+        tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max, _ENOUGH))
+        rungs.append(without_rows(cross_validate(model_name(tried), own, tried)))
+        on_step()
+
+    for order in orders:
+        if order != fit.l_max and (order or lamps is not None):
+            add(fit.state, order)
+    if lamps is not None:
+        if fit.l_max:
+            add(lamps.glossy.state.with_form(fit.state.form), 0)
+        add(lamps.diffuse.state, 0)
+    best = rungs[simplest(rungs)].fit
+    if best.state.sigma is not None and best.state.form.has_fresnel:
+        add(replace(best.state, mu=_FIRST_MU if best.state.mu is None else None), best.l_max)
+    for other in others:
+        add(other, best.l_max, fitted=True)
+    if len(best.state.directions):
+        weakest = int(best.irradiances.sum(axis=1).argmin())
+        add(best.state.without_source(weakest), best.l_max)
+    # What a purely diffuse body would need of light is another matter: its sources are looked for anew.
+    diffuse = sources_of_diffuse(thin, fit.l_max, lamps)
+    for order in sorted({min(2, orders[-1]), *orders} - {0}):
+        add(diffuse, order)
+    return rungs
+
+
+def neighbours(rungs: Sequence[BlindRung], chosen: int) -> list[int]:
+    """The chosen rung and, if there is one, that of the same model with the next richer lighting."""
+    own = rungs[chosen].fit
+    richer = [
+        index
+        for index, rung in enumerate(rungs)
+        if rung.fit.l_max > own.l_max
+        and rung.fit.state.names == own.state.names
+        and rung.fit.state.form is own.state.form
+    ]
+    return [chosen, *sorted(richer, key=lambda index: rungs[index].fit.l_max)[:1]]
+
+
+def confirm(search: Search, rungs: list[BlindRung], pair: Sequence[int]) -> int:
+    """Fit some rungs to all samples, in place; the simplest of them that suffices."""
+    for index in pair:
+        fit = search.fit(rungs[index].fit.state, rungs[index].fit.l_max)
+        rungs[index] = cross_validate(model_name(fit), search, fit)
+    return pair[simplest([rungs[index] for index in pair])]
+
+
+def without_rows(rung: BlindRung) -> BlindRung:
+    """The rung without its fit's rows, which take up far more than all else together."""
+    return replace(rung, fit=replace(rung.fit, rows=()))
+
+
+def model_name(fit: Fit) -> str:
+    """What a rung is called: its lobe, its lighting's degree, its sources."""
+    state = fit.state
+    kind = "lambertian" if state.sigma is None else state.form.name
+    bare = state.sigma is not None and state.mu is None and state.form.has_fresnel
+    count = len(state.directions)
+    sources = f"{count} source{'' if count == 1 else 's'}"
+    return f"{kind}{' without Fresnel' if bare else ''}, lighting of degree {fit.l_max}, {sources}"
