@@ -121,5 +121,9 @@ def test_two_sources_within_the_lobe_count_as_one(bench: SimpleNamespace, rng: n
     found = factorize_blind(photos, orders=[8], ladder=False)
     (only,) = found.light.sources.directions
     assert only @ bench.direction(-18, 25) > np.cos(np.radians(1))
+    # It is said to be where either of them is, not only where the one is that stands for both.
+    (way,) = found.light.sources.direction_std_deg
+    apart = [np.degrees(np.arccos(only @ source.direction)) for source in sources]
+    assert max(apart) < 2 * way < 8
     assert "nearer to another than the lobe is wide" in found.warnings[0]
     assert "treated as one" in found.warnings[0]

@@ -149,6 +149,10 @@ def test_one_light_under_two_names_is_the_same_light(bench: SimpleNamespace, rng
         assert degrees_apart(a.sources.directions[0], b.sources.directions[0]) < 0.1
         assert_allclose(a.normalised_coefficients[:9], b.normalised_coefficients[:9], atol=0.006)
         assert_allclose(a.sources.irradiances, b.sources.irradiances, rtol=0.01)
+    assert not two.warnings
+    lonely = factorize_blind(photos, ["a"] * 5 + ["b"], orders=[4], ladder=False)
+    (warning,) = lonely.warnings
+    assert warning.startswith("a single photograph was taken under lighting 'b'")
 
 
 def test_lamps_in_the_dark_are_told_from_a_single_side(bench: SimpleNamespace, rng: np.random.Generator):
@@ -160,6 +164,8 @@ def test_lamps_in_the_dark_are_told_from_a_single_side(bench: SimpleNamespace, r
     names = [f"lamp {k}" for k in range(len(lamps))]
     found = factorize_blind(photos, names, orders=[0, 4])
     assert found.model == "microfacet, lighting of degree 0, 5 sources"
+    # Lamps in the dark leave no light that could take up what the formula doesn't explain.
+    assert not found.warnings
     error, std = errors(found, TEFLON)
     assert (np.abs(error) < 3 * std).all()
     for name, lamp in zip(names, lamps, strict=True):

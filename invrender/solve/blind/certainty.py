@@ -7,7 +7,7 @@ and what residuals imply that hang together within tiles of a photograph or patc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
-from invrender.solve.clusters import patch_of, tile_of
+from invrender.solve.clusters import patch_of, structured_rms, tile_of
 from invrender.solve.uncertainty import PRIOR_STD
 from invrender.theory.conditioning import Information
 
 Floats = NDArray[np.float64]
 
+# Structured residuals, relative to the radiance, up to which lighting of a finite degree leaves them in clean sets.
+_STRUCTURED = 0.005
 # Of a share, flat between 0 and 1; of a source's turns, about half a hemisphere.
 _SHARE_STD, _TURN_STD = 1 / np.sqrt(12), 1.0
 
@@ -41,8 +43,46 @@ class Certainty:
     degree_shares: Mapping[int, Floats]
 
 
-def certainty_of(search: Search, fit: Fit) -> Certainty:
-    """Certainty at a fit, which must be the best of its model."""
+def certainty_of(search: Search, fit: Fit, split: Fit | None = None) -> Certainty:
+    """Certainty at a fit, which must be the best of its model, and what else its standard deviations must hold.
+
+    split : the fit with one of the sources as two, if that explains more.
+    """
+    certainty = _with_split(_of_noise(search, fit), fit, split)
+    fields = [sight.field for sight in search.sights]
+    left = [
+        np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows))
+        for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
+    ]
+    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
+    structured = structured_rms(fields, left) / max(float(energy), 1e-300)
+    if structured < _STRUCTURED:
+        return certainty
+    # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
+    # radian: by as much does shading that is wrong by so much of itself turn a source.
+    # A lobe that a wrong model has made narrow is not the better known for it.
+    widths = {"mu": fit.state.mu or 0.0, "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"])}
+    own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
+    return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
+
+
+def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
+    """Standard deviations that hold by how much two sources instead of one put the BRDF and that source elsewhere."""
+    if split is None or split.state.names[: len(fit.state.names)] != fit.state.names:
+        return certainty
+    state, other, kept = fit.state, split.state, len(fit.state.directions)
+    ends = [np.array([*of.kappa, *(x for x in (of.mu, of.sigma) if x is not None)]) for of in (state, other)]
+    off = np.concatenate([ends[1] - ends[0], np.zeros(2 * kept)])
+    for second, owner in zip(other.directions[kept:], other.owners[kept:], strict=True):
+        # The one stands between the two, on a line that it doesn't tell.
+        nearest = int(np.where(state.owners == owner, state.directions @ second, -1).argmax())
+        apart = np.array([second, other.directions[nearest]]) @ state.directions[nearest]
+        turns = off[len(ends[0]) + 2 * nearest :][:2]
+        turns[:] = np.maximum(turns, np.arccos(np.clip(apart.min(), -1, 1)))
+    return replace(certainty, covariance=certainty.covariance + np.diag(off**2))
+
+
+def _of_noise(search: Search, fit: Fit) -> Certainty:
     joint = joint_equations(search, fit)
     equations = reduced(joint.whole)
     scales, count = fit.state.scales(), sum(weight.size for weight in search.weights)

@@ -24,9 +24,7 @@ from invrender.solve.blind.sources import Found
 from invrender.solve.blind.start import Region, Search, of_degree, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
-from invrender.solve.clusters import structured_rms
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
-from invrender.solve.uncertainty import PRIOR_STD
 from recon.harmonics import check_degree
 from recon.lightfield import LightField, off_terminators
 
@@ -42,8 +40,6 @@ _LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
 # Noise that is assumed until residuals show it.
 _FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
 _SAME_ANGLE = 1e-3
-# Structured residuals, relative to the radiance, up to which lighting of a finite degree leaves them in clean sets.
-_STRUCTURED = 0.005
 
 
 def factorize_blind(
@@ -103,7 +99,7 @@ def factorize_blind(
             search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
         chosen = confirm(search, rungs, pair)
         on_step()
-        certainty = _certainty(search, rungs[chosen].fit, found.split)
+        certainty = certainty_of(search, rungs[chosen].fit, found.split)
     return _solution(search, rungs, chosen, certainty, noise, weights, found, names, transfer)
 
 
@@ -205,40 +201,6 @@ def _off_terminators(field: LightField, directions: Floats) -> NDArray[np.bool_]
     return np.isin(numbered.rows, off_terminators(numbered, directions).rows)
 
 
-def _certainty(search: Search, fit: Fit, split: Fit | None) -> Certainty:
-    """That of a fit, and what else its standard deviations must hold."""
-    certainty = _with_split(certainty_of(search, fit), fit, split)
-    fields = [sight.field for sight in search.sights]
-    left = [
-        np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows))
-        for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
-    ]
-    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
-    structured = structured_rms(fields, left) / max(float(energy), 1e-300)
-    if structured < _STRUCTURED:
-        return certainty
-    # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
-    # radian: by as much does shading that is wrong by so much of itself turn a source.
-    # A lobe that a wrong model has made narrow is not the better known for it.
-    widths = {"mu": fit.state.mu or 0.0, "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"])}
-    own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
-    return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
-
-
-def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
-    """Standard deviations that hold by how much two sources instead of one put the BRDF elsewhere."""
-    if split is None or split.state.names[: len(fit.state.names)] != fit.state.names:
-        return certainty
-    count = len(fit.state.names) - 2 * len(fit.state.directions)
-    ends = [
-        np.array([*state.kappa, *(x for x in (state.mu, state.sigma) if x is not None)])
-        for state in (fit.state, split.state)
-    ]
-    covariance = certainty.covariance.copy()
-    covariance[np.arange(count), np.arange(count)] += (ends[1] - ends[0]) ** 2
-    return replace(certainty, covariance=covariance)
-
-
 def _solution(
     search: Search,
     rungs: Sequence[BlindRung],
@@ -268,7 +230,7 @@ def _solution(
         noise=noise,
         weights=weights,
         gauge=GAUGE,
-        warnings=_split_warnings(found, names),
+        warnings=(*_split_warnings(found, names), *_lonely_warnings(search, fit, names)),
         transfer=transfer,
     )
 
@@ -312,3 +274,17 @@ def _split_warnings(found: Found, names: Sequence[str]) -> tuple[str, ...]:
                 f" ({np.degrees(state.sigma or 0):.1f} degrees): the two are treated as one"
             )
     return tuple(warnings)
+
+
+def _lonely_warnings(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
+    """A warning where lightings of more than uniform light have one photograph each."""
+    counts = Counter(sight.lighting for sight in search.sights)
+    lonely = [repr(names[number]) for number in sorted(counts) if counts[number] == 1]
+    if not lonely or not fit.l_max:
+        return ()
+    some = ", ".join(lonely[:3]) + (f" and {len(lonely) - 3} more" if len(lonely) > 3 else "")
+    return (
+        f"a single photograph was taken under lighting {some}: its light takes up whatever the BRDF's formula does not"
+        " explain, which the error bars can't tell; add a photograph from another side, or write dark = true if there"
+        " were lamps only",
+    )
