@@ -127,3 +127,24 @@ def test_two_sources_within_the_lobe_count_as_one(bench: SimpleNamespace, rng: n
     assert max(apart) < 2 * way < 8
     assert "nearer to another than the lobe is wide" in found.warnings[0]
     assert "treated as one" in found.warnings[0]
+
+
+def test_a_tenth_of_nonsense_among_the_samples_does_no_harm(bench: SimpleNamespace, rng: np.random.Generator):
+    photos = photographs(bench, rng, lights=[bench.area_light], sources=[bench.source], samples=500)
+    median = float(np.median([np.median(photo.radiance) for photo in photos]))
+    spoilt = []
+    for photo in photos:
+        radiance = photo.radiance.copy()
+        hit = rng.random(len(photo)) < 0.1
+        # Of all brightnesses from a hundredth to a hundred times the object's, as dust and hot pixels have.
+        radiance[hit] = median * 10 ** (
+            rng.uniform(-2, 2, (hit.sum(), 1)) + rng.normal(0, 0.3, (hit.sum(), 3))
+        )
+        spoilt.append(replace(photo, radiance=radiance))
+    found = factorize_blind(spoilt, orders=[8], ladder=False)
+    truth = [*(TEFLON.ks / (TEFLON.kd + TEFLON.ks)), TEFLON.mu, TEFLON.sigma]
+    std = np.sqrt(np.diag(found.covariance))[:5]
+    off = np.array([*found.brdf_share, found.mu, found.sigma]) - truth
+    # Five numbers, three of them much alike.
+    assert (np.abs(off) < 3 * std).all()
+    assert (std < [0.003, 0.003, 0.003, 0.03, 0.001]).all()

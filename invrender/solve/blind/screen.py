@@ -3,8 +3,8 @@
 Least squares trusts all samples, so that few that are a hundred times as bright ruin a first fit, and with it the
 search for sources. So at first a middling BRDF under light of a middling degree, which explains most of any photograph
 to within a factor, is fitted over and over, each sample counting less the farther it strayed (Cauchy's weights). What
-highlights it misses lose their peaks, but not their flanks, by which their sources are found; a fit that has these then
-judges all samples anew.
+highlights it misses lose their peaks, but not their flanks, by which their sources are found; fits that have these then
+judge all samples anew, by what they leave of most of them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from invrender.solve.blind.projection import Fit, predicted
 from invrender.solve.blind.sight import rows_of
 from invrender.solve.blind.sources import Found, Lamps, find_starts
 from invrender.solve.blind.start import NOTHING, Search
-from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
+from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ _USUAL, _DARKEST = 1.0, 0.5
 _NEAR = 0.5
 # Share of samples four times as bright as they should be at first that calls for care; and, of those that have lost
 # half of their say, a third of which is a change that calls for another judgement. How many of these there may be.
-_FEW, _GROSS, _HALF, _MOST_JUDGEMENTS = 0.003, 0.01, 0.5, 3
+_FEW, _GROSS, _HALF, _MOST_JUDGEMENTS = 0.003, 0.01, 0.5, 8
 
 
 def find_among_nonsense(
@@ -42,45 +42,65 @@ def find_among_nonsense(
 ) -> tuple[Search, Found, Lamps | None]:
     """`sources.find_starts` with the samples that it was left with: the same, unless some stray; then these count for
     little, and the rest is weighed by an assumed noise."""
-    screened = _screened(search, l_max or search.sights[0].l_max, noise)
-    if _distrusted(screened, _GROSS) < _FEW:
+    first, trust = _middling(search, l_max or search.sights[0].l_max)
+    if _distrusted(trust, _GROSS) < _FEW:
         return search, *find_starts(search, l_max, in_the_dark)
-    fit = find_starts(screened, l_max, in_the_dark)[0].fit
-    search = judged(screened, fit, noise)
+    search = _by_own_noise(search, first)
+    fit = find_starts(search, l_max, in_the_dark)[0].fit
     for _ in range(_MOST_JUDGEMENTS):
-        fit = search.fit(fit.state, fit.l_max)
-        before, search = _distrusted(search, _HALF), judged(search, fit, noise)
-        if abs(_distrusted(search, _HALF) - before) < _FEW / 3:
+        before, search = _distrusted(search.trust, _HALF), _by_own_noise(search, fit)
+        if abs(_distrusted(search.trust, _HALF) - before) < _FEW / 3:
             break
+        fit = search.fit(fit.state, fit.l_max)
+    search = judged(search, fit, noise)
     return search, *find_starts(search, l_max, in_the_dark)
 
 
 def judged(search: Search, fit: Fit, noise: NoiseModel) -> Search:
     """Samples as a fit to some of them judges them, weighed by a noise that is not the fit's own."""
+    predictions, found = _found_by(search, fit)
+    weights, trust = [], []
+    for sight, prediction, own in zip(search.sights, predictions, found, strict=True):
+        # Far from the prediction a sample's own brightness tells nothing of its noise.
+        low, high = np.sort([_NEAR * prediction, prediction / _NEAR], axis=0)
+        level = np.clip(sight.field.radiance, low, high)
+        trust.append(own.trust)
+        weights.append(own.trust * sight.field.weight[:, None] / noise.variance(level))
+    return replace(search, weights=weights, trust=trust)
+
+
+def _by_own_noise(search: Search, fit: Fit) -> Search:
+    """Samples as a fit judges them, weighed by what it leaves of most: so what strays doesn't outweigh all else."""
+    found = _found_by(search, fit)[1]
+    weights = [
+        own.weight * sight.field.weight[:, None] for sight, own in zip(search.sights, found, strict=True)
+    ]
+    return replace(search, weights=weights, trust=[own.trust for own in found])
+
+
+def _found_by(search: Search, fit: Fit) -> tuple[list[Floats], list[Weights]]:
+    """Radiance that a fit predicts of samples, and the weights that its residuals give them."""
     predictions = [
         predicted(sight, fit, rows_of(sight, fit.state.under(sight.lighting), fit.l_max))
         for sight in search.sights
     ]
     residuals = [s.field.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     left = fit_noise(predictions, residuals)
-    trust = [photo_weights(left, *pair).trust for pair in zip(predictions, residuals, strict=True)]
-    return _weighing(search, trust, predictions, noise)
+    return predictions, [photo_weights(left, *pair) for pair in zip(predictions, residuals, strict=True)]
 
 
-def _screened(search: Search, l_max: int, noise: NoiseModel) -> Search:
+def _middling(search: Search, l_max: int) -> tuple[Fit, list[Floats]]:
+    """A middling BRDF and the light that suits it, and how far its samples are near it."""
     levels = [np.quantile(np.abs(sight.field.radiance), _LEVEL) + 1e-300 for sight in search.sights]
-    trust, predictions = list(search.trust), []
+    trust, fits = list(search.trust), []
     for _ in range(_ROUNDS):
         even = [own / level**2 for own, level in zip(trust, levels, strict=True)]
-        fit = replace(search, weights=even).at(_MIDDLING, l_max)
-        predictions = [
-            predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)
-        ]
+        fits.append(replace(search, weights=even).at(_MIDDLING, l_max))
         trust = [
-            _near(sight.field.radiance, prediction, level)
-            for sight, prediction, level in zip(search.sights, predictions, levels, strict=True)
+            _near(sight.field.radiance, predicted(sight, fits[-1], rows), level)
+            for sight, rows, level in zip(search.sights, fits[-1].rows, levels, strict=True)
         ]
-    return _weighing(search, trust, predictions, noise)
+    return fits[-1], trust
 
 
 def _near(radiance: Floats, prediction: Floats, level: float) -> Floats:
@@ -88,17 +108,5 @@ def _near(radiance: Floats, prediction: Floats, level: float) -> Floats:
     return np.asarray(1 / (1 + ((radiance - prediction) / scale) ** 2) ** 2)
 
 
-def _distrusted(search: Search, trust: float) -> float:
-    return float((np.concatenate(list(search.trust)) < trust).mean())
-
-
-def _weighing(
-    search: Search, trust: Sequence[Floats], predictions: Sequence[Floats], noise: NoiseModel
-) -> Search:
-    weights = []
-    for sight, own, prediction in zip(search.sights, trust, predictions, strict=True):
-        # Far from the prediction a sample's own brightness tells nothing of its noise.
-        low, high = np.sort([_NEAR * prediction, prediction / _NEAR], axis=0)
-        level = np.clip(sight.field.radiance, low, high)
-        weights.append(own * sight.field.weight[:, None] / noise.variance(level))
-    return replace(search, weights=weights, trust=trust)
+def _distrusted(trusts: Sequence[Floats], trust: float) -> float:
+    return float((np.concatenate(list(trusts)) < trust).mean())
