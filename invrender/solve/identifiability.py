@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 # Beyond half of the prior's width a posterior is as wide as the prior for all a user can do with it.
 _PRIOR_SHARE = 0.5
 _WEAK = 0.1
+# Specular share below which a highlight may be too faint to be measured.
+_FAINT = 0.3
 _DEGREE = 30
 # Relative accuracy that cameras, light and shape can be counted on for, however small the noise.
 ACCURACY = 0.005
@@ -114,9 +116,12 @@ def assess_sigma(found: Scalar, degree: int | None, ks_share: float) -> Quantity
     what = found.unknown(PRIOR_STD["sigma"], SIGMA_RANGE, ill_posed)
     if not what:
         return _determined(found, "add a photograph under a small, bright source")
-    if degree is None:
+    if degree is None and ks_share < _FAINT:
         why = f"the light has high frequencies, but the specular share is only {ks_share:.3f}"
         remedy = "add photographs that show the highlight, exposed so that it is not saturated"
+    elif degree is None:
+        why = f"the light has high frequencies and the specular share is {ks_share:.3f}, so the model doesn't fit"
+        remedy = "look where the difference pictures are bright: light, poses or mesh may be off there"
     else:
         width = f"; lobes narrower than about {1 / degree:.2f} rad pass nearly all of it" if degree else ""
         why = f"99% of the light's varying power lies in degrees up to {degree}{width} (RH01, section 5.2)"
