@@ -85,9 +85,9 @@ def lightfactor(
     return run
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def workshop(small_set_original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a photo set and, beside it, its result."""
+    """A folder with a photo set and, beside it, its result; tests that change either copy it."""
     folder = tmp_path_factory.mktemp("workshop")
     shutil.copytree(small_set_original, folder / "set")
     run_process(folder / "set", folder / "result", 4000)
