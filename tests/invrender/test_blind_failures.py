@@ -117,7 +117,7 @@ def test_two_sources_within_the_lobe_count_as_one(bench: SimpleNamespace, rng: n
     sources = [
         DirectionalSource(bench.direction(azimuth, 25), np.array([1.2, 1.1, 1.0])) for azimuth in (-20, -16)
     ]
-    photos = photographs(bench, rng, lights=[bench.area_light], sources=sources, samples=1000)
+    photos = photographs(bench, rng, lights=[bench.area_light], sources=sources, samples=500)
     found = factorize_blind(photos, orders=[8], ladder=False)
     (only,) = found.light.sources.directions
     assert only @ bench.direction(-18, 25) > np.cos(np.radians(1))

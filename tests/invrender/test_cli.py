@@ -103,11 +103,11 @@ def test_the_report_is_self_contained(workshop: Path) -> None:
 
 
 def test_a_second_run_replaces_the_first(
-    lightfactor: Run, workshop: Path, small_set: Path, tmp_path: Path
+    lightfactor: Run, workshop: Path, lamp_set: Path, tmp_path: Path
 ) -> None:
     out = Path(shutil.copytree(workshop / "result", tmp_path / "out"))
     (out / "result.json").write_text("{}")
-    code, _, _ = lightfactor("process", small_set, "-o", out, "--samples", 2000)
+    code, _, _ = lightfactor("process", lamp_set, "-o", out, "--samples", 2000)
     assert code == 0
     assert json.loads((out / "result.json").read_text())["format"] == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set"]
@@ -267,12 +267,12 @@ def test_somebody_elses_folder_is_not_replaced(lightfactor: Run, small_set: Path
 
 
 def test_a_failed_run_leaves_the_earlier_result(
-    lightfactor: Run, workshop: Path, small_set: Path, tmp_path: Path
+    lightfactor: Run, workshop: Path, lamp_set: Path, tmp_path: Path
 ) -> None:
     out = Path(shutil.copytree(workshop / "result", tmp_path / "out"))
     before = (out / "result.json").read_bytes()
-    truncated_photo(small_set)
-    code, _, _ = lightfactor("process", small_set, "-o", out)
+    truncated_photo(lamp_set)
+    code, _, _ = lightfactor("process", lamp_set, "-o", out)
     assert code == 1
     assert (out / "result.json").read_bytes() == before
 
