@@ -41,7 +41,7 @@ from benchmarks.atlas.light import (
 )
 from benchmarks.atlas.stage import Finding
 from benchmarks.atlas.sweep import gathered
-from benchmarks.atlas.views import steepest_draw, steepest_theory, views_draw
+from benchmarks.atlas.views import steepest_draw, steepest_theory
 from benchmarks.contest import Outcome
 from benchmarks.kept import Kept
 from benchmarks.pareto import front
@@ -98,11 +98,6 @@ def test_mu_needs_grazing_views() -> None:
     assert steepest_theory(25)["mu"].status == "undetermined"
     assert holds(steepest_draw(70, 0)["mu"])
     assert steepest_theory(70)["mu"].status == "determined"
-
-
-def test_one_photograph_is_refused_and_three_are_enough() -> None:
-    assert {finding.status for finding in views_draw(1, 0).values()} == {"undetermined"}
-    assert all(holds(finding) for finding in views_draw(3, 1).values())
 
 
 def test_bars_grow_with_noise_and_still_hold(plain: dict[str, Finding]) -> None:

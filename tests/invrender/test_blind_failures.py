@@ -60,17 +60,6 @@ def test_light_without_high_degrees_hides_the_lobes_width(bench: SimpleNamespace
     assert sigma.remedy == "add a photograph under a small, bright source"
 
 
-def test_a_matte_body_shows_no_light_above_degree_two(bench: SimpleNamespace, rng: np.random.Generator):
-    matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
-    photos = photographs(bench, rng, matte, lights=[bench.area_light])
-    found = factorize_blind(photos, orders=[6])
-    assert found.sigma is None
-    assert found.light.determined_degree == 2
-    assert found.light.doubt is not None
-    assert "passes no odd degrees above 1" in found.light.doubt.reason
-    assert "mirror ball" in found.light.doubt.remedy
-
-
 def test_without_grazing_views_mu_stays_open(bench: SimpleNamespace, rng: np.random.Generator):
     # Of each sphere the middle only: nothing is seen at more than 25 degrees.
     photos = photographs(
@@ -111,15 +100,3 @@ def test_directions_that_no_reflection_reaches_are_said_to_be_open(
     # A cone of twice 41 degrees and the five by which it is widened is 48% of the sphere; between samples are gaps.
     assert 38 < share < 52
     assert doubt.remedy == "add photographs from more sides"
-
-
-def test_two_sources_within_the_lobe_count_as_one(bench: SimpleNamespace, rng: np.random.Generator):
-    sources = [
-        DirectionalSource(bench.direction(azimuth, 25), np.array([1.2, 1.1, 1.0])) for azimuth in (-20, -16)
-    ]
-    photos = photographs(bench, rng, lights=[bench.area_light], sources=sources, samples=500)
-    found = factorize_blind(photos, orders=[8], ladder=False)
-    (only,) = found.light.sources.directions
-    assert only @ bench.direction(-18, 25) > np.cos(np.radians(1))
-    assert "nearer to another than the lobe is wide" in found.warnings[0]
-    assert "treated as one" in found.warnings[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +14,6 @@ from capture.photoset import load_photoset
 from invrender.factorization import Factorization
 from invrender.pipeline import Run, process
 from invrender.result import identifiability
-from synthetic.demo import demo_staging
-from synthetic.scene import Shot
-from synthetic.writer import write_photoset
 
 SAMPLES = 6_000
 TRUTH = {"kd": 0.243634, "ks": 0.030112, "mu": 1.78, "sigma": 0.12}
@@ -125,15 +121,3 @@ def test_a_light_from_the_wrong_side_gives_no_numbers(demo_set: Path) -> None:
         assert row["status"] == "undetermined"
         assert "need no" not in row["reason"]
         assert "direction" in row["remedy"]
-
-
-def test_soft_light_leaves_sigma_open(tmp_path: Path) -> None:
-    """Only the area light, whose power lies in degrees up to 6: below 1/sigma = 8."""
-    staging = demo_staging()
-    light = replace(staging.scene.shots[0].illumination, sources=())
-    shots = tuple(Shot(shot.camera, light) for shot in staging.scene.shots[::3])
-    write_photoset(replace(staging, scene=replace(staging.scene, shots=shots)), tmp_path)
-    quantity = run(tmp_path).quantities["sigma"]
-    assert quantity.value is None
-    assert "degrees up to" in quantity.reason
-    assert "small, bright source" in quantity.remedy
