@@ -29,7 +29,7 @@ from synthetic.materials.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 
-_HEIGHT, _L_MAX, _ROUNDS = 128, 30, 41
+_HEIGHT, _L_MAX, _ROUNDS = 128, 30, 11
 _GRID = {"spin": 0, "geometry": "F1", "phi0": np.pi / (2 * _HEIGHT), "lmax": _L_MAX}
 
 

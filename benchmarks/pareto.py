@@ -89,7 +89,7 @@ def contestants(quick: bool) -> list[Contestant]:
         newton = partial(gauss_newton, samples=budget, orders=(order,))
         found.append(Contestant("Gauss-Newton, exact, other orders", f"l* = {order}", False, newton))
     default = _QUICK_BUDGETS[-1] if quick else DEFAULT_SAMPLES
-    label = f"default, {default}"
+    label = f"default of process, {default}"
     told, blind = partial(statistics, samples=default), partial(whole_ladder, samples=default)
     found.append(Contestant("statistics (lightfactor)", label, True, told, True))
     found.append(Contestant("whole ladder (lightfactor)", label, False, blind, True))

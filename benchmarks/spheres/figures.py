@@ -68,7 +68,11 @@ def draw_errors(rows: Rows, kept: Kept, path: Path) -> None:
                     va="bottom",
                     fontsize=7,
                 )
-            axes.set(title=f"{light} light, {views} views: error of {quantity}", xlim=(-0.5, 5.5))
+            axes.set(
+                title=f"{light} light, {views} views: error of {quantity}",
+                xlim=(-0.5, 5.5),
+                ylabel="absolute error [rad]" if quantity == "sigma" else "absolute error",
+            )
             axes.set_xticks(range(6), names, fontsize=8)
             axes.grid(axis="y", color="#eaeef2")
         panels[0].legend(frameon=False, fontsize=7)
