@@ -1,11 +1,12 @@
 """All charts of speed against accuracy, and of stability where methods fail: python -m benchmarks.
 
-    python -m benchmarks --quick                coarse versions of all of them, in a few minutes, into build/benchmarks
-    python -m benchmarks                        the figures and tables of docs/benchmarks, in an hour or so
+    python -m benchmarks --quick                coarse versions of all of them, in two minutes, into build/benchmarks
+    python -m benchmarks                        the figures and tables of docs/benchmarks, in three quarters of an hour
     python -m benchmarks --only race --out DIR  one of them
 
 What has been measured is kept beside the charts, in .json: a run that was interrupted goes on, one that is complete
 only draws anew. Delete a .json to measure again. Times are ratios within one run; leave the machine alone meanwhile.
+A part that fails doesn't keep the others from being drawn, but makes the command fail.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 
@@ -48,13 +50,19 @@ def main(arguments: list[str] | None = None) -> None:
     out = chosen.out or (Path("build/benchmarks") if chosen.quick else _DOCS)
     if out.exists() and not out.is_dir():
         sys.exit(f"{out}: is a file; give the name of a folder for the figures")
-    for name, draw in CHARTS.items():
-        if chosen.only in (None, name):
-            print(f"{name} ...", flush=True)
-            begin = time.perf_counter()
-            draw(out, chosen.quick)
-            print(f"{name}: {time.perf_counter() - begin:.0f} s")
+    failed = []
+    for name in [chosen.only] if chosen.only else CHARTS:
+        print(f"{name} ...", flush=True)
+        begin = time.perf_counter()
+        try:
+            CHARTS[name](out, chosen.quick)
+        except Exception:
+            traceback.print_exc()
+            failed.append(name)
+        print(f"{name}: {time.perf_counter() - begin:.0f} s", flush=True)
     print(f"written: {out}")
+    if failed:
+        sys.exit(f"failed: {', '.join(failed)}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Decoding photographs to radiance against bare `cv2.imread`, in one run: python -m benchmarks.decode [PHOTO.jpg].
+"""Decoding photographs to radiance against bare `cv2.imread`, in one run.
+
+    python -m benchmarks.decode [PHOTOGRAPHS [PHOTO.jpg]]
 
 Both go over all cores, photograph by photograph, in turns; the ratio of the best times is what counts. The memory is
 the peak over many photographs against that over few: it must not grow with their number.
@@ -21,15 +23,16 @@ import numpy as np
 from capture.decode import decode
 from capture.parallel import parallel_map
 
-WIDTH, HEIGHT, _PHOTOS, _ROUNDS = 4000, 3000, 60, 3
+WIDTH, HEIGHT, _PHOTOS, _FEW, _ROUNDS = 4000, 3000, 60, 6, 3
 
 
 def main(arguments: list[str]) -> None:
     """Print the ratio of times and the peak memory."""
     with tempfile.TemporaryDirectory() as folder:
-        photo = Path(arguments[0]) if arguments else photograph(Path(folder) / "photo.jpg")
-        paths = [photo] * _PHOTOS
-        few = _peak_after(_radiance, paths[:6])
+        count = int(arguments[0]) if arguments else _PHOTOS
+        photo = Path(arguments[1]) if arguments[1:] else photograph(Path(folder) / "photo.jpg")
+        paths = [photo] * count
+        few = _peak_after(_radiance, paths[:_FEW])
         times: dict[str, list[float]] = {"imread": [], "decode": []}
         for _ in range(_ROUNDS):
             times["imread"].append(_seconds(lambda path: cv2.imread(str(path)), paths))
@@ -37,9 +40,9 @@ def main(arguments: list[str]) -> None:
         many = _peak_after(_radiance, paths)
         size = photo.stat().st_size / 1e6
     bare, ours = min(times["imread"]), min(times["decode"])
-    print(f"{_PHOTOS} photographs of {size:.1f} MB on {os.cpu_count()} cores")
+    print(f"{count} photographs of {size:.1f} MB on {os.cpu_count()} cores")
     print(f"cv2.imread {bare:.2f} s, decode to radiance {ours:.2f} s: {ours / bare:.2f}x")
-    print(f"peak memory {few:.0f} MB after 6 photographs, {many:.0f} MB after all")
+    print(f"peak memory {few:.0f} MB after {_FEW} photographs, {many:.0f} MB after all")
 
 
 def _radiance(path: Path) -> float:

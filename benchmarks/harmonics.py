@@ -1,4 +1,6 @@
-"""Harmonic transforms and rotations against ducc0 and bare sphericart, in one run: python -m benchmarks.harmonics.
+"""Harmonic transforms and rotations against ducc0 and bare sphericart, in one run.
+
+    python -m benchmarks.harmonics [ROUNDS]
 
 On a map of 128 x 256, degree 30: analysis, filter and synthesis, as prefiltering an environment does, for one and three
 channels, beside ducc0 on the same number of cores. Scattered evaluation beside `sphericart` itself. The reflection
@@ -7,6 +9,7 @@ operator's rows beside the bare evaluation of as many harmonics. They take turns
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from statistics import median
@@ -26,23 +29,23 @@ from synthetic.materials.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 
-_HEIGHT, _L_MAX, _ROUNDS = 128, 30, 41
+_HEIGHT, _L_MAX, _ROUNDS = 128, 30, 11
 _GRID = {"spin": 0, "geometry": "F1", "phi0": np.pi / (2 * _HEIGHT), "lmax": _L_MAX}
 
 
-def main() -> None:
+def main(rounds: int) -> None:
     """Print milliseconds and ratios."""
     print(f"{'work':44} {'ours':>9} {'bare':>9}  ratio  goal")
     for threads in (1, 2):
         with threadpool_limits(threads):
             for channels in (1, 3):
-                _prefiltering(channels, threads)
+                _prefiltering(channels, threads, rounds)
     for l_max in (2, 4, 8, 12, 20):
-        _evaluation(l_max)
-    _operator()
+        _evaluation(l_max, rounds)
+    _operator(rounds)
 
 
-def _prefiltering(channels: int, threads: int) -> None:
+def _prefiltering(channels: int, threads: int, rounds: int) -> None:
     values = np.random.default_rng(1).random((_HEIGHT, 2 * _HEIGHT, channels))
     transfer = phong_transfer(64.0, _L_MAX)
     maps = [np.ascontiguousarray(values[None, ..., c]) for c in range(channels)]
@@ -61,10 +64,12 @@ def _prefiltering(channels: int, threads: int) -> None:
     def ours() -> object:
         return synthesise_latlong(filtered(analyse_latlong(values, _L_MAX), transfer), _HEIGHT)
 
-    _compare(f"prefilter 128x256, l_max 30, {channels} channel(s), {threads} core(s)", ours, bare, 3.0)
+    _compare(
+        f"prefilter 128x256, l_max 30, {channels} channel(s), {threads} core(s)", ours, bare, 3.0, rounds
+    )
 
 
-def _evaluation(l_max: int) -> None:
+def _evaluation(l_max: int, rounds: int) -> None:
     directions = sphere_directions(100_000)
     calculator = sphericart.SphericalHarmonics(l_max)
     _compare(
@@ -72,10 +77,11 @@ def _evaluation(l_max: int) -> None:
         lambda: evaluate_harmonics(directions, l_max),
         lambda: calculator.compute(directions),
         1.2,
+        rounds,
     )
 
 
-def _operator() -> None:
+def _operator(rounds: int) -> None:
     view = np.array([1.0, 0.0, 0.0])
     normals = sphere_directions(60_000)
     normals = normals[normals @ view > 0.15]
@@ -86,12 +92,15 @@ def _operator() -> None:
         lambda: reflection_operator(lambda wi, wo: lobe(wi, wo)[..., 0], normals, views, 12),
         lambda: evaluate_harmonics(normals, 12),
         None,
+        rounds,
     )
 
 
-def _compare(what: str, ours: Callable[[], object], bare: Callable[[], object], goal: float | None) -> None:
+def _compare(
+    what: str, ours: Callable[[], object], bare: Callable[[], object], goal: float | None, rounds: int
+) -> None:
     times: dict[str, list[float]] = {"ours": [], "bare": []}
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         for name, work in (("ours", ours), ("bare", bare)):
             start = time.perf_counter()
             work()
@@ -102,4 +111,4 @@ def _compare(what: str, ours: Callable[[], object], bare: Callable[[], object], 
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else _ROUNDS)

@@ -1,7 +1,8 @@
-"""What the charts share: colours that all eyes tell apart, marks that tell without colour, and captions."""
+"""What charts and tables share: colours that all eyes tell apart, marks that tell without colour, and captions."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from textwrap import fill
 
@@ -22,3 +23,9 @@ def save(figure: Figure, path: Path, caption: str) -> None:
     figure.supxlabel(fill(caption, width), fontsize=6, color=GREY, x=0.01, ha="left")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
+
+
+def write_table(path: Path, lines: Iterable[str], caption: str) -> None:
+    """Write a page of Markdown with the machine, versions and settings at its end."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([*lines, f"\nMeasured on {caption}."]) + "\n", encoding="utf-8")

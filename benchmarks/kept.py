@@ -54,11 +54,9 @@ class Kept(MutableMapping[str, Any]):
 
     @property
     def caption(self) -> str:
-        """Machine, versions and settings in one line, for below a figure."""
-        made, settings = self._head["machine"], self._head["settings"]
-        parts = [made["processor"], f"{made['cores']} cores", made["system"], f"Python {made['python']}"]
-        parts += [f"{name} {number}" for name, number in made["versions"].items()]
-        return ", ".join([*parts, *(f"{name} {value}" for name, value in settings.items())])
+        """Machine, versions and settings in one line, for below a figure or table."""
+        settings = (f"{name} {value}" for name, value in self._head["settings"].items())
+        return ", ".join([machine_words(self._head["machine"]), *settings])
 
     def _write(self) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -83,6 +81,12 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "versions": versions,
     }
+
+
+def machine_words(made: Mapping[str, Any]) -> str:
+    """What `machine` says, in one line."""
+    parts = [made["processor"], f"{made['cores']} cores", made["system"], f"Python {made['python']}"]
+    return ", ".join([*parts, *(f"{name} {number}" for name, number in made["versions"].items())])
 
 
 def _processor() -> str:

@@ -16,15 +16,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import mitsuba as mi
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
+from benchmarks.ink import save
+from benchmarks.kept import machine, machine_words
 from synthetic.materials.material import Material
 from synthetic.render.photograph import photographs
 from synthetic.scene import Scene
@@ -104,7 +103,8 @@ def compared(name: str, scene: Scene) -> Comparison:
 def write_figure(path: Path, comparisons: list[Comparison]) -> None:
     """Rows of ours, Mitsuba's, and their difference."""
     rows = len(comparisons)
-    figure, axes = plt.subplots(rows, 3, figsize=(9, 2.4 * rows), squeeze=False)
+    figure = Figure(figsize=(9, 2.4 * rows + 0.3), layout="constrained")
+    axes = figure.subplots(rows, 3, squeeze=False)
     for (first, second, third), comparison in zip(axes, comparisons, strict=True):
         white = np.percentile(comparison.ours[comparison.inner], 99.5)
         for axis, radiance, title in (
@@ -118,9 +118,7 @@ def write_figure(path: Path, comparisons: list[Comparison]) -> None:
         third.set_title("20 x difference, of white", fontsize=8)
     for axis in axes.flat:
         axis.set_axis_off()
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path, f"{machine_words(machine())}, {_PASSES * _SAMPLES} paths per pixel")
 
 
 def _bsdf(material: Material) -> Plugin:

@@ -1,9 +1,11 @@
-"""Rays through `recon.rays` against bare `embreex` times cores, in one run: python -m benchmarks.rays [OUT.png].
+"""Rays through `recon.rays` against bare `embreex` times cores, in one run.
 
-On the cat, for meshes of several sizes: a camera's first hits with weights, shadow rays from the points hit, and rays
-over the hemispheres of vertices. Bare is `EmbreeScene.run` with single-precision arrays made beforehand, in one call
-and one thread, times the number of cores. They take turns; the ratios of the medians count: of the time on the clock,
-and of the processors' time, which other programs on the machine disturb less.
+    python -m benchmarks.rays [OUT.png [EDGE ...]]
+
+On the cat, for meshes of several sizes, by the grid's edge in metres: a camera's first hits with weights, shadow rays
+from the points hit, and rays over the hemispheres of vertices. Bare is `EmbreeScene.run` with single-precision arrays
+made beforehand, in one call and one thread, times the number of cores. They take turns; the ratios of the medians
+count: of the time on the clock, and of the processors' time, which other programs on the machine disturb less.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +23,8 @@ from embreex.mesh_construction import TriangleMesh as EmbreeMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from benchmarks.ink import save
+from benchmarks.kept import machine, machine_words
 from recon.rays import RayTracer
 from recon.trianglemesh import TriangleMesh
 from synthetic.shapes.cat import REACH, cat_field
@@ -129,7 +133,7 @@ def all_at_once(work: Callable[[], object]) -> None:
         thread.join()
 
 
-def main(out: Path) -> None:
+def main(out: Path, edges: Sequence[float]) -> None:
     """Print the ratios and draw them."""
     from matplotlib.figure import Figure
 
@@ -140,7 +144,7 @@ def main(out: Path) -> None:
         f"{'faces':>8} {'rays':12} {'bare 1/s':>10} | {'clock':>10} {'processor':>10} | {'processor':>10}"
         f" | {'clock':>10}"
     )
-    for edge in _EDGES:
+    for edge in edges:
         mesh = mesh_implicit(cat_field, REACH, edge)
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         mesh = TriangleMesh((mesh.vertices - (low + high) / 2) / (high - low).max(), mesh.faces, mesh.normals)
@@ -162,9 +166,12 @@ def main(out: Path) -> None:
     axes.set_ylabel("rays per second, % of bare embreex x cores")
     axes.set_title(f"Rays through recon.rays on {os.cpu_count()} cores", fontsize=10)
     axes.legend(fontsize=8, loc="lower left")
-    figure.savefig(out, dpi=120)
+    save(figure, out, machine_words(machine()))
     print(f"Chart: {out}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("rays.png"))
+    main(
+        Path(sys.argv[1]) if len(sys.argv) > 1 else Path("rays.png"),
+        [float(e) for e in sys.argv[2:]] or _EDGES,
+    )

@@ -1,4 +1,6 @@
-"""The known-light fit against the matrix products that it needs, in one run: python -m benchmarks.statistics.
+"""The known-light fit against the matrix products that it needs, in one run.
+
+    python -m benchmarks.statistics [PHOTOGRAPHS]
 
 The statistics pass beside a bare product of the same shapes, one step of the nonlinear search beside the pass, and the
 whole fit to the information limit, coarse search to Gauss-Newton, beside it. They take turns; ratios of the medians
@@ -7,6 +9,7 @@ count, of processor time, so that other work on the machine doesn't.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from statistics import median
@@ -32,11 +35,11 @@ _PHOTOS, _SAMPLES, _ROUNDS = 60, 1000, 9
 _SIZE = 141
 
 
-def main() -> None:
+def main(count: int) -> None:
     """Print milliseconds and ratios."""
     with one_blas_thread():
-        _table("sources", *_photographs(1))
-        _table("coloured map", *_photographs(3))
+        _table("sources", *_photographs(count, 1))
+        _table("coloured map", *_photographs(count, 3))
 
 
 def _table(light: str, photos: list[PhotoColumns], weights: list[Floats]) -> None:
@@ -52,19 +55,19 @@ def _table(light: str, photos: list[PhotoColumns], weights: list[Floats]) -> Non
             "fit": lambda: fit(model, statistics),
         }
     )
-    print(f"{light}, {_PHOTOS} photographs, {_PHOTOS * _SAMPLES} samples, {_SIZE} columns")
+    print(f"{light}, {len(photos)} photographs, {len(photos) * _SAMPLES} samples, {_SIZE} columns")
     _line("statistics pass / bare product", seconds["pass"], seconds["product"], 2)
     _line("cost at one mu and sigma / pass", seconds["cost"], seconds["pass"], 0.01)
     _line("Gauss-Newton step / pass", seconds["step"], seconds["pass"], 0.01)
     _line("pass and whole fit / pass", seconds["pass"] + seconds["fit"], seconds["pass"], 3)
 
 
-def _photographs(channels: int) -> tuple[list[PhotoColumns], list[Floats]]:
+def _photographs(count: int, channels: int) -> tuple[list[PhotoColumns], list[Floats]]:
     """Columns as smooth in sigma and mu as real ones, radiance of a BRDF with 1% noise, and weights."""
     rng = np.random.default_rng(0)
     nodes, basis = sigma_nodes(), FresnelBasis()
     photos, weights = [], []
-    for _ in range(_PHOTOS):
+    for _ in range(count):
         cos, theta = rng.uniform(0.15, 1, _SAMPLES), rng.exponential(0.2, _SAMPLES)
         lobes = lobe(theta[:, None], nodes) / (4 * cos[:, None])
         specular = (basis.functions(cos)[:, :, None] * lobes[:, None]).reshape(_SAMPLES, -1)
@@ -110,4 +113,4 @@ def _line(what: str, mine: float, theirs: float, goal: float) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else _PHOTOS)

@@ -62,7 +62,8 @@ def main(arguments: list[str]) -> None:
 
 def _stream(photoset: PhotoSet, body: Body) -> tuple[float, int]:
     begin = time.perf_counter()
-    samples = sum(len(field) for field in light_fields(photoset, body, {"": _SOURCE}, _BUDGET))
+    sources = {photo.lighting: _SOURCE for photo in photoset.photos}
+    samples = sum(len(field) for field in light_fields(photoset, body, sources, _BUDGET))
     return time.perf_counter() - begin, samples
 
 

@@ -1,21 +1,24 @@
 """Speed against accuracy of synthetic photographs: how exact they are, and what that costs.
 
-    python -m benchmarks.synth [OUT.png]
+    python -m benchmarks.synth [OUT.png [SCENE ...]]
 
-For some built-in scenes one photograph is integrated over more and more directions. The error is that of random pixels
-that the object fills against 16384 directions and other random numbers; the time that of the whole photograph, on all
-cores. Prints a table and draws it.
+For built-in scenes one photograph is integrated over more and more directions. The error is that of random pixels that
+the object fills against 16384 directions and other random numbers; the time that of the whole photograph, on all cores.
+Prints a table and draws it.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.ink import save
+from benchmarks.kept import machine, machine_words
 from synthetic.render.photograph import Tile, photographs, plain_radiance, tile_radiance
 from synthetic.render.pixels import pixel_coverage
 from synthetic.scene import Scene
@@ -48,13 +51,13 @@ def measured(scene: Scene) -> list[tuple[int, float, float]]:
     return results
 
 
-def main(out: Path) -> None:
+def main(out: Path, scenes: Sequence[str]) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.subplots()
     print(f"{'scene':22} {'directions':>10} {'s/photo':>8} {'error':>9}")
-    for name in SCENES:
+    for name in scenes:
         scene = read_staging(scene_path(name)).scene
         results = measured(replace(scene, shots=scene.shots[:1]))
         for directions, seconds, error in results:
@@ -67,9 +70,9 @@ def main(out: Path) -> None:
         f"Synthetic photographs: {', '.join(map(str, DIRECTIONS))} directions per pixel", fontsize=10
     )
     axes.legend(fontsize=8)
-    figure.savefig(out, dpi=120)
+    save(figure, out, machine_words(machine()))
     print(f"Chart: {out}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("synth.png"))
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("synth.png"), sys.argv[2:] or SCENES)

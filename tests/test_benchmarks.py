@@ -14,6 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import benchmarks.__main__ as command
+from benchmarks import programs
 from benchmarks.atlas import BOUNDARIES
 from benchmarks.atlas.charts import atlas_table
 from benchmarks.atlas.faults import (
@@ -41,10 +42,11 @@ from benchmarks.atlas.light import (
 )
 from benchmarks.atlas.stage import Finding
 from benchmarks.atlas.sweep import gathered
-from benchmarks.atlas.views import steepest_draw, steepest_theory, views_draw
+from benchmarks.atlas.views import steepest_draw, steepest_theory
 from benchmarks.contest import Outcome
 from benchmarks.kept import Kept
 from benchmarks.pareto import front
+from benchmarks.programs import PROGRAMS
 from benchmarks.race import race_figure
 from benchmarks.scaling import exponent
 
@@ -98,11 +100,6 @@ def test_mu_needs_grazing_views() -> None:
     assert steepest_theory(25)["mu"].status == "undetermined"
     assert holds(steepest_draw(70, 0)["mu"])
     assert steepest_theory(70)["mu"].status == "determined"
-
-
-def test_one_photograph_is_refused_and_three_are_enough() -> None:
-    assert {finding.status for finding in views_draw(1, 0).values()} == {"undetermined"}
-    assert all(holds(finding) for finding in views_draw(3, 1).values())
 
 
 def test_bars_grow_with_noise_and_still_hold(plain: dict[str, Finding]) -> None:
@@ -213,6 +210,23 @@ def test_the_command_draws_what_is_asked_for(
     assert "invalid choice: 'rece'" in capsys.readouterr().err
 
 
-def test_every_boundary_has_a_name_of_its_own() -> None:
+def test_a_part_that_fails_fails_the_command_and_no_other_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # A program of its own, with arguments that it can't read, and a chart after it.
+    monkeypatch.setitem(programs._PROGRAMS, "statistics", ("", "none"))
+    drawn: list[bool] = []
+    charts = {"statistics": PROGRAMS["statistics"], "next": lambda out, quick: drawn.append(quick)}
+    monkeypatch.setattr(command, "CHARTS", charts)
+    with pytest.raises(SystemExit, match="failed: statistics"):
+        command.main(["--quick", "--out", str(tmp_path)])
+    assert drawn == [True]
+    assert "invalid literal for int() with base 10: 'none'" in capsys.readouterr().err
+    assert not (tmp_path / "statistics.txt").exists()
+
+
+def test_every_boundary_has_a_name_of_its_own_and_two_coarse_values() -> None:
     assert len({boundary.name for boundary in BOUNDARIES}) == len(BOUNDARIES)
     assert all(max(boundary.quick) < len(boundary.values) for boundary in BOUNDARIES)
+    # Of one alone no figure can be drawn.
+    assert all(len(boundary.quick) > 1 for boundary in BOUNDARIES)

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.atlas import BOUNDARIES
 from benchmarks.atlas.figure import sweep_figure
 from benchmarks.atlas.sweep import Sweep, swept
-from benchmarks.ink import save
+from benchmarks.ink import save, write_table
 from benchmarks.kept import Kept
 
 _DRAWS, _QUICK_DRAWS = 4, 1
@@ -33,7 +33,7 @@ def draw_atlas(out: Path, quick: bool) -> None:
             save(sweep_figure(sweep), out / f"atlas-{boundary.name}.png", kept.caption)
             sweeps.append(sweep)
             print(f"  {boundary.name}", flush=True)
-    (out / "atlas.md").write_text("\n".join(atlas_table(sweeps)) + "\n", encoding="utf-8")
+    write_table(out / "atlas.md", atlas_table(sweeps), kept.caption)
 
 
 def atlas_table(sweeps: Sequence[Sweep]) -> Iterator[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.ink import save
 from benchmarks.kept import Kept
 from benchmarks.spheres.bench import LIGHT_DEGREE, MATERIALS, true_coefficients
 from benchmarks.spheres.table import BUDGETS, PRINTED, Case, errors
@@ -67,12 +68,15 @@ def draw_errors(rows: Rows, kept: Kept, path: Path) -> None:
                     va="bottom",
                     fontsize=7,
                 )
-            axes.set(title=f"{light} light, {views} views: error of {quantity}", xlim=(-0.5, 5.5))
+            axes.set(
+                title=f"{light} light, {views} views: error of {quantity}",
+                xlim=(-0.5, 5.5),
+                ylabel="absolute error [rad]" if quantity == "sigma" else "absolute error",
+            )
             axes.set_xticks(range(6), names, fontsize=8)
             axes.grid(axis="y", color="#eaeef2")
         panels[0].legend(frameon=False, fontsize=7)
-    figure.supxlabel(kept.caption, fontsize=6)
-    figure.savefig(path, dpi=90)
+    save(figure, path, kept.caption)
 
 
 def _error(case: Case, entry: Mapping[str, Any], quantity: str) -> float | None:
@@ -111,5 +115,4 @@ def draw_lights(rows: Rows, kept: Kept, path: Path) -> None:
                 axes.set_axis_off()
         for axes in panels:
             axes.tick_params(labelsize=6)
-    figure.supxlabel(kept.caption, fontsize=6)
-    figure.savefig(path, dpi=90)
+    save(figure, path, kept.caption)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.ink import save
 from benchmarks.kept import Kept
 from benchmarks.spheres.bench import MATERIALS, noisy, photographs
 from benchmarks.spheres.methods import KNOWN, UNKNOWN
@@ -81,8 +82,7 @@ def draw_timing(kept: Kept, path: Path) -> None:
             axes.grid(which="both", color="#eaeef2")
         row[0].legend(frameon=False, fontsize=8)
     figure.suptitle(f"{_MATERIAL}, {_VIEWS} photographs, 1% noise; numbers at the lines' ends: samples")
-    figure.supxlabel(kept.caption, fontsize=6)
-    figure.savefig(path, dpi=90)
+    save(figure, path, kept.caption)
 
 
 def _points(kept: Kept) -> list[tuple[str, str, int]]:

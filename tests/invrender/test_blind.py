@@ -77,11 +77,11 @@ MANY, FEW = (0.001, 0.015, 0.0003), (0.002, 0.03, 0.0006)
 @pytest.mark.parametrize(
     ("name", "views", "samples", "limits"),
     [
-        ("teflon", 30, 20000, MANY),
-        ("teflon", 3, 20000, FEW),
+        ("teflon", 12, 12000, MANY),
+        ("teflon", 3, 9000, FEW),
         # With more of specular reflection fewer samples will do.
-        ("steel", 12, 6000, MANY),
-        ("painted", 12, 6000, MANY),
+        ("steel", 12, 4000, MANY),
+        ("painted", 12, 4000, MANY),
     ],
 )
 def test_brdf_light_and_source_are_found_from_photographs_alone(
@@ -120,7 +120,7 @@ def test_brdf_light_and_source_are_found_from_photographs_alone(
 def test_errors_are_those_that_the_covariance_states(bench: SimpleNamespace, rng: np.random.Generator):
     # Light of few degrees, so that eight fits are quick; hardly any of it is beyond degree 5.
     light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.7)
-    clean = photographs(bench, TEFLON, 6, 2000, lights=[light])
+    clean = photographs(bench, TEFLON, 6, 1000, lights=[light])
     scores = []
     for _ in range(8):
         found = factorize_blind(noisy(clean, rng), orders=[5], ladder=False)
@@ -139,23 +139,11 @@ def test_errors_are_those_that_the_covariance_states(bench: SimpleNamespace, rng
     assert rms[5] > 0.3
 
 
-def test_soft_light_leaves_sigma_undetermined(bench: SimpleNamespace, rng: np.random.Generator):
-    light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.8)
-    photos = noisy(photographs(bench, TEFLON, 10, 4000, lights=[light], sources=[]), rng)
-    found = factorize_blind(photos, orders=[6], ladder=False)
-    assert not len(found.light.sources.directions)
-    sigma = found.quantities["sigma"]
-    assert sigma.status == "undetermined"
-    assert sigma.value is None
-    assert "degrees up to" in sigma.reason
-    assert "small, bright source" in sigma.remedy
-
-
 def test_a_lambertian_object_is_told_and_shows_light_up_to_degree_two(
     bench: SimpleNamespace, rng: np.random.Generator
 ):
     matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
-    found = factorize_blind(noisy(photographs(bench, matte, 10, 4000), rng), orders=[6, 10])
+    found = factorize_blind(noisy(photographs(bench, matte, 5, 1600), rng), orders=[4, 6])
     assert found.model.startswith("lambertian")
     assert found.sigma is None
     assert found.light.determined_degree == 2
@@ -164,6 +152,8 @@ def test_a_lambertian_object_is_told_and_shows_light_up_to_degree_two(
     assert found.light.doubt is not None
     assert found.light.doubt.status == "undetermined"
     assert "above 2" in found.light.doubt.reason
+    assert "passes no odd degrees above 1" in found.light.doubt.reason
+    assert "mirror ball" in found.light.doubt.remedy
     # Antipodes differ by light of degree 1 only, which only the demand that light be positive tells apart.
     axis = found.light.sources.directions[0]
     assert min(degrees_apart(axis, way * bench.source.direction) for way in (-1, 1)) < 0.2
@@ -172,7 +162,7 @@ def test_a_lambertian_object_is_told_and_shows_light_up_to_degree_two(
 def test_the_ladder_needs_fresnel_light_and_source_and_no_more(
     bench: SimpleNamespace, rng: np.random.Generator
 ):
-    found = factorize_blind(noisy(photographs(bench, TEFLON, 10, 5000), rng), orders=[4, 8])
+    found = factorize_blind(noisy(photographs(bench, TEFLON, 5, 1500), rng), orders=[4, 8])
     assert found.model == "microfacet, lighting of degree 8, 1 source"
     chosen = found.rungs[found.chosen]
     # Noise, relative, is 1%; whoever leaves something out predicts unseen photographs clearly worse.
@@ -189,7 +179,7 @@ def test_sources_are_told_apart_down_to_the_width_of_the_lobe(
     ]
     apart, together = (
         factorize_blind(
-            noisy(photographs(bench, TEFLON, 10, 4000, sources=[bench.source, other]), rng),
+            noisy(photographs(bench, TEFLON, 5, 1500, sources=[bench.source, other]), rng),
             orders=[8],
             ladder=False,
         )
@@ -205,11 +195,12 @@ def test_sources_are_told_apart_down_to_the_width_of_the_lobe(
     assert widened.std is not None
     assert abs(widened.value[0] - sigma) < 3 * widened.std[0]
     assert degrees_apart(together.light.sources.directions[0], bench.source.direction) < 3.6
+    assert "nearer to another than the lobe is wide" in together.warnings[0]
     assert "treated as one" in together.warnings[0]
 
 
 def test_sources_stay_within_the_region_that_was_given(bench: SimpleNamespace, rng: np.random.Generator):
-    photos = noisy(photographs(bench, TEFLON, 10, 4000), rng)
+    photos = noisy(photographs(bench, TEFLON, 5, 1200), rng)
     near = Region(bench.direction(-10, 35), 0.4)
     found = factorize_blind(photos, orders=[8], source_region=near, ladder=False)
     assert degrees_apart(found.light.sources.directions[0], bench.source.direction) < 0.05

@@ -60,17 +60,6 @@ def test_light_without_high_degrees_hides_the_lobes_width(bench: SimpleNamespace
     assert sigma.remedy == "add a photograph under a small, bright source"
 
 
-def test_a_matte_body_shows_no_light_above_degree_two(bench: SimpleNamespace, rng: np.random.Generator):
-    matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
-    photos = photographs(bench, rng, matte, lights=[bench.area_light])
-    found = factorize_blind(photos, orders=[6])
-    assert found.sigma is None
-    assert found.light.determined_degree == 2
-    assert found.light.doubt is not None
-    assert "passes no odd degrees above 1" in found.light.doubt.reason
-    assert "mirror ball" in found.light.doubt.remedy
-
-
 def test_without_grazing_views_mu_stays_open(bench: SimpleNamespace, rng: np.random.Generator):
     # Of each sphere the middle only: nothing is seen at more than 25 degrees.
     photos = photographs(

@@ -136,7 +136,7 @@ def test_three_lightings_and_what_they_shine_on(
 def test_one_light_under_two_names_is_the_same_light(bench: SimpleNamespace, rng: np.random.Generator):
     light = three_lights(bench)["window"]
     photos = [
-        noisy(photograph(bench, TEFLON, light, angle, 500), rng) for angle in (0, 35, 70, 105, 140, 175)
+        noisy(photograph(bench, TEFLON, light, angle, 300), rng) for angle in (0, 35, 70, 105, 140, 175)
     ]
     one = factorize_blind(photos, orders=[8], ladder=False)
     two = factorize_blind(photos, ["a", "b"] * 3, orders=[8], ladder=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -90,9 +91,8 @@ def test_process_writes_a_whole_result(lightfactor: Run, small_set: Path, tmp_pa
     assert "report.html" in text
 
 
-def test_the_report_is_self_contained(lightfactor: Run, small_set: Path, tmp_path: Path) -> None:
-    lightfactor("process", small_set, "-o", tmp_path / "out", "--samples", 2000)
-    page = (tmp_path / "out" / "report.html").read_text()
+def test_the_report_is_self_contained(workshop: Path) -> None:
+    page = (workshop / "result" / "report.html").read_text()
     # Every picture is in the file; nothing points to the network or to another file.
     sources = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert len(sources) == 3 + 3 * 4
@@ -102,11 +102,12 @@ def test_the_report_is_self_contained(lightfactor: Run, small_set: Path, tmp_pat
     assert "rejected" in page
 
 
-def test_a_second_run_replaces_the_first(lightfactor: Run, small_set: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    lightfactor("process", small_set, "-o", out, "--samples", 2000)
+def test_a_second_run_replaces_the_first(
+    lightfactor: Run, workshop: Path, lamp_set: Path, tmp_path: Path
+) -> None:
+    out = Path(shutil.copytree(workshop / "result", tmp_path / "out"))
     (out / "result.json").write_text("{}")
-    code, _, _ = lightfactor("process", small_set, "-o", out, "--samples", 2000)
+    code, _, _ = lightfactor("process", lamp_set, "-o", out, "--samples", 2000)
     assert code == 0
     assert json.loads((out / "result.json").read_text())["format"] == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set"]
@@ -265,12 +266,13 @@ def test_somebody_elses_folder_is_not_replaced(lightfactor: Run, small_set: Path
     assert (out / "thesis.tex").read_text() == "precious"
 
 
-def test_a_failed_run_leaves_the_earlier_result(lightfactor: Run, small_set: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    lightfactor("process", small_set, "-o", out, "--samples", 2000)
+def test_a_failed_run_leaves_the_earlier_result(
+    lightfactor: Run, workshop: Path, lamp_set: Path, tmp_path: Path
+) -> None:
+    out = Path(shutil.copytree(workshop / "result", tmp_path / "out"))
     before = (out / "result.json").read_bytes()
-    truncated_photo(small_set)
-    code, _, _ = lightfactor("process", small_set, "-o", out)
+    truncated_photo(lamp_set)
+    code, _, _ = lightfactor("process", lamp_set, "-o", out)
     assert code == 1
     assert (out / "result.json").read_bytes() == before
 

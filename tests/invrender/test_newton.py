@@ -22,7 +22,7 @@ def long_simplex(model: Model, statistics: tuple[Statistics, ...], start: Estima
     scale = start.cost
     for size in (0.1, 0.02, 0.02):
         simplex = np.vstack([point, point + size * np.eye(len(point))])
-        options = {"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-15, "maxfev": 4000}
+        options = {"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-15, "maxfev": 600}
         point = minimize(
             lambda x: estimate_at(model, statistics, np.clip(x, lower, upper)).cost / scale,
             point,

@@ -62,7 +62,7 @@ def tiny(tmp_path: Path) -> Path:
 
 def test_a_plan_says_what_will_be_known_and_what_would_help(plan: Run, tiny: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    code, text, err = plan(tiny, "-o", out, "--samples", 2000)
+    code, text, err = plan(tiny, "-o", out, "--samples", 1000)
     assert (code, err) == (0, "")
     assert "tiny [bench]: what will be known" in text
     assert re.search(r"│ mu +│ 1\.78[^│]*│[^│]*│ undetermined │", text)
@@ -101,7 +101,7 @@ def test_a_plan_says_what_will_be_known_and_what_would_help(plan: Run, tiny: Pat
 
 def test_unknown_light_is_told_by_degree_in_a_relative_gauge(plan: Run, tiny: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    code, text, _ = plan(tiny, "-o", out, "--light", "nothing", "--degree", 3, "--samples", 2000)
+    code, text, _ = plan(tiny, "-o", out, "--light", "nothing", "--degree", 3, "--samples", 1000)
     assert code == 0
     assert "Light 'lamp' is " in text
     assert "of 16 coefficients per channel" in text

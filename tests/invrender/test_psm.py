@@ -1,4 +1,4 @@
-"""Real photographs: a grey painted sphere under twelve lights, their directions read off a chrome ball."""
+"""Real photographs: a grey painted sphere under six of twelve lights, their directions read off a chrome ball."""
 
 from __future__ import annotations
 
@@ -23,10 +23,18 @@ from recon.lightfield import LightField
 SET = Path(__file__).parents[1] / "sets" / "psm"
 
 
+def every_other(text: str) -> str:
+    """A manifest with half of its lamps and of the photographs under them."""
+    head, *parts = re.split(r"(?m)^(?=\[\[)", text)
+    return "".join([head, *parts[::2]])
+
+
 @pytest.fixture(scope="module")
-def psm(data_dir: Path) -> Run:
+def psm(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     # `data_dir` is what LIGHTFACTOR_DATA names, and the manifest's paths go through that variable.
-    return process(load_photoset(SET), samples=9_000)
+    folder = tmp_path_factory.mktemp("psm")
+    (folder / "photoset.toml").write_text(every_other((SET / "photoset.toml").read_text()))
+    return process(load_photoset(folder), samples=4500)
 
 
 def shading_direction(field: LightField, start: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -96,14 +104,14 @@ def test_the_scale_is_stated_as_a_gauge(psm: Run) -> None:
 @pytest.fixture(scope="module")
 def in_the_dark(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The same photographs, of whose lights nothing is told but that the room is dark."""
-    text = (SET / "photoset.toml").read_text()
+    text = every_other((SET / "photoset.toml").read_text())
     folder = tmp_path_factory.mktemp("psm")
     told_nothing = re.sub(r"mirror_ball = .*\nrecover = .*\n", "unknown = true\ndark = true\n", text)
     (folder / "photoset.toml").write_text(told_nothing)
-    return process(load_photoset(folder), samples=2400)
+    return process(load_photoset(folder), samples=1200)
 
 
-def test_twelve_lamps_that_nobody_measured_are_found_on_the_grey_sphere(psm: Run, in_the_dark: Run) -> None:
+def test_lamps_that_nobody_measured_are_found_on_the_grey_sphere(psm: Run, in_the_dark: Run) -> None:
     angles, strengths = [], []
     for known, found in zip(psm.result.lightings, in_the_dark.result.lightings, strict=True):
         brightest = found.lighting.irradiances.sum(axis=1).argmax()

@@ -26,7 +26,7 @@ def without_light(folder: Path) -> str:
 def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path):
     without_light(small_set)
     truth = json.loads((small_set / "truth.json").read_text())
-    run = run_process(small_set, tmp_path / "out", samples=2500)
+    run = run_process(small_set, tmp_path / "out", samples=900)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     share = truth["brdf"]["ks"][0] / (truth["brdf"]["ks"][0] + truth["brdf"]["kd"][0])
     found = {name: result["brdf"][name] for name in ("ks", "mu", "sigma")}
@@ -68,7 +68,7 @@ def unknown(*names: str, also: str = "") -> str:
 def test_two_unknown_lightings_yield_one_brdf_and_a_map_each(small_set: Path, tmp_path: Path):
     truth = json.loads((small_set / "truth.json").read_text())
     under(small_set, unknown("day", "evening"), ["day", "evening", "day", "evening"])
-    run_process(small_set, tmp_path / "out", samples=2000)
+    run_process(small_set, tmp_path / "out", samples=900)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     for name in ("mu", "sigma"):
         assert (
