@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from invrender.model.transfer import LightElement, diffuse_transfer
 from recon.bodies import MeshBody, blended
-from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics, to_degree
+from recon.harmonics import clamped_cosine_transfer, degree_of, evaluate_harmonics, to_degree
 from recon.lightfield import LightField
 from recon.transfer import TransferVectors
 
@@ -56,16 +56,36 @@ class Shadows:
     def sight(self, element: LightElement, field: LightField) -> Sight:
         """What the rays of a photograph's samples see of an element's light."""
         assert field.faces is not None
-        facets = self.body.facets[field.faces]
         sources = np.zeros((len(field.faces), len(element.directions)), bool)
         for k, direction in enumerate(element.directions):
-            towards = np.broadcast_to(direction, facets.shape)
-            sources[:, k] = self.body.visible(field.positions, facets, towards)
-        hidden = None
-        coefficients = _sky(element, round(np.sqrt(self.shadow.shape[1])) - 1)
-        if coefficients is not None:
-            hidden = self.at_rays(self.shadow @ coefficients.astype(np.float32), field)
+            sources[:, k] = self.free(field, direction)
+        coefficients = _sky(element, self.l_max)
+        hidden = None if coefficients is None else self.hidden(field, coefficients)
         return Sight(sources, field.reflected_visible, hidden)
+
+    @property
+    def l_max(self) -> int:
+        """Degree up to which the shadow of the sky is known."""
+        return degree_of(self.shadow.shape[1])
+
+    def free(self, field: LightField, direction: Floats) -> Mask:
+        """Which rays (m,) of a photograph's samples meet the mesh where it sees a unit direction (3,)."""
+        assert field.faces is not None
+        facets = self.body.facets[field.faces]
+        return self.body.visible(field.positions, facets, np.broadcast_to(direction, facets.shape))
+
+    def hidden(self, field: LightField, lighting: Floats) -> Floats:
+        """Irradiance (m, c) at rays that the mesh keeps off, of harmonic light ((l + 1)^2, c)."""
+        known = to_degree(lighting, self.l_max).astype(np.float32)
+        return self.at_rays(self.shadow @ known, field)
+
+    def hidden_rows(self, field: LightField, l_max: int) -> Floats:
+        """Rows (n, (l_max + 1)^2) of samples that yield what `hidden` does from light of degree l_max."""
+        size = (l_max + 1) ** 2
+        rows = np.zeros((len(field), size))
+        known = self.shadow[:, :size]
+        rows[:, : known.shape[1]] = field.mean_over_rays(self.at_rays(known, field))
+        return rows
 
     def at_rays(self, values: NDArray[np.floating], field: LightField) -> Floats:
         """Values of the mesh's vertices (v, c) at rays on it, (m, c)."""
