@@ -15,7 +15,7 @@ What hides light counts as black: light from one part of the object to another i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,8 @@ Mask = NDArray[np.bool_]
 Rays = NDArray[np.int64] | slice
 
 _MIN_COS = 0.03
+# Steps of a ring of directions around another.
+_AROUND = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,23 @@ class Shadows:
         assert field.faces is not None
         facets = self.body.facets[field.faces]
         return self.body.visible(field.positions, facets, np.broadcast_to(direction, facets.shape))
+
+    def around(self, field: LightField, towards: Floats, angle: float) -> Iterator[tuple[Mask, Mask]]:
+        """Whether rays meet the mesh where it sees directions an angle (radians) off theirs, all around in a few steps.
+
+        towards : (m, 3) or (3,) unit. Yields (m,) seen, and (m,) whether the direction is above the facet's horizon.
+        """
+        assert field.faces is not None
+        facets = self.body.facets[field.faces]
+        towards = np.broadcast_to(towards, facets.shape)
+        across = np.cross(towards, np.eye(3)[np.abs(towards).argmin(axis=1)])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        other = np.cross(towards, across)
+        for turn in np.arange(_AROUND) * (2 * np.pi / _AROUND):
+            off = np.cos(turn) * across + np.sin(turn) * other
+            directions = np.cos(angle) * towards + np.sin(angle) * off
+            seen = self.body.visible(field.positions, facets, directions)
+            yield seen, (facets * directions).sum(axis=1) > 0
 
     def hidden(self, field: LightField, lighting: Floats) -> Floats:
         """Irradiance (m, c) at rays that the mesh keeps off, of harmonic light ((l + 1)^2, c)."""

@@ -43,6 +43,8 @@ _LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
 _FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
 _FIRST_MU = 1.5
 _SAME_ANGLE = 1e-3
+# Weight of samples of a mesh whose lobe an edge cuts. They would pull at mu, but may be all that there are.
+_AT_EDGES = 0.1
 # Structured residuals, relative to the radiance, up to which lighting of a finite degree leaves them in clean sets.
 _STRUCTURED = 0.005
 
@@ -189,6 +191,8 @@ def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weight
         found = photo_weights(noise, prediction, residual)
         sources = fit.state.under(sight.lighting).directions
         counted = (sight.field.weight * _off_terminators(sight, sources))[:, None]
+        if fit.state.sigma is not None:
+            counted = counted * np.where(sight.off_edges(fit.state.sigma), 1, _AT_EDGES)[:, None]
         weights.append(Weights(found.trust, found.weight * counted))
         counted_trust.append(found.trust * counted)
     return (
@@ -202,7 +206,8 @@ def _off_terminators(sight: Sight, directions: Floats) -> NDArray[np.bool_]:
     """Which samples (n,) are clear of the sources' horizons and of the borders of the shadows that they cast."""
     field = sight.field
     numbered = replace(field, rows=np.arange(len(field)), sources_visible=sight.free(directions))
-    return np.isin(numbered.rows, off_terminators(numbered, directions).rows)
+    clear = np.isin(numbered.rows, off_terminators(numbered, directions).rows)
+    return clear & sight.off_borders(directions)
 
 
 def _climb(

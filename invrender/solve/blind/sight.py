@@ -36,6 +36,10 @@ _SPACING = 0.1
 _STEP = 1e-4
 # Directions whose visibility is kept: those of a search go back and forth.
 _KEPT_DIRECTIONS = 100
+# Turn of a source, radians, after which what sees it must still see it to count as clear of its shadows' borders.
+_PENUMBRA = 0.02
+# Distances from the mirrored ray, in sigma, at which edges are looked for: most of the lobe, up to so many radians.
+_LOBE, _WIDEST = (1.0, 2.5), 0.8
 
 
 # Form, mu, sigma and degree that rows of other forms belong to.
@@ -116,6 +120,24 @@ class Sight:
         seen, widened = (np.einsum("j,jmc->mc", w, parts).astype(float) for w in weights)
         fresnel, change = _fresnel(state.mu, self.cos)
         return fresnel[:, None] * widened, change[:, None] * seen
+
+    def off_borders(self, directions: Floats) -> Mask:
+        """Which samples (n,) are clear of the borders of the shadows that sources (k, 3) cast; all without shadows."""
+        steady = np.ones(len(self.cos), bool)
+        if self.shadows is not None:
+            for direction, sees in zip(directions, self.free(directions).T, strict=True):
+                for seen, _ in self.shadows.around(self.field, direction, _PENUMBRA):
+                    steady &= seen == sees
+        return np.asarray(self.field.mean_over_rays(steady.astype(float)) == 1)
+
+    def off_edges(self, sigma: float) -> Mask:
+        """Which samples (n,) have none of the mesh's edges in the lobe, where one ray can't stand for all of it."""
+        clear = np.ones(len(self.cos), bool)
+        if self.shadows is not None:
+            for width in np.minimum(_LOBE, _WIDEST / sigma):
+                for seen, rises in self.shadows.around(self.field, self.field.mirrored, width * sigma):
+                    clear &= (seen == self.field.reflected_visible) | ~rises
+        return np.asarray(self.field.mean_over_rays(clear.astype(float)) == 1)
 
     def _form(self, state: State, l_max: int) -> tuple[Singles, Singles, Singles]:
         """Rows of rays and their slopes; the last are kept, for whoever solves at a state asks for slopes there."""
