@@ -51,10 +51,11 @@ def scored_lighting(
 ) -> FittedLighting:
     """A lighting that only held-out photographs are under, with strengths fitted to score them; no error bars."""
     irradiances, std = lighting.irradiances.copy(), np.zeros_like(lighting.irradiances)
-    radiance_map, ambient = lighting.radiance_map, None
+    radiance_map, ambient, scaled = lighting.radiance_map, None, False
     for element, strength in zip(elements, strengths, strict=True):
         if element.name == _UP_TO_SCALE:
             irradiances, std = irradiances * np.maximum(strength, 0), np.full_like(std, np.nan)
+            scaled = True
             if radiance_map is not None:
                 radiance_map = radiance_map * np.maximum(strength, 0)
         elif element.name.startswith("source"):
@@ -64,7 +65,7 @@ def scored_lighting(
             ambient = strength
     ambient_std = None if ambient is None else np.full(3, np.nan)
     fitted = replace(lighting, irradiances=irradiances, radiance_map=radiance_map)
-    return FittedLighting(fitted, std, ambient, ambient_std)
+    return FittedLighting(fitted, std, ambient, ambient_std, up_to_scale=scaled)
 
 
 def new_lights(photoset: PhotoSet) -> Mapping[str, NewLight]:
