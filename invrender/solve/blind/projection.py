@@ -249,7 +249,11 @@ def refine(
         if equations.step(free) @ equations.right < _CONVERGED:
             return fit
         while True:
-            moved = fit.state.moved(equations.step(free, damping))
+            step = equations.step(free, damping)
+            # A mesh's shadows may spoil what any step gains: one that promises nothing isn't tried.
+            if step @ equations.right < _CONVERGED:
+                return fit
+            moved = fit.state.moved(step)
             tried = solve_lighting(sights, weights, scales, moved, l_max)
             if tried.cost <= fit.cost or damping > _MOST_DAMPING:
                 break

@@ -34,10 +34,10 @@ Mask = NDArray[np.bool_]
 _SPACING = 0.1
 # Steps of the differences that stand for derivatives: sources' directions and log sigma, radians; log(mu - 1).
 _STEP = 1e-4
-# Directions whose visibility is kept: those of a search go back and forth.
-_KEPT_DIRECTIONS = 100
-# Turn of a source, radians, after which what sees it must still see it to count as clear of its shadows' borders.
-_PENUMBRA = 0.02
+# Turn of a source, radians, after which what sees it must still see it to count as clear of its shadows' borders; and
+# less than that, within which sources cast the same shadows. These are kept of so many directions: a search goes back
+# and forth.
+_PENUMBRA, _ALIKE, _KEPT_DIRECTIONS = 0.02, 0.01, 100
 # Distances from the mirrored ray, in sigma, at which edges are looked for: most of the lobe, up to so many radians.
 _LOBE, _WIDEST = (1.0, 2.5), 0.8
 
@@ -88,16 +88,20 @@ class Sight:
         return Sight.of(samples, l_max, self.lighting, self.transfer, self.shadows)
 
     def free(self, directions: Floats) -> Mask:
-        """Which rays (m, k) see sources in unit directions (k, 3); all do that of what has no shadows."""
+        """Which rays (m, k) see sources in unit directions (k, 3); all do that of what has no shadows.
+
+        Directions nearly alike are taken for one, so that the last steps of a search don't stumble over pixels at the
+        borders of shadows, which count for nothing in the end.
+        """
         result = np.ones((len(self.cos), len(directions)), bool)
         if self.shadows is None:
             return result
-        for k, direction in enumerate(directions):
-            key = direction.tobytes()
+        for k, near in enumerate(np.round(directions / _ALIKE) * _ALIKE):
+            key = near.tobytes()
             if key not in self._free:
                 while len(self._free) >= _KEPT_DIRECTIONS:
                     del self._free[next(iter(self._free))]
-                self._free[key] = self.shadows.free(self.field, direction)
+                self._free[key] = self.shadows.free(self.field, near / np.linalg.norm(near))
             result[:, k] = self._free[key]
         return result
 
