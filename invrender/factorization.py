@@ -59,6 +59,7 @@ class FittedLighting:
         fitted to held-out photographs only, to score them.
     ambient, ambient_std : (3,) recovered uniform radiance, or None where it was not recovered.
     harmonics : of light of which nothing was known, beside its sources; its map is in `lighting`, cut at zero.
+    up_to_scale : known light, times what suits held-out photographs best in a gauge that no light fixes.
     """
 
     lighting: Lighting
@@ -66,6 +67,7 @@ class FittedLighting:
     ambient: Floats | None
     ambient_std: Floats | None
     harmonics: HarmonicLight | None = None
+    up_to_scale: bool = False
 
 
 @dataclass(frozen=True)

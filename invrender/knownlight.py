@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +12,12 @@ from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
-from invrender.factorization import FittedLighting
 from invrender.findings import find_warnings
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
 from invrender.model.visibility import Shadows
+from invrender.newlight import scored_lighting, used_tables
 from invrender.reading import read_samples
 from invrender.solve.evidence import fit_strengths
 from invrender.solve.explanation import explanation_steps
@@ -62,7 +61,7 @@ def solve_known_light(
         scored = []
         for name in [name for name in lightings if name not in seen]:
             label = next(photo.label for photo in photoset.photos if photo.lighting == name)
-            scored.append(_scored_lighting(lightings[name], elements[name], strengths[label]))
+            scored.append(scored_lighting(lightings[name], elements[name], strengths[label]))
         residuals = {
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
@@ -108,8 +107,7 @@ def _in_form(
 
 
 def _used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
-    used = {photo.lighting for photo in photoset.photos}
-    return {table.name: read_lighting(photoset, table) for table in photoset.lightings if table.name in used}
+    return {table.name: read_lighting(photoset, table) for table in used_tables(photoset)}
 
 
 def _check_lit(
@@ -141,19 +139,3 @@ def _strengths(solution: Solution, photo: PhotoColumns, held_out: bool) -> NDArr
         return known
     assert held_out
     return fit_strengths(photo, 1 / solution.noise.variance(photo.radiance), solution.estimate)
-
-
-def _scored_lighting(
-    lighting: Lighting, elements: Sequence[LightElement], strengths: NDArray[np.float64]
-) -> FittedLighting:
-    """A lighting that only held-out photographs are under, with strengths fitted to score them; no error bars."""
-    irradiances, std = lighting.irradiances.copy(), np.zeros_like(lighting.irradiances)
-    ambient = None
-    for element, strength in zip(elements, strengths, strict=True):
-        if element.name.startswith("source"):
-            k = int(element.name.removeprefix("source ")) - 1
-            irradiances[k], std[k] = np.maximum(strength, 0), np.nan
-        elif element.name == "ambient":
-            ambient = strength
-    ambient_std = None if ambient is None else np.full(3, np.nan)
-    return FittedLighting(replace(lighting, irradiances=irradiances), std, ambient, ambient_std)

@@ -120,11 +120,6 @@ def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
             f'{where}: [object] texture = true, but [[lighting]] "{unknown[0]}" is unknown: light and texture can\'t be'
             " told apart (RH01, section 6.4). Measure the light, with a mirror ball say, or remove texture"
         )
-    if photoset.object.shape == "mesh" and unknown:
-        raise ValueError(
-            f'{where}: [object] shape = "mesh", but [[lighting]] "{unknown[0]}" is unknown: this version recovers'
-            " unknown light from spheres only; measure it, with a mirror ball say"
-        )
     if len(fitted) < 2:
         raise ValueError(
             f"{where}: has {len(fitted)} photo(s) to fit; at least two are needed, so that a model can be judged on"

@@ -192,6 +192,9 @@ def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any]
 
 def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
     lighting, harmonics = entry.lighting, entry.harmonics
+    recovered = (
+        [*lighting.recovers, *(["scale"] if entry.up_to_scale else [])] if harmonics is None else ["all"]
+    )
     if harmonics is None:
         coefficients = map_coefficients(lighting_map(entry), _L_MAX)
     else:
@@ -199,8 +202,8 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
     coefficients += project_sources(lighting.directions, lighting.irradiances, _L_MAX)
     return {
         "name": lighting.name,
-        "known": not lighting.recovers,
-        "recovered": list(lighting.recovers) if harmonics is None else ["all"],
+        "known": not recovered,
+        "recovered": recovered,
         "l_max": _L_MAX,
         "sh": {"value": numbers(coefficients), "std": numbers(_coefficient_std(entry))},
         "directional": [

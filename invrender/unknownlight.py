@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from capture.manifest import LightingTable
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
 from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.microfacet import Microfacet
+from invrender.model.predict import predict
+from invrender.newlight import new_lights, scored_lighting, used_tables
 from invrender.reading import read_samples
 from invrender.solve.blind import (
     ORDERS,
@@ -58,14 +59,17 @@ def solve_unknown_light(
     track: Track,
     factorize: Callable[..., BlindSolution] | None = None,
 ) -> Solved:
-    """Recover the BRDF of a sphere, up to a scale per channel, and all of the lightings on it.
+    """Recover the BRDF of an object, up to a scale per channel, and all of the lightings on it.
 
     factorize : `factorize_blind` with some of its options chosen; if None, as the set has it.
     """
-    _check_lightings(photoset)
-    orders = _DARK if _is_dark(photoset) else ORDERS
+    with clock.on("recon"):
+        others = new_lights(photoset)
+    _check_held_out(photoset, others)
+    orders = _DARK if _is_dark(photoset, others) else ORDERS
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
-    fields = read_samples(photoset, specimen.found, {}, samples, clock, track)
+    sources = {name: other.lighting.directions for name, other in others.items()}
+    fields = read_samples(photoset, specimen.found, sources, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))
@@ -74,42 +78,51 @@ def solve_unknown_light(
             [fields[photo.label] for photo in fitted],
             [photo.lighting for photo in fitted],
             on_step=lambda: next(steps, None),
+            shadows=specimen.shadows,
         )
         for _ in steps:
             pass
 
+        def recovered(photo: Photo, field: LightField) -> Floats:
+            return predict_blind(blind, field, blind.lights[photo.lighting], specimen.shadows)
+
+        seen = [fields[photo.label] for photo in fitted]
+        left = [field.radiance - recovered(photo, field) for photo, field in zip(fitted, seen, strict=True)]
+        solution = _solution(blind, seen, left)
+        strengths = {
+            photo.label: others[photo.lighting].strengths(solution, fields[photo.label], specimen.shadows)
+            for photo in photoset.photos
+            if photo.lighting in others
+        }
+
         def radiance(photo: Photo, field: LightField) -> Floats:
-            return predict_blind(blind, field, blind.lights[photo.lighting])
+            if photo.lighting not in others:
+                return recovered(photo, field)
+            other = others[photo.lighting]
+            return predict(
+                solution.estimate.brdf, other.elements, strengths[photo.label], field, specimen.shadows
+            )
 
         residuals = {
             photo.label: fields[photo.label].radiance - radiance(photo, fields[photo.label])
             for photo in photoset.photos
         }
-        solution = _solution(
-            blind, [fields[photo.label] for photo in fitted], [residuals[photo.label] for photo in fitted]
-        )
     warnings = (*sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
-    result = factorization(photoset, specimen, solution, fields, residuals, warnings)
+    # Of several photographs under such a light the first tells its strength in the result.
+    firsts = {
+        photo.lighting: strengths[photo.label]
+        for photo in reversed(photoset.photos)
+        if photo.label in strengths
+    }
+    scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
+    result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
     return Solved(result, fields, residuals, radiance)
 
 
-def _used_tables(photoset: PhotoSet) -> list[LightingTable]:
-    used = {photo.lighting for photo in photoset.photos}
-    return [table for table in photoset.lightings if table.name in used]
-
-
-def _check_lightings(photoset: PhotoSet) -> None:
-    tables = _used_tables(photoset)
-    known = [table.name for table in tables if not table.unknown]
-    if 0 < len(known) < len(tables):
-        raise ValueError(
-            f"{photoset.manifest}: some photographs are under unknown light, others under {known[0]!r}, of which"
-            " something is known; such sets are not solved together yet: process them in sets of their own, or write"
-            " unknown = true into every [[lighting]]"
-        )
+def _check_held_out(photoset: PhotoSet, others: Collection[str]) -> None:
     seen = {photo.lighting for photo in photoset.photos if not photo.held_out}
     for photo in photoset.photos:
-        if photo.lighting not in seen:
+        if photo.lighting not in seen and photo.lighting not in others:
             raise ValueError(
                 f"{photoset.manifest}: {photo.label} is held out, and no fitted photograph is under its lighting"
                 f" {photo.lighting!r}, which is unknown: nothing can predict it; fit one photograph under that light,"
@@ -117,9 +130,9 @@ def _check_lightings(photoset: PhotoSet) -> None:
             )
 
 
-def _is_dark(photoset: PhotoSet) -> bool:
-    """Whether there are only lamps in the dark; ValueError where that is said of some lightings only."""
-    tables = _used_tables(photoset)
+def _is_dark(photoset: PhotoSet, others: Collection[str]) -> bool:
+    """Whether there are only lamps in the dark; ValueError where that is said of some unknown lightings only."""
+    tables = [table for table in used_tables(photoset) if table.name not in others]
     lit = [table.name for table in tables if not table.dark]
     if lit and len(lit) < len(tables):
         raise ValueError(

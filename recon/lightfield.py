@@ -90,6 +90,11 @@ class LightField:
         return np.asarray(self.mean_over_rays((self.normals * self.views).sum(axis=1)))
 
     @property
+    def mirrored(self) -> Floats:
+        """Mirror direction of each ray's view, (m, 3) unit."""
+        return np.asarray(2 * (self.normals * self.views).sum(axis=1)[:, None] * self.normals - self.views)
+
+    @property
     def sample_normals(self) -> Floats:
         """Mean normal of each sample, (n, 3), not renormalised."""
         return np.asarray(self.mean_over_rays(self.normals))

@@ -45,8 +45,8 @@ def _check_scope(photoset: PhotoSet) -> None:
     where = photoset.manifest
     if photoset.object.shape != "sphere":
         raise ValueError(
-            f"{where}: [object] shape = 'mesh': light and BRDF are recovered from spheres only, which don't shadow"
-            " themselves"
+            f"{where}: [object] shape = 'mesh': `factor` compares ways of solving on spheres only, which don't shadow"
+            " themselves; `lightfactor process` recovers light and BRDF from meshes"
         )
     if photoset.object.texture:
         raise ValueError(

@@ -137,7 +137,8 @@ def _check_scope(photoset: PhotoSet, choices: Choices) -> None:
     where = photoset.manifest
     if photoset.object.shape != "sphere":
         raise ValueError(
-            f"{where}: [object] shape = 'mesh': light is recovered from spheres only, which don't shadow themselves"
+            f"{where}: [object] shape = 'mesh': light is recovered from spheres only, which don't shadow themselves;"
+            " with unknown = true `lightfactor process` recovers it together with the BRDF of a mesh"
         )
     if photoset.object.texture:
         raise ValueError(

@@ -15,7 +15,7 @@ What hides light counts as black: light from one part of the object to another i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from invrender.model.transfer import LightElement, diffuse_transfer
 from recon.bodies import MeshBody, blended
-from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics, to_degree
+from recon.harmonics import clamped_cosine_transfer, degree_of, evaluate_harmonics, to_degree
 from recon.lightfield import LightField
 from recon.transfer import TransferVectors
 
@@ -33,6 +33,8 @@ Mask = NDArray[np.bool_]
 Rays = NDArray[np.int64] | slice
 
 _MIN_COS = 0.03
+# Steps of a ring of directions around another.
+_AROUND = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +58,53 @@ class Shadows:
     def sight(self, element: LightElement, field: LightField) -> Sight:
         """What the rays of a photograph's samples see of an element's light."""
         assert field.faces is not None
-        facets = self.body.facets[field.faces]
         sources = np.zeros((len(field.faces), len(element.directions)), bool)
         for k, direction in enumerate(element.directions):
-            towards = np.broadcast_to(direction, facets.shape)
-            sources[:, k] = self.body.visible(field.positions, facets, towards)
-        hidden = None
-        coefficients = _sky(element, round(np.sqrt(self.shadow.shape[1])) - 1)
-        if coefficients is not None:
-            hidden = self.at_rays(self.shadow @ coefficients.astype(np.float32), field)
+            sources[:, k] = self.free(field, direction)
+        coefficients = _sky(element, self.l_max)
+        hidden = None if coefficients is None else self.hidden(field, coefficients)
         return Sight(sources, field.reflected_visible, hidden)
+
+    @property
+    def l_max(self) -> int:
+        """Degree up to which the shadow of the sky is known."""
+        return degree_of(self.shadow.shape[1])
+
+    def free(self, field: LightField, direction: Floats) -> Mask:
+        """Which rays (m,) of a photograph's samples meet the mesh where it sees a unit direction (3,)."""
+        assert field.faces is not None
+        facets = self.body.facets[field.faces]
+        return self.body.visible(field.positions, facets, np.broadcast_to(direction, facets.shape))
+
+    def around(self, field: LightField, towards: Floats, angle: float) -> Iterator[tuple[Mask, Mask]]:
+        """Whether rays meet the mesh where it sees directions an angle (radians) off theirs, all around in a few steps.
+
+        towards : (m, 3) or (3,) unit. Yields (m,) seen, and (m,) whether the direction is above the facet's horizon.
+        """
+        assert field.faces is not None
+        facets = self.body.facets[field.faces]
+        towards = np.broadcast_to(towards, facets.shape)
+        across = np.cross(towards, np.eye(3)[np.abs(towards).argmin(axis=1)])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        other = np.cross(towards, across)
+        for turn in np.arange(_AROUND) * (2 * np.pi / _AROUND):
+            off = np.cos(turn) * across + np.sin(turn) * other
+            directions = np.cos(angle) * towards + np.sin(angle) * off
+            seen = self.body.visible(field.positions, facets, directions)
+            yield seen, (facets * directions).sum(axis=1) > 0
+
+    def hidden(self, field: LightField, lighting: Floats) -> Floats:
+        """Irradiance (m, c) at rays that the mesh keeps off, of harmonic light ((l + 1)^2, c)."""
+        known = to_degree(lighting, self.l_max).astype(np.float32)
+        return self.at_rays(self.shadow @ known, field)
+
+    def hidden_rows(self, field: LightField, l_max: int) -> Floats:
+        """Rows (n, (l_max + 1)^2) of samples that yield what `hidden` does from light of degree l_max."""
+        size = (l_max + 1) ** 2
+        rows = np.zeros((len(field), size))
+        known = self.shadow[:, :size]
+        rows[:, : known.shape[1]] = field.mean_over_rays(self.at_rays(known, field))
+        return rows
 
     def at_rays(self, values: NDArray[np.floating], field: LightField) -> Floats:
         """Values of the mesh's vertices (v, c) at rays on it, (m, c)."""

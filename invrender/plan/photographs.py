@@ -201,7 +201,7 @@ def _batch_rows(optics: Optics, fields: Sequence[LightField], l_max: int) -> Ite
         specular *= (free * normalised_fresnel(optics.brdf.mu, cos))[:, None]
     diffuse = irradiance_operator(normals, l_max)
     if optics.shadows is not None:
-        diffuse -= np.concatenate([optics.hidden_rows(field, count) for field in fields])
+        diffuse -= np.concatenate([optics.shadows.hidden_rows(field, l_max) for field in fields])
     ends = np.cumsum([len(field) for field in fields])[:-1]
     yield from zip(np.split(diffuse, ends), np.split(specular, ends), strict=True)
 

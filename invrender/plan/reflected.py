@@ -148,11 +148,6 @@ class Optics:
         above = (incident[..., 2] > 0) & (exitant[..., 2] > 0)
         return np.where(above, lobe(theta, self.brdf.sigma or 1.0) / (4 * np.where(above, cosines, 1)), 0.0)
 
-    def hidden_rows(self, field: LightField, count: int) -> Floats:
-        """Rows (n, count) that yield what a mesh's samples lose of the irradiance from the lighting's coefficients."""
-        assert self.shadows is not None
-        return np.asarray(field.mean_over_rays(self.shadows.at_rays(self.shadows.shadow[:, :count], field)))
-
     def _reflected(self, element: LightElement, field: LightField, sight: Sight | None) -> Reflected:
         diffuse = np.asarray(field.mean_over_rays(seen_diffuse(element, field.normals, sight)))
         if self.brdf.sigma is None:

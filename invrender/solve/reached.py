@@ -16,13 +16,7 @@ _NEAR_DEG = 5.0
 
 def reached_share(fields: Sequence[LightField]) -> float:
     """Share of all directions that some free mirrored ray comes within five degrees of."""
-    mirrored = [
-        (2 * (field.normals * field.views).sum(axis=1)[:, None] * field.normals - field.views)[
-            field.reflected_visible
-        ]
-        for field in fields
-    ]
-    rays = np.concatenate(mirrored)
+    rays = np.concatenate([field.mirrored[field.reflected_visible] for field in fields])
     if not len(rays):
         return 0.0
     distance, _ = cKDTree(rays).query(sphere_directions(_GRID))

@@ -1,4 +1,4 @@
-"""BRDF and lighting of a homogeneous convex body, both unknown, from photographs of it [RH01, section 6.3]."""
+"""BRDF and lighting of a homogeneous body, both unknown, from photographs of it [RH01, sections 6.3 and 6.4]."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from capture.parallel import one_blas_thread
 from invrender.model.lobes import FORMS
 from invrender.model.lobetable import TRANSFERS, Transfer
+from invrender.model.visibility import Shadows
 from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
@@ -40,6 +41,8 @@ _LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
 # Noise that is assumed until residuals show it.
 _FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
 _SAME_ANGLE = 1e-3
+# Weight of samples of a mesh whose lobe an edge cuts. They would pull at mu, but may be all that there are.
+_AT_EDGES = 0.1
 
 
 def factorize_blind(
@@ -50,14 +53,16 @@ def factorize_blind(
     ladder: bool = True,
     on_step: Callable[[], None] = lambda: None,
     transfer: Transfer = "exact",
+    shadows: Shadows | None = None,
 ) -> BlindSolution:
-    """Lightings and BRDF from light-field samples of a homogeneous convex body under unknown light.
+    """Lightings and BRDF from light-field samples of a homogeneous body under unknown light.
 
     photos : two or more, normals and views in one frame. lighting_of : which lighting each is under, by name; all under
     one if None. orders : degrees of the lightings that are tried, one for all of them. source_region : where sources
     may be; None for anywhere. ladder : whether other forms of the lobe and simpler models are tried; False fits RH01's
     microfacet model at the highest order up to 10. `on_step` is called after each model. transfer : what the lobe makes
-    of the light, of RH01's form alone unless `exact`; sources have closed forms in any case [eq. 23]. Raises ValueError
+    of the light, of RH01's form alone unless `exact`; sources have closed forms in any case [eq. 23]. shadows : of a
+    mesh on itself; None of a convex body. Raises ValueError
     for photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
     finite or mostly negative.
     """
@@ -68,7 +73,12 @@ def factorize_blind(
     numbers = [names.index(name) for name in lighting_of]
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
-        search = _first_weights(photos, numbers, source_region, transfer)
+        # Prepared for uniform light as yet: parts of the samples are, for more.
+        sights = [
+            Sight.of(photo, 0, number, transfer, shadows)
+            for photo, number in zip(photos, numbers, strict=True)
+        ]
+        search = _first_weights(sights, source_region)
         dark = degree == 0 or (ladder and orders[0] == 0)
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
         assumed = _assumed(photos)
@@ -159,11 +169,8 @@ def _check(
         )
 
 
-def _first_weights(
-    photos: Sequence[LightField], numbers: Sequence[int], region: Region | None, transfer: Transfer
-) -> Search:
-    """All samples, weighed by an assumed noise, and prepared for uniform light as yet."""
-    sights = [Sight.of(photo, 0, number, transfer) for photo, number in zip(photos, numbers, strict=True)]
+def _first_weights(sights: Sequence[Sight], region: Region | None) -> Search:
+    photos = [sight.field for sight in sights]
     assumed = _assumed(photos)
     weights = [photo.weight[:, None] / assumed.variance(photo.radiance) for photo in photos]
     trust = [np.ones_like(photo.radiance) for photo in photos]
@@ -184,7 +191,9 @@ def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weight
     for sight, prediction, residual in zip(search.sights, predictions, residuals, strict=True):
         found = photo_weights(noise, prediction, residual)
         sources = fit.state.under(sight.lighting).directions
-        counted = (sight.field.weight * _off_terminators(sight.field, sources))[:, None]
+        counted = (sight.field.weight * _off_terminators(sight, sources))[:, None]
+        if fit.state.sigma is not None:
+            counted = counted * np.where(sight.off_edges(fit.state.sigma), 1, _AT_EDGES)[:, None]
         weights.append(Weights(found.trust, found.weight * counted))
         counted_trust.append(found.trust * counted)
     return (
@@ -194,11 +203,12 @@ def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weight
     )
 
 
-def _off_terminators(field: LightField, directions: Floats) -> NDArray[np.bool_]:
-    """Which samples (n,) are clear of the sources' horizons."""
-    visible = np.ones((len(field.ray_sample), len(directions)), bool)
-    numbered = replace(field, rows=np.arange(len(field)), sources_visible=visible)
-    return np.isin(numbered.rows, off_terminators(numbered, directions).rows)
+def _off_terminators(sight: Sight, directions: Floats) -> NDArray[np.bool_]:
+    """Which samples (n,) are clear of the sources' horizons and of the borders of the shadows that they cast."""
+    field = sight.field
+    numbered = replace(field, rows=np.arange(len(field)), sources_visible=sight.free(directions))
+    clear = np.isin(numbered.rows, off_terminators(numbered, directions).rows)
+    return clear & sight.off_borders(directions)
 
 
 def _solution(

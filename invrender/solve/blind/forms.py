@@ -13,7 +13,7 @@ import numpy as np
 from invrender.model.lobes import FORMS, PRINTED
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import as_good, cross_validate
-from invrender.solve.blind.sources import Found, find_sources
+from invrender.solve.blind.sources import Found, find_sources, off_borders
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import State
 
@@ -34,7 +34,8 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
 
     Clearly is by more than a standard error, as on the ladder.
     """
-    fits = [found.fit]
+    whole, search = search, off_borders(search, found.fit.state)
+    fits = [found.fit if search is whole else search.fit(found.fit.state, l_max)]
     for form in FORMS.values():
         if form is not PRINTED:
             fits.append(search.fit(found.fit.state.with_form(form), l_max, _ITERATIONS))
@@ -43,7 +44,7 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     chosen = 0 if as_good(rungs[0], rungs[best]) else best
     others = tuple(fit.state for index, fit in enumerate(fits) if index != chosen)
     if chosen:
-        found = find_sources(search, _brightest_source(fits[chosen]), l_max)
+        found = find_sources(whole, _brightest_source(fits[chosen]), l_max)
     return Formed(found, others)
 
 

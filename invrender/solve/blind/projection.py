@@ -25,7 +25,7 @@ ITERATIONS = 30
 # Of squared residuals, in units of the noise that they show, in which a parameter's step by its standard deviation
 # costs 1: so small gains end a search; smaller than the others they are beneath what single precision tells apart.
 _CONVERGED, _TOLD_APART = 1e-2, 1.0
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
+_FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,13 +248,16 @@ def refine(
         equations = _border(sights, weights, fit)
         free = ~fit.state.stuck(equations.right)
         noise = max(fit.cost / count, 1)
-        promise = equations.step(free) @ equations.right / noise
-        if promise < _CONVERGED:
+        if equations.step(free) @ equations.right < _CONVERGED * noise:
             return fit
         while True:
-            moved = fit.state.moved(equations.step(free, damping))
-            tried = solve_lighting(sights, weights, scales, moved, l_max)
-            if tried.cost <= fit.cost or promise < _TOLD_APART or damping > _MOST_DAMPING:
+            step = equations.step(free, damping)
+            promise = step @ equations.right / noise
+            # A mesh's shadows may spoil what any step gains: one that promises nothing isn't tried.
+            if promise < _CONVERGED:
+                return fit
+            tried = solve_lighting(sights, weights, scales, fit.state.moved(step), l_max)
+            if tried.cost <= fit.cost or promise < _TOLD_APART:
                 break
             damping *= 10
         gain = (fit.cost - tried.cost) / noise

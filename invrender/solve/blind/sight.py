@@ -4,7 +4,8 @@
       + sum_j E_j [(1 - kappa) max(n.d_j, 0) + kappa T(mu, sigma, d_j)]     [RH01, eq. 15, 20, 23]
 
 per channel, in the gauge Kd + Ks = 1. M and T are the lobe with its Fresnel factor, which RH01's form has at theta_o
-and so outside of all sums over light. A pixel is the mean over its rays.
+and so outside of all sums over light. A pixel is the mean over its rays. What a mesh keeps from itself is left out of
+all of these, by `visibility`'s three rules.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from invrender.model.formtable import form_rows
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
 from invrender.model.lobetable import Transfer, specular_rows
+from invrender.model.visibility import Shadows
 from invrender.solve.blind.state import State, turn
 from invrender.theory.operator import irradiance_operator
 from recon.harmonics import degree_of
@@ -26,11 +28,18 @@ from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 # Between roughnesses this far apart in log sigma, rows are interpolated by cubics through values and slopes.
 _SPACING = 0.1
 # Steps of the differences that stand for derivatives: sources' directions and log sigma, radians; log(mu - 1).
 _STEP = 1e-4
+# Turn of a source, radians, after which what sees it must still see it to count as clear of its shadows' borders; and
+# less than that, within which sources cast the same shadows. These are kept of so many directions: a search goes back
+# and forth.
+_PENUMBRA, _ALIKE, _KEPT_DIRECTIONS = 0.02, 0.01, 100
+# Distances from the mirrored ray, in sigma, at which edges are looked for: most of the lobe, up to so many radians.
+_LOBE, _WIDEST = (1.0, 2.5), 0.8
 
 
 # Form, mu, sigma and degree that rows of other forms belong to.
@@ -43,7 +52,7 @@ class Sight:
 
     field : the photograph. l_max : of the lighting. transfer : of the lobe, for all but the sources. rays : the same as
     one sample per ray. cos : (m,) exitant, of rays. diffuse : (n, (l_max + 1)^2), irradiance. lighting : number of the
-    lighting that it is under.
+    lighting that it is under. shadows : of a mesh on itself; None of what has none.
     """
 
     field: LightField
@@ -53,20 +62,48 @@ class Sight:
     cos: Floats
     diffuse: Singles
     lighting: int = 0
+    shadows: Shadows | None = None
     _nodes: dict[int, tuple[Singles, Singles]] = defaulted(default_factory=dict, repr=False)
     _last: dict[_Shape, tuple[Singles, Singles, Singles]] = defaulted(default_factory=dict, repr=False)
+    _free: dict[bytes, Mask] = defaulted(default_factory=dict, repr=False)
 
     @staticmethod
-    def of(samples: LightField, l_max: int, lighting: int = 0, transfer: Transfer = "exact") -> Sight:
+    def of(
+        samples: LightField,
+        l_max: int,
+        lighting: int = 0,
+        transfer: Transfer = "exact",
+        shadows: Shadows | None = None,
+    ) -> Sight:
         """Prepare a photograph for lighting of degree l_max."""
         diffuse = samples.mean_over_rays(irradiance_operator(samples.normals, l_max))
+        if shadows is not None:
+            diffuse = diffuse - shadows.hidden_rows(samples, l_max)
         rays = _one_sample_per_ray(samples)
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
-        return Sight(samples, l_max, transfer, rays, cos, diffuse.astype(np.float32), lighting)
+        return Sight(samples, l_max, transfer, rays, cos, diffuse.astype(np.float32), lighting, shadows)
 
     def like(self, samples: LightField, l_max: int) -> Sight:
         """Prepare other samples of the photograph, under the same lighting, for another degree."""
-        return Sight.of(samples, l_max, self.lighting, self.transfer)
+        return Sight.of(samples, l_max, self.lighting, self.transfer, self.shadows)
+
+    def free(self, directions: Floats) -> Mask:
+        """Which rays (m, k) see sources in unit directions (k, 3); all do that of what has no shadows.
+
+        Directions nearly alike are taken for one, so that the last steps of a search don't stumble over pixels at the
+        borders of shadows, which count for nothing in the end.
+        """
+        result = np.ones((len(self.cos), len(directions)), bool)
+        if self.shadows is None:
+            return result
+        for k, near in enumerate(np.round(directions / _ALIKE) * _ALIKE):
+            key = near.tobytes()
+            if key not in self._free:
+                while len(self._free) >= _KEPT_DIRECTIONS:
+                    del self._free[next(iter(self._free))]
+                self._free[key] = self.shadows.free(self.field, near / np.linalg.norm(near))
+            result[:, k] = self._free[key]
+        return result
 
     def lobe_rows(self, state: State, l_max: int) -> Singles:
         """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""
@@ -88,12 +125,31 @@ class Sight:
         fresnel, change = _fresnel(state.mu, self.cos)
         return fresnel[:, None] * widened, change[:, None] * seen
 
+    def off_borders(self, directions: Floats) -> Mask:
+        """Which samples (n,) are clear of the borders of the shadows that sources (k, 3) cast; all without shadows."""
+        steady = np.ones(len(self.cos), bool)
+        if self.shadows is not None:
+            for direction, sees in zip(directions, self.free(directions).T, strict=True):
+                for seen, _ in self.shadows.around(self.field, direction, _PENUMBRA):
+                    steady &= seen == sees
+        return np.asarray(self.field.mean_over_rays(steady.astype(float)) == 1)
+
+    def off_edges(self, sigma: float) -> Mask:
+        """Which samples (n,) have none of the mesh's edges in the lobe, where one ray can't stand for all of it."""
+        clear = np.ones(len(self.cos), bool)
+        if self.shadows is not None:
+            for width in np.minimum(_LOBE, _WIDEST / sigma):
+                for seen, rises in self.shadows.around(self.field, self.field.mirrored, width * sigma):
+                    clear &= (seen == self.field.reflected_visible) | ~rises
+        return np.asarray(self.field.mean_over_rays(clear.astype(float)) == 1)
+
     def _form(self, state: State, l_max: int) -> tuple[Singles, Singles, Singles]:
         """Rows of rays and their slopes; the last are kept, for whoever solves at a state asks for slopes there."""
         key = (state.form, state.mu, state.roughness, l_max)
         if key not in self._last:
             self._last.clear()
-            self._last[key] = form_rows(self.rays, l_max, state.form, state.mu, state.roughness)
+            rows, *slopes = form_rows(self.rays, l_max, state.form, state.mu, state.roughness)
+            self._last[key] = self._mirrored(rows), self._mirrored(slopes[0]), self._mirrored(slopes[1])
         return self._last[key]
 
     def _printed(self, sigma: float) -> tuple[Singles, Singles, Singles]:
@@ -107,7 +163,8 @@ class Sight:
         for node in (low, low + 1):
             if node not in self._nodes:
                 at = float(np.exp(node * _SPACING))
-                self._nodes[node] = specular_rows(self.rays, self.l_max, at, self.transfer)
+                rows, slopes = specular_rows(self.rays, self.l_max, at, self.transfer)
+                self._nodes[node] = self._mirrored(rows), self._mirrored(slopes)
         for node in [node for node in self._nodes if node not in (low, low + 1)]:
             del self._nodes[node]
         t = position - low
@@ -120,6 +177,12 @@ class Sight:
             (value * units).astype(np.float32),
             (slope * units / _SPACING).astype(np.float32),
         )
+
+    def _mirrored(self, rows: Singles) -> Singles:
+        """Rows (m, k) of the lobe, zero where a mesh stands in the mirror direction of the view."""
+        if self.shadows is None:
+            return rows
+        return rows * self.rays.reflected_visible[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,11 +204,15 @@ def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     """Rows at a state, over lighting of degree l_max <= the sight's."""
     size = (l_max + 1) ** 2
     rays, mean = sight.field, sight.field.mean_over_rays
-    cosines = mean(np.maximum(rays.normals @ state.directions.T, 0))
+    free = sight.free(state.directions)
+    cosines = mean(np.maximum(rays.normals @ state.directions.T, 0) * free)
     diffuse = np.hstack([sight.diffuse[:, :size], cosines])
     if state.sigma is None:
         return Rows(diffuse, np.zeros((1, 1)))
-    sources = [_highlight(sight, direction, state) for direction in state.directions]
+    sources = [
+        _highlight(sight, direction, state) * seen
+        for direction, seen in zip(state.directions, free.T, strict=True)
+    ]
     specular = np.hstack(
         [mean(sight.lobe_rows(state, l_max)), *(mean(source)[:, None] for source in sources)]
     )
@@ -155,30 +222,32 @@ def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
 def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     """Derivatives (n, 3, parameters of a channel) of radiance, in the order of `State.own`.
 
-    light : (k + j, 3), coefficients and the sources' irradiances.
+    light : (k + j, 3), coefficients and the sources' irradiances. What sees a source is taken to see it after a small
+    turn, too.
     """
     rays, mean, kappa = sight.field, sight.field.mean_over_rays, state.kappa
+    free = sight.free(state.directions)
     size = len(light) - len(state.directions)
     columns = []
     if state.sigma is not None:
         columns.append((rows.per_specular - rows.per_diffuse) @ light)
         by_sigma, by_mu = sight.lobe_slopes(state, light[:size])
-        for direction, irradiance in zip(state.directions, light[size:], strict=True):
+        for direction, irradiance, seen in zip(state.directions, light[size:], free.T, strict=True):
             of_sigma, of_mu = _highlight_slopes(sight, direction, state)
-            by_sigma += of_sigma[:, None] * irradiance
-            by_mu += of_mu[:, None] * irradiance
+            by_sigma += (of_sigma * seen)[:, None] * irradiance
+            by_mu += (of_mu * seen)[:, None] * irradiance
         columns += [] if state.mu is None else [kappa * mean(by_mu)]
         columns.append(kappa * mean(by_sigma))
-    for direction, irradiance in zip(state.directions, light[size:], strict=True):
+    for direction, irradiance, seen in zip(state.directions, light[size:], free.T, strict=True):
         for way in np.eye(2):
             ends = [turn(direction, *(sign * _STEP * way)) for sign in (-1, 1)]
             cosines = [rays.normals @ end for end in ends]
             slope = (np.maximum(cosines[1], 0) - np.maximum(cosines[0], 0)) / (2 * _STEP)
-            column = (1 - kappa) * mean(slope)[:, None]
+            column = (1 - kappa) * mean(slope * seen)[:, None]
             if state.sigma is not None:
                 first, last = (_highlight(sight, end, state) for end in ends)
                 # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
-                same_side = (cosines[0] > 0) == (cosines[1] > 0)
+                same_side = seen & ((cosines[0] > 0) == (cosines[1] > 0))
                 slope = np.where(same_side, (last - first) / (2 * _STEP), 0)
                 column = column + kappa * mean(slope)[:, None]
             columns.append(column * irradiance)

@@ -13,6 +13,7 @@ from invrender.model.formtable import form_radiance
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
 from invrender.model.lobetable import Transfer, specular_radiance
+from invrender.model.visibility import Shadows
 from invrender.solve.blind.rungs import BlindRung
 from invrender.solve.blind.state import State
 from invrender.solve.noise import NoiseModel, Weights
@@ -71,7 +72,7 @@ class BlindLight:
 
 @dataclass(frozen=True, eq=False)
 class BlindSolution:
-    """BRDF and lightings of a homogeneous convex body, up to a scale per channel (`gauge`).
+    """BRDF and lightings of a homogeneous body, up to a scale per channel (`gauge`).
 
     model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks). mu, sigma : None where the model lacks
     them; sigma in radians. form : of the lobe. lights : by name, in the order in which photographs first name them.
@@ -110,18 +111,34 @@ class BlindSolution:
         return next(iter(self.lights.values()))
 
 
-def predict_blind(solution: BlindSolution, field: LightField, light: BlindLight | None = None) -> Floats:
-    """Radiance (n, 3) of a photograph's samples in a recovered light (the only one if None), in photographs' units."""
+def predict_blind(
+    solution: BlindSolution,
+    field: LightField,
+    light: BlindLight | None = None,
+    shadows: Shadows | None = None,
+) -> Floats:
+    """Radiance (n, 3) of a photograph's samples in a recovered light (the only one if None), in photographs' units.
+
+    shadows : of a mesh on itself, if it has any.
+    """
     state = solution.rungs[solution.chosen].fit.state
     light = solution.light if light is None else light
     directions, strengths = light.sources.directions, light.sources.irradiances
     total = irradiance(field.normals, light.coefficients)
-    total = (total + np.maximum(field.normals @ directions.T, 0) @ strengths) * (1 - state.kappa)
+    cosines = np.maximum(field.normals @ directions.T, 0)
+    free = np.ones(cosines.shape, bool)
+    if shadows is not None:
+        total -= shadows.hidden(field, light.coefficients)
+        for k, direction in enumerate(directions):
+            free[:, k] = shadows.free(field, direction)
+    total = (total + (cosines * free) @ strengths) * (1 - state.kappa)
     if state.sigma is not None:
         lobe = _reflected(state, field, light.coefficients, solution.transfer)
-        for direction, strength in zip(directions, strengths, strict=True):
+        if shadows is not None:
+            lobe *= field.reflected_visible[:, None]
+        for direction, strength, seen in zip(directions, strengths, free.T, strict=True):
             angles = Angles.between(field.normals, direction, field.views)
-            lobe += state.form.reflected(angles, state.mu, state.sigma)[:, None] * strength
+            lobe += (state.form.reflected(angles, state.mu, state.sigma) * seen)[:, None] * strength
         total += state.kappa * lobe
     return np.asarray(field.mean_over_rays(total))
 

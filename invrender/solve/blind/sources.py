@@ -118,11 +118,23 @@ def _with_seconds(search: Search, fit: Fit) -> Fit | None:
     """The best fit with a source as two, in each lighting in which that is worth it."""
     if fit.state.sigma is None:
         return None
-    state = fit.state
+    search, state = off_borders(search, fit.state), fit.state
     for lighting in search.lightings:
         second = _second(search, fit, lighting)
         state = state if second is None else state.with_source(second, lighting)
     return None if state is fit.state else search.fit(state, fit.l_max, _FEW)
+
+
+def off_borders(search: Search, state: State) -> Search:
+    """The same without what lies at the borders of shadows that a mesh casts; the search itself where none are cast.
+
+    Pixels there are neither lit nor dark; taken for whole ones they look like a second source, or another form of lobe.
+    """
+    if all(sight.shadows is None for sight in search.sights):
+        return search
+    clear = [sight.off_borders(state.under(sight.lighting).directions)[:, None] for sight in search.sights]
+    weights = [weight * counts for weight, counts in zip(search.weights, clear, strict=True)]
+    return replace(search, weights=weights)
 
 
 def _second(search: Search, fit: Fit, lighting: int) -> Floats | None:
