@@ -10,7 +10,7 @@ Three parts of the reflected light field, three rules:
   whole lobe: it is weak where an edge stands in part of the lobe, within about 2 sigma of the mirrored direction, and
   there the light is either all counted or not at all.
 
-What hides light counts as black: light from one part of the object to another is left out.
+What hides light counts as black; what it sends itself is added by `bounce`.
 """
 
 from __future__ import annotations
@@ -57,15 +57,28 @@ class Shadows:
         """What the rays of a photograph's samples see of an element's light."""
         assert field.faces is not None
         facets = self.body.facets[field.faces]
-        sources = np.zeros((len(field.faces), len(element.directions)), bool)
+        hidden = self._hidden(element)
+        if hidden is not None:
+            hidden = self.at_rays(hidden, field)
+        return Sight(self._sources(element, field.positions, facets), field.reflected_visible, hidden)
+
+    def of_vertices(self, element: LightElement) -> Sight:
+        """What vertices see of an element's light; nothing is said of mirrored rays, which they have none of."""
+        mesh = self.body.mesh
+        sources = self._sources(element, mesh.vertices, mesh.normals)
+        return Sight(sources, np.zeros(len(mesh.vertices), bool), self._hidden(element))
+
+    def _sources(self, element: LightElement, positions: Floats, facets: Floats) -> Mask:
+        sources = np.zeros((len(positions), len(element.directions)), bool)
         for k, direction in enumerate(element.directions):
-            towards = np.broadcast_to(direction, facets.shape)
-            sources[:, k] = self.body.visible(field.positions, facets, towards)
-        hidden = None
+            sources[:, k] = self.body.visible(positions, facets, np.broadcast_to(direction, facets.shape))
+        return sources
+
+    def _hidden(self, element: LightElement) -> Floats | None:
         coefficients = _sky(element, round(np.sqrt(self.shadow.shape[1])) - 1)
-        if coefficients is not None:
-            hidden = self.at_rays(self.shadow @ coefficients.astype(np.float32), field)
-        return Sight(sources, field.reflected_visible, hidden)
+        return (
+            None if coefficients is None else np.asarray(self.shadow @ coefficients.astype(np.float32), float)
+        )
 
     def at_rays(self, values: NDArray[np.floating], field: LightField) -> Floats:
         """Values of the mesh's vertices (v, c) at rays on it, (m, c)."""
