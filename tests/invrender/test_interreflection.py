@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from capture.lighting import Lighting
 from capture.photoset import load_photoset
-from invrender.factorization import Factorization
 from invrender.model.bounce import Parts, albedo
 from invrender.model.lobes import PRINTED
 from invrender.model.microfacet import Microfacet
