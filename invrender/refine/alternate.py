@@ -23,11 +23,8 @@ from recon.sampling import NO_SOURCES, sample_body
 Floats = NDArray[np.float64]
 
 _ROUNDS = 8
-# A round that leaves more than this share of the error is the last.
+# A round that leaves more than this share of the error has moved nothing that matters, and isn't kept.
 _STALLS = 0.98
-# A texture is fitted to this many groups of photographs less one, and predicts that one: what a photograph itself has
-# put into a texture holds its pose where it is.
-_GROUPS = 3
 # Pixels of a photograph that its pose is read off, in patches of so many a side.
 _PIXELS, _PATCH = 8000, 24
 
@@ -37,8 +34,7 @@ class Refined:
     """Refined poses of a set.
 
     photoset : with them. sights, poses : per photograph of the set, what its pose was read off, and what was found.
-    errors : relative RMS of pixels that moved nothing, mean over photographs, at the poses as given and after each
-    round that was kept.
+    errors : relative RMS on unseen photographs, at the poses as given and after each round that was kept.
     """
 
     photoset: PhotoSet
@@ -63,20 +59,16 @@ def refine_poses(
         )
     poses = [RefinedPose(np.zeros(6), np.eye(6), np.nan, np.nan)] * len(photoset.photos)
     best: Refined | None = None
-    errors: list[float] = []
     sights: list[Sight] = []
     for _ in range(_ROUNDS + 1):
         moved = photoset if best is None else _moved(photoset, sights, poses)
-        sights = _sights(photoset, moved, samples, (turn_deg, shift_px), track)
-        found = _round(sights, [pose.change for pose in poses], track)
-        error = float(np.nanmean([pose.error_before for pose in found]))
-        if best is not None and error >= errors[-1]:
+        run = process(moved, samples, track)
+        error = run.result.model.error
+        if best is not None and error > _STALLS * best.errors[-1]:
             break
-        errors.append(error)
-        best = Refined(moved, tuple(sights), tuple(poses), tuple(errors))
-        if len(errors) > 1 and error > _STALLS * errors[-2]:
-            break
-        poses = found
+        sights = _sights(photoset, run, (turn_deg, shift_px))
+        best = Refined(moved, tuple(sights), tuple(poses), (*(best.errors if best else ()), error))
+        poses = _round(sights, [pose.change for pose in poses], track)
     assert best is not None
     return best
 
@@ -89,23 +81,9 @@ def _moved(photoset: PhotoSet, sights: Sequence[Sight], poses: Sequence[RefinedP
     return replace(photoset, photos=tuple(photos))
 
 
-def _sights(
-    given: PhotoSet, moved: PhotoSet, samples: int, off: tuple[float, float], track: Track
-) -> list[Sight]:
-    """Photographs at the poses as given, and how they are predicted by others at the poses that they now have."""
-    fitted = [k for k, photo in enumerate(given.photos) if not photo.held_out]
-    groups = min(_GROUPS, len(fitted) - 1) if given.object.texture else 1
-    sights: dict[int, Sight] = {}
-    for group in range(groups):
-        left_out = fitted[group::groups] if groups > 1 else []
-        photos = [
-            replace(photo, held_out=photo.held_out or k in left_out) for k, photo in enumerate(moved.photos)
-        ]
-        run = process(replace(moved, photos=tuple(photos)), samples, track)
-        shown = [k for k, photo in enumerate(photos) if photo.held_out or groups == 1]
-        work = parallel_map(partial(_sight, given, run, off), shown)
-        sights |= dict(zip(shown, work, strict=True))
-    return [sights[k] for k in range(len(given.photos))]
+def _sights(given: PhotoSet, run: Run, off: tuple[float, float]) -> list[Sight]:
+    """Photographs at the poses as given, and how a run predicts them at those that they now have."""
+    return list(parallel_map(partial(_sight, given, run, off), range(len(given.photos))))
 
 
 def _sight(given: PhotoSet, run: Run, off: tuple[float, float], index: int) -> Sight:

@@ -20,6 +20,7 @@ from capture.radiance import RadianceImage
 from invrender.model.visibility import facing
 from invrender.refine.posechange import changed, image_motion
 from invrender.solve.evidence import relative_rms
+from invrender.solve.linear import symmetric_pinv
 from invrender.solve.noise import NoiseModel, photo_weights
 from recon.bodies import Body
 from recon.lightfield import LightField
@@ -132,11 +133,11 @@ def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
         weight = np.zeros_like(observed)
         weight[whole] = photo_weights(sight.noise, predicted[whole], residual[whole]).weight
         making, judging = weight * makes[:, None], weight * ~makes[:, None]
-        information = np.einsum("nc,nci,ncj->ij", making, slopes, slopes) + np.eye(6)
-        pull = np.einsum("nc,nci,nc->i", making, slopes, residual)
-        covariance = _covariance(sight, making, slopes, residual, information)
+        information, together = _information(sight, making, slopes, residual)
+        pull = np.einsum("nc,nci,nc->i", making, slopes, residual) / together
+        covariance = np.linalg.inv(information + np.eye(6))
         now = _deviation(judging, observed - predicted)
-        step = np.linalg.solve(information, pull - change)
+        step = covariance @ (pull - change)
         for halvings in range(_HALVINGS + 1):
             tried = change + step / 2**halvings
             there = sight.slopes(tried)
@@ -160,12 +161,17 @@ def _deviation(weight: Floats, residual: Floats) -> float:
     return float(np.sqrt((weight[used] * residual[used] ** 2).sum() / max(used.sum(), 1)))
 
 
-def _covariance(
-    sight: Sight, weight: Floats, slopes: Floats, residual: Floats, information: Floats
-) -> Floats:
-    """Of a change, (6, 6): errors hang together within blocks of pixels. information : (6, 6), the prior's included."""
+def _information(sight: Sight, weight: Floats, slopes: Floats, residual: Floats) -> tuple[Floats, float]:
+    """What pixels tell of a change, (6, 6), and by what their independent information was divided for it, 1 or more.
+
+    What the prediction lacks, a blurred texture's edges say, is the same over blocks of pixels: scores are then as much
+    larger than noise would make them, and the pixels count for as much less.
+    """
     blocks = np.unique((sight.rows // _BLOCK) * 100_000 + sight.columns // _BLOCK, return_inverse=True)[1]
     scores = np.zeros((blocks.max() + 1, 6))
     np.add.at(scores, blocks, np.einsum("nc,nci,nc->ni", weight, slopes, residual))
-    inverse = np.linalg.inv(information)
-    return np.asarray(inverse @ (scores.T @ scores + np.eye(6)) @ inverse)
+    independent = np.einsum("nc,nci,ncj->ij", weight, slopes, slopes)
+    # Directions of which nothing is told have no say in it.
+    excess = float(np.trace(symmetric_pinv(independent) @ scores.T @ scores)) / 6
+    together = max(excess, 1.0)
+    return independent / together, together

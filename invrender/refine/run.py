@@ -29,8 +29,8 @@ def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float) -> 
     found = refine_poses(photoset, samples, turn_deg, shift_px, track)
     if len(found.errors) == 1:
         console.print(
-            "The poses stand as they are: no change of them lowers the error of pixels that moved nothing"
-            f" ({found.errors[0]:.2%} RMS). Nothing was written.",
+            "The poses stand as they are: moving them does not lower the error on unseen photographs"
+            f" ({found.errors[0]:.2%}). Nothing was written.",
             soft_wrap=True,
         )
         return
@@ -66,8 +66,7 @@ def _report(found: Refined) -> None:
     console.print(table)
     errors = ", ".join(f"{error:.2%}" for error in found.errors)
     console.print(
-        f"Error of pixels that moved nothing (RMS, relative, mean over photographs) as given and after each round:"
-        f" {errors}.",
+        f"Error on unseen photographs as given and after each round: {errors}.",
         soft_wrap=True,
     )
 
