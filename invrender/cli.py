@@ -16,6 +16,7 @@ from invrender.export.command import export
 from invrender.factor.command import factor
 from invrender.lighting.command import light
 from invrender.plan.command import plan
+from invrender.refine.command import refine
 from invrender.render.command import render
 from recon.align.command import align
 from recon.cli import mirrorball
@@ -120,6 +121,7 @@ app.command(short_help="Where a mesh lies in the photographs: picked points, sil
 app.command(
     short_help="What the photographs say of a mesh: samples, visibility, and a figure to check a set by."
 )(samples)
+app.command(short_help="Poses by what the photographs show, under known light.")(refine)
 app.command(short_help="A mesh of an object that nobody scanned, from its silhouettes.")(hull)
 app.command(short_help="Light and BRDF from the same photographs, whatever is known of the light.")(factor)
 app.command(short_help="The light on a sphere of known BRDF, as harmonics and as a map.")(light)

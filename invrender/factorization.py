@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from invrender.interreflection import Interreflection
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import HOPELESS, Rung
 from invrender.texture.textures import Textures
@@ -99,6 +100,7 @@ class Factorization:
     structured : the part of the residuals that isn't noise, relative RMS.
     covariance, covariance_names : of the BRDF's numbers, in the order named.
     textures : Kd and Ks over the surface, where they vary; those of `brdf` and `quantities` are then means.
+    interreflection : light that bounces between the object's parts; None where there is none that matters.
     """
 
     name: str
@@ -117,6 +119,7 @@ class Factorization:
     covariance_names: tuple[str, ...]
     warnings: tuple[str, ...]
     textures: Textures | None = None
+    interreflection: Interreflection | None = None
 
     @property
     def is_absolute(self) -> bool:

@@ -13,6 +13,8 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
 from invrender.findings import find_warnings
+from invrender.interreflection import Accounted, account_for_bounces, unknown_scale
+from invrender.model.bounce import Bounced, Parts
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
@@ -20,8 +22,8 @@ from invrender.model.visibility import Shadows
 from invrender.newlight import scored_lighting, used_tables
 from invrender.reading import read_samples
 from invrender.solve.evidence import fit_strengths
-from invrender.solve.explanation import explanation_steps
-from invrender.solve.factorize import Solution, factorize
+from invrender.solve.explanation import Explanation, explain, explanation_steps
+from invrender.solve.factorize import Solution, conclude
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from recon.knownlight import read_lighting
@@ -46,14 +48,23 @@ def solve_known_light(
         next(steps)
         # A light that only held-out photographs are under is no evidence: it is scored, not fitted.
         seen = {photo.lighting for photo in fitted}
-        solution = factorize(
-            [columns[photo.label] for photo in fitted],
-            [lighting for name, lighting in lightings.items() if name in seen],
-            lambda: next(steps, None),
-        )
+        used = [lighting for name, lighting in lightings.items() if name in seen]
+        known = explain([columns[photo.label] for photo in fitted], used, lambda: next(steps, None))
         for _ in steps:
             pass
+        parts = None if specimen.shadows is None else Parts.of(specimen.shadows)
+        bounces, remarks = None, []
+        if parts is not None and any(element.name == "known" for name in seen for element in elements[name]):
+            given = [columns[photo.label] for photo in fitted]
+            bounces = _bounces(parts, given, known, used, elements, track)
+        elif parts is not None:
+            remarks = unknown_scale(parts, known, elements)
+        solution = conclude(bounces.known, used, bounces.doubts) if bounces else conclude(known, used)
         columns = _in_form(photoset, solution, columns, elements)
+        bounced: Mapping[str, Bounced] = {}
+        if bounces is not None and bounces.bounced:
+            held_out = [photo for photo in photoset.photos if photo.held_out]
+            columns, bounced = _less_bounced(solution, columns, held_out, elements, bounces)
         strengths = {
             photo.label: _strengths(solution, columns[photo.label], photo.held_out)
             for photo in photoset.photos
@@ -66,11 +77,15 @@ def solve_known_light(
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
         }
-    warnings = find_warnings(photoset, solution, specimen, lightings)
+    warnings = [*find_warnings(photoset, solution, specimen, lightings), *remarks]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
+    result = replace(result, interreflection=None if bounces is None else bounces.found)
 
     def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
-        return predict(result.brdf, elements[photo.lighting], strengths[photo.label], field, specimen.shadows)
+        shown = predict(
+            result.brdf, elements[photo.lighting], strengths[photo.label], field, specimen.shadows
+        )
+        return shown + bounced[photo.lighting].radiance(field) if bounced else shown
 
     return Solved(result, fields, residuals, radiance)
 
@@ -86,6 +101,42 @@ def _columns(
 
     photos = photoset.photos
     return {photo.label: found for photo, found in zip(photos, parallel_map(of, photos), strict=True)}
+
+
+def _bounces(
+    parts: Parts,
+    photos: Sequence[PhotoColumns],
+    known: Explanation,
+    lightings: Sequence[Lighting],
+    elements: Mapping[str, Sequence[LightElement]],
+    track: Track,
+) -> Accounted | None:
+    """What light that bounces between a mesh's parts changes; None where there is none that matters."""
+    steps = iter(track(range(explanation_steps(len(photos))), "Judging light that bounces"))
+    next(steps)
+    found = account_for_bounces(parts, photos, known, lightings, elements, lambda: next(steps, None))
+    for _ in steps:
+        pass
+    return found
+
+
+def _less_bounced(
+    solution: Solution,
+    columns: Mapping[str, PhotoColumns],
+    held_out: Sequence[Photo],
+    elements: Mapping[str, Sequence[LightElement]],
+    bounces: Accounted,
+) -> tuple[dict[str, PhotoColumns], dict[str, Bounced]]:
+    """Columns, those of held-out photographs without bounced light too, and what bounces under every lighting."""
+    columns, bounced = dict(columns), dict(bounces.bounced)
+    for photo in held_out:
+        own = columns[photo.label]
+        if photo.lighting not in bounced:
+            guess = _strengths(solution, own, held_out=True)
+            light = elements[photo.lighting], guess, solution.estimate.brdf
+            bounced[photo.lighting] = bounces.parts.bounced(*light)
+        columns[photo.label] = own.less(bounced[photo.lighting].radiance(own.field))
+    return columns, bounced
 
 
 def _in_form(

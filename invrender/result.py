@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
 from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
+from invrender.interreflection import Interreflection
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
 from invrender.texture.layout import TexelLayout
 from invrender.texture.textures import (
@@ -84,6 +85,7 @@ def result_document(
             }
             for photo in result.photos
         ],
+        "interreflection": None if result.interreflection is None else _bounces(result.interreflection),
         "identifiability": identifiability(result),
         "models": [
             {
@@ -114,6 +116,20 @@ def _texture(textures: Textures) -> dict[str, Any]:
         "known": float(textures.known.mean()),
         # The set's own mesh has the texture coordinates, unless they were made.
         "mesh": MESH_NAME if layout.made is not None else None,
+    }
+
+
+def _bounces(found: Interreflection) -> dict[str, Any]:
+    return {
+        "rms_relative": found.relative,
+        "highest_relative": found.highest,
+        "taken_off": found.taken_off,
+        "asked": {"value": found.asked, "std": found.asked_std},
+        "cross_validated_rms_relative": {"taken_off": found.error_with, "left": found.error_without},
+        "moved": {
+            name: numbers(found.moved(name) if name in ("kd", "ks") else found.moved(name)[0])
+            for name in ("kd", "ks", "mu", "sigma")
+        },
     }
 
 

@@ -146,6 +146,8 @@ def _print_summary(result: Factorization) -> None:
         + f". Scale: {result.gauge}."
     )
     console.print(_ladder(result))
+    if result.interreflection is not None:
+        console.print(str(result.interreflection))
     for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
         names = [_LABELS[row["parameter"]] for row in rows if row["reason"] == reason]
         console.print(f"{', '.join(names)}: {reason}. To settle it: {remedy}.")

@@ -53,6 +53,10 @@ class PhotoColumns:
     def radiance(self) -> Floats:
         return self.field.radiance
 
+    def less(self, radiance: Floats) -> PhotoColumns:
+        """The same samples without a part (n, 3) of their radiance."""
+        return replace(self, field=replace(self.field, radiance=self.radiance - radiance))
+
     def where(self, keep: NDArray[np.bool_]) -> PhotoColumns:
         """The samples marked by a mask (n,)."""
         return replace(self, columns=self.columns[:, keep], field=self.field.where(keep))

@@ -10,12 +10,12 @@ Three parts of the reflected light field, three rules:
   whole lobe: it is weak where an edge stands in part of the lobe, within about 2 sigma of the mirrored direction, and
   there the light is either all counted or not at all.
 
-What hides light counts as black: light from one part of the object to another is left out.
+What hides light counts as black; what it sends itself is added by `bounce`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,12 +58,17 @@ class Shadows:
     def sight(self, element: LightElement, field: LightField) -> Sight:
         """What the rays of a photograph's samples see of an element's light."""
         assert field.faces is not None
-        sources = np.zeros((len(field.faces), len(element.directions)), bool)
-        for k, direction in enumerate(element.directions):
-            sources[:, k] = self.free(field, direction)
         coefficients = _sky(element, self.l_max)
         hidden = None if coefficients is None else self.hidden(field, coefficients)
-        return Sight(sources, field.reflected_visible, hidden)
+        sources = [self.free(field, direction) for direction in element.directions]
+        return Sight(_columns(sources, len(field.faces)), field.reflected_visible, hidden)
+
+    def of_vertices(self, element: LightElement) -> Sight:
+        """What vertices see of an element's light; nothing is said of mirrored rays, which they have none of."""
+        mesh, coefficients = self.body.mesh, _sky(element, self.l_max)
+        hidden = None if coefficients is None else self._kept_off(coefficients)
+        sources = [self._seen(mesh.vertices, mesh.normals, direction) for direction in element.directions]
+        return Sight(_columns(sources, len(mesh.vertices)), np.zeros(len(mesh.vertices), bool), hidden)
 
     @property
     def l_max(self) -> int:
@@ -73,8 +78,10 @@ class Shadows:
     def free(self, field: LightField, direction: Floats) -> Mask:
         """Which rays (m,) of a photograph's samples meet the mesh where it sees a unit direction (3,)."""
         assert field.faces is not None
-        facets = self.body.facets[field.faces]
-        return self.body.visible(field.positions, facets, np.broadcast_to(direction, facets.shape))
+        return self._seen(field.positions, self.body.facets[field.faces], direction)
+
+    def _seen(self, positions: Floats, facets: Floats, direction: Floats) -> Mask:
+        return self.body.visible(positions, facets, np.broadcast_to(direction, facets.shape))
 
     def around(self, field: LightField, towards: Floats, angle: float) -> Iterator[tuple[Mask, Mask]]:
         """Whether rays meet the mesh where it sees directions an angle (radians) off theirs, all around in a few steps.
@@ -95,8 +102,11 @@ class Shadows:
 
     def hidden(self, field: LightField, lighting: Floats) -> Floats:
         """Irradiance (m, c) at rays that the mesh keeps off, of harmonic light ((l + 1)^2, c)."""
-        known = to_degree(lighting, self.l_max).astype(np.float32)
-        return self.at_rays(self.shadow @ known, field)
+        return self.at_rays(self._kept_off(to_degree(lighting, self.l_max)), field)
+
+    def _kept_off(self, lighting: Floats) -> Floats:
+        """Irradiance (v, c) that the mesh keeps off its vertices."""
+        return np.asarray(self.shadow @ lighting.astype(np.float32), float)
 
     def hidden_rows(self, field: LightField, l_max: int) -> Floats:
         """Rows (n, (l_max + 1)^2) of samples that yield what `hidden` does from light of degree l_max."""
@@ -170,6 +180,11 @@ def _sky(element: LightElement, l_max: int) -> Floats | None:
         result += to_degree(element.diffuse_coefficients, l_max)
     result[0] += np.sqrt(4 * np.pi) * element.uniform
     return result
+
+
+def _columns(seen: Sequence[Mask], count: int) -> Mask:
+    """Masks (count,) as columns; there may be none."""
+    return np.array(seen, bool).reshape(len(seen), count).T
 
 
 def _source(element: LightElement, k: int) -> LightElement:

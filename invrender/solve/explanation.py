@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from capture.lighting import Lighting
 from invrender.model.columns import PhotoColumns
 from invrender.model.lobes import PRINTED, LobeForm
@@ -12,10 +15,13 @@ from invrender.model.transfer import light_elements
 from invrender.solve.evidence import Rung, choose, climb_ladder, ladder_steps
 from invrender.solve.forms import Elements, Trial, beside, columns_of, try_forms
 from invrender.solve.linear import recovers_light
-from invrender.solve.models import Model
+from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import NoiseModel, Weights
-from invrender.solve.search import LADDER, OTHER_FORMS, models_of, with_neutral
+from invrender.solve.search import LADDER, OTHER_FORMS, fit, models_of, with_neutral
+from invrender.solve.statistics import by_lighting, weighted_statistics
 from invrender.solve.weighing import weigh
+
+Floats = NDArray[np.float64]
 
 # Share of the cost that a specular part of the wrong form, which may predict worse than none, must take away for other
 # forms to be tried.
@@ -73,6 +79,14 @@ def explain(
     if form is PRINTED:
         return Explanation(all_rungs, chosen, tuple(photos), tuple(weights), noise, trials)
     return _in_form(form, photos, elements, trials)
+
+
+def refitted(known: Explanation, less: Sequence[Floats]) -> Estimate:
+    """The chosen model's estimate if the samples' radiances were lower by some (n, 3) per photograph."""
+    estimate = known.rungs[known.chosen].estimate
+    photos = [photo.less(radiance) for photo, radiance in zip(known.photos, less, strict=True)]
+    statistics = by_lighting(weighted_statistics(photos, [w.weight for w in known.weights]))
+    return fit(estimate.model, statistics, estimate)
 
 
 def _shows_more(rungs: Sequence[Rung]) -> bool:

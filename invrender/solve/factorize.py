@@ -15,7 +15,7 @@ from invrender.model.lobes import PHONG, LobeForm, phong_exponent
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
-from invrender.solve.explanation import Explanation, explain
+from invrender.solve.explanation import Explanation, explain, refitted
 from invrender.solve.identifiability import (
     UNIFORM_LIGHT,
     Scalar,
@@ -69,11 +69,23 @@ def factorize(
     photos : columns of RH01's form. A first fit with equal weights shows the noise; the next weigh each sample by its
     inverse variance. `on_step` is called `explanation.explanation_steps(len(photos))` times at most.
     """
-    known = explain(photos, lightings, on_step)
-    chosen, weights = known.chosen, known.weights
-    measured = _measure(known.rungs[chosen], known.photos, weights)
+    return conclude(explain(photos, lightings, on_step), lightings)
+
+
+def conclude(
+    known: Explanation, lightings: Sequence[Lighting], doubts: Sequence[Floats] | None = None
+) -> Solution:
+    """What an explanation amounts to: numbers with their uncertainty, and which of them are determined.
+
+    doubts : (n, 3) per photograph, radiance by which its samples may all be off together, one standard deviation.
+    """
+    chosen, weights, photos = known.chosen, known.weights, known.photos
+    measured = _measure(known.rungs[chosen], photos, weights)
     report, values, fragility = measured.report, measured.values, measured.fragility
     covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
+    if doubts is not None:
+        moved = _moved(known, doubts) - values
+        covariance += np.outer(moved, moved)
     std = np.sqrt(np.diag(covariance))
     form = known.rungs[chosen].estimate.model.form
     quantities = _quantities(form, report, values, std, fragility, photos, lightings)
@@ -90,8 +102,20 @@ def factorize(
         covariance=covariance[:brdf_size, :brdf_size],
         covariance_names=report.names,
         gauge=_gauge(report),
-        photos=known.photos,
+        photos=photos,
     )
+
+
+def _moved(known: Explanation, changes: Sequence[Floats]) -> Floats:
+    """The reported numbers if the samples' radiances were lower by some (n, 3) per photograph."""
+    estimate = refitted(known, changes)
+    elements = {photo.lighting: photo.elements for photo in known.photos}
+    parameters = pack(estimate, elements)
+    return Report(parameters, _has_known(known.photos))(parameters.vector)
+
+
+def _has_known(photos: Sequence[PhotoColumns]) -> bool:
+    return any("known" in photo.elements for photo in photos)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +132,7 @@ class _Measured:
 def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> _Measured:
     elements = {photo.lighting: photo.elements for photo in photos}
     parameters = pack(rung.estimate, elements)
-    report = Report(parameters, has_known="known" in {name for names in elements.values() for name in names})
+    report = Report(parameters, _has_known(photos))
     structured = _structured(photos, weights, rung)
     found = uncertainty_of(report, parameters, rung.estimate, photos, [w.weight for w in weights])
     values = report(parameters.vector)

@@ -115,6 +115,10 @@ def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
     # To the noise, in a view that was never fitted.
     assert result.rms(held_out=True) == pytest.approx(0.0101, abs=0.001)
     assert result.warnings == ()
+    # In these photographs no light bounces, against all physics; what isn't there isn't taken off.
+    assert result.interreflection is not None
+    assert not result.interreflection.taken_off
+    assert abs(result.interreflection.asked) < 0.03
 
 
 def test_without_visibility_errors_are_several_times_larger(

@@ -1,0 +1,258 @@
+"""Light that bounces between an object's parts: predicted from the fit, taken off its photographs, fitted again.
+
+What bounces depends on the albedo and is part of what the albedo is read off, so fit and prediction take turns until
+neither changes. Then the photographs judge: with s times the bounced light taken off and all else fitted, the residuals
+are r(s) = r(0) + s (r(1) - r(0)), and least squares tell which s they ask for: 1, if the prediction is right. It stays
+taken off where photographs that were not fitted are then predicted better; by how much s misses 1, and by how much it
+is uncertain, is how far the prediction isn't believed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from invrender.model.bounce import Bounced, Parts, albedo
+from invrender.model.columns import PhotoColumns
+from invrender.model.microfacet import Microfacet
+from invrender.model.predict import predict_columns
+from invrender.model.transfer import LightElement
+from invrender.solve.clusters import tile_of
+from invrender.solve.evidence import climb_ladder
+from invrender.solve.explanation import Explanation, explain, refitted
+from invrender.solve.models import Estimate
+from invrender.solve.noise import Weights
+
+Floats = NDArray[np.float64]
+
+# Of the radiance (RMS), what bounced light must be to matter: as good as our quadratures are.
+_MATTERS = 5e-4
+# Rounds of fit and prediction at most; a change of the radiance (RMS), relative, that is the last.
+_ROUNDS, _STILL = 6, 1e-5
+# The albedo at which its size is told where none is known.
+_SUPPOSED = 0.5
+_LABELS = {"Kd": "kd", "Ks": "ks", "mu": "mu", "sigma": "sigma"}
+# Share of the samples whose part of bounced light is smaller than what is called the highest.
+_HIGHEST = 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class Interreflection:
+    """What bounced light amounts to, and what was done about it.
+
+    relative, highest : its RMS over that of the radiance, and its largest share of a sample's but for one percent of
+    them. taken_off : whether the result is without it. asked, asked_std : how many times the prediction the photographs
+    ask for. error_with, error_without : relative RMS on unseen photographs with it taken off, and not.
+    without : the BRDF that the same model has where it isn't taken off. corrected : that where it is.
+    """
+
+    relative: float
+    highest: float
+    taken_off: bool
+    asked: float
+    asked_std: float
+    error_with: float
+    error_without: float
+    without: Microfacet
+    corrected: Microfacet
+
+    @property
+    def doubt(self) -> float:
+        """Standard deviation of what was taken off, or wasn't though it may be there, as a share of the prediction."""
+        return float(np.hypot(self.asked - self.taken_off, self.asked_std))
+
+    def moved(self, name: str) -> Floats:
+        """By what share of itself taking it off changes a number of the BRDF, (3,) or (1,); NaN if there was none."""
+        before, after = (
+            np.atleast_1d(np.asarray(np.nan if getattr(brdf, name) is None else getattr(brdf, name), float))
+            for brdf in (self.without, self.corrected)
+        )
+        if name in ("mu", "sigma") and not self.without.ks.any():
+            before = np.full(1, np.nan)
+        return np.asarray(after / np.where(before > 0, before, np.nan) - 1)
+
+    def __str__(self) -> str:
+        """What users are told."""
+        size = (
+            f"Light that bounces between the object's parts should be {self.relative:.1%} of the radiance (RMS), up to"
+            f" {self.highest:.0%} in its folds"
+        )
+        asked = f"{self.asked:.2f} ± {self.asked_std:.2f} times as much"
+        errors = f"{self.error_with:.2%} with it taken off, {self.error_without:.2%} as they are"
+        if not self.taken_off:
+            return (
+                f"{size}, but the photographs ask for {asked} (error on unseen photographs: {errors}), so none was"
+                " taken off."
+            )
+        changes = [
+            f"{label} {text}" for label, name in _LABELS.items() if (text := self._change(name)) is not None
+        ]
+        return (
+            f"{size}. It was taken off: {', '.join(changes)}. The photographs ask for {asked}; error on unseen"
+            f" photographs: {errors}."
+        )
+
+    def _change(self, name: str) -> str | None:
+        """How much a number changed, in words; None if the model has none, or it is zero before and after."""
+        moved = self.moved(name)
+        if not np.isnan(moved).any():
+            return f"{moved.mean():+.1%}"
+        return "from nothing" if name == "ks" and self.corrected.ks.any() else None
+
+
+@dataclass(frozen=True, eq=False)
+class Accounted:
+    """An explanation with bounced light accounted for.
+
+    doubts : (n, 3) each, what of it isn't certain. bounced : per lighting, what was taken off; nothing if it wasn't.
+    """
+
+    parts: Parts
+    known: Explanation
+    found: Interreflection
+    doubts: list[Floats]
+    bounced: Mapping[str, Bounced]
+
+
+def account_for_bounces(
+    parts: Parts,
+    photos: Sequence[PhotoColumns],
+    known: Explanation,
+    lightings: Sequence[Lighting],
+    elements: Mapping[str, Sequence[LightElement]],
+    on_step: Callable[[], None] = lambda: None,
+) -> Accounted | None:
+    """Take light that bounces off the photographs if it matters and they bear it out; None where it doesn't matter.
+
+    photos : columns of RH01's form. known : their explanation without bounced light, whose scale must be absolute.
+    `on_step` is called `explanation.explanation_steps(len(photos))` times at most.
+    """
+    first = estimate = known.rungs[known.chosen].estimate
+    scale = _rms([photo.radiance for photo in photos])
+    less = [np.zeros_like(photo.radiance) for photo in photos]
+    for _ in range(_ROUNDS):
+        before = less
+        bounced = _bounced(parts, estimate, elements)
+        less = [bounced[photo.lighting].radiance(photo.field) for photo in photos]
+        if _rms(less) < _MATTERS * scale:
+            return None
+        estimate = refitted(known, less)
+        if _rms([new - old for new, old in zip(less, before, strict=True)]) < _STILL * scale:
+            break
+    found = _judged(known.photos, known.weights, less, first, estimate)
+    if found.taken_off:
+        corrected = [photo.less(radiance) for photo, radiance in zip(photos, less, strict=True)]
+        better = explain(corrected, lightings, on_step)
+        original = [photo.less(-radiance) for photo, radiance in zip(better.photos, less, strict=True)]
+        without = refitted(better, [-radiance for radiance in less])
+        found = _judged(original, better.weights, less, without, better.rungs[better.chosen].estimate)
+        if found.taken_off:
+            shares = _left(original, better.weights, less)
+            rungs = tuple(replace(rung, photo_errors=shares * rung.photo_errors) for rung in better.rungs)
+            known = replace(better, rungs=rungs)
+    doubts = [found.doubt * radiance for radiance in less]
+    return Accounted(parts, known, found, doubts, bounced if found.taken_off else {})
+
+
+def unknown_scale(
+    parts: Parts, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
+) -> list[str]:
+    """A sentence on light that bounces where no light's strength is known and so no albedo; none if it can't matter."""
+    estimate = known.rungs[known.chosen].estimate
+    scale = _SUPPOSED / float(albedo(estimate.brdf).mean())
+    brdf = replace(estimate.brdf, kd=scale * estimate.brdf.kd, ks=scale * estimate.brdf.ks)
+    bounced = _bounced(parts, replace(estimate, brdf=brdf), elements)
+    less = [bounced[photo.lighting].radiance(photo.field) for photo in known.photos]
+    relative = _rms(less) / (scale * _rms([photo.radiance for photo in known.photos]))
+    if relative < _MATTERS:
+        return []
+    return [
+        "Light that bounces between the object's parts isn't taken off: no light of known strength tells the albedo. At"
+        f" an albedo of {_SUPPOSED} it would be {relative:.1%} of the radiance (RMS), and Kd too high by about as much"
+        " where it is even; the irradiance of one source would settle it."
+    ]
+
+
+def _bounced(
+    parts: Parts, estimate: Estimate, elements: Mapping[str, Sequence[LightElement]]
+) -> dict[str, Bounced]:
+    return {
+        name: parts.bounced(elements[name], strengths, estimate.brdf)
+        for name, strengths in estimate.strengths.items()
+    }
+
+
+def _judged(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    less: Sequence[Floats],
+    without: Estimate,
+    corrected: Estimate,
+) -> Interreflection:
+    """What photographs as they are say of bounced light (n, 3); estimates are of one model, fitted without and with."""
+    taken = [photo.less(radiance) for photo, radiance in zip(photos, less, strict=True)]
+    asked, asked_std = _asked(photos, weights, _residuals(photos, without), _residuals(taken, corrected))
+    (as_they_are,) = climb_ladder(photos, weights, models=[without.model])
+    (better,) = climb_ladder(taken, weights, models=[corrected.model])
+    error = float((better.photo_errors * _left(photos, weights, less)).mean())
+    shares = [
+        radiance.mean(axis=1) / np.maximum(photo.radiance.mean(axis=1), 1e-300)
+        for radiance, photo in zip(less, photos, strict=True)
+    ]
+    return Interreflection(
+        relative=_rms(less) / _rms([photo.radiance for photo in photos]),
+        highest=float(np.quantile(np.concatenate(shares), _HIGHEST)),
+        taken_off=error < as_they_are.error,
+        asked=asked,
+        asked_std=asked_std,
+        error_with=error,
+        error_without=as_they_are.error,
+        without=without.brdf,
+        corrected=corrected.brdf,
+    )
+
+
+def _left(photos: Sequence[PhotoColumns], weights: Sequence[Weights], less: Sequence[Floats]) -> Floats:
+    """By what (photos,) errors relative to what is left of photographs (RMS) are relative to all of them."""
+    squares = [
+        [(own.trust * radiance**2).sum() for radiance in (photo.radiance - off, photo.radiance)]
+        for photo, own, off in zip(photos, weights, less, strict=True)
+    ]
+    left, whole = np.array(squares).T
+    return np.asarray(np.sqrt(left / np.maximum(whole, 1e-300)))
+
+
+def _residuals(photos: Sequence[PhotoColumns], estimate: Estimate) -> list[Floats]:
+    return [
+        photo.radiance - predict_columns(photo, estimate.brdf, estimate.strengths[photo.lighting])
+        for photo in photos
+    ]
+
+
+def _asked(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    without: Sequence[Floats],
+    taken_off: Sequence[Floats],
+) -> tuple[float, float]:
+    """How many times the bounced light the photographs ask for, and its standard deviation, from residuals (n, 3).
+
+    Errors may hang together within tiles of a photograph.
+    """
+    slope, scores = 0.0, []
+    for photo, own, r0, r1 in zip(photos, weights, without, taken_off, strict=True):
+        change = r0 - r1
+        slope += float((own.weight * change**2).sum())
+        index = np.unique(tile_of(photo.field), return_inverse=True)[1]
+        scores.append(np.bincount(index, (own.weight * change * r1).sum(axis=1)))
+    score = np.concatenate(scores)
+    slope = max(slope, 1e-300)
+    return 1 + float(score.sum()) / slope, float(np.sqrt((score**2).sum())) / slope
+
+
+def _rms(values: Sequence[Floats]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))

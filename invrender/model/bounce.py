@@ -1,0 +1,124 @@
+"""Light that bounces between the parts of a mesh, as matte surfaces of the BRDF's albedo send it [Goral et al. 1984].
+
+    E = D + G L,    L = (a / pi) E
+
+with the irradiance D of the vertices by the lighting itself, the exchange G (`recon.exchange`), and the albedo a of
+the whole BRDF under light from all around: what leaves the surface counts as the same in all directions, so that
+highlights that light other parts are spread out. Towards the camera the matte part reflects the irradiance G L, and the
+lobe the radiance of the one point that the mirrored ray meets, as it sees the lighting where that ray is free
+(`visibility`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from invrender.model.form_transfer import OneIndex, form_transfer
+from invrender.model.microfacet import Microfacet
+from invrender.model.transfer import LightElement
+from invrender.model.visibility import Shadows, seen_diffuse
+from recon.bodies import MeshBody
+from recon.exchange import face_exchange
+from recon.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+_UNIFORM = LightElement("uniform", np.zeros((0, 3)), np.zeros((0, 1)), uniform=1.0)
+# Cosines of views by which the albedo is averaged.
+_VIEWS = 64
+# No surface sends back more than it receives; and what further reflections would add below this share is left out.
+_BRIGHTEST, _NEGLIGIBLE, _MOST = 0.99, 1e-5, 100
+# Steradian; of shadows in single precision, turned into the world. One ray that is met weighs a hundred times as much.
+_ROUNDING = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A mesh that sees itself. exchange : (v, f), steradian, as `face_exchange` has it."""
+
+    shadows: Shadows
+    exchange: csr_array
+
+    @classmethod
+    def of(cls, shadows: Shadows) -> Parts | None:
+        """The parts of a mesh; None of a convex one, at no cost."""
+        concave = np.abs(shadows.shadow).max(axis=1) > _ROUNDING
+        if not concave.any():
+            return None
+        exchange = face_exchange(shadows.body, concave)
+        return cls(shadows, exchange) if exchange.nnz else None
+
+    @property
+    def body(self) -> MeshBody:
+        return self.shadows.body
+
+    def bounced(self, elements: Sequence[LightElement], strengths: Floats, brdf: Microfacet) -> Bounced:
+        """What bounces under a lighting; strengths : (elements, 3)."""
+        mesh = self.body.mesh
+        direct = np.zeros((len(mesh.vertices), 3))
+        for element, strength in zip(elements, strengths, strict=True):
+            direct += strength * seen_diffuse(element, mesh.normals, self.shadows.of_vertices(element))
+        # A recovered strength may be negative; light isn't.
+        direct = np.maximum(direct, 0)
+        share = np.minimum(albedo(brdf), _BRIGHTEST) / np.pi
+        exchanged, sent = np.zeros_like(direct), np.zeros((len(mesh.faces), 3))
+        for _ in range(_MOST):
+            sent = share * (direct + exchanged)[mesh.faces].mean(axis=1)
+            before, exchanged = exchanged, self.exchange @ sent
+            if np.abs(exchanged - before).max() <= _NEGLIGIBLE * direct.max():
+                break
+        return Bounced(self, brdf, exchanged, sent)
+
+
+@dataclass(frozen=True, eq=False)
+class Bounced:
+    """What parts of an object of a BRDF send each other under a lighting.
+
+    irradiance : (v, 3) of vertices by the mesh. sent : (f, 3), radiance of faces by all light.
+    """
+
+    parts: Parts
+    brdf: Microfacet
+    irradiance: Floats
+    sent: Floats
+
+    def radiance(self, field: LightField) -> Floats:
+        """Radiance (n, 3) of samples by light that other parts sent."""
+        rays = self.brdf.kd * self.parts.shadows.at_rays(self.irradiance, field)
+        if self.brdf.sigma is not None and self.brdf.ks.any():
+            blocked = np.flatnonzero(~field.reflected_visible)
+            rays[blocked] += self.brdf.ks * self._mirrored(field, blocked)
+        return np.asarray(field.mean_over_rays(rays))
+
+    def _mirrored(self, field: LightField, rays: NDArray[np.int64]) -> Floats:
+        """What the lobe gathers per unit of Ks (r, 3), along mirrored rays that aren't free."""
+        assert field.faces is not None
+        normals, views = field.normals[rays], field.views[rays]
+        body = self.parts.body
+        towards = 2 * (normals * views).sum(axis=1)[:, None] * normals - views
+        met = body.tracer.first_hits(field.positions[rays], towards, body.facets[field.faces[rays]]).faces
+        front = (met >= 0) & ((body.facets[met] * towards).sum(axis=1) < 0)
+        return np.where(front[:, None], self.sent[met], 0) * _lobe_albedo(self.brdf, normals, views)[:, None]
+
+
+def albedo(brdf: Microfacet) -> Floats:
+    """Share (3,) that a surface reflects of light from all around; more than 1 for BRDFs that aren't physical."""
+    total = np.pi * brdf.kd
+    if brdf.sigma is None:
+        return total
+    cos = np.sqrt((np.arange(_VIEWS) + 0.5) / _VIEWS)
+    views = np.stack([np.sqrt(1 - cos**2), np.zeros_like(cos), cos], axis=-1)
+    normals = np.broadcast_to([0.0, 0.0, 1.0], views.shape)
+    return np.asarray(total + brdf.ks * _lobe_albedo(brdf, normals, views).mean())
+
+
+def _lobe_albedo(brdf: Microfacet, normals: Floats, views: Floats) -> Floats:
+    """What the lobe sends of uniform unit radiance, (m,), per unit of Ks."""
+    assert brdf.sigma is not None
+    sigma, fresnel = np.array([brdf.sigma]), OneIndex(brdf.mu)
+    return np.asarray(form_transfer(brdf.form, _UNIFORM, normals, views, sigma, fresnel)[:, 0, 0, 0], float)

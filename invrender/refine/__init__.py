@@ -1,0 +1,1 @@
+"""Poses of photographs refined by what the fit predicts them to show."""

@@ -1,0 +1,101 @@
+"""`lightfactor refine` at work: a photo set in, refined poses out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from capture.files.documents import input_hashes, numbers, software, write_json
+from capture.files.outfolder import result_files
+from capture.photoset import load_photoset
+from capture.terminal import console, leave_cleanly_when_stopped, track
+from invrender.refine.alternate import Refined, refine_poses
+from invrender.refine.posechange import pose_covariance, position_std
+
+POSES_NAME = "refined-poses.json"
+
+
+def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float) -> None:
+    """Refine the poses of a set, write them beside its manifest, and print how far they moved."""
+    leave_cleanly_when_stopped()
+    photoset = load_photoset(source)
+    output = photoset.folder / POSES_NAME
+    inputs = [photoset.manifest, *photoset.calibration_files, *(photo.file for photo in photoset.photos)]
+    inputs += [photo.mask for photo in photoset.photos if photo.mask is not None]
+    found = refine_poses(photoset, samples, turn_deg, shift_px, track)
+    if len(found.errors) == 1:
+        console.print(
+            "The poses stand as they are: moving them does not lower the error on unseen photographs"
+            f" ({found.errors[0]:.2%}). Nothing was written.",
+            soft_wrap=True,
+        )
+        return
+    with result_files(output, inputs=inputs) as folder:
+        about = {"inputs": input_hashes(inputs), "software": software()}
+        write_json(folder / output.name, _document(found) | about)
+    _report(found)
+    console.print(f"Wrote {escape(str(output))}", soft_wrap=True)
+    lines = [f'poses = "{POSES_NAME}" at its top']
+    if photoset.object.mesh_to_world is None and photoset.mesh_to_world is not None:
+        # An alignment.json is bound to the poses that it was made with.
+        lines.append(f"mesh_to_world = {numbers(photoset.mesh_to_world)} in [object]")
+    console.print(
+        f"To use it, write {' and '.join(map(escape, lines))} of {escape(str(photoset.manifest))}.",
+        soft_wrap=True,
+    )
+
+
+def _report(found: Refined) -> None:
+    table = Table(box=None, header_style="bold")
+    for heading in ("photo", "turned (degrees)", "shifted (px)", "± degrees", "± shift (px)"):
+        table.add_column(heading, justify="left" if heading == "photo" else "right")
+    for photo, sight, pose in zip(found.photoset.photos, found.sights, found.poses, strict=True):
+        change, std = (values * sight.units for values in (pose.change, np.sqrt(np.diag(pose.covariance))))
+        moved = photo.camera.project(sight.centre) - sight.camera.project(sight.centre)
+        table.add_row(
+            escape(photo.label),
+            f"{np.degrees(np.linalg.norm(change[:3])):.2f}",
+            f"{np.linalg.norm(moved):.2f}",
+            f"{np.degrees(np.linalg.norm(std[:3])):.2f}",
+            f"{np.linalg.norm(std[3:5]) * sight.px_per_metre:.2f}",
+        )
+    console.print(table)
+    errors = ", ".join(f"{error:.2%}" for error in found.errors)
+    console.print(
+        f"Error on unseen photographs as given and after each round: {errors}.",
+        soft_wrap=True,
+    )
+
+
+def _document(found: Refined) -> dict[str, Any]:
+    """What the file holds but for inputs and software: a poses.json."""
+    photos = []
+    for photo, sight, pose in zip(found.photoset.photos, found.sights, found.poses, strict=True):
+        own = pose.covariance * np.outer(sight.units, sight.units)
+        covariance = pose_covariance(photo.camera, sight.centre, own)
+        photos.append(
+            {
+                "file": photo.name,
+                "world_to_camera": photo.camera.world_to_camera.tolist(),
+                "covariance": covariance.tolist(),
+                "std": {
+                    "rotation_deg": float(np.degrees(np.sqrt(np.trace(covariance[:3, :3])))),
+                    "position": position_std(photo.camera, covariance),
+                },
+                "rms_px": None,
+                "observations": len(sight.rows),
+            }
+        )
+    return {
+        "format": 1,
+        "method": "photometric",
+        "photos": photos,
+        "unregistered": [],
+        "scale": {"metric": True, "from": "poses", "relative_std": None},
+        "points": None,
+        "warnings": [],
+    }

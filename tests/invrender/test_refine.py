@@ -1,0 +1,198 @@
+"""Poses read off pixels: a painted ball seen by rays of its own, and a set whose poses are wrong, end to end."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from capture.arc.gantry import Arc
+from capture.camera import Camera
+from capture.photoset import load_photoset
+from capture.radiance import RadianceImage
+from invrender.refine.photometric import RefinedPose, Sight, refine_pose
+from invrender.refine.posechange import changed, pose_covariance, position_std
+from invrender.solve.noise import NoiseModel
+from recon.bodies import MeshBody
+from recon.lightfield import LightField
+from recon.sampling import NO_SOURCES, sample_body
+from recon.sphere import Sphere
+from recon.trianglemesh import TriangleMesh, smooth_normals, write_mesh
+from synthetic.scenes.build import read_staging
+from synthetic.writer import write_photoset
+
+Floats = NDArray[np.float64]
+Command = Callable[..., tuple[int, str, str]]
+
+CENTRE, RADIUS = np.array([0.01, -0.02, 0.005]), 0.03
+UNITS = np.repeat([np.radians(1.0), 0.6e-3], 3)
+NOISE = NoiseModel(1e-3, 0.01)
+SUB = 4
+
+
+def directions(positions: Floats) -> Floats:
+    """From the ball's centre, (n, 3): a mesh's facets lie a little within the ball."""
+    across = positions - CENTRE
+    return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True).clip(1e-12))
+
+
+def stripes(positions: Floats) -> Floats:
+    """Paint (n, 3) that changes in all directions, in about ten pixels."""
+    x, y, z = directions(positions).T
+    return 1 + 0.5 * np.sin(np.column_stack([9 * x + 4 * y, 9 * y - 5 * z, 9 * z]))
+
+
+def rings(positions: Floats) -> Floats:
+    """Paint (n, 3) that doesn't change about the vertical axis."""
+    return 1 + 0.5 * np.sin(directions(positions)[:, 2:] * [9, 7, 11] + [0, 1, 2])
+
+
+def refined(paint: Callable[[Floats], Floats], change: Floats, rng: np.random.Generator) -> RefinedPose:
+    """What is found where a painted ball was photographed after a change (6,) in units of the pose."""
+    pose = Arc(CENTRE, [0, 0, 1], 0.6, [1, 0, 0]).pose(0.4)
+    camera = Camera("PINHOLE", np.array([900.0, 900.0, 60.0, 50.0]), 120, 100, pose)
+    # The photograph's rays, 16 a pixel, meet the sphere itself, not the mesh.
+    rows, columns = np.mgrid[: 100 * SUB, : 120 * SUB]
+    pixels = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) / SUB
+    sphere = Sphere(CENTRE, RADIUS, np.zeros((4, 4)))
+    hit, normals = sphere.hits(*changed(camera, CENTRE, change * UNITS).rays(pixels))
+    picture = np.where(hit[:, None], paint(CENTRE + RADIUS * normals), 0)
+    picture = picture.reshape(100, SUB, 120, SUB, 3).mean(axis=(1, 3))
+    picture += np.sqrt(NOISE.variance(picture)) * rng.standard_normal(picture.shape)
+    radiance = picture.astype(np.float32)
+    image = RadianceImage(radiance, np.zeros_like(radiance), np.zeros((100, 120), bool))
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    # Facets lie within the sphere of their corners: these are put as far outside as their mean lies inside.
+    radius = RADIUS / np.linalg.norm(ball.vertices[ball.faces].mean(axis=1), axis=1).mean() ** 0.75
+    body = MeshBody(TriangleMesh(CENTRE + radius * ball.vertices, ball.faces, ball.vertices))
+    field = sample_body(body, camera, image, None, NO_SOURCES, None, rng)
+
+    def seen(field: LightField) -> Floats:
+        return np.asarray(field.mean_over_rays(paint(field.positions)))
+
+    sight = Sight(body, camera, image, CENTRE, UNITS, field.rows, field.columns, seen, NOISE)
+    return refine_pose(sight, np.zeros(6))
+
+
+def test_a_pose_comes_back_to_within_its_error_bars() -> None:
+    rng = np.random.default_rng(5)
+    deviations = []
+    for _ in range(4):
+        truth = rng.standard_normal(6)
+        found = refined(stripes, truth, rng)
+        std = np.sqrt(np.diag(found.covariance))
+        assert found.error_after < found.error_before / 2
+        # Degrees and shifts of 0.6 mm (0.9 px); the distance, last, is told by the size of the pattern alone.
+        assert (std < [0.1, 0.1, 0.1, 0.1, 0.1, 0.8]).all(), std
+        deviations.append((found.change - truth) / std)
+    # 24 numbers: their mean square is 1 but for 0.3.
+    assert 0.3 < np.mean(np.square(deviations)) < 2.2
+
+
+def test_what_the_paint_does_not_tell_stays_as_it_was() -> None:
+    truth = np.array([0.5, 0.0, -0.5, 0.4, -0.4, 0.0])
+    # About the vertical axis, which in the camera's frame is -y.
+    truth[1] = 1.0
+    found = refined(rings, truth, np.random.default_rng(3))
+    std = np.sqrt(np.diag(found.covariance))
+    assert abs(found.change[1]) < 0.3
+    assert std[1] == pytest.approx(1, abs=0.1)
+    others = [0, 2, 4]
+    assert (np.abs(found.change - truth)[others] < 4 * std[others] + 0.02).all()
+
+
+def test_covariances_are_of_the_pose_as_it_is_written(rng: np.random.Generator) -> None:
+    camera = Camera(
+        "PINHOLE",
+        np.array([900.0, 900.0, 60.0, 50.0]),
+        120,
+        100,
+        Arc(CENTRE, [0, 0, 1], 0.6, [1, 0, 0]).pose(1.0),
+    )
+    half = 1e-4 * rng.standard_normal((6, 6))
+    written, places = [], []
+    for change in (half @ rng.standard_normal((6, 4000))).T:
+        moved = changed(camera, CENTRE, change)
+        turn = Rotation.from_matrix(
+            moved.world_to_camera[:3, :3] @ camera.world_to_camera[:3, :3].T
+        ).as_rotvec()
+        written.append(np.concatenate([turn, (moved.world_to_camera - camera.world_to_camera)[:3, 3]]))
+        places.append(moved.centre - camera.centre)
+    covariance = pose_covariance(camera, CENTRE, half @ half.T)
+    drawn = np.cov(np.array(written).T)
+    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    # 4000 draws tell a covariance to 2%.
+    assert np.abs((drawn - covariance) / scale).max() < 0.1
+    assert position_std(camera, covariance) == pytest.approx(
+        np.sqrt(np.square(places).sum(axis=1).mean()), rel=0.05
+    )
+
+
+EGG = """
+format = 1
+name = "egg"
+object = { shape = "mesh", mesh = "egg.ply" }
+material = { model = "lambertian", kd = [0.2, 0.15, 0.1] }
+camera = { width = 80, height = 72, focal_px = 520 }
+render = { directions = 64, per_side = 2 }
+faults = { pose_deg = 1.5 }
+
+[[lighting]]
+directional = [
+    { azimuth_deg = -50, elevation_deg = 30, irradiance = [1.2, 0.3, 0.1] },
+    { azimuth_deg = 40, elevation_deg = 50, irradiance = [0.1, 0.75, 0.2] },
+    { azimuth_deg = 10, elevation_deg = -30, irradiance = [0.1, 0.2, 0.8] },
+]
+
+[[view]]
+azimuth_deg = -35
+elevation_deg = 15
+[[view]]
+azimuth_deg = 30
+elevation_deg = 25
+[[view]]
+azimuth_deg = 0
+elevation_deg = 0
+"""
+
+
+def test_command_refines_a_set_and_writes_poses_that_it_can_use(lightfactor: Command, tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    vertices = ball.vertices * [0.02, 0.03, 0.025]
+    write_mesh(tmp_path / "egg.ply", TriangleMesh(vertices, ball.faces, smooth_normals(vertices, ball.faces)))
+    (tmp_path / "egg.toml").write_text(EGG)
+    folder = tmp_path / "set"
+    write_photoset(read_staging(tmp_path / "egg.toml"), folder)
+    code, out, err = lightfactor("refine", folder, "--samples", 1500, "--turn-deg", 1.5)
+    assert (code, err) == (0, "")
+    assert 'poses = "refined-poses.json"' in out
+    manifest = folder / "photoset.toml"
+    given = load_photoset(folder)
+    manifest.write_text('poses = "refined-poses.json"\n' + manifest.read_text())
+    truths = json.loads((folder / "truth.json").read_text())["photos"]
+    off = [
+        [
+            np.degrees(
+                np.linalg.norm(
+                    Rotation.from_matrix(
+                        photo.camera.world_to_camera[:3, :3] @ np.array(truth["world_to_camera"])[:3, :3].T
+                    ).as_rotvec()
+                )
+            )
+            for photo, truth in zip(photoset.photos, truths, strict=True)
+        ]
+        for photoset in (given, load_photoset(folder))
+    ]
+    assert np.mean(off[1]) < np.mean(off[0]) / 4
+
+
+def test_spheres_are_refused(lightfactor: Command, small_set: Path) -> None:
+    code, _, err = lightfactor("refine", small_set)
+    assert code == 1
+    assert "[object] shape is 'sphere'" in err
