@@ -135,7 +135,7 @@ def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
         making, judging = weight * makes[:, None], weight * ~makes[:, None]
         information, together = _information(sight, making, slopes, residual)
         pull = np.einsum("nc,nci,nc->i", making, slopes, residual) / together
-        covariance = np.linalg.inv(information + np.eye(6))
+        covariance = np.asarray(np.linalg.inv(information + np.eye(6)), float)
         now = _deviation(judging, observed - predicted)
         step = covariance @ (pull - change)
         for halvings in range(_HALVINGS + 1):
