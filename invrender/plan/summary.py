@@ -56,7 +56,7 @@ def sentences(plan: Plan, advice: Advice) -> Iterator[str]:
         f" Scale: {gauge(experiment)}."
     )
     yield (
-        f"In the deviations is what `process` always counts, {FINEST:.2%} of Kd + Ks, of mu, sigma and of the light,"
+        f"In the deviations is what `process` always counts, {FINEST:.3%} of Kd + Ks, of mu, sigma and of the light,"
         " beside the noise."
     )
     if experiment.gauge_light is not None and experiment.brdf.sigma is None:

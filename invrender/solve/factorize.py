@@ -32,9 +32,9 @@ from invrender.solve.uncertainty import PRIOR_STD, pack, uncertainty_of
 Floats = NDArray[np.float64]
 
 # What our own quadratures over pixels and maps leave, relative to the radiance, structured as it may be; and a share of
-# each number itself, better than which none is claimed to be known. Measured on the noise-free demonstration: 8e-4 of
-# mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
-NUMERICAL, FINEST = 5e-4, 1e-4
+# Kd + Ks, mu or sigma itself, better than which none is claimed to be known. Measured on the noise-free demonstration:
+# 8e-4 of mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
+NUMERICAL, FINEST = 5e-4, 5e-5
 
 
 @dataclass(frozen=True, eq=False)
