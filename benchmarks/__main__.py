@@ -1,6 +1,6 @@
 """All charts of speed against accuracy, and of stability where methods fail: python -m benchmarks.
 
-    python -m benchmarks --quick                coarse versions of all of them, in two minutes, into build/benchmarks
+    python -m benchmarks --quick                coarse versions of all of them, in minutes, into build/benchmarks
     python -m benchmarks                        the figures and tables of docs/benchmarks, in three quarters of an hour
     python -m benchmarks --only race --out DIR  one of them
 
