@@ -11,6 +11,7 @@ from rich.table import Table
 
 from capture.files.documents import input_hashes, numbers, software, write_json
 from capture.files.outfolder import result_files
+from capture.found import ALIGNMENT_NAME
 from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.refine.alternate import Refined, refine_poses
@@ -24,6 +25,11 @@ def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float) -> 
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     output = photoset.folder / POSES_NAME
+    if output in photoset.calibration_files:
+        raise ValueError(
+            f'{photoset.manifest}: poses = "{POSES_NAME}" is what refining made; take the line out to refine the poses'
+            " as they were given, or rename the file to refine them further"
+        )
     inputs = [photoset.manifest, *photoset.calibration_files, *(photo.file for photo in photoset.photos)]
     inputs += [photo.mask for photo in photoset.photos if photo.mask is not None]
     found = refine_poses(photoset, samples, turn_deg, shift_px, track)
@@ -39,14 +45,12 @@ def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float) -> 
         write_json(folder / output.name, _document(found) | about)
     _report(found)
     console.print(f"Wrote {escape(str(output))}", soft_wrap=True)
-    lines = [f'poses = "{POSES_NAME}" at its top']
-    if photoset.object.mesh_to_world is None and photoset.mesh_to_world is not None:
+    use = f'To use it, write poses = "{POSES_NAME}" at the top of {photoset.manifest}'
+    if any(path.name == ALIGNMENT_NAME for path in photoset.calibration_files):
         # An alignment.json is bound to the poses that it was made with.
-        lines.append(f"mesh_to_world = {numbers(photoset.mesh_to_world)} in [object]")
-    console.print(
-        f"To use it, write {' and '.join(map(escape, lines))} of {escape(str(photoset.manifest))}.",
-        soft_wrap=True,
-    )
+        assert photoset.mesh_to_world is not None
+        use += f", and mesh_to_world = {numbers(photoset.mesh_to_world)} in its [object]"
+    console.print(f"{escape(use)}.", soft_wrap=True)
 
 
 def _report(found: Refined) -> None:

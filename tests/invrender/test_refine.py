@@ -190,6 +190,9 @@ def test_command_refines_a_set_and_writes_poses_that_it_can_use(lightfactor: Com
         for photoset in (given, load_photoset(folder))
     ]
     assert np.mean(off[1]) < np.mean(off[0]) / 4
+    code, _, err = lightfactor("refine", folder)
+    assert code == 1
+    assert "is what refining made" in err
 
 
 def test_spheres_are_refused(lightfactor: Command, small_set: Path) -> None:
