@@ -29,7 +29,7 @@ from synthetic.run import run_synth
 SCENE = "rh01-cat"
 SAMPLES = 20_000
 HELD_OUT = (3, 4)
-TITLES = ("a new view", "the same under a lamp,\nits strength fitted")
+TITLES = ("a new view", "under another lamp")
 # Of the photograph's white, where the colours of differences end.
 LIMIT = 0.05
 CHANNELS = ("tab:red", "tab:green", "tab:blue")
@@ -49,10 +49,12 @@ def draw_photograph(panels: Sequence[Axes], seen: Prediction, title: str) -> Non
     off[~seen.inside[crop]] = np.nan
     colours = matplotlib.colormaps["RdBu_r"].with_extremes(bad="0.9")
     drawn = panels[2].imshow(100 * off, cmap=colours, vmin=-100 * LIMIT, vmax=100 * LIMIT)
-    panels[2].set_title(f"difference: {100 * rms:.2f}% of white (RMS)", fontsize=10)
+    panels[2].set_title(f"difference:\n{100 * rms:.2f}% of white (RMS)", fontsize=10)
     panels[0].set_title(f"photograph, never fitted:\n{title}", fontsize=10)
-    panels[1].set_title("prediction, light unknown", fontsize=10)
-    panels[2].figure.colorbar(drawn, ax=panels[2], label="% of white", shrink=0.8)
+    panels[1].set_title("prediction, from light\nthat nobody measured", fontsize=10)
+    panels[2].figure.colorbar(
+        drawn, ax=panels[2], label="photograph minus prediction (% of white)", shrink=0.9
+    )
     for axes in panels:
         axes.set_xticks([])
         axes.set_yticks([])
@@ -71,7 +73,7 @@ def draw_number(
             at = place + (0.15 * (c - 1) if several else 0)
             axes.errorbar(at, value, 2 * std, fmt="o", capsize=3, color=CHANNELS[c] if several else "black")
     axes.axhline(float(truth.mean()), color="0.5", linestyle="--", label="truth")
-    axes.set_xticks([0, 1], ["light known", "light unknown"])
+    axes.set_xticks([0, 1], ["light\nknown", "light\nunknown"])
     axes.set_xlim(-0.5, 1.5)
     axes.set_title(title, fontsize=10)
     axes.legend(fontsize=8)
@@ -104,11 +106,11 @@ def main(out: Path) -> None:
         results = [run.result for run in runs]
         truth = truth_side(given / "truth.json")
         predictions = list(runs[1].predictions())
-    figure = Figure(figsize=(13, 10), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(1.7, 1))
-    panels = upper.subplots(2, 3)
-    for row, held_out, title in zip(panels, HELD_OUT, TITLES, strict=True):
-        draw_photograph(row, predictions[held_out], title)
+    figure = Figure(figsize=(13, 8), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(1.2, 1))
+    panels = upper.subplots(1, 6)
+    for place, held_out, title in zip((0, 3), HELD_OUT, TITLES, strict=True):
+        draw_photograph(panels[place : place + 3], predictions[held_out], title)
     axes = lower.subplots(1, 4, width_ratios=(1, 1, 1, 2.6))
     for panel, name, title in (
         (axes[0], "ks_normalised", "Ks / (Kd + Ks)"),

@@ -61,7 +61,7 @@ def find_sources(search: Search, start: State, l_max: int, peaks_at: int | None 
                 state = _with_sources_of(state, fit.state, lighting)
             better = search.fit(state, l_max, _FEW)
         fit = better if open_to else fit
-    fit = _without_needless(search, fit, start)
+    fit = _without_needless(search, _fresnel_again(search, fit, start.mu), start)
     return Found(fit, _with_seconds(search, fit))
 
 
@@ -193,6 +193,13 @@ def _sensible(search: Search, fit: Fit) -> Fit:
     if fit.state.mu is None or fit.state.mu < MU_RANGE[1]:
         return fit
     return min(fit, search.fit(replace(fit.state, mu=None), fit.l_max), key=lambda f: f.cost)
+
+
+def _fresnel_again(search: Search, fit: Fit, mu: float | None) -> Fit:
+    """The fit with a Fresnel factor from mu on, if it had to go before all sources were found and explains more now."""
+    if mu is None or fit.state.mu is not None:
+        return fit
+    return min(fit, _sensible(search, search.fit(replace(fit.state, mu=mu), fit.l_max)), key=lambda f: f.cost)
 
 
 @dataclass(frozen=True, eq=False)
