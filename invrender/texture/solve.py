@@ -32,10 +32,11 @@ from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, as
 from invrender.solve.noise import photo_weights
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
+from invrender.texture.cover import cover
 from invrender.texture.fit import LADDER, Rows, TexturedFit, fit_textured, solved
+from invrender.texture.joint import Grid, View, solve_joint
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
-from invrender.texture.sums import Sums
 from invrender.texture.textures import Textures
 from invrender.wording import sentences
 from recon.bodies import MeshBody
@@ -49,9 +50,6 @@ Floats = NDArray[np.float64]
 _PIXELS_AT_A_TIME = 100_000
 # Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
 _SEEN_SHARE = 0.25
-# What the pixels around a point differ by beyond noise counts as its error by this share, in squares: more, and honest
-# error bars elsewhere become too wide; less, and those at paint's edges are too narrow (doll: z 3.4 RMS, 8 without).
-_BLEND = 0.05
 # Share of the surface without a texture from which on a sentence says so.
 _UNKNOWN = 0.02
 
@@ -211,31 +209,30 @@ def _share(seen: Observations, field: LightField) -> Floats:
 
 def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) -> Textures:
     """Kd and Ks of every point."""
-    points = layout.points
-    sums = Sums.zeros(len(points))
+    finer, parents = layout.finer()
     fitted = [photo for photo in bench.photoset.photos if not photo.held_out]
     brdf = fit.brdf
 
-    def read(photo: Photo) -> tuple[Observations, Floats, Floats, Floats, Floats]:
+    def read(photo: Photo) -> View:
         field = bench.pixels(photo)
         with bench.clock.on("invrender"):
-            seen = observe(bench.body, photo.camera, field, points)
-            used = seen.of_samples(len(field))
-            seen, field = seen.renumbered(used), field.where(used)
-            d, s = (seen.at_points(part) for part in _transfers(bench, photo, field, brdf))
-            noise = fit.noise.variance(_brightness(seen, field))
-            y = seen.at_points(field.radiance)
-            # Where paint changes between the pixels around a point, their blend may be any of them.
-            spread = seen.at_points(field.radiance**2) - y**2
-            variance = noise * _share(seen, field)[:, None] + _BLEND * np.maximum(spread - noise, 0)
-        return seen, d, s, y, 1 / variance
+            trust = np.broadcast_to(np.maximum(field.weight, 0.01)[:, None], field.radiance.shape)
+            weight = trust / fit.noise.variance(np.maximum(field.radiance, 0))
+            d, s = _transfers(bench, photo, field, brdf)
+            covered = cover(bench.body, photo.camera, field, finer)
+            return View(covered, *(part.astype(np.float32) for part in (d, s, field.radiance, trust, weight)))
 
     work = parallel_map(read, fitted)
-    for _ in track(fitted, "Adding up the texture"):
-        seen, d, s, y, weight = next(work)
-        sums.add(seen.points, d, s, y, weight)
+    views = [next(work) for _ in track(fitted, "Gathering the texture")]
     with bench.clock.on("invrender"):
-        values = solved(fit.model, sums, fit.common_ks)
+        grid = Grid(parents, len(layout.points), finer.pairs())
+        values = solve_joint(
+            views,
+            grid,
+            lambda sums: solved(fit.model, sums, fit.common_ks),
+            fit.noise,
+            np.random.default_rng(0),
+        )
     return Textures.of(layout, values, fit.model.ks_varies)
 
 
