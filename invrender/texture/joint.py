@@ -113,9 +113,18 @@ def tiny_sums(views: Sequence[View], points: int, parents: Ints | None = None) -
     for view in views:
         d, s, y, w = view.diffuse, view.specular, view.radiance, view.weight
         products = np.concatenate(
-            [w * d * d, w * d * s, w * s * s, w * d * y, w * s * y, w * y * y, np.ones((len(d), 1))], axis=1
+            [
+                w * d * d,
+                w * d * s,
+                w * s * s,
+                w * d * y,
+                w * s * y,
+                w * y * y,
+                np.ones((len(d), 1), np.float32),
+            ],
+            axis=1,
         )
-        dealt = np.asarray(view.cover.T @ products.astype(np.float32), np.float64)
+        dealt = view.cover.T @ products
         if parents is not None:
             own = parents >= 0
             dealt = np.stack(
@@ -230,13 +239,17 @@ def _conjugate(views: Sequence[View], prior: _Prior, at: Singles, right: Singles
             total += view.gathered(view.predicted(values))
         return np.asarray(total)
 
-    sums = tiny_sums(views, len(at))
     degree = prior.laplacian.diagonal()[:, None] * prior.precision
-    dd, ss = sums.dd + degree[:, :3], sums.ss + degree[:, 3:]
+    dd, ss, ds = degree[:, :3].copy(), degree[:, 3:].copy(), np.zeros_like(degree[:, :3])
+    for view in views:
+        weighted = view.weight * view.diffuse
+        dd += view.cover.T @ (weighted * view.diffuse)
+        ds += view.cover.T @ (weighted * view.specular)
+        ss += view.cover.T @ (view.weight * view.specular**2)
     # Points without neighbours that nothing shows.
     dd, ss = (part + 1e-6 * part.max(axis=0) + 1e-30 for part in (dd, ss))
-    determinant = dd * ss - sums.ds**2
-    inverse = [(part / determinant).astype(np.float32) for part in (ss, -sums.ds, dd)]
+    determinant = dd.astype(np.float64) * ss - ds.astype(np.float64) ** 2
+    inverse = [(part / determinant).astype(np.float32) for part in (ss, -ds, dd)]
 
     def preconditioned(values: Singles) -> Singles:
         kd, ks = values[:, :3], values[:, 3:]
