@@ -209,6 +209,12 @@ def _drawn(view: View, rng: np.random.Generator) -> View:
     return replace(view, radiance=noise.astype(np.float32))
 
 
+def in_shadow(views: Sequence[View]) -> list[bool]:
+    """Which photographs show nothing that light reaches: all is below what visibility is exact to."""
+    brightest = [float(max(view.diffuse.max(), view.specular.max())) for view in views]
+    return [bright <= _SHADOW * max(brightest) for bright in brightest]
+
+
 def _weighed(views: Sequence[View], noise: NoiseModel) -> list[View]:
     """The views weighed by noise, pixels in shadow only as far as visibility is exact."""
     bright = float(np.quantile(np.concatenate([view.diffuse.max(axis=1) for view in views]), 0.99))

@@ -34,7 +34,7 @@ from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.texture.cover import cover
 from invrender.texture.fit import LADDER, Rows, TexturedFit, fit_textured, solved
-from invrender.texture.joint import Grid, View, solve_joint
+from invrender.texture.joint import Grid, View, in_shadow, solve_joint
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
 from invrender.texture.textures import Textures
@@ -98,7 +98,7 @@ def solve_textured(
     with clock.on("recon"):
         layout, faults = find_layout(specimen.body, _footprint(photoset, specimen.body))
     fit, fields = _first_pass(bench, layout.points, samples, track)
-    textures = _second_pass(bench, layout, fit, track)
+    textures, dark = _second_pass(bench, layout, fit, track)
     if not textures.known.any():
         raise ValueError(
             f"{photoset.manifest}: no point of the object is seen by enough photographs to tell its Kd from its Ks;"
@@ -114,7 +114,10 @@ def solve_textured(
 
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = _solution(photoset, lightings, fit, textures, fields, residuals)
-    warnings = [*find_warnings(photoset, solution, specimen, lightings), *_remarks(faults, textures)]
+    warnings = [
+        *find_warnings(photoset, solution, specimen, lightings),
+        *_remarks([*faults, *dark], textures),
+    ]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
     return Solved(replace(result, textures=textures), fields, residuals, radiance)
 
@@ -207,8 +210,8 @@ def _share(seen: Observations, field: LightField) -> Floats:
     return seen.variance_share() / np.maximum(seen.at_points(field.weight), 0.01)
 
 
-def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) -> Textures:
-    """Kd and Ks of every point."""
+def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) -> tuple[Textures, list[str]]:
+    """Kd and Ks of every point, and sentences on photographs that say nothing of them."""
     finer, parents = layout.finer()
     fitted = [photo for photo in bench.photoset.photos if not photo.held_out]
     brdf = fit.brdf
@@ -233,7 +236,13 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
             fit.noise,
             np.random.default_rng(0),
         )
-    return Textures.of(layout, values, fit.model.ks_varies)
+    dark = [
+        f"{photo.file}: all that it shows of the object lies in the object's own shadow under the given light, which"
+        " says nothing of the texture; leave it out, or check the light's direction and the photograph's pose"
+        for photo, shaded in zip(fitted, in_shadow(views), strict=True)
+        if shaded
+    ]
+    return Textures.of(layout, values, fit.model.ks_varies), dark
 
 
 def _transfers(

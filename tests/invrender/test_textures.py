@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 
 from capture.files.imagefile import read_exr_layers, read_pixels
 from invrender.solve.noise import NoiseModel
-from invrender.texture.joint import Grid, View, solve_joint, tiny_sums
+from invrender.texture.joint import Grid, View, in_shadow, solve_joint, tiny_sums
 from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
 from invrender.texture.sums import Sums, common_ks, solve_both, solve_kd
 from recon import atlas
@@ -137,6 +137,13 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
     # The tiny systems alone blur the paint's edges.
     blurred = solve_both(tiny_sums(views, grid.count, grid.parents))
     assert np.abs(blurred.kd - expected).max() > 3 * np.abs(found.kd - expected).max()
+
+
+def test_a_photograph_of_shadow_alone_is_told() -> None:
+    one = np.ones((5, 3), np.float32)
+    cover = csr_array(np.eye(5, dtype=np.float32))
+    lit, grazed, dark = (View(cover, k * one, k * one, one, one, one) for k in (1, 0.02, 0.001))
+    assert in_shadow([lit, dark, grazed]) == [False, True, False]
 
 
 def test_texels_lie_on_the_surface_where_their_coordinates_say() -> None:
