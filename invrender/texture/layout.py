@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from recon.atlas import atlas_within
 from recon.bodies import MeshBody, blended
-from recon.lightfield import LightField
 from recon.trianglemesh import TriangleMesh, area_vectors
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Pixels along a map's side at most: 4 million texels take 300 MB while they are added up.
-LARGEST = 2048
+# Pixels along a map's side at most; four times as many are solved for.
+LARGEST = 1024
 _SMALLEST = 16
 # Seconds that texture coordinates may take to find.
 _PATIENCE_S = 180.0
@@ -27,6 +26,8 @@ _PATIENCE_S = 180.0
 _OVERLAP, _BARE = 0.01, 0.01
 # Within this of a triangle's edge a texel's centre counts as on it, not inside.
 _EDGE = 1e-3
+# Texels side by side in the map are neighbours on the surface within so many times the median distance.
+_APART = 5.0
 # Texels of triangles' boxes that are looked at together.
 _AT_A_TIME = 2_000_000
 
@@ -54,8 +55,14 @@ class Layout(Protocol):
     def points(self) -> SurfacePoints:
         """The points, n of them."""
 
-    def places(self, field: LightField) -> tuple[Ints, Floats]:
-        """Points around each ray of a field (m, k), -1 where there is none, and their weights (m, k), sum 1."""
+    def places(self, faces: Ints, corner_weights: Floats) -> tuple[Ints, Floats]:
+        """Points (m, k) around places in faces, (m,) and (m, 3), -1 where there is none, and their weights (m, k)."""
+
+    def pairs(self) -> Ints:
+        """Points that lie side by side on the surface, (m, 2), each pair once."""
+
+    def finer(self) -> tuple[Layout, Ints]:
+        """A layout of points half as far apart, and the point (m,) of this one that each belongs to, -1 for none."""
 
     def image(self, values: NDArray[np.floating]) -> NDArray[np.float32]:
         """Values (n, ...) at the points as a picture (h, w, ...); zero where there is no point."""
@@ -77,10 +84,16 @@ class VertexLayout:
         mesh = self.body.mesh
         return SurfacePoints(mesh.vertices, mesh.normals, mesh.normals)
 
-    def places(self, field: LightField) -> tuple[Ints, Floats]:
-        assert field.faces is not None
-        assert field.corner_weights is not None
-        return self.body.mesh.faces[field.faces], field.corner_weights
+    def places(self, faces: Ints, corner_weights: Floats) -> tuple[Ints, Floats]:
+        return self.body.mesh.faces[faces], corner_weights
+
+    def pairs(self) -> Ints:
+        faces = self.body.mesh.faces
+        sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        return np.unique(sides, axis=0)
+
+    def finer(self) -> tuple[Layout, Ints]:
+        return self, np.arange(len(self.body.mesh.vertices))
 
     def image(self, values: NDArray[np.floating]) -> NDArray[np.float32]:
         return values[None].astype(np.float32)
@@ -112,14 +125,11 @@ class TexelLayout:
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return SurfacePoints(blended(mesh.vertices, at, self.weights), normals, self.body.facets[self.faces])
 
-    def places(self, field: LightField) -> tuple[Ints, Floats]:
-        assert field.faces is not None
-        assert field.corner_weights is not None
-        uv = np.einsum("mk,mkc->mc", field.corner_weights, self.corners[field.faces])
+    def places(self, faces: Ints, corner_weights: Floats) -> tuple[Ints, Floats]:
+        uv = np.einsum("mk,mkc->mc", corner_weights, self.corners[faces])
         # u goes around, v ends at the edges.
         x, y = uv[:, 0] * self.side - 0.5, np.clip((1 - uv[:, 1]) * self.side - 0.5, 0, self.side - 1)
-        number = np.full((self.side, self.side), -1)
-        number[self.rows, self.columns] = np.arange(len(self.rows))
+        number = self._numbers()
         left, top = np.floor(x).astype(int), np.floor(y).astype(int)
         across, down = x - left, y - top
         found, weights = [], []
@@ -128,6 +138,27 @@ class TexelLayout:
                 found.append(number[row, column % self.side])
                 weights.append(row_weight * column_weight)
         return np.stack(found, axis=1), np.stack(weights, axis=1)
+
+    def pairs(self) -> Ints:
+        number = self._numbers()
+        beside = [(number, np.roll(number, -1, axis=1)), (number[:-1], number[1:])]
+        pairs = np.concatenate([np.column_stack([one.ravel(), other.ravel()]) for one, other in beside])
+        pairs = pairs[(pairs >= 0).all(axis=1)]
+        # Charts may touch in the map that don't on the surface.
+        at = self.points.positions
+        apart = np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1)
+        return pairs[apart < _APART * np.median(apart)]
+
+    def finer(self) -> tuple[Layout, Ints]:
+        finer = _rastered(self.body, self.corners, 2 * self.side)
+        assert isinstance(finer, TexelLayout)
+        return finer, self._numbers()[finer.rows // 2, finer.columns // 2]
+
+    def _numbers(self) -> Ints:
+        """The map (side, side) of the texels' numbers, -1 where there is no surface."""
+        number = np.full((self.side, self.side), -1)
+        number[self.rows, self.columns] = np.arange(len(self.rows))
+        return number
 
     def image(self, values: NDArray[np.floating]) -> NDArray[np.float32]:
         picture = np.zeros((self.side, self.side, *values.shape[1:]), np.float32)
@@ -181,7 +212,11 @@ def _texels(body: MeshBody, corners: Floats, footprint: float) -> TexelLayout | 
     mesh = body.mesh
     surface = np.linalg.norm(area_vectors(mesh.vertices, mesh.faces), axis=1).sum()
     chart = np.abs(_doubled(corners)).sum() / 2
-    side = int(np.clip(np.sqrt(surface / chart) / footprint, _SMALLEST, LARGEST))
+    return _rastered(body, corners, int(np.clip(np.sqrt(surface / chart) / footprint, _SMALLEST, LARGEST)))
+
+
+def _rastered(body: MeshBody, corners: Floats, side: int) -> TexelLayout | str:
+    """The layout of a map of so many texels a side, or what is wrong with the coordinates."""
     # A texel on an edge that two triangles share is the one's or the other's; inside both it is nobody's.
     owner = np.full(side * side, -1)
     weights = np.zeros((side * side, 3))

@@ -32,10 +32,11 @@ from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, as
 from invrender.solve.noise import photo_weights
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
+from invrender.texture.cover import cover
 from invrender.texture.fit import LADDER, Rows, TexturedFit, fit_textured, solved
+from invrender.texture.joint import Grid, View, in_shadow, solve_joint
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
-from invrender.texture.sums import Sums
 from invrender.texture.textures import Textures
 from invrender.wording import sentences
 from recon.bodies import MeshBody
@@ -49,9 +50,6 @@ Floats = NDArray[np.float64]
 _PIXELS_AT_A_TIME = 100_000
 # Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
 _SEEN_SHARE = 0.25
-# What the pixels around a point differ by beyond noise counts as its error by this share, in squares: more, and honest
-# error bars elsewhere become too wide; less, and those at paint's edges are too narrow (doll: z 3.4 RMS, 8 without).
-_BLEND = 0.05
 # Share of the surface without a texture from which on a sentence says so.
 _UNKNOWN = 0.02
 
@@ -100,7 +98,7 @@ def solve_textured(
     with clock.on("recon"):
         layout, faults = find_layout(specimen.body, _footprint(photoset, specimen.body))
     fit, fields = _first_pass(bench, layout.points, samples, track)
-    textures = _second_pass(bench, layout, fit, track)
+    textures, dark = _second_pass(bench, layout, fit, track)
     if not textures.known.any():
         raise ValueError(
             f"{photoset.manifest}: no point of the object is seen by enough photographs to tell its Kd from its Ks;"
@@ -116,7 +114,10 @@ def solve_textured(
 
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = _solution(photoset, lightings, fit, textures, fields, residuals)
-    warnings = [*find_warnings(photoset, solution, specimen, lightings), *_remarks(faults, textures)]
+    warnings = [
+        *find_warnings(photoset, solution, specimen, lightings),
+        *_remarks([*faults, *dark], textures),
+    ]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
     return Solved(replace(result, textures=textures), fields, residuals, radiance)
 
@@ -209,34 +210,39 @@ def _share(seen: Observations, field: LightField) -> Floats:
     return seen.variance_share() / np.maximum(seen.at_points(field.weight), 0.01)
 
 
-def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) -> Textures:
-    """Kd and Ks of every point."""
-    points = layout.points
-    sums = Sums.zeros(len(points))
+def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) -> tuple[Textures, list[str]]:
+    """Kd and Ks of every point, and sentences on photographs that say nothing of them."""
+    finer, parents = layout.finer()
     fitted = [photo for photo in bench.photoset.photos if not photo.held_out]
     brdf = fit.brdf
 
-    def read(photo: Photo) -> tuple[Observations, Floats, Floats, Floats, Floats]:
+    def read(photo: Photo) -> View:
         field = bench.pixels(photo)
         with bench.clock.on("invrender"):
-            seen = observe(bench.body, photo.camera, field, points)
-            used = seen.of_samples(len(field))
-            seen, field = seen.renumbered(used), field.where(used)
-            d, s = (seen.at_points(part) for part in _transfers(bench, photo, field, brdf))
-            noise = fit.noise.variance(_brightness(seen, field))
-            y = seen.at_points(field.radiance)
-            # Where paint changes between the pixels around a point, their blend may be any of them.
-            spread = seen.at_points(field.radiance**2) - y**2
-            variance = noise * _share(seen, field)[:, None] + _BLEND * np.maximum(spread - noise, 0)
-        return seen, d, s, y, 1 / variance
+            trust = np.broadcast_to(np.maximum(field.weight, 0.01)[:, None], field.radiance.shape)
+            weight = trust / fit.noise.variance(np.maximum(field.radiance, 0))
+            d, s = _transfers(bench, photo, field, brdf)
+            covered = cover(bench.body, photo.camera, field, finer)
+            return View(covered, *(part.astype(np.float32) for part in (d, s, field.radiance, trust, weight)))
 
     work = parallel_map(read, fitted)
-    for _ in track(fitted, "Adding up the texture"):
-        seen, d, s, y, weight = next(work)
-        sums.add(seen.points, d, s, y, weight)
+    views = [next(work) for _ in track(fitted, "Gathering the texture")]
     with bench.clock.on("invrender"):
-        values = solved(fit.model, sums, fit.common_ks)
-    return Textures.of(layout, values, fit.model.ks_varies)
+        grid = Grid(parents, len(layout.points), finer.pairs())
+        values = solve_joint(
+            views,
+            grid,
+            lambda sums: solved(fit.model, sums, fit.common_ks),
+            fit.noise,
+            np.random.default_rng(0),
+        )
+    dark = [
+        f"{photo.file}: all that it shows of the object lies in the object's own shadow under the given light, which"
+        " says nothing of the texture; leave it out, or check the light's direction and the photograph's pose"
+        for photo, shaded in zip(fitted, in_shadow(views), strict=True)
+        if shaded
+    ]
+    return Textures.of(layout, values, fit.model.ks_varies), dark
 
 
 def _transfers(

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,19 +30,6 @@ class Sums:
     def zeros(cls, points: int) -> Sums:
         dd, ds, ss, dy, sy, yy = np.zeros((6, points, 3))
         return cls(dd, ds, ss, dy, sy, yy, np.zeros(points))
-
-    def add(self, points: Ints, d: Floats, s: Floats, y: Floats, weight: Floats) -> None:
-        """Take in one photograph, in place: transfers, radiance and 1 / variance, (r, 3), of points, each once."""
-        for total, one, other in (
-            (self.dd, d, d),
-            (self.ds, d, s),
-            (self.ss, s, s),
-            (self.dy, d, y),
-            (self.sy, s, y),
-            (self.yy, y, y),
-        ):
-            total[points] += weight * one * other
-        self.count[points] += 1
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from capture.files.imagefile import write_exr
+from invrender.texture.joint import determined
 from invrender.texture.layout import Layout, TexelLayout
 from invrender.texture.sums import PointValues
 from recon.lightfield import LightField
@@ -25,10 +26,6 @@ KD_STD_NAME, KS_STD_NAME = "texture_kd_std.exr", "texture_ks_std.exr"
 MESH_NAME = "textured.obj"
 TEXTURE_FILES = (KD_NAME, KS_NAME, KD_STD_NAME, KS_STD_NAME, MESH_NAME)
 
-# A value with a standard deviation above this share of the surface's mean isn't given.
-_HOPELESS = 0.5
-# Residuals beyond what noise leaves by this factor, in squares, widen a point's error bars.
-_BEYOND_NOISE = 2.0
 # Texels around the charts that repeat what is next to them, so that interpolation across a border finds no black.
 _MARGIN = 2.0
 
@@ -52,22 +49,17 @@ class Textures:
     @classmethod
     def of(cls, layout: Layout, values: PointValues, ks_varies: bool) -> Textures:
         """The textures of what was solved for; what the photographs leave open isn't given."""
-        excess = values.cost.sum(axis=1) / np.maximum(3 * values.freedom, 1)
-        wider = np.sqrt(np.where(excess > _BEYOND_NOISE, excess, 1))[:, None]
-        kd_std, ks_std = values.kd_std * wider, values.ks_std * wider
-        determined = (values.freedom >= 0) & np.isfinite(kd_std + ks_std).all(axis=1)
-        if determined.any():
-            # A mean over points of which some are unknown is as good a scale: medians of what is known best.
-            scale = np.median(values.kd[determined] + values.ks[determined], axis=0)
-            determined &= (kd_std < _HOPELESS * scale).all(axis=1) & (ks_std < _HOPELESS * scale).all(axis=1)
+        known = determined(values)
         kd, ks, kd_std, ks_std = (
-            np.where(determined[:, None], of, 0.0) for of in (values.kd, values.ks, kd_std, ks_std)
+            np.where(known[:, None], of, 0.0) for of in (values.kd, values.ks, values.kd_std, values.ks_std)
         )
-        return cls(layout, kd, ks, kd_std, ks_std, determined, ks_varies)
+        return cls(layout, kd, ks, kd_std, ks_std, known, ks_varies)
 
     def at(self, field: LightField) -> tuple[Floats, Floats]:
         """Kd and Ks (m, 3) at each ray of a field, NaN where none of the points around it is known."""
-        places, weights = self.layout.places(field)
+        assert field.faces is not None
+        assert field.corner_weights is not None
+        places, weights = self.layout.places(field.faces, field.corner_weights)
         weights = weights * np.where(places >= 0, self.known[places], 0.0)
         total = weights.sum(axis=1)
         with np.errstate(invalid="ignore"):

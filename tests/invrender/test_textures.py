@@ -15,8 +15,11 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose
 from scipy.optimize import nnls
+from scipy.sparse import csr_array
 
 from capture.files.imagefile import read_exr_layers, read_pixels
+from invrender.solve.noise import NoiseModel
+from invrender.texture.joint import Grid, View, in_shadow, solve_joint, tiny_sums
 from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
 from invrender.texture.sums import Sums, common_ks, solve_both, solve_kd
 from recon import atlas
@@ -32,7 +35,7 @@ format = 1
 name = "painted doll"
 object = { shape = "doll", edge = 0.0025 }
 camera = { width = 76, height = 116, focal_px = 480 }
-render = { directions = 128, per_side = 2 }
+render = { directions = 64, per_side = 2 }
 
 [[lighting]]
 name = "lab"
@@ -52,15 +55,21 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 
 
+def sums_of(d: np.ndarray, s: np.ndarray, y: np.ndarray, weight: np.ndarray) -> Sums:
+    """The normal equations of arrays (photographs, points, 3)."""
+    products = (d * d, d * s, s * s, d * y, s * y, y * y)
+    return Sums(
+        *(np.sum(weight * product, axis=0) for product in products), np.full(d.shape[1], float(len(d)))
+    )
+
+
 def test_each_points_kd_and_ks_are_its_own_least_squares(rng: np.random.Generator) -> None:
     photos, points = 5, 40
     d, s, weight = (rng.uniform(0.2, 1, (photos, points, 3)) for _ in range(3))
     # Of a third of the points the best Kd or Ks would be negative.
     truth = rng.uniform(-0.5, 1, (2, points, 3))
     y = truth[0] * d + truth[1] * s + 0.01 * rng.standard_normal(d.shape)
-    sums = Sums.zeros(points)
-    for k in range(photos):
-        sums.add(np.arange(points), d[k], s[k], y[k], weight[k])
+    sums = sums_of(d, s, y, weight)
     found = solve_both(sums)
     for point in range(points):
         for c in range(3):
@@ -78,9 +87,7 @@ def test_one_ks_for_all_points_is_that_of_the_whole_least_squares_problem(rng: n
     d, s = (rng.uniform(0.2, 1, (photos, points, 3)) for _ in range(2))
     kd = rng.uniform(0.2, 1, (points, 3))
     y = kd * d + 0.3 * s + 0.01 * rng.standard_normal(d.shape)
-    sums = Sums.zeros(points)
-    for k in range(photos):
-        sums.add(np.arange(points), d[k], s[k], y[k], np.ones_like(y[k]))
+    sums = sums_of(d, s, y, np.ones_like(y))
     ks, std = common_ks(sums)
     matrix = np.zeros((photos, points, points + 1))
     matrix[:, np.arange(points), np.arange(points)] = d[:, :, 0]
@@ -93,12 +100,50 @@ def test_one_ks_for_all_points_is_that_of_the_whole_least_squares_problem(rng: n
 
 
 def test_one_photograph_does_not_tell_kd_from_ks() -> None:
-    sums = Sums.zeros(2)
-    one = np.ones((2, 3))
-    sums.add(np.arange(2), one, 0.3 * one, one, one)
-    found = solve_both(sums)
+    one = np.ones((1, 2, 3))
+    found = solve_both(sums_of(one, 0.3 * one, one, one))
     assert np.isinf(found.kd_std).all()
     assert np.isinf(found.ks_std).all()
+
+
+def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.Generator) -> None:
+    # A strip of points, each pixel two points wide, wherever it lies; one in four has another paint.
+    photos, pixels, points, level = 12, 60, 48, 0.005
+    truth = np.where(np.arange(points) % 16 < 4, 0.9, 0.3)[:, None] * [1.0, 0.8, 0.6]
+    gloss = np.full((points, 3), 0.2)
+    views = []
+    for _ in range(photos):
+        start = rng.uniform(-1, points - 2, pixels)
+        covered = np.clip(np.arange(points) + 1 - start[:, None], 0, 1) * np.clip(
+            start[:, None] + 2 - np.arange(points), 0, 1
+        )
+        covered /= covered.sum(axis=1, keepdims=True)
+        d, s = rng.uniform(0.2, 1, (2, pixels, 3))
+        seen = d * (covered @ truth) + s * (covered @ gloss)
+        y = seen + level * rng.standard_normal(seen.shape)
+        one = np.ones_like(y)
+        views.append(
+            View(
+                csr_array(covered.astype(np.float32)),
+                *(a.astype(np.float32) for a in (d, s, y, one, one / level**2)),
+            )
+        )
+    pairs = np.column_stack([np.arange(points - 1), np.arange(1, points)])
+    grid = Grid(np.arange(points) // 2, points // 2, pairs)
+    found = solve_joint(views, grid, solve_both, NoiseModel(level, 0.0), rng)
+    expected = truth.reshape(-1, 2, 3).mean(axis=1)
+    for off in ((found.kd - expected) / found.kd_std, (found.ks - 0.2) / found.ks_std):
+        assert 0.5 < np.sqrt((off**2).mean()) < 1.3
+    # The tiny systems alone blur the paint's edges.
+    blurred = solve_both(tiny_sums(views, grid.count, grid.parents))
+    assert np.abs(blurred.kd - expected).max() > 3 * np.abs(found.kd - expected).max()
+
+
+def test_a_photograph_of_shadow_alone_is_told() -> None:
+    one = np.ones((5, 3), np.float32)
+    cover = csr_array(np.eye(5, dtype=np.float32))
+    lit, grazed, dark = (View(cover, k * one, k * one, one, one, one) for k in (1, 0.02, 0.001))
+    assert in_shadow([lit, dark, grazed]) == [False, True, False]
 
 
 def test_texels_lie_on_the_surface_where_their_coordinates_say() -> None:
@@ -166,7 +211,7 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
     lightfactor: Command, doll: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    code, _, err = lightfactor("process", doll, "-o", out, "--samples", 6000)
+    code, _, err = lightfactor("process", doll, "-o", out, "--samples", 5000)
     assert (code, err) == (0, "")
     result = json.loads((out / "result.json").read_text())
     truth = json.loads((doll / "truth.json").read_text())["brdf"]
@@ -177,16 +222,21 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
     side = result["texture"]["side"]
     assert known.mean() == pytest.approx(result["texture"]["known"], abs=0.02)
     assert 0.2 < known.mean() < 0.7  # the side that the light reaches
-    # The paint as a pixel and interpolation between pixels blur it: half a pixel, standard deviation.
+    # A texel is the mean of the paint within it.
     paint = read_pixels(doll / truth["kd_map"]).astype(np.float32)
-    scale = paint.shape[0] / side
-    blurred = cv2.GaussianBlur(paint, (0, 0), 0.5 * scale, borderType=cv2.BORDER_REPLICATE)
-    centres = ((np.arange(side) + 0.5) * scale - 0.5).astype(np.float32)
-    expected = cv2.remap(blurred, *np.meshgrid(centres, centres), cv2.INTER_LINEAR)
+    expected = cv2.resize(paint, (side, side), interpolation=cv2.INTER_AREA)
     off = (found - expected)[known]
-    assert 20 * np.log10(expected.max() / np.sqrt((off**2).mean())) > 33
-    # Standard deviations are honest where paint doesn't change within a pixel, which is most of the surface.
-    assert np.median(np.abs(off / std[known])) / 0.6745 == pytest.approx(1, abs=0.3)
+    # 36 dB with pixels of 0.6 mm, in docs/meshes.md; much of the paint is finer than these.
+    assert 20 * np.log10(expected.max() / np.sqrt((off**2).mean())) > 30.5
+    # Standard deviations are honest at edges of paint, too.
+    reach = int(5 * paint.shape[0] / side) | 1
+    around = np.ones((reach, reach), np.uint8)
+    change = cv2.resize(cv2.dilate(paint, around) - cv2.erode(paint, around), (side, side)).max(axis=2)[known]
+    for place in (change < 0.01, change > 0.04):
+        z = (off / std[known])[place]
+        assert 0.8 < np.sqrt((z**2).mean()) < 1.3
+        # 90 to 99%; of some hundred texels, alike in all channels, the share is known to 2%.
+        assert 0.86 < (np.abs(z) < 1.96).mean() < 0.995
 
 
 @pytest.mark.parametrize(
