@@ -50,6 +50,8 @@ Floats = NDArray[np.float64]
 _PIXELS_AT_A_TIME = 100_000
 # Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
 _SEEN_SHARE = 0.25
+# Pixels of all photographs that the texture is solved from, evenly taken of more: 200 bytes each.
+_MOST_PIXELS = 8_000_000
 # Share of the surface without a texture from which on a sentence says so.
 _UNKNOWN = 0.02
 
@@ -214,11 +216,13 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
     """Kd and Ks of every point, and sentences on photographs that say nothing of them."""
     finer, parents = layout.finer()
     fitted = [photo for photo in bench.photoset.photos if not photo.held_out]
-    brdf = fit.brdf
+    brdf, most = fit.brdf, _MOST_PIXELS // len(fitted)
 
     def read(photo: Photo) -> View:
         field = bench.pixels(photo)
         with bench.clock.on("invrender"):
+            if len(field) > most:
+                field = field.where(np.random.default_rng(0).permutation(len(field)) < most)
             trust = np.broadcast_to(np.maximum(field.weight, 0.01)[:, None], field.radiance.shape)
             weight = trust / fit.noise.variance(np.maximum(field.radiance, 0))
             d, s = _transfers(bench, photo, field, brdf)
