@@ -85,7 +85,7 @@ def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
 def _of_noise(search: Search, fit: Fit) -> Certainty:
     joint = joint_equations(search, fit)
     equations = reduced(joint.whole)
-    scales, count = fit.state.scales(), sum(weight.size for weight in search.weights)
+    scales, count = fit.state.scales(), sum(np.count_nonzero(weight) for weight in search.weights)
     noise = fit.cost / max(count - fit.parameters, 1)
     prior_std = np.array([_prior_std(name) for name in fit.state.names]) / scales
     inverse = np.asarray(np.linalg.inv(equations.corner / noise + np.diag(1 / prior_std**2)), float)
