@@ -79,9 +79,14 @@ def print_coverage(kept: Kept, title: str) -> None:
             print(f"{name:20} never determined")
             continue
         rms, covered = float(np.sqrt(np.mean(values**2))), float((np.abs(values) < 1.96).mean())
-        line = f"{name:20} RMS {rms:5.2f}{_mark(rms, _RMS)}  mean {values.mean():+5.2f}"
-        if not name.startswith("light"):
-            line += f"  95% intervals hold {covered:6.1%}{_mark(covered, _COVERED)}"
+        # Angles and means over several numbers are no normal variables: only their size can be looked at.
+        if name.startswith(("light", "source")):
+            line = f"{name:20} RMS {rms:5.2f}"
+        else:
+            line = (
+                f"{name:20} RMS {rms:5.2f}{_mark(rms, _RMS)}  mean {values.mean():+5.2f}"
+                f"  95% intervals hold {covered:6.1%}{_mark(covered, _COVERED)}"
+            )
         lost = len(entries) - len(values)
         print(line + (f"  undetermined in {lost}" if lost else ""))
 
