@@ -78,8 +78,12 @@ def photo_columns(
     field: LightField,
     form: LobeForm = PRINTED,
     shadows: Shadows | None = None,
+    diffuse: NDArray[np.float32] | None = None,
 ) -> PhotoColumns:
-    """Columns of a photograph's samples under a lighting given by its elements; shadows : of a mesh, if it has any."""
+    """Columns of a photograph's samples under a lighting given by its elements.
+
+    shadows : of a mesh, if it has any. diffuse : (channels, n, elements), the columns d if another form has them.
+    """
     nodes, fresnel = sigma_nodes(), _fresnel_functions(form)
     channels = max(element.channels for element in elements)
     size = 1 + len(specular_weights(None, nodes[0], form))
@@ -90,8 +94,10 @@ def photo_columns(
         part = field.where((place >= block.start) & (place < block.stop))
         for e, element in enumerate(elements):
             sight = None if shadows is None else shadows.sight(element, part)
-            diffuse = part.mean_over_rays(seen_diffuse(element, part.normals, sight))
-            columns[:, block, e, 0] = diffuse.T
+            if diffuse is None:
+                columns[:, block, e, 0] = part.mean_over_rays(seen_diffuse(element, part.normals, sight)).T
+            else:
+                columns[:, block, e, 0] = diffuse[:, block, e]
 
             def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
                 return form_transfer(form, light, part.normals[rays], part.views[rays], nodes, fresnel)

@@ -85,7 +85,12 @@ def columns_of(form: LobeForm, photos: Sequence[PhotoColumns], elements: Element
     return list(
         parallel_map(
             lambda photo: photo_columns(
-                photo.lighting, elements[photo.lighting], photo.field, form, photo.shadows
+                photo.lighting,
+                elements[photo.lighting],
+                photo.field,
+                form,
+                photo.shadows,
+                photo.columns[..., 0],
             ),
             photos,
         )
