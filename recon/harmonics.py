@@ -12,6 +12,8 @@ import numpy as np
 import sphericart
 from numpy.typing import ArrayLike, NDArray
 
+from capture.parallel import one_openmp_thread
+
 Floats = NDArray[np.float64]
 Array = TypeVar("Array", bound=NDArray[Any])
 
@@ -19,6 +21,10 @@ Array = TypeVar("Array", bound=NDArray[Any])
 _UNIT = 1e-5
 # sphericart's factors overflow a little above.
 _HIGHEST = 140
+
+# sphericart loads its library with the first of these.
+with one_openmp_thread():
+    sphericart.SphericalHarmonics(0)
 
 
 def evaluate_harmonics(directions: ArrayLike, l_max: int) -> Floats:
