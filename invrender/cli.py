@@ -82,7 +82,7 @@ def process(
         ),
     ] = DEFAULT_SAMPLES,
 ) -> None:
-    """Recover the BRDF of a sphere under known lighting from a photo set.
+    """Recover BRDF and error bars, and the lighting where it is unknown, from a photo set of a sphere or a mesh.
 
     Writes OUT/result.json (every number with its standard deviation), OUT/report.html (open it in a
     browser), OUT/predicted/ (EXR) and the lighting as used. Kd is in 1/sr, so the albedo is pi Kd; sigma is

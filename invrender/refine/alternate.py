@@ -54,8 +54,8 @@ def refine_poses(
     """
     if photoset.object.shape != "mesh":
         raise ValueError(
-            f"{photoset.manifest}: [object] shape is {photoset.object.shape!r}; poses are refined by what a mesh is"
-            " predicted to show: give the object as one"
+            f"{photoset.manifest}: [object] shape is {photoset.object.shape!r}; only poses of meshes"
+            " are refined: a sphere looks the same however it is turned, and its place is read off the masks"
         )
     poses = [RefinedPose(np.zeros(6), np.eye(6), np.nan, np.nan)] * len(photoset.photos)
     best: Refined | None = None

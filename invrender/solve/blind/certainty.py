@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
-from invrender.solve.clusters import patch_of, structured_rms, tile_of
+from invrender.solve.clusters import finest_tiles, patch_of, structured_rms, tile_of
 from invrender.solve.uncertainty import PRIOR_STD
 from invrender.theory.conditioning import Information
 
 Floats = NDArray[np.float64]
 
-# Structured residuals, relative to the radiance, up to which lighting of a finite degree leaves them in clean sets.
-_STRUCTURED = 0.005
 # Of a share, flat between 0 and 1; of a source's turns, about half a hemisphere.
 _SHARE_STD, _TURN_STD = 1 / np.sqrt(12), 1.0
 
@@ -55,9 +53,8 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None) -> Certaint
         for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
     ]
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
-    structured = structured_rms(fields, left) / max(float(energy), 1e-300)
-    if structured < _STRUCTURED:
-        return certainty
+    # In clean sets nothing of it is left.
+    structured = structured_rms(fields, left, finest_tiles(fields)) / max(float(energy), 1e-300)
     # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
     # radian: by as much does shading that is wrong by so much of itself turn a source.
     # A lobe that a wrong model has made narrow is not the better known for it.
