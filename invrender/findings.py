@@ -33,8 +33,9 @@ def find_warnings(
     elif solution.structured > max(_STRUCTURED, 0.5 * solution.noise.relative):
         warnings.append(
             f"What is left unexplained is not only noise: {solution.structured:.1%} of the radiance (RMS) hangs"
-            " together over parts of the photographs (a material that is none of the models, stains, a wrong black level"
-            " or curve, light that isn't in the model). The error bars are widened by as much, since nothing tells in which direction it pulls."
+            " together over parts of the photographs (a material that is none of the models, stains, a wrong black"
+            " level or curve, light that isn't in the model). The error bars are widened by as much, since nothing"
+            " tells in which direction it pulls."
         )
     strays = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
     if strays > _STRAYS:
