@@ -103,10 +103,11 @@ def solve_unknown_light(
                 solution.estimate.brdf, other.elements, strengths[photo.label], field, specimen.shadows
             )
 
-        residuals = {
-            photo.label: fields[photo.label].radiance - radiance(photo, fields[photo.label])
-            for photo in photoset.photos
-        }
+        residuals = dict(zip([photo.label for photo in fitted], left, strict=True))
+        for photo in photoset.photos:
+            if photo.held_out:
+                field = fields[photo.label]
+                residuals[photo.label] = field.radiance - radiance(photo, field)
     warnings = (*sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
     # Of several photographs under such a light the first tells its strength in the result.
     firsts = {

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array, vstack
 
 from capture.parallel import parallel_map
 from recon.bodies import MeshBody
+from recon.tangents import tangents
 
 Floats = NDArray[np.float64]
 
@@ -60,9 +61,7 @@ def _cosine_directions(normals: Floats, count: int, rng: np.random.Generator) ->
     """Unit vectors (n * count, 3) about normals (n, 3), as dense as the cosine: a spiral on the disk below, turned."""
     radius = np.sqrt((np.arange(count) + rng.random((len(normals), 1))) / count)
     azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(count) + 2 * np.pi * rng.random((len(normals), 1))
-    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    up = np.cross(normals, across)
+    across, up = np.moveaxis(tangents(normals), -2, 0)
     parts = (radius * np.cos(azimuth), radius * np.sin(azimuth), np.sqrt(1 - radius**2))
     directions = sum(
         part[:, :, None] * axis[:, None] for part, axis in zip(parts, (across, up, normals), strict=True)

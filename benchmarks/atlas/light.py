@@ -25,7 +25,6 @@ from benchmarks.atlas.sweep import Boundary
 from invrender.lighting.coefficients import DETERMINED, UNDETERMINED, estimate_coefficients
 from invrender.lighting.rows import photo_rows
 from invrender.model import microfacet
-from invrender.solve.blind.state import tangents
 from invrender.solve.identifiability import lighting_degree
 from invrender.theory.conditioning import Conditioning, inverse_filter
 from invrender.theory.specialcases import microfacet_transfer
@@ -35,6 +34,7 @@ from recon.harmonics import (
     evaluate_harmonics,
     sphere_directions,
 )
+from recon.tangents import tangents
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.materials.microfacet import Microfacet

@@ -25,6 +25,7 @@ from invrender.model.transfer import LightElement, diffuse_transfer
 from recon.bodies import MeshBody, blended
 from recon.harmonics import clamped_cosine_transfer, degree_of, evaluate_harmonics, to_degree
 from recon.lightfield import LightField
+from recon.tangents import tangents
 from recon.transfer import TransferVectors
 
 Floats = NDArray[np.float64]
@@ -91,9 +92,7 @@ class Shadows:
         assert field.faces is not None
         facets = self.body.facets[field.faces]
         towards = np.broadcast_to(towards, facets.shape)
-        across = np.cross(towards, np.eye(3)[np.abs(towards).argmin(axis=1)])
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        other = np.cross(towards, across)
+        across, other = np.moveaxis(tangents(towards), -2, 0)
         for turn in np.arange(_AROUND) * (2 * np.pi / _AROUND):
             off = np.cos(turn) * across + np.sin(turn) * other
             directions = np.cos(angle) * towards + np.sin(angle) * off

@@ -13,7 +13,6 @@ from invrender.factorization import Quantity
 from invrender.plan.experiment import Light
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.prospect import Expected, counted
-from invrender.plan.reflected import tangents
 from invrender.plan.unknowns import Unknowns
 from invrender.solve.identifiability import _WEAK as WEAK
 from invrender.solve.identifiability import ACCURACY, Scalar
@@ -22,6 +21,7 @@ from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import map_coefficients
 from recon.harmonics import degree_of, degrees, evaluate_harmonics
 from recon.lightfield import LightField
+from recon.tangents import tangents
 
 Floats = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement, light_elements, specular_transfer
 from invrender.model.visibility import Rays, Shadows, Sight, seen_diffuse, seen_specular
 from invrender.plan.experiment import Light
-from invrender.solve.blind.state import tangents
 from invrender.theory.specialcases import lobe
 from recon.bodies import Body, MeshBody
 from recon.lightfield import LightField
+from recon.tangents import tangents
 from recon.transfer import transfer_vectors
 
 Floats = NDArray[np.float64]

@@ -107,9 +107,12 @@ class Grid:
         return csr_array((degree, (diagonal, diagonal)), shape=links.shape) - links
 
 
-def tiny_sums(views: Sequence[View], points: int, parents: Ints | None = None) -> Sums:
-    """Normal equations of each point, pixels being dealt to what they cover."""
-    total = Sums.zeros(points)
+def tiny_sums(views: Sequence[View], points: int, parents: Ints) -> Sums:
+    """Normal equations of each point, pixels being dealt to what they cover.
+
+    parents : the point that each that is covered belongs to, -1 for none.
+    """
+    total, own = Sums.zeros(points), parents >= 0
     for view in views:
         d, s, y, w = view.diffuse, view.specular, view.radiance, view.weight
         products = np.concatenate(
@@ -125,11 +128,9 @@ def tiny_sums(views: Sequence[View], points: int, parents: Ints | None = None) -
             axis=1,
         )
         dealt = view.cover.T @ products
-        if parents is not None:
-            own = parents >= 0
-            dealt = np.stack(
-                [np.bincount(parents[own], column[own], minlength=points) for column in dealt.T], axis=1
-            )
+        dealt = np.stack(
+            [np.bincount(parents[own], column[own], minlength=points) for column in dealt.T], axis=1
+        )
         dd, ds, ss, dy, sy, yy = np.split(dealt[:, :18], 6, axis=1)
         total = total + Sums(dd, ds, ss, dy, sy, yy, (dealt[:, 18] >= _SEEN).astype(float))
     return total

@@ -22,7 +22,7 @@ from invrender.plan.lightprospect import UnknownLight
 from invrender.plan.photographs import shown
 from invrender.plan.planning import Plan, make_plan
 from invrender.plan.prospect import Expected
-from invrender.plan.reflected import Optics, tangents
+from invrender.plan.reflected import Optics
 from invrender.plan.staged import experiment_of
 from invrender.plan.unknowns import unknowns_of
 from invrender.solve.search import LADDER, fit
@@ -31,6 +31,7 @@ from invrender.solve.uncertainty import pack, uncertainty_of
 from recon.bodies import SphereBody
 from recon.harmonics import evaluate_harmonics
 from recon.sphere import Sphere
+from recon.tangents import tangents
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
+from recon.tangents import tangents
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -116,13 +117,6 @@ class State:
             directions=np.delete(self.directions, index, axis=0),
             owners=np.delete(self.owners, index),
         )
-
-
-def tangents(direction: Floats) -> Floats:
-    """Two unit vectors (2, 3) across a direction and each other."""
-    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(direction, first)])
 
 
 def turn(direction: Floats, a: float, b: float) -> Floats:
