@@ -5,12 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.atlas.stage import truths
 from benchmarks.spherephotos import SpherePhotos
 from capture.lighting import Lighting
 from capture.parallel import parallel_map
@@ -60,7 +59,16 @@ class Outcome:
         return asdict(self)
 
 
-def judged(photos: SpherePhotos, method: str, known: bool, setting: str, run: Callable[[], Found]) -> Outcome:
+class Judge(Protocol):
+    """What methods are judged by: true numbers, and photographs that no fit sees, without noise."""
+
+    @property
+    def truth(self) -> Mapping[str, float | None]: ...
+    @property
+    def held_out(self) -> tuple[LightField, ...]: ...
+
+
+def judged(photos: Judge, method: str, known: bool, setting: str, run: Callable[[], Found]) -> Outcome:
     """Time a method, and compare what it finds with the truth."""
     begin = time.perf_counter()
     found = run()
@@ -68,16 +76,23 @@ def judged(photos: SpherePhotos, method: str, known: bool, setting: str, run: Ca
     values = {"Ks share": found.share, "mu": found.mu, "sigma": found.sigma}
     errors = {
         name: None if truth is None or values[name] is None else abs(float(values[name] or 0) - truth)
-        for name, truth in truths(photos.stage.material).items()
+        for name, truth in photos.truth.items()
     }
-    held_out = photos.held_out_error([found.radiance(field) for field in photos.held_out])
-    return Outcome(method, known, setting, seconds, errors, held_out)
+    unseen = held_out_error(photos.held_out, [found.radiance(field) for field in photos.held_out])
+    return Outcome(method, known, setting, seconds, errors, unseen)
 
 
-def relative_error(outcome: Outcome, photos: SpherePhotos) -> float:
+def held_out_error(fields: Sequence[LightField], predictions: Sequence[Floats]) -> float:
+    """Relative RMS of what is predicted, (n, 3) each, of samples without noise."""
+    truth = np.concatenate([field.radiance for field in fields])
+    off = np.concatenate(predictions) - truth
+    return float(np.sqrt(np.mean(off**2) / np.mean(truth**2)))
+
+
+def relative_error(outcome: Outcome, truths: Mapping[str, float | None]) -> float:
     """The largest relative error of Ks share, mu - 1 and sigma; 1 where the method lacks one."""
     worst = 0.0
-    for name, truth in truths(photos.stage.material).items():
+    for name, truth in truths.items():
         if truth is not None:
             error = outcome.errors[name]
             worst = max(worst, 1.0 if error is None else error / (truth - 1 if name == "mu" else truth))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.atlas.stage import SPHERE, Stage, lit
+from benchmarks.atlas.stage import SPHERE, Stage, lit, truths
 from capture.camera import Camera
 from capture.parallel import parallel_map
 from capture.radiance import RadianceImage
@@ -62,11 +61,10 @@ class SpherePhotos:
 
         return list(parallel_map(drawn, range(len(self.cameras))))
 
-    def held_out_error(self, predictions: Sequence[Floats]) -> float:
-        """Relative RMS of what is predicted of the held-out samples, (n, 3) each."""
-        truth = np.concatenate([field.radiance for field in self.held_out])
-        off = np.concatenate(predictions) - truth
-        return float(np.sqrt(np.mean(off**2) / np.mean(truth**2)))
+    @property
+    def truth(self) -> dict[str, float | None]:
+        """The Ks share, mu and sigma."""
+        return truths(self.stage.material)
 
 
 def sphere_photos(stage: Stage, seed: int) -> SpherePhotos:

@@ -45,7 +45,7 @@ from benchmarks.atlas.sweep import gathered
 from benchmarks.atlas.views import steepest_draw, steepest_theory
 from benchmarks.contest import Outcome
 from benchmarks.kept import Kept
-from benchmarks.pareto import front
+from benchmarks.pareto.chart import front
 from benchmarks.programs import PROGRAMS
 from benchmarks.race import race_figure
 from benchmarks.scaling import exponent

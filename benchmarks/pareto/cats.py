@@ -1,0 +1,156 @@
+"""The boards of a mesh that shadows itself: RH01's cat from three photographs, its lighting known and unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks.atlas.stage import truths
+from benchmarks.contest import Found, Outcome, judged, relative_error
+from benchmarks.pareto.boards import Board, Contestant
+from benchmarks.pareto.spheres import PARAMETERS
+from capture.manifest import LightingTable
+from capture.parallel import one_blas_thread
+from capture.photoset import Photo, PhotoSet, load_photoset
+from capture.progress import silent
+from invrender.clock import Clock
+from invrender.knownlight import solve_known_light
+from invrender.model.lobetable import TRANSFERS
+from invrender.pipeline import DEFAULT_SAMPLES
+from invrender.reading import read_samples
+from invrender.solve.blind import factorize_blind
+from invrender.solved import Solved
+from invrender.specimen import Specimen, find_specimen
+from invrender.unknownlight import solve_unknown_light
+from recon.lightfield import LightField
+from recon.sampling import NO_SOURCES
+from synthetic.materials.microfacet import Microfacet
+from synthetic.scenes.build import read_staging
+from synthetic.scenes.builtin import scene_path
+from synthetic.writer import write_photoset
+
+_BUDGETS, _QUICK_BUDGETS = (500, 2000, 8000, 20000), (1000,)
+# Samples of the view that no fit sees.
+_JUDGED = 8000
+
+
+@dataclass(frozen=True, eq=False)
+class CatPhotos:
+    """A photo set on disk with its specimen, as it is and as if it cast no shadows on itself.
+
+    known, unknown : the set, its first lighting told or not. unseen : the photograph of a new view under it. held_out :
+    samples of that without noise.
+    """
+
+    folder: TemporaryDirectory[str]
+    known: PhotoSet
+    unknown: PhotoSet
+    specimen: Specimen
+    bare: Specimen
+    truth: dict[str, float | None]
+    unseen: Photo
+    held_out: tuple[LightField, ...]
+
+
+@cache
+def photographed() -> CatPhotos:
+    """The built-in scene, photographed."""
+    folder = TemporaryDirectory()
+    staging = read_staging(scene_path("rh01-cat"))
+    assert isinstance(staging.scene.material, Microfacet)
+    write_photoset(staging, Path(folder.name))
+    known = load_photoset(Path(folder.name))
+    first, *others = known.lightings
+    unknown = replace(known, lightings=(LightingTable(name=first.name, unknown=True), *others))
+    specimen = find_specimen(known)
+    place, unseen = next(
+        (k, photo) for k, photo in enumerate(known.photos) if photo.held_out and photo.lighting == first.name
+    )
+    clean = replace(known, photos=(replace(unseen, file=f"truth/{place:03d}.exr"),))
+    fields = read_samples(clean, specimen.found, {first.name: NO_SOURCES}, _JUDGED, Clock(), silent)
+    truth = truths(staging.scene.material)
+    bare = find_specimen(known, shadowing=False)
+    return CatPhotos(folder, known, unknown, specimen, bare, truth, unseen, tuple(fields.values()))
+
+
+def told(cat: CatPhotos, samples: int, shadowing: bool = True) -> Solved:
+    """The BRDF in known light, as `process` does it."""
+    return solve_known_light(cat.known, cat.specimen if shadowing else cat.bare, samples, Clock(), silent)
+
+
+def untold(
+    cat: CatPhotos,
+    samples: int,
+    shadowing: bool = True,
+    factorize: Callable[..., object] | None = None,
+) -> Solved:
+    """Light and BRDF, as `process` does it or by another factorization."""
+    specimen = cat.specimen if shadowing else cat.bare
+    return solve_unknown_light(cat.unknown, specimen, samples, Clock(), silent, factorize)
+
+
+Method = Callable[[CatPhotos, int], Solved]
+
+
+def cat_boards(quick: bool) -> list[Board]:
+    """In known light, and in unknown light; what depends on samples only once is done before: decoding, visibility."""
+    return [
+        Board(
+            title,
+            PARAMETERS,
+            lambda outcome: relative_error(outcome, photographed().truth),
+            [_contestant(known, *entry) for entry in entries],
+            1,
+            partial(method, photographed(), 500),
+        )
+        for title, known, method, entries in (
+            ("cat, known light", True, told, _known(quick)),
+            ("cat, unknown light", False, untold, _unknown(quick)),
+        )
+    ]
+
+
+def _known(quick: bool) -> Iterator[tuple[str, str, Method, int, bool]]:
+    default = _QUICK_BUDGETS[-1] if quick else DEFAULT_SAMPLES
+    yield "statistics (lightfactor)", f"default, {default}", told, default, True
+    for budget in () if quick else _BUDGETS:
+        yield "statistics (lightfactor)", str(budget), told, budget, False
+        yield "without shadows", str(budget), partial(told, shadowing=False), budget, False
+
+
+def _unknown(quick: bool) -> Iterator[tuple[str, str, Method, int, bool]]:
+    default = _QUICK_BUDGETS[-1] if quick else DEFAULT_SAMPLES
+    yield "whole ladder (lightfactor)", f"default, {default}", untold, default, True
+    for budget in () if quick else _BUDGETS:
+        yield "whole ladder (lightfactor)", str(budget), untold, budget, False
+        for transfer in TRANSFERS:
+            newton = partial(factorize_blind, orders=(10,), ladder=False, transfer=transfer)
+            yield (
+                f"Gauss-Newton, {transfer}, l* = 10",
+                str(budget),
+                partial(untold, factorize=newton),
+                budget,
+                False,
+            )
+    if not quick:
+        yield "without shadows", str(_BUDGETS[-1]), partial(untold, shadowing=False), _BUDGETS[-1], False
+
+
+def _contestant(
+    known: bool, family: str, setting: str, method: Method, samples: int, is_default: bool
+) -> Contestant:
+    def run() -> Found:
+        cat = photographed()
+        with one_blas_thread():
+            solved = method(cat, samples)
+        brdf = solved.result.brdf
+        share = float(brdf.ks[1] / (brdf.kd[1] + brdf.ks[1]))
+        return Found(share, brdf.mu, brdf.sigma, lambda field: solved.radiance(cat.unseen, field))
+
+    def judge(_: int) -> Outcome:
+        return judged(photographed(), family, known, setting, run)
+
+    return Contestant(family, setting, judge, is_default)
