@@ -134,8 +134,8 @@ def rotated_harmonics(coefficients: ArrayLike, rotation: ArrayLike) -> NDArray[n
     functions = np.broadcast_to(coefficients, (*shape, coefficients.shape[-1]))
     if not shape:
         return _turned(functions[None], *(angle[None] for angle in angles))[0]
-    # As many at a time as fit in the processor's cache.
-    rows = [np.broadcast_to(angle, shape) for angle in angles]
+    # As many at a time as fit in the processor's cache. Functions of one rotation along leading axes share its phases.
+    rows = [np.broadcast_to(angle, (*angle.shape[:-1], shape[-1])) for angle in angles]
     result = np.empty_like(functions, order="C")
     for start in range(0, shape[-1], _BLOCK):
         here = slice(start, start + _BLOCK)

@@ -24,6 +24,7 @@ class Contestant:
     setting: str
     run: Callable[[int], Outcome]
     is_default: bool = False
+    told: bool = False
 
     @property
     def key(self) -> str:

@@ -32,7 +32,7 @@ from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 from synthetic.writer import write_photoset
 
-_BUDGETS, _QUICK_BUDGETS = (500, 2000, 8000, 20000), (1000,)
+_BUDGETS = (500, 2000, 8000, 20000)
 # Samples of the view that no fit sees.
 _JUDGED = 8000
 
@@ -69,7 +69,10 @@ def photographed() -> CatPhotos:
     place, unseen = next(
         (k, photo) for k, photo in enumerate(known.photos) if photo.held_out and photo.lighting == first.name
     )
-    clean = replace(known, photos=(replace(unseen, file=f"truth/{place:03d}.exr"),))
+    clean = replace(
+        known,
+        photos=(replace(unseen, file=Path(folder.name) / "truth" / f"{place:03d}.exr", held_out=False),),
+    )
     fields = read_samples(clean, specimen.found, {first.name: NO_SOURCES}, _JUDGED, Clock(), silent)
     truth = truths(staging.scene.material)
     bare = find_specimen(known, shadowing=False)
@@ -95,7 +98,7 @@ def untold(
 Method = Callable[[CatPhotos, int], Solved]
 
 
-def cat_boards(quick: bool) -> list[Board]:
+def cat_boards() -> list[Board]:
     """In known light, and in unknown light; what depends on samples only once is done before: decoding, visibility."""
     return [
         Board(
@@ -104,27 +107,29 @@ def cat_boards(quick: bool) -> list[Board]:
             lambda outcome: relative_error(outcome, photographed().truth),
             [_contestant(known, *entry) for entry in entries],
             1,
-            partial(method, photographed(), 500),
+            partial(_warm_up, method),
         )
         for title, known, method, entries in (
-            ("cat, known light", True, told, _known(quick)),
-            ("cat, unknown light", False, untold, _unknown(quick)),
+            ("cat, known light", True, told, _known()),
+            ("cat, unknown light", False, untold, _unknown()),
         )
     ]
 
 
-def _known(quick: bool) -> Iterator[tuple[str, str, Method, int, bool]]:
-    default = _QUICK_BUDGETS[-1] if quick else DEFAULT_SAMPLES
-    yield "statistics (lightfactor)", f"default, {default}", told, default, True
-    for budget in () if quick else _BUDGETS:
+def _warm_up(method: Method) -> Solved:
+    return method(photographed(), 500)
+
+
+def _known() -> Iterator[tuple[str, str, Method, int, bool]]:
+    yield "statistics (lightfactor)", f"default, {DEFAULT_SAMPLES}", told, DEFAULT_SAMPLES, True
+    for budget in _BUDGETS:
         yield "statistics (lightfactor)", str(budget), told, budget, False
         yield "without shadows", str(budget), partial(told, shadowing=False), budget, False
 
 
-def _unknown(quick: bool) -> Iterator[tuple[str, str, Method, int, bool]]:
-    default = _QUICK_BUDGETS[-1] if quick else DEFAULT_SAMPLES
-    yield "whole ladder (lightfactor)", f"default, {default}", untold, default, True
-    for budget in () if quick else _BUDGETS:
+def _unknown() -> Iterator[tuple[str, str, Method, int, bool]]:
+    yield "whole ladder (lightfactor)", f"default, {DEFAULT_SAMPLES}", untold, DEFAULT_SAMPLES, True
+    for budget in _BUDGETS:
         yield "whole ladder (lightfactor)", str(budget), untold, budget, False
         for transfer in TRANSFERS:
             newton = partial(factorize_blind, orders=(10,), ladder=False, transfer=transfer)
@@ -135,8 +140,7 @@ def _unknown(quick: bool) -> Iterator[tuple[str, str, Method, int, bool]]:
                 budget,
                 False,
             )
-    if not quick:
-        yield "without shadows", str(_BUDGETS[-1]), partial(untold, shadowing=False), _BUDGETS[-1], False
+    yield "without shadows", str(_BUDGETS[-1]), partial(untold, shadowing=False), _BUDGETS[-1], False
 
 
 def _contestant(
@@ -153,4 +157,4 @@ def _contestant(
     def judge(_: int) -> Outcome:
         return judged(photographed(), family, known, setting, run)
 
-    return Contestant(family, setting, judge, is_default)
+    return Contestant(family, setting, judge, is_default, family.startswith("Gauss-Newton"))

@@ -23,7 +23,7 @@ from invrender.model.lobetable import TRANSFERS
 from invrender.pipeline import DEFAULT_SAMPLES
 
 PARAMETERS = "largest relative error of Ks share, mu - 1, sigma"
-DRAWS = 3
+DRAWS = 2
 _BUDGETS: tuple[int | None, ...] = (500, 2000, 8000, 32000, None)
 _ORDERS, _ORDER_BUDGET = (4, 6, 8, 12), 8000
 # RH01's map of the light takes so many samples.
@@ -94,7 +94,7 @@ def _contestant(
         photos = photographed(quick).with_noise(seed)
         return judged(photos, family, known, setting, partial(run, photos))
 
-    return Contestant(family, setting, judge, is_default)
+    return Contestant(family, setting, judge, is_default, family.startswith("Gauss-Newton"))
 
 
 def _warm_up(quick: bool, run: Callable[[SpherePhotos, int], Found]) -> None:

@@ -57,15 +57,17 @@ class LobeTable:
 
     def coefficients(self, cos_exitant: Floats, sigma: float) -> Floats:
         """Local transfer (n, (l_max + 1)^2) at exitant cosines (n,), per unit of Ks F, of roughness sigma (radians)."""
-        return self._interpolated(cos_exitant, lobe(self.rings, sigma))
+        return between_angles(self.angles, self._at_angles(lobe(self.rings, sigma)), cos_exitant)
 
-    def slopes(self, cos_exitant: Floats, sigma: float) -> Floats:
-        """Derivative of `coefficients` in log sigma."""
-        weights = lobe(self.rings, sigma) * (2 * (self.rings / sigma) ** 2 - 2)
-        return self._interpolated(cos_exitant, weights)
+    def with_slopes(self, cos_exitant: Floats, sigma: float) -> Singles:
+        """`coefficients`, and their derivatives in log sigma: (n, 2, (l_max + 1)^2), single precision."""
+        weights = lobe(self.rings, sigma)
+        slopes = weights * (2 * (self.rings / sigma) ** 2 - 2)
+        both = np.stack([self._at_angles(weights), self._at_angles(slopes)], axis=1)
+        return between_angles(self.angles, both.astype(np.float32), cos_exitant).astype(np.float32)
 
-    def _interpolated(self, cos_exitant: Floats, weights: Floats) -> Floats:
-        return between_angles(self.angles, (weights[:, None] @ self.sums)[:, 0], cos_exitant)
+    def _at_angles(self, weights: Floats) -> Floats:
+        return np.asarray((weights[:, None] @ self.sums)[:, 0])
 
 
 @lru_cache(maxsize=4)
@@ -87,7 +89,8 @@ def between_angles(angles: Floats, at_angles: Floats, cos_exitant: Floats) -> Fl
     """Values (n, ...) at exitant cosines (n,) by the polynomial through those (J, ...) at `exitant_angles`."""
     # Polynomials run wild beyond their nodes: steeper views see what the steepest of the table does.
     seen = np.minimum(np.arccos(np.minimum(cos_exitant, 1)), angles[-1])
-    return np.asarray(BarycentricInterpolator(angles, at_angles)(seen))
+    share = BarycentricInterpolator(angles, np.eye(len(angles)))(seen).astype(at_angles.dtype)
+    return np.asarray(share @ at_angles.reshape(len(angles), -1)).reshape(len(seen), *at_angles.shape[1:])
 
 
 def specular_rows(
@@ -99,12 +102,8 @@ def specular_rows(
     """
     if transfer == "exact":
         cos = np.einsum("nk,nk->n", field.normals, field.views)
-        frames = view_frames(field.normals, field.views)
-        table = lobe_table(l_max)
-        rows, slopes = (
-            rotated_harmonics(local(cos, sigma).astype(np.float32), frames)
-            for local in (table.coefficients, table.slopes)
-        )
+        local = lobe_table(l_max).with_slopes(cos, sigma)
+        rows, slopes = rotated_harmonics(local.swapaxes(0, 1), view_frames(field.normals, field.views))
     else:
         at_mirror = mirrored_harmonics(field, l_max)
         rows, slopes = (
