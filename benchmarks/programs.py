@@ -22,10 +22,12 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     ),
     "statistics": ("", "4"),
     "harmonics": ("", "1"),
+    "prefilter": ("", "1 128"),
     "rays": ("DIR/rays.png", "DIR/rays.png 0.002"),
     "synth": ("DIR/synth.png", "DIR/synth.png rh01-steel"),
     "decode": ("", "2"),
     "stream": ("", "1"),
+    "startup": ("", "1"),
     "mitsuba": ("DIR/mitsuba.png", "DIR/mitsuba.png rh01-steel"),
 }
 
