@@ -120,4 +120,4 @@ def _contestant(
             family, False, setting, seconds, {"nine": float(error)}, held_out_error(photos.held_out, unseen)
         )
 
-    return Contestant(family, setting, judge, is_default)
+    return Contestant(family, setting, judge, is_default, method is jointly)
