@@ -85,8 +85,10 @@ def run_race(photos: SpherePhotos, quick: bool, peer: bool) -> list[Outcome]:
     """All runs, one after the other, with known light and with unknown."""
     outcomes = []
     for known in (True, False):
-        # What a first run builds for all, such as tables of lobes, isn't timed: nor is Mitsuba's compiling.
-        ours(photos, known, _QUICK_BUDGETS[0])
+        # What a first run builds for all, such as tables of lobes, isn't timed: nor is Mitsuba's compiling, nor
+        # anything in a coarse version.
+        if not quick:
+            ours(photos, known, _QUICK_BUDGETS[0])
         for budget in _QUICK_BUDGETS if quick else _BUDGETS:
             run = partial(ours, photos, known, budget)
             with one_blas_thread():

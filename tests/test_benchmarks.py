@@ -19,7 +19,6 @@ from benchmarks.atlas import BOUNDARIES
 from benchmarks.atlas.charts import atlas_table
 from benchmarks.atlas.faults import (
     NOISE,
-    faultless_theory,
     noise_draw,
     noise_theory,
     outliers_draw,
@@ -66,6 +65,12 @@ def plain() -> dict[str, Finding]:
     return noise_draw(0.01, 1)
 
 
+@pytest.fixture(scope="module")
+def noise() -> dict[str, Finding]:
+    """What theory says of it."""
+    return noise_theory(0.01)
+
+
 def test_roughness_shows_in_known_light_that_the_lobe_can_blur() -> None:
     assert soft_light_at(0.8) < 1 < soft_light_at(0.17)
     assert soft_light_draw(0.8, 0)["sigma"].status == soft_light_theory(0.8)["sigma"].status == "undetermined"
@@ -102,9 +107,9 @@ def test_mu_needs_grazing_views() -> None:
     assert steepest_theory(70)["mu"].status == "determined"
 
 
-def test_bars_grow_with_noise_and_still_hold(plain: dict[str, Finding]) -> None:
+def test_bars_grow_with_noise_and_still_hold(plain: dict[str, Finding], noise: dict[str, Finding]) -> None:
     loud = noise_draw(0.1, 1)
-    for name, expected in noise_theory(0.01).items():
+    for name, expected in noise.items():
         assert holds(plain[name])
         assert holds(loud[name])
         # As theory has it, from 1500 other samples: to a third.
@@ -112,8 +117,8 @@ def test_bars_grow_with_noise_and_still_hold(plain: dict[str, Finding]) -> None:
         assert_allclose((loud[name].std or 0) / (plain[name].std or 1), 10, rtol=0.4)
 
 
-def test_bars_hold_what_wrong_poses_do(plain: dict[str, Finding]) -> None:
-    found, noise = pose_draw(1.0, 1), faultless_theory(0)
+def test_bars_hold_what_wrong_poses_do(noise: dict[str, Finding]) -> None:
+    found = pose_draw(1.0, 1)
     assert all(holds(finding) for finding in found.values())
     assert (found["sigma"].std or 0) > 2 * (noise["sigma"].std or 0)
 
@@ -133,8 +138,8 @@ def test_bars_hold_what_many_outliers_do() -> None:
     assert all(holds(finding) for finding in found.values() if finding.stated)
 
 
-def test_near_lamps_widen_the_bars_until_nothing_is_stated() -> None:
-    far, noise = near_known_draw(0.003, 0), faultless_theory(0)
+def test_near_lamps_widen_the_bars_until_nothing_is_stated(noise: dict[str, Finding]) -> None:
+    far = near_known_draw(0.003, 0)
     assert all(holds(finding) for finding in far.values())
     assert (far["mu"].std or 0) > 2 * (noise["mu"].std or 0)
     assert not any(finding.stated for finding in near_known_draw(0.25, 0).values())

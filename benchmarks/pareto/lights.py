@@ -42,7 +42,7 @@ def light_board(quick: bool) -> Board:
         lambda outcome: float(outcome.errors["nine"] or 0),
         [_contestant(quick, *entry) for entry in entries],
         1 if quick else DRAWS,
-        lambda: entries[0][2](photographed(quick), _brdf(photographed(quick)), 500),
+        lambda: None if quick else by_coefficients(photographed(quick), _brdf(photographed(quick)), 500),
     )
 
 

@@ -28,7 +28,8 @@ _BUDGETS: tuple[int | None, ...] = (500, 2000, 8000, 32000, None)
 _ORDERS, _ORDER_BUDGET = (4, 6, 8, 12), 8000
 # RH01's map of the light takes so many samples.
 _FEWEST_OF_MAP = 2000
-_QUICK_BUDGET, _QUICK_ORDERS = 2000, (4,)
+# Of a coarse version; the last is what the default of `process` is in it.
+_QUICK_BUDGET, _QUICK_ORDERS, _QUICK_DEFAULT = 2000, (8,), 500
 
 Method = Callable[[SpherePhotos], Found]
 
@@ -58,11 +59,11 @@ def sphere_boards(quick: bool) -> list[Board]:
 
 
 def _known(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
-    default = _QUICK_BUDGET if quick else DEFAULT_SAMPLES
+    default = _QUICK_DEFAULT if quick else DEFAULT_SAMPLES
     yield "statistics (lightfactor)", f"default, {default}", partial(statistics, samples=default), True
     for budget in (_QUICK_BUDGET,) if quick else _BUDGETS:
         count = str(budget or "all")
-        if budget != default:
+        if not quick:
             yield "statistics (lightfactor)", count, partial(statistics, samples=budget), False
         for transfer in TRANSFERS:
             simplex = partial(published_known, samples=budget, transfer=transfer)
@@ -70,7 +71,7 @@ def _known(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
 
 
 def _unknown(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
-    default = _QUICK_BUDGET if quick else DEFAULT_SAMPLES
+    default = _QUICK_DEFAULT if quick else DEFAULT_SAMPLES
     yield "whole ladder (lightfactor)", f"default, {default}", partial(whole_ladder, samples=default), True
     for budget in (_QUICK_BUDGET,) if quick else _BUDGETS:
         count = str(budget or "all")
@@ -79,7 +80,7 @@ def _unknown(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
             yield f"Gauss-Newton, {transfer}, l* = 10", count, newton, False
         if budget is None or budget >= _FEWEST_OF_MAP:
             yield "simplex and map [RH01]", count, partial(published_unknown, samples=budget), False
-            if budget != default:
+            if not quick:
                 yield "whole ladder (lightfactor)", count, partial(whole_ladder, samples=budget), False
     budget = _QUICK_BUDGET if quick else _ORDER_BUDGET
     for order in _QUICK_ORDERS if quick else _ORDERS:
@@ -98,5 +99,6 @@ def _contestant(
 
 
 def _warm_up(quick: bool, run: Callable[[SpherePhotos, int], Found]) -> None:
-    """What a first run builds for all, such as tables of lobes, isn't timed."""
-    run(photographed(quick), 500)
+    """What a first run builds for all, such as tables of lobes, isn't timed; nobody looks at a coarse version's times."""
+    if not quick:
+        run(photographed(quick), 500)

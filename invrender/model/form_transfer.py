@@ -108,17 +108,22 @@ def _facets(
         weights = ring_weights(form.density, thetas, sigmas, light.fineness.log_step)
         used = np.flatnonzero(weights.max(axis=1) > _NEGLIGIBLE * weights.max())
         cos_o = np.maximum(frame.along_normal, np.float32(1e-4))[:, None, None]
-        hidden_o = _looked_up(hidden, frame.along_normal)[:, None]
+        towards_viewer = cos_o + _looked_up(hidden, frame.along_normal)[:, None]
         means = np.empty((len(frame.normal), functions * channels, len(used), len(nodes)), np.float32)
         for place, k in enumerate(used):
             ring = facet_ring(light, frame, thetas[k], turns[k])
             cos_i = np.maximum(ring.cos_incident, np.float32(1e-4))[..., None]
             # cos_i / (cos_i cos_o / G2), as in `Smith.shape`.
-            shown = cos_i / (cos_i * (cos_o + hidden_o) + cos_o * _looked_up(hidden, cos_i[..., 0]))
-            arriving = (ring.lit * np.maximum(ring.toward, 0))[..., None] * ring.radiance
-            arriving /= np.float32(ring.lit.shape[1])
-            seen = _looked_up(factors, ring.toward)[..., None] * arriving[:, :, None]
-            means[:, :, place] = seen.reshape(*ring.lit.shape, -1).transpose(0, 2, 1) @ shown
+            shown = _looked_up(hidden, cos_i[..., 0])
+            shown *= cos_o / cos_i
+            shown += towards_viewer
+            np.reciprocal(shown, out=shown)
+            # Nodes come last, (m, k, c, p): products over so short an axis as c's would take three times as long.
+            shares = ring.lit * np.maximum(ring.toward, 0) / np.float32(ring.lit.shape[1])
+            arriving = np.ascontiguousarray(ring.radiance.transpose(0, 2, 1)) * shares[:, None]
+            factor = np.ascontiguousarray(_looked_up(factors, ring.toward).transpose(0, 2, 1))
+            seen = factor[:, :, None] * arriving[:, None]
+            means[:, :, place] = seen.reshape(len(seen), -1, ring.lit.shape[1]) @ shown
         sums = (weights[used, None] * blend).astype(np.float32).reshape(-1, len(sigmas))
         total = means.reshape(-1, len(sums)) @ sums
         result[part] = total.reshape(-1, functions, channels, len(sigmas)).transpose(0, 1, 3, 2)
@@ -129,7 +134,7 @@ def _looked_up(table: Singles, cos: Singles) -> Singles:
     """Rows of a table over cosines from 0 to 1, nearest neighbour: (..., k)."""
     # Steps of 2.4e-4 in the cosine; what they leave averages out over nodes.
     place = np.clip(cos * np.float32(_LOOKUP - 1) + np.float32(0.5), 0, _LOOKUP - 1).astype(np.intp)
-    return table[place]
+    return table.take(place, axis=0)  # several times as fast as table[place]
 
 
 def _hiding_nodes(sigmas: Floats) -> tuple[Floats, Floats]:

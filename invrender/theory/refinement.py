@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,9 +15,15 @@ Array = TypeVar("Array", bound=NDArray[Any])
 
 def interval_rule(nodes: int, low: float, high: float) -> tuple[Floats, Floats]:
     """Nodes and weights (nodes,) of Gauss-Legendre on an interval."""
-    node, weight = np.polynomial.legendre.leggauss(nodes)
+    node, weight = _rule(nodes)
     half = (high - low) / 2
     return (low + high) / 2 + half * node, half * weight
+
+
+@cache
+def _rule(nodes: int) -> tuple[Floats, Floats]:
+    """Gauss-Legendre on -1 to 1: found as eigenvalues, which takes longer than most integrals by it."""
+    return np.polynomial.legendre.leggauss(nodes)
 
 
 def refined(at: Callable[[int], Array], tolerance: float, what: str, first: int, last: int) -> Array:

@@ -160,8 +160,8 @@ def test_no_board_is_no_detection():
 @pytest.mark.parametrize(("said", "hint"), [("10x7", "not squares"), ("8x5", "9x6"), ("7x7", "9x6")])
 def test_a_wrong_size_is_told_with_what_was_seen(said, hint):
     board = parse_board(f"chessboard:{said}:0.025")
-    views = [board_view(photo(CHESSBOARD, seed)[0], board, f"{seed}.png") for seed in range(4)]
-    with pytest.raises(ValueError, match="9x6 inner corners were seen in 4 of 4 photos") as caught:
+    views = [board_view(photo(CHESSBOARD, seed)[0], board, f"{seed}.png") for seed in range(3)]
+    with pytest.raises(ValueError, match="9x6 inner corners were seen in 3 of 3 photos") as caught:
         check_board(views, board)
     assert hint in str(caught.value)
 
@@ -184,7 +184,7 @@ def test_cut_off_views_are_no_wrong_size():
 )
 def test_a_wrong_charuco_board_is_told_with_what_was_seen(said, says):
     board = parse_board(said)
-    views = [board_view(photo(CHARUCO, seed)[0], board, f"{seed}.png") for seed in range(3)]
+    views = [board_view(photo(CHARUCO, seed)[0], board, f"{seed}.png") for seed in range(2)]
     assert all(view.detection is None for view in views)
     with pytest.raises(ValueError, match="markers") as caught:
         check_board(views, board)
@@ -202,7 +202,7 @@ def test_a_wrong_charuco_board_is_told_with_what_was_seen(said, says):
 )
 def test_a_board_of_another_make_is_told_with_what_was_seen(said, shown, says):
     board = parse_board(said)
-    views = [board_view(photo(shown, seed)[0], board, f"{seed}.png") for seed in range(3)]
+    views = [board_view(photo(shown, seed)[0], board, f"{seed}.png") for seed in range(2)]
     with pytest.raises(ValueError, match=says):
         check_board(views, board)
 

@@ -124,7 +124,7 @@ def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
 def test_without_visibility_errors_are_several_times_larger(
     result: Factorization, cat_original: Path
 ) -> None:
-    blind = process(load_photoset(cat_original), 2000, shadowing=False).result
+    blind = process(load_photoset(cat_original), 1000, shadowing=False).result
     assert blind.model.error > 5 * result.model.error
     off = [np.abs(each.brdf.kd / [0.24, 0.2, 0.16] - 1).max() for each in (result, blind)]
     assert off[1] > 8 * off[0]
@@ -132,7 +132,7 @@ def test_without_visibility_errors_are_several_times_larger(
 
 
 def test_command_writes_and_predicts_a_mesh(lightfactor: Command, cat: Path, tmp_path: Path) -> None:
-    code, _, err = lightfactor("process", cat, "-o", tmp_path / "out", "--samples", 1500)
+    code, _, err = lightfactor("process", cat, "-o", tmp_path / "out", "--samples", 1000)
     assert (code, err) == (0, "")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["object"]["shape"] == "mesh"

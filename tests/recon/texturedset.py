@@ -66,10 +66,8 @@ def photograph(
     """
     mesh, tracer = _traced(surface)
     camera = LENS.posed(pose)
-    steps = (np.arange(samples) + 0.5) / samples
-    x = (np.arange(camera.width)[:, None] + steps).ravel()
-    y = (np.arange(camera.height)[:, None] + steps).ravel()
-    origins, directions = camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    directions = _seen_through_lens(samples) @ pose[:3, :3]
+    origins = np.broadcast_to(camera.centre, directions.shape)
     hits = tracer.first_hits(origins, directions)
     seen = hits.faces >= 0
     corners = mesh.faces[hits.faces[seen]]
@@ -139,6 +137,14 @@ def _noise(points: Floats) -> Floats:
 def _grids() -> tuple[Floats, ...]:
     rng = np.random.default_rng(3)
     return tuple(spline_filter(rng.random((32, 32, 32)), order=3, mode="grid-wrap") for _ in _GRAINS)
+
+
+@cache
+def _seen_through_lens(samples: int) -> Floats:
+    """Unit directions in the camera's own frame, of so many samples a pixel each way: the same for all poses."""
+    steps = (np.arange(samples) + 0.5) / samples
+    x, y = ((np.arange(size)[:, None] + steps).ravel() for size in (LENS.width, LENS.height))
+    return LENS.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))[1]
 
 
 @cache
