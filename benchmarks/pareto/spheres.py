@@ -99,6 +99,6 @@ def _contestant(
 
 
 def _warm_up(quick: bool, run: Callable[[SpherePhotos, int], Found]) -> None:
-    """What a first run builds for all, such as tables of lobes, isn't timed; nobody looks at a coarse version's times."""
+    """What a first run builds for all, such as tables of lobes, isn't timed; a coarse version times nothing."""
     if not quick:
         run(photographed(quick), 500)
