@@ -193,7 +193,7 @@ def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
         made_of |= {f"{name}.{c}": {f"kappa {c}": sign} for c in "rgb" if f"kappa {c}" in fitted}
     made_of |= {name: {name: 1.0} for name in ("mu", "sigma") if name in fitted}
     parts = [[parts.get(name, 0.0) for name in fitted] for parts in made_of.values()]
-    return tuple(made_of), np.array(parts).reshape(-1, len(fitted))
+    return tuple(made_of), np.array(parts).reshape(len(made_of), len(fitted))
 
 
 def _quantities(blind: BlindSolution) -> dict[str, Quantity]:

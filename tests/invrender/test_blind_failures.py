@@ -137,3 +137,29 @@ def test_a_tenth_of_nonsense_among_the_samples_does_no_harm(bench: SimpleNamespa
     # Five numbers, three of them much alike.
     assert (np.abs(off) < 3 * std).all()
     assert (std < [0.003, 0.003, 0.003, 0.03, 0.001]).all()
+
+
+@pytest.mark.parametrize("angle", [20.0, 200.0])
+@pytest.mark.parametrize(("irradiance", "told"), [(6.0, True), (1.0, False)])
+def test_a_matte_object_shows_a_lamp_on_either_side_alike(
+    bench: SimpleNamespace, rng: np.random.Generator, irradiance: float, told: bool, angle: float
+):
+    # A sky of radiance 1 has an irradiance of pi: light of its power makes up for a lamp's antipode only where the
+    # lamp's is less than twice that.
+    sky = AreaLight(np.array([0.0, 0.0, 1.0]), np.ones(3), width_rad=30.0)
+    along = np.radians(angle)
+    lamp = DirectionalSource(np.array([np.cos(along), np.sin(along), 0.4]), np.full(3, irradiance * np.pi))
+    matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
+    angles = [0, 72, 144, 216, 288]
+    found = factorize_blind(photographs(bench, rng, matte, angles, [sky], [lamp]), orders=[4])
+    sources = found.light.sources
+    # The likelier side is the true one: the rest of the light is even.
+    off = np.degrees(np.arccos(np.clip(sources.directions[0] @ lamp.direction, -1, 1)))
+    assert (len(sources.directions), off < 1) == (1, True)
+    said = [warning for warning in found.warnings if "may as well be on the opposite side" in warning]
+    if told:
+        assert (sources.direction_std_deg[0] < 1, said) == (True, [])
+    else:
+        assert (sources.direction_std_deg[0] >= 180, len(said)) == (True, 1)
+        # Where the lamp is, light of degree 1 isn't: at the antipode it would be twice the lamp's.
+        assert (found.light.coefficients_std[1:4].max(axis=0) > 0.5 * sources.irradiances[0]).all()

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.solve.blind.antipodes import Sides
 from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
@@ -41,12 +42,14 @@ class Certainty:
     degree_shares: Mapping[int, Floats]
 
 
-def certainty_of(search: Search, fit: Fit, split: Fit | None = None) -> Certainty:
+def certainty_of(
+    search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None
+) -> Certainty:
     """Certainty at a fit, which must be the best of its model, and what else its standard deviations must hold.
 
-    split : the fit with one of the sources as two, if that explains more.
+    split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
     """
-    certainty = _with_split(_of_noise(search, fit), fit, split)
+    certainty = _with_sides(_with_split(_of_noise(search, fit), fit, split), sides)
     fields = [sight.field for sight in search.sights]
     left = [
         np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows))
@@ -77,6 +80,18 @@ def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
         turns = off[len(ends[0]) + 2 * nearest :][:2]
         turns[:] = np.maximum(turns, np.arccos(np.clip(apart.min(), -1, 1)))
     return replace(certainty, covariance=certainty.covariance + np.diag(off**2))
+
+
+def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
+    """Standard deviations that hold by how much lamps that may be at their antipodes are elsewhere there."""
+    if sides is None:
+        return certainty
+    # No lobe, so that the sources' turns are all that there is.
+    off = np.where(np.repeat(sides.open, 2), np.pi, 0.0)
+    light_std = {k: np.hypot(std, sides.moved[k]) for k, std in certainty.light_std.items()}
+    return replace(
+        certainty, covariance=certainty.covariance + np.diag(off**2), light_std=light_std
+    )
 
 
 def _of_noise(search: Search, fit: Fit) -> Certainty:
