@@ -69,7 +69,7 @@ def solve_unknown_light(
     orders = _DARK if _is_dark(photoset, others) else ORDERS
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     sources = {name: other.lighting.directions for name, other in others.items()}
-    fields = read_samples(photoset, specimen.found, sources, samples, clock, track)
+    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))
@@ -108,7 +108,7 @@ def solve_unknown_light(
             if photo.held_out:
                 field = fields[photo.label]
                 residuals[photo.label] = field.radiance - radiance(photo, field)
-    warnings = (*sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
+    warnings = (*left_out, *sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
     # Of several photographs under such a light the first tells its strength in the result.
     firsts = {
         photo.lighting: strengths[photo.label]

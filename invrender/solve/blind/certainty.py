@@ -42,9 +42,7 @@ class Certainty:
     degree_shares: Mapping[int, Floats]
 
 
-def certainty_of(
-    search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None
-) -> Certainty:
+def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None) -> Certainty:
     """Certainty at a fit, which must be the best of its model, and what else its standard deviations must hold.
 
     split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
@@ -89,9 +87,7 @@ def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
     # No lobe, so that the sources' turns are all that there is.
     off = np.where(np.repeat(sides.open, 2), np.pi, 0.0)
     light_std = {k: np.hypot(std, sides.moved[k]) for k, std in certainty.light_std.items()}
-    return replace(
-        certainty, covariance=certainty.covariance + np.diag(off**2), light_std=light_std
-    )
+    return replace(certainty, covariance=certainty.covariance + np.diag(off**2), light_std=light_std)
 
 
 def _of_noise(search: Search, fit: Fit) -> Certainty:
