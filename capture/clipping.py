@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Fewer pixels at the largest value, and fewer different values in another channel among them, may be chance.
-_FEWEST, _VARIED = 30, 10
+_FEWEST, _VARIED = 10, 5
 # Up to this share below the largest value lie two steps of half floats, or of a Radiance file's shared exponents. The
 # top of a smooth highlight, whose values are spread evenly there, leaves fewer on it than that; cut off, several times
 # as many.
