@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
+from invrender.model.half_vectors import is_rough
 from invrender.model.lobes import PHONG, LobeForm, phong_exponent
 from invrender.model.predict import predict_columns
-from invrender.solve.clusters import structured_rms
+from invrender.solve.clusters import lobe_misfit, structured_rms
 from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
 from invrender.solve.explanation import Explanation, explain, refitted
 from invrender.solve.identifiability import (
@@ -83,6 +84,9 @@ def conclude(
     measured = _measure(known.rungs[chosen], photos, weights)
     report, values, fragility = measured.report, measured.values, measured.fragility
     covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
+    if "sigma" in report.places:
+        place = report.places["sigma"].start
+        covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
     if doubts is not None:
         moved = _moved(known, doubts) - values
         covariance += np.outer(moved, moved)
@@ -145,6 +149,7 @@ def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weigh
         place = report.places["sigma"]
         scale[place] = np.maximum(scale[place], PRIOR_STD["sigma"])
     own = np.hypot(own, structured * scale)
+    own = np.hypot(own, _lobe_misfit(photos, weights, rung) * found.fragility)
     if rung.estimate.model.neutral:
         # One number has one error bar.
         own[report.places["ks"]] = own[report.places["ks"]].max()
@@ -201,6 +206,34 @@ def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung
             residuals.append(np.sqrt(own.trust) * residual)
             energy.append(np.mean(photo.radiance**2))
     return structured_rms(fields, residuals) / float(np.sqrt(np.mean(energy)))
+
+
+def _width_of_pixels(lightings: Sequence[Lighting], sigma: float) -> float:
+    """By how much sigma may be off because nothing tells where in a pixel of the light's map its radiance is.
+
+    Light spread over a pixel p widens the lobe as facets would: sigma^2 grows by p^2 / 24, since a half vector turns by
+    half as much, and the variance of a lobe is sigma^2 / 2 each way. By as much again between pixels, where a map is
+    interpolated. 0 where a source has a direction, or maps are smooth.
+    """
+    pixels = [
+        0.0 if len(lighting.directions) else np.pi / lighting.radiance_map.shape[0]
+        for lighting in lightings
+        if len(lighting.directions) or (lighting.radiance_map is not None and is_rough(lighting.radiance_map))
+    ]
+    return float(min(pixels, default=0.0) ** 2 / (24 * sigma))
+
+
+def _lobe_misfit(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:
+    """What of highlights is left that isn't noise, relative to them; photographs that are wrong are left aside."""
+    brdf, parts = rung.estimate.brdf, []
+    for photo, own, wrong in zip(photos, weights, outlying(rung.photo_errors), strict=True):
+        if brdf.sigma is not None and not wrong:
+            strengths = rung.estimate.strengths[photo.lighting]
+            predicted = predict_columns(photo, brdf, strengths)
+            specular = predict_columns(photo, replace(brdf, kd=np.zeros(3)), strengths)
+            std = np.sqrt(own.trust / own.weight)
+            parts.append((specular, predicted, photo.radiance - predicted, std))
+    return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else 0.0
 
 
 def _quantities(

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from invrender.solve.clusters import structured_rms, tile_of
+from invrender.solve.clusters import lobe_misfit, structured_rms, tile_of
 
 
 def test_noise_has_no_structure_and_structure_is_measured(
@@ -23,3 +23,30 @@ def test_noise_has_no_structure_and_structure_is_measured(
     with_wave = [structured_rms(fields, [w + n for w, n in zip(wave, draw, strict=True)]) for draw in noise]
     # The two standard deviations, of some hundred tiles, and tiles of one sample take away a little.
     assert_allclose(with_wave, expected, rtol=0.15)
+
+
+def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generator) -> None:
+    across = rng.uniform(-0.4, 0.4, (4000, 2))
+
+    def lobe(sigma: float) -> np.ndarray:
+        return np.exp(-(across**2).sum(axis=1, keepdims=True) / sigma**2) / sigma**2 * np.ones(3)
+
+    def misfit(true: np.ndarray, strays: float = 0.0) -> float:
+        predicted = lobe(0.1) + 0.5
+        std = 0.02 * predicted
+        noise = std * rng.standard_normal(std.shape)
+        noise += 50 * std * (rng.random(std.shape) < strays)
+        return lobe_misfit(lobe(0.1), predicted, true + 0.5 + noise - predicted, std)
+
+    clean = [misfit(lobe(0.1)) for _ in range(40)]
+    # Two standard deviations of the median are let pass.
+    assert np.count_nonzero(clean) <= 4
+    assert max(clean) < 0.01
+    # A lobe wider by a share is off by |2 u - 2| of it, u = (theta / sigma)^2 being spread as exp(-u): half of its light
+    # by more than 1.27, where 2 sinh(1.27 / 2) / e = 1 / 2. The median of normal noise is 0.6745.
+    expected = 0.05 * 1.27 / 0.6745
+    assert_allclose(misfit(lobe(0.105)), expected, rtol=0.25)
+    # Dust on a tenth of the samples counts for little.
+    assert_allclose(misfit(lobe(0.105), strays=0.1), expected, rtol=0.5)
+    assert misfit(lobe(0.1), strays=0.1) < 0.02
+    assert lobe_misfit(*np.zeros((4, 5, 3))) == 0

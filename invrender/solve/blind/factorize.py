@@ -44,6 +44,8 @@ _FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
 _SAME_ANGLE = 1e-3
 # Weight of samples of a mesh whose lobe an edge cuts. They would pull at mu, but may be all that there are.
 _AT_EDGES = 0.1
+# Of highlights, what may be left unexplained before it is told.
+_NOTABLE_MISFIT = 0.05
 
 
 def factorize_blind(
@@ -248,6 +250,7 @@ def _solution(
         warnings=(
             *(_split_warnings(found, names) if fit.state.sigma is not None else ()),
             *_side_warnings(sides, names),
+            *_width_warnings(certainty.misfit),
             *_lonely_warnings(search, fit, names),
         ),
         transfer=transfer,
@@ -308,6 +311,16 @@ def _side_warnings(sides: Sides | None, names: Sequence[str]) -> tuple[str, ...]
             " photograph a glossier object, or a mirror ball, under the same light"
         )
     return tuple(warnings)
+
+
+def _width_warnings(misfit: float) -> tuple[str, ...]:
+    if misfit < _NOTABLE_MISFIT:
+        return ()
+    return (
+        f"{misfit:.0%} of the lamps' highlights is left unexplained, more than noise is: windows and lamps that are no"
+        " points look like a wider lobe (sigma is then too large), and so does another material; error bars are widened"
+        " by as much. Measure the light, or photograph under a smaller lamp",
+    )
 
 
 def _lonely_warnings(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
