@@ -25,9 +25,12 @@ from invrender.solve.identifiability import (
     assess_sigma,
     lighting_degree,
 )
+from invrender.solve.interface import under_interface
 from invrender.solve.models import Estimate
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.reported import Report
+from invrender.solve.search import fit
+from invrender.solve.statistics import by_lighting, weighted_statistics
 from invrender.solve.uncertainty import PRIOR_STD, pack, uncertainty_of
 
 Floats = NDArray[np.float64]
@@ -43,7 +46,7 @@ class Solution:
     """What the solve adds to what is known of a set; see `Factorization` for the fields.
 
     weights : of each photograph's samples, as they entered the fit. photos : columns of the chosen form; none where
-    the light was unknown.
+    the light was unknown. interface_mu : mu, were the diffuse base under an interface; None if that explains no more.
     """
 
     estimate: Estimate
@@ -58,6 +61,7 @@ class Solution:
     covariance_names: tuple[str, ...]
     gauge: str
     photos: tuple[PhotoColumns, ...] = ()
+    interface_mu: float | None = None
 
 
 def factorize(
@@ -83,7 +87,11 @@ def conclude(
     chosen, weights, photos = known.chosen, known.weights, known.photos
     measured = _measure(known.rungs[chosen], photos, weights)
     report, values, fragility = measured.report, measured.values, measured.fragility
-    covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
+    behind = _behind_interface(known)
+    apart = _disagreement(measured, known)
+    if behind is not None:
+        apart = np.hypot(apart, behind[0])
+    covariance = measured.covariance + np.diag(apart**2)
     if "sigma" in report.places:
         place = report.places["sigma"].start
         covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
@@ -107,6 +115,7 @@ def conclude(
         covariance_names=report.names,
         gauge=_gauge(report),
         photos=photos,
+        interface_mu=None if behind is None else behind[1],
     )
 
 
@@ -116,6 +125,22 @@ def _moved(known: Explanation, changes: Sequence[Floats]) -> Floats:
     elements = {photo.lighting: photo.elements for photo in known.photos}
     parameters = pack(estimate, elements)
     return Report(parameters, _has_known(known.photos))(parameters.vector)
+
+
+def _behind_interface(known: Explanation) -> tuple[Floats, float] | None:
+    """How reported numbers would differ were the base under an interface, and mu then; None if nothing asks for it."""
+    model = known.rungs[known.chosen].estimate.model
+    if not model.fresnel or model.form not in known.trials:
+        return None
+    trial = known.trials[model.form]
+    plain = fit(model, by_lighting(weighted_statistics(trial.photos, [w.weight for w in trial.weights])))
+    other = under_interface(trial, plain)
+    if other is None or other.brdf.mu is None:
+        return None
+    elements = {photo.lighting: photo.elements for photo in trial.photos}
+    ends = [pack(estimate, elements) for estimate in (plain, other)]
+    report = Report(ends[0], _has_known(trial.photos))
+    return report(ends[1].vector) - report(ends[0].vector), other.brdf.mu
 
 
 def _has_known(photos: Sequence[PhotoColumns]) -> bool:

@@ -21,8 +21,22 @@ def test_noise_has_no_structure_and_structure_is_measured(
     wave = [0.01 * np.sin(tile_of(field))[:, None] * np.ones(3) for field in fields]
     expected = float(np.sqrt(np.mean(np.concatenate(wave) ** 2)))
     with_wave = [structured_rms(fields, [w + n for w, n in zip(wave, draw, strict=True)]) for draw in noise]
-    # The two standard deviations, of some hundred tiles, and tiles of one sample take away a little.
+    # Some hundred tiles tell it to a few percent; tiles of one sample take away a little.
     assert_allclose(with_wave, expected, rtol=0.15)
+
+
+def test_fewer_samples_show_no_less_structure(bench: SimpleNamespace, rng: np.random.Generator) -> None:
+    whole = [bench.sphere_field(angle, 2400) for angle in (0.0, 60.0, 120.0)]
+    found = []
+    for every in (1, 2, 8):
+        fields = [field.where(np.arange(len(field)) % every == 0) for field in whole]
+        draws = [
+            [0.01 * np.sin(tile_of(f))[:, None] + 0.01 * rng.standard_normal((len(f), 3)) for f in fields]
+            for _ in range(20)
+        ]
+        found.append(float(np.mean([structured_rms(fields, draw) for draw in draws])))
+    # What is left are tiles that have one sample of few, and which pixels of a tile they are.
+    assert_allclose(found, found[0], rtol=0.1)
 
 
 def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generator) -> None:
@@ -42,8 +56,8 @@ def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generat
     # Two standard deviations of the median are let pass.
     assert np.count_nonzero(clean) <= 4
     assert max(clean) < 0.01
-    # A lobe wider by a share is off by |2 u - 2| of it, u = (theta / sigma)^2 being spread as exp(-u): half of its light
-    # by more than 1.27, where 2 sinh(1.27 / 2) / e = 1 / 2. The median of normal noise is 0.6745.
+    # A lobe wider by a share is off by |2 u - 2| of it, u = (theta / sigma)^2 being spread as exp(-u): half of its
+    # light by more than 1.27, where 2 sinh(1.27 / 2) / e = 1 / 2. The median of normal noise is 0.6745.
     expected = 0.05 * 1.27 / 0.6745
     assert_allclose(misfit(lobe(0.105)), expected, rtol=0.25)
     # Dust on a tenth of the samples counts for little.
