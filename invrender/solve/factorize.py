@@ -240,11 +240,12 @@ def _width_of_pixels(lightings: Sequence[Lighting], sigma: float) -> float:
     half as much, and the variance of a lobe is sigma^2 / 2 each way. By as much again between pixels, where a map is
     interpolated. 0 where a source has a direction, or maps are smooth.
     """
-    pixels = [
-        0.0 if len(lighting.directions) else np.pi / lighting.radiance_map.shape[0]
-        for lighting in lightings
-        if len(lighting.directions) or (lighting.radiance_map is not None and is_rough(lighting.radiance_map))
-    ]
+    pixels = []
+    for lighting in lightings:
+        if len(lighting.directions):
+            pixels.append(0.0)
+        elif lighting.radiance_map is not None and is_rough(lighting.radiance_map):
+            pixels.append(np.pi / len(lighting.radiance_map))
     return float(min(pixels, default=0.0) ** 2 / (24 * sigma))
 
 
