@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import reused_empty
 from capture.bracket.response import Response
+from capture.clipping import cut_off
 from capture.exposure import ExposureSettings, relative_exposure
 from capture.files.imagefile import read_exr_layers, read_file, read_image, read_pixels, rgbe_step
 from capture.files.imageheader import Header, is_raw
@@ -48,7 +49,8 @@ def decode(
     exposure : what the radiance is divided by, relative to the unit exposure, > 0.
     noise : the sensor's read and shot noise. Without it, that of integer and RAW files is estimated from the
         photograph itself, once its variance is asked for, and floats have what an EXR states in channels
-        variance.R, .G, .B (and saturated), as merged brackets do. Quantisation is added, JPEG's too.
+        variance.R, .G, .B (and saturated), as merged brackets do. Quantisation is added, JPEG's too. Floats that don't
+        state where they are saturated are so where they were cut off (`clipping`).
     flat_field : relative illumination over the image, divided out.
     white_balance : (3,) factors that the channels are multiplied by.
     """
@@ -242,7 +244,7 @@ def _decode_float(
         own = np.broadcast_to(stated + _float_step(kind, pixels) ** 2 / 12, linear.shape)
         return np.asarray((own if noise is None else own + noise.variance(linear)) * factor**2, np.float32)
 
-    clipped = layers.get("saturated", np.zeros(linear.shape[:2])) > 0
+    clipped = layers["saturated"] > 0 if "saturated" in layers else cut_off(linear, kind)
     return RadianceImage(linear * factor, variance, clipped)
 
 

@@ -25,8 +25,8 @@ class RadianceImage:
     variance : (h, w, 3) float32, of the noise: read noise, shot noise and quantisation. Given as an array, or as a
         function that makes it at first use: many readers never ask, and it is as large as the radiance.
     variance_at : gives the variance (n, 3) of a few pixels, by their rows and columns (n,), without making all of it.
-    saturated : (h, w) bool, true where any channel is at the file's white level; in JPEG files also within four
-        pixels of there, in RAW files within the reach of demosaicing.
+    saturated : (h, w) bool, true where any channel is at the file's white level, or where floats were cut off; in JPEG
+        files also within four pixels of there, in RAW files within the reach of demosaicing.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ def solve_known_light(
     with clock.on("recon"):
         lightings = _used_lightings(photoset)
     sources = {name: lighting.directions for name, lighting in lightings.items()}
-    fields = read_samples(photoset, specimen.found, sources, samples, clock, track)
+    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track)
     with clock.on("invrender"):
         elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
         columns = _columns(photoset, fields, elements, specimen.shadows)
@@ -78,7 +78,7 @@ def solve_known_light(
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
         }
-    warnings = [*find_warnings(photoset, solution, specimen, lightings), *remarks]
+    warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings), *remarks]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
     result = replace(result, interreflection=None if bounces is None else bounces.found)
 

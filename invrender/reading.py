@@ -20,6 +20,8 @@ from recon.sampling import NO_SOURCES, sample_body
 _MIN_SAMPLES_PER_PHOTO = 20
 # Noise about black makes half of a dark photograph's numbers negative.
 _MOSTLY_NEGATIVE = 0.6
+# Share of the object's pixels that are saturated in a photograph, from which on it is told.
+_CUT_OFF = 0.001
 
 
 def read_samples(
@@ -29,8 +31,8 @@ def read_samples(
     samples: int,
     clock: Clock,
     track: Track,
-) -> dict[str, LightField]:
-    """Samples of every photograph by its label, on all cores.
+) -> tuple[dict[str, LightField], list[str]]:
+    """Samples of every photograph by its label, on all cores; and sentences on what was left out.
 
     sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
     how many in all, evenly over the photographs that are fitted; each that is held out gets as many.
@@ -38,7 +40,7 @@ def read_samples(
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
 
-    def read(index: int) -> LightField:
+    def read(index: int) -> tuple[LightField, float]:
         photo = photoset.photos[index]
         with clock.on("capture"):
             image = decode_photo(photoset, photo)
@@ -50,21 +52,36 @@ def read_samples(
             drawn = sample_body(found.body, photo.camera, image, mask, directions, budget, rng)
             drawn = off_terminators(drawn, directions)
             check_usable(photo, image, drawn, mask)
-        return drawn
+        return drawn, float(image.saturated[_inside(image, mask)].mean())
 
     fields: dict[str, LightField] = {}
+    cut_off: dict[str, float] = {}
     work = parallel_map(read, range(len(photoset.photos)))
     for photo in track(photoset.photos, "Reading photographs"):
-        fields[photo.label] = next(work)
-    return fields
+        fields[photo.label], cut_off[photo.label] = next(work)
+    return fields, _saturation({label: share for label, share in cut_off.items() if share > _CUT_OFF})
+
+
+def _saturation(shares: Mapping[str, float]) -> list[str]:
+    if not shares:
+        return []
+    worst = max(shares, key=lambda label: shares[label])
+    return [
+        f"Saturated pixels are left out, in {len(shares)} photograph{'s' if len(shares) > 1 else ''}: up to"
+        f" {shares[worst]:.1%} of the object ({worst}). Expose shorter, or export floats that are not cut off, so that"
+        " highlights show their peaks."
+    ]
+
+
+def _inside(image: RadianceImage, coverage: NDArray[np.float32] | None) -> NDArray[np.bool_]:
+    return np.ones(image.saturated.shape, bool) if coverage is None else coverage >= 0.5
 
 
 def check_usable(
     photo: Photo, image: RadianceImage, samples: LightField, coverage: NDArray[np.float32] | None
 ) -> None:
     """ValueError if a photograph says nothing: saturated, too small, negative, or black throughout the object."""
-    inside = coverage >= 0.5 if coverage is not None else np.ones(image.saturated.shape, bool)
-    if image.saturated[inside].all():
+    if image.saturated[_inside(image, coverage)].all():
         raise ValueError(
             f"{photo.file}: every pixel of the object is saturated; expose shorter, or leave it out"
         )

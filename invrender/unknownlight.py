@@ -69,7 +69,7 @@ def solve_unknown_light(
     orders = _DARK if _is_dark(photoset, others) else ORDERS
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     sources = {name: other.lighting.directions for name, other in others.items()}
-    fields = read_samples(photoset, specimen.found, sources, samples, clock, track)
+    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))
@@ -108,7 +108,7 @@ def solve_unknown_light(
             if photo.held_out:
                 field = fields[photo.label]
                 residuals[photo.label] = field.radiance - radiance(photo, field)
-    warnings = (*sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
+    warnings = (*left_out, *sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
     # Of several photographs under such a light the first tells its strength in the result.
     firsts = {
         photo.lighting: strengths[photo.label]
@@ -193,7 +193,7 @@ def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
         made_of |= {f"{name}.{c}": {f"kappa {c}": sign} for c in "rgb" if f"kappa {c}" in fitted}
     made_of |= {name: {name: 1.0} for name in ("mu", "sigma") if name in fitted}
     parts = [[parts.get(name, 0.0) for name in fitted] for parts in made_of.values()]
-    return tuple(made_of), np.array(parts).reshape(-1, len(fitted))
+    return tuple(made_of), np.array(parts).reshape(len(made_of), len(fitted))
 
 
 def _quantities(blind: BlindSolution) -> dict[str, Quantity]:

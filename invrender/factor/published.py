@@ -42,7 +42,7 @@ def solve_as_published(
     photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track, region: Region | None
 ) -> Solved:
     """Light and BRDF of a sphere by RH01's procedure; weights and noise are of its residuals, for reports only."""
-    fields = read_samples(photoset, specimen.found, {}, samples, clock, track)
+    fields, left_out = read_samples(photoset, specimen.found, {}, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         found = published_factors([fields[photo.label] for photo in fitted], region=region)
@@ -50,7 +50,7 @@ def solve_as_published(
         residuals = {label: field.radiance - predicted[label] for label, field in fields.items()}
         unseen = _unseen([fields[photo.label] for photo in fitted], region)
         solution = _solution(photoset, found, fields, predicted, unseen)
-    warnings = find_warnings(photoset, solution, specimen, {})
+    warnings = (*left_out, *find_warnings(photoset, solution, specimen, {}))
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
 
     def radiance(_: Photo, field: LightField) -> Floats:

@@ -249,6 +249,11 @@ def _pyramid(radiance_map: Singles) -> list[Singles]:
     return levels
 
 
+def is_rough(radiance_map: Singles) -> bool:
+    """Whether a lat-long map (H, 2H, c) has structure as fine as its pixels: lamps, windows and their edges."""
+    return _is_rough(_pyramid(radiance_map))
+
+
 def _is_rough(levels: Sequence[Singles]) -> bool:
     """Whether averaging over four by four pixels takes a notable part of the map away."""
     if len(levels) < 3:

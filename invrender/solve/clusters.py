@@ -15,6 +15,8 @@ _TILES_ACROSS = 6
 _PATCHES_PER_UNIT = 3
 # Highlights that a model misses by both signs show in small tiles only.
 _SAMPLES_PER_TILE, _MOST_ACROSS = 20, 24
+# Median absolute value of unit normal noise, and its relative standard deviation from one sample.
+_MEDIAN_OF_NORMAL, _MEDIAN_STD = 0.6745, 1.166
 
 
 def tile_of(field: LightField, across: int = _TILES_ACROSS) -> NDArray[np.int64]:
@@ -42,8 +44,7 @@ def structured_rms(
     """RMS of that part of the residuals which tiles of a photograph have in common: what isn't noise.
 
     residuals : (n, 3) per photograph. across : tiles to the object's width. From the tiles' mean squares less what
-        independent samples of a tile's own scatter would give, two standard deviations of it included; 0 if that
-        leaves nothing.
+        independent samples of a tile's own scatter would give; 0 within two standard deviations of that.
     """
     common, by_chance, variance, count = 0.0, 0.0, 0.0, 0
     for field, residual in zip(fields, residuals, strict=True):
@@ -57,5 +58,31 @@ def structured_rms(
             by_chance += float(scatter.sum())
             variance += float(2 * (scatter**2).sum())
             count += int(size[several].sum())
-    beyond = common - by_chance - 2 * np.sqrt(variance)
-    return float(np.sqrt(max(beyond, 0.0) / max(count, 1)))
+    # All of it where it is no chance: less what chance could be, few samples would be the better for telling less.
+    beyond = common - by_chance
+    return float(np.sqrt(beyond / max(count, 1))) if beyond > 2 * np.sqrt(variance) else 0.0
+
+
+def lobe_misfit(specular: Floats, predicted: Floats, residual: Floats, std: Floats) -> float:
+    """What of highlights a model leaves that isn't noise, relative to them; 0 if noise leaves nothing.
+
+    specular, predicted, residual, std : (n, 3) of all samples, radiance of the lobes alone and in all, what is left of
+        it, and the noise's standard deviation. The median over what is mostly highlight, each sample counting with its
+        lobe's radiance, so that few that stray don't matter; 0 within two standard deviations of the median itself.
+    """
+    lobe = specular > 0.5 * np.maximum(predicted, 0)
+    weight = specular[lobe]
+    if not len(weight):
+        return 0.0
+    left = _weighted_median(np.abs(residual[lobe]) / weight, weight)
+    by_chance = _MEDIAN_OF_NORMAL * _weighted_median(std[lobe] / weight, weight)
+    several = weight.sum() ** 2 / (weight**2).sum()
+    if left * (1 - 2 * _MEDIAN_STD / np.sqrt(several)) <= by_chance:
+        return 0.0
+    return float(np.sqrt(left**2 - by_chance**2) / _MEDIAN_OF_NORMAL)
+
+
+def _weighted_median(values: Floats, weights: Floats) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])

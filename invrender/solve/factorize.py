@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
+from invrender.model.half_vectors import is_rough
 from invrender.model.lobes import PHONG, LobeForm, phong_exponent
 from invrender.model.predict import predict_columns
-from invrender.solve.clusters import structured_rms
+from invrender.solve.clusters import lobe_misfit, structured_rms
 from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
 from invrender.solve.explanation import Explanation, explain, refitted
 from invrender.solve.identifiability import (
@@ -24,9 +25,12 @@ from invrender.solve.identifiability import (
     assess_sigma,
     lighting_degree,
 )
+from invrender.solve.interface import under_interface
 from invrender.solve.models import Estimate
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.reported import Report
+from invrender.solve.search import fit
+from invrender.solve.statistics import by_lighting, weighted_statistics
 from invrender.solve.uncertainty import PRIOR_STD, pack, uncertainty_of
 
 Floats = NDArray[np.float64]
@@ -42,7 +46,7 @@ class Solution:
     """What the solve adds to what is known of a set; see `Factorization` for the fields.
 
     weights : of each photograph's samples, as they entered the fit. photos : columns of the chosen form; none where
-    the light was unknown.
+    the light was unknown. interface_mu : mu, were the diffuse base under an interface; None if that explains no more.
     """
 
     estimate: Estimate
@@ -57,6 +61,7 @@ class Solution:
     covariance_names: tuple[str, ...]
     gauge: str
     photos: tuple[PhotoColumns, ...] = ()
+    interface_mu: float | None = None
 
 
 def factorize(
@@ -82,7 +87,14 @@ def conclude(
     chosen, weights, photos = known.chosen, known.weights, known.photos
     measured = _measure(known.rungs[chosen], photos, weights)
     report, values, fragility = measured.report, measured.values, measured.fragility
-    covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
+    behind = _behind_interface(known)
+    apart = _disagreement(measured, known)
+    if behind is not None:
+        apart = np.hypot(apart, behind[0])
+    covariance = measured.covariance + np.diag(apart**2)
+    if "sigma" in report.places:
+        place = report.places["sigma"].start
+        covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
     if doubts is not None:
         moved = _moved(known, doubts) - values
         covariance += np.outer(moved, moved)
@@ -103,6 +115,7 @@ def conclude(
         covariance_names=report.names,
         gauge=_gauge(report),
         photos=photos,
+        interface_mu=None if behind is None else behind[1],
     )
 
 
@@ -112,6 +125,22 @@ def _moved(known: Explanation, changes: Sequence[Floats]) -> Floats:
     elements = {photo.lighting: photo.elements for photo in known.photos}
     parameters = pack(estimate, elements)
     return Report(parameters, _has_known(known.photos))(parameters.vector)
+
+
+def _behind_interface(known: Explanation) -> tuple[Floats, float] | None:
+    """How reported numbers would differ were the base under an interface, and mu then; None if nothing asks for it."""
+    model = known.rungs[known.chosen].estimate.model
+    if not model.fresnel or model.form not in known.trials:
+        return None
+    trial = known.trials[model.form]
+    plain = fit(model, by_lighting(weighted_statistics(trial.photos, [w.weight for w in trial.weights])))
+    other = under_interface(trial, plain)
+    if other is None or other.brdf.mu is None:
+        return None
+    elements = {photo.lighting: photo.elements for photo in trial.photos}
+    ends = [pack(estimate, elements) for estimate in (plain, other)]
+    report = Report(ends[0], _has_known(trial.photos))
+    return report(ends[1].vector) - report(ends[0].vector), other.brdf.mu
 
 
 def _has_known(photos: Sequence[PhotoColumns]) -> bool:
@@ -145,6 +174,7 @@ def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weigh
         place = report.places["sigma"]
         scale[place] = np.maximum(scale[place], PRIOR_STD["sigma"])
     own = np.hypot(own, structured * scale)
+    own = np.hypot(own, _lobe_misfit(photos, weights, rung) * found.fragility)
     if rung.estimate.model.neutral:
         # One number has one error bar.
         own[report.places["ks"]] = own[report.places["ks"]].max()
@@ -201,6 +231,35 @@ def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung
             residuals.append(np.sqrt(own.trust) * residual)
             energy.append(np.mean(photo.radiance**2))
     return structured_rms(fields, residuals) / float(np.sqrt(np.mean(energy)))
+
+
+def _width_of_pixels(lightings: Sequence[Lighting], sigma: float) -> float:
+    """By how much sigma may be off because nothing tells where in a pixel of the light's map its radiance is.
+
+    Light spread over a pixel p widens the lobe as facets would: sigma^2 grows by p^2 / 24, since a half vector turns by
+    half as much, and the variance of a lobe is sigma^2 / 2 each way. By as much again between pixels, where a map is
+    interpolated. 0 where a source has a direction, or maps are smooth.
+    """
+    pixels = []
+    for lighting in lightings:
+        if len(lighting.directions):
+            pixels.append(0.0)
+        elif lighting.radiance_map is not None and is_rough(lighting.radiance_map):
+            pixels.append(np.pi / len(lighting.radiance_map))
+    return float(min(pixels, default=0.0) ** 2 / (24 * sigma))
+
+
+def _lobe_misfit(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:
+    """What of highlights is left that isn't noise, relative to them; photographs that are wrong are left aside."""
+    brdf, parts = rung.estimate.brdf, []
+    for photo, own, wrong in zip(photos, weights, outlying(rung.photo_errors), strict=True):
+        if brdf.sigma is not None and not wrong:
+            strengths = rung.estimate.strengths[photo.lighting]
+            predicted = predict_columns(photo, brdf, strengths)
+            specular = predict_columns(photo, replace(brdf, kd=np.zeros(3)), strengths)
+            std = np.sqrt(own.trust / own.weight)
+            parts.append((specular, predicted, photo.radiance - predicted, std))
+    return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else 0.0
 
 
 def _quantities(

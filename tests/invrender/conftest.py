@@ -29,6 +29,8 @@ from synthetic.demo import write_demo
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.lambertian import Lambertian
+from synthetic.materials.material import Material
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
@@ -41,20 +43,26 @@ Floats = np.ndarray
 Command = Callable[..., tuple[int, str, str]]
 
 
-def _write_small_set(folder: Path, areas: tuple[AreaLight, ...]) -> Path:
-    """Four photographs of a delrin sphere under a source and area lights, the last one held out; 80x60 pixels."""
+_WINDOW = AreaLight(np.array([-0.3, 0.8, 0.52]), np.array([1.0, 1.2, 1.4]), width_rad=0.4)
+_LAMP = DirectionalSource(np.array([0.85, -0.31, 0.42]), np.array([1.5, 1.4, 1.3]))
+_DELRIN = radiometric(RH01_MATERIALS["delrin"])
+
+
+def _write_small_set(
+    folder: Path,
+    areas: tuple[AreaLight, ...],
+    lamps: tuple[DirectionalSource, ...] = (_LAMP,),
+    material: Material = _DELRIN,
+) -> Path:
+    """Four photographs of a sphere under sources and area lights, the last one held out; 80x60 pixels."""
     angles = np.radians([0.0, 50.0, 100.0, 150.0])
     poses = [Arc(np.zeros(3), [0, 0, 1], 0.6, [1, 0, 0]).pose(angle) for angle in angles]
-    light = Illumination(
-        "lighting",
-        areas,
-        (DirectionalSource(np.array([0.85, -0.31, 0.42]), np.array([1.5, 1.4, 1.3])),),
-    )
+    light = Illumination("lighting", areas, lamps)
     camera = Camera("PINHOLE", np.array([720.0, 720.0, 40.0, 30.0]), 80, 60, np.eye(4))
     scene = Scene(
         name="small",
         surface=Ball(np.array([0.001, 0.0, -0.001]), 0.02),
-        material=radiometric(RH01_MATERIALS["delrin"]),
+        material=material,
         shots=tuple(Shot(camera.posed(pose), light, index == 3) for index, pose in enumerate(poses)),
     )
     write_photoset(Staging(scene), folder)
@@ -64,14 +72,19 @@ def _write_small_set(folder: Path, areas: tuple[AreaLight, ...]) -> Path:
 @pytest.fixture(scope="session")
 def small_set_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four photographs of a delrin sphere under an area light and a source, the last one held out."""
-    window = AreaLight(np.array([-0.3, 0.8, 0.52]), np.array([1.0, 1.2, 1.4]), width_rad=0.4)
-    return _write_small_set(tmp_path_factory.mktemp("small") / "set", (window,))
+    return _write_small_set(tmp_path_factory.mktemp("small") / "set", (_WINDOW,))
 
 
 @pytest.fixture(scope="session")
 def lamp_set_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same under the source alone: solved in a third of the time, as no lobe meets a map of the light."""
     return _write_small_set(tmp_path_factory.mktemp("lamp") / "set", ())
+
+
+@pytest.fixture
+def matte_set(tmp_path: Path) -> Path:
+    """The same of a Lambertian sphere, under the area light alone."""
+    return _write_small_set(tmp_path / "matte", (_WINDOW,), (), Lambertian(_DELRIN.kd))
 
 
 @pytest.fixture

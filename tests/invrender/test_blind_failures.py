@@ -11,6 +11,7 @@ import pytest
 
 from invrender.solve.blind import factorize_blind
 from recon.lightfield import LightField
+from recon.tangents import tangents
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet
@@ -137,3 +138,57 @@ def test_a_tenth_of_nonsense_among_the_samples_does_no_harm(bench: SimpleNamespa
     # Five numbers, three of them much alike.
     assert (np.abs(off) < 3 * std).all()
     assert (std < [0.003, 0.003, 0.003, 0.03, 0.001]).all()
+
+
+@pytest.mark.parametrize("angle", [20.0, 200.0])
+@pytest.mark.parametrize(("irradiance", "told"), [(6.0, True), (1.0, False)])
+def test_a_matte_object_shows_a_lamp_on_either_side_alike(
+    bench: SimpleNamespace, rng: np.random.Generator, irradiance: float, told: bool, angle: float
+):
+    # A sky of radiance 1 has an irradiance of pi: light of its power makes up for a lamp's antipode only where the
+    # lamp's is less than twice that.
+    sky = AreaLight(np.array([0.0, 0.0, 1.0]), np.ones(3), width_rad=30.0)
+    along = np.radians(angle)
+    lamp = DirectionalSource(np.array([np.cos(along), np.sin(along), 0.4]), np.full(3, irradiance * np.pi))
+    matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
+    angles = [0, 72, 144, 216, 288]
+    found = factorize_blind(photographs(bench, rng, matte, angles, [sky], [lamp]), orders=[4])
+    sources = found.light.sources
+    # The likelier side is the true one: the rest of the light is even.
+    off = np.degrees(np.arccos(np.clip(sources.directions[0] @ lamp.direction, -1, 1)))
+    assert (len(sources.directions), off < 1) == (1, True)
+    said = [warning for warning in found.warnings if "may as well be on the opposite side" in warning]
+    if told:
+        assert (sources.direction_std_deg[0] < 1, said) == (True, [])
+    else:
+        assert (sources.direction_std_deg[0] >= 180, len(said)) == (True, 1)
+        # Where the lamp is, light of degree 1 isn't: at the antipode it would be twice the lamp's.
+        assert (found.light.coefficients_std[1:4].max(axis=0) > 0.5 * sources.irradiances[0]).all()
+
+
+@pytest.mark.parametrize(("half_width", "sigma"), [(0.08, 0.03), (0.08, 0.06), (0.0, 0.03)])
+def test_a_window_is_told_from_a_lamp_and_sigma_is_doubted(
+    bench: SimpleNamespace, rng: np.random.Generator, half_width: float, sigma: float
+):
+    # A window of 9 degrees: lamps of no size, nearer to each other than the lobe is wide.
+    steps = np.linspace(-half_width, half_width, 15) if half_width else np.zeros(1)
+    across, along = tangents(bench.source.direction)
+    irradiance = bench.source.irradiance / len(steps) ** 2
+    window = [
+        DirectionalSource(bench.source.direction + x * across + y * along, irradiance)
+        for x in steps
+        for y in steps
+    ]
+    material = replace(TEFLON, sigma=sigma)
+    angles = (0, 36, 72, 108, 144, 180)
+    photos = photographs(bench, rng, material, angles, [bench.area_light], window, samples=600)
+    found = factorize_blind(photos, orders=[4, 8])
+    told = found.quantities["sigma"]
+    assert told.value is not None
+    assert told.std is not None
+    assert abs(told.value[0] - sigma) < 2.5 * told.std[0]
+    warned = any("windows and lamps that are no points" in warning for warning in found.warnings)
+    # Light as narrow as a point costs nothing.
+    expected = ("weak", True) if half_width else ("determined", False)
+    assert (told.status, warned) == expected
+    assert half_width or told.std[0] < 0.01 * sigma

@@ -121,3 +121,15 @@ def test_a_light_from_the_wrong_side_gives_no_numbers(demo_set: Path) -> None:
         assert row["status"] == "undetermined"
         assert "need no" not in row["reason"]
         assert "direction" in row["remedy"]
+
+
+def test_floats_that_were_cut_off_are_left_out_and_told(demo_set: Path) -> None:
+    # At a level that half of the photographs pass: taken at their word, these would make the lobe wider.
+    photos = sorted(demo_set.glob("0??.exr"))
+    level = np.float32(np.quantile([read_pixels(path).max() for path in photos], 0.5))
+    for path in photos:
+        write_exr(path, np.minimum(read_pixels(path).astype(np.float32), level))
+    result = run(demo_set)
+    (warning,) = [text for text in result.warnings if text.startswith("Saturated pixels are left out")]
+    assert "export floats that are not cut off" in warning
+    assert_truth_is_covered(result)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.lighting import Lighting
 from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict_columns
@@ -18,6 +19,7 @@ from invrender.solve.noise import fit_noise, photo_weights
 from invrender.solve.search import LADDER, fit
 from invrender.solve.statistics import by_lighting, photo_statistics
 from invrender.solve.uncertainty import Parameters, pack, uncertainty_of
+from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 TEFLON = radiometric(RH01_MATERIALS["teflon"])
@@ -148,3 +150,23 @@ def test_stains_of_the_surface_widen_the_intervals(bench, rng):
     shares = {name: float(np.mean(hits)) for name, hits in covered.items()}
     # 95% of 16 draws is 15.2 +- 0.9: two deviations below. Channels stray together.
     assert min(shares.values()) >= 0.84, shares
+
+
+def test_a_maps_coarse_pixels_are_part_of_sigmas_uncertainty(bench, rng):
+    # A window of two by two pixels of 5.6 degrees, lamps all over it in truth: between pixels a map is interpolated.
+    rows, sigma = 32, 0.05
+    pixel = np.pi / rows
+    coarse = np.zeros((rows, 2 * rows, 3), np.float32)
+    coarse[12:14, 20:22] = 50.0
+    within = (np.arange(10) + 0.5) / 5
+    theta, phi = (part.ravel() for part in np.meshgrid((12 + within) * pixel, (20 + within) * pixel))
+    towards = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    power = 50 * np.sin(theta) * (pixel / 5) ** 2
+    window = [DirectionalSource(way, np.full(3, e)) for way, e in zip(towards, power, strict=True)]
+    told = Lighting("light", coarse, np.zeros((0, 3)), np.zeros((0, 3)))
+    angles = np.degrees(21 * pixel) + np.linspace(-90, 90, 8)
+    material = replace(TEFLON, sigma=sigma)
+    photos = bench.photograph(material, angles, [], window, told, samples=300)
+    found = factorize(bench.with_noise(photos, rng), [told]).quantities["sigma"]
+    assert found.value is not None
+    assert abs(found.value[0] - sigma) < 2 * found.std[0]

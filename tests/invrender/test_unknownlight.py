@@ -50,6 +50,14 @@ def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path):
     assert "lighting" in (tmp_path / "out" / "report.html").read_text()
 
 
+def test_of_a_matte_object_without_lamps_light_is_all_that_is_told(matte_set: Path, tmp_path: Path):
+    without_light(matte_set)
+    result = run_process(matte_set, tmp_path / "out", samples=900).result
+    assert result.model.estimate.model.name.startswith("lambertian")
+    assert (result.quantities["kd"].status, result.covariance.shape) == ("undetermined", (0, 0))
+    assert (tmp_path / "out" / "result.json").exists()
+
+
 def under(folder: Path, lightings: str, names: Sequence[str], held_out: bool = False) -> None:
     """Rewrite the manifest of the set: its lightings, and whose light each photograph is under."""
     text = without_light(folder)

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.solve.blind.antipodes import Sides
 from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
-from invrender.solve.clusters import finest_tiles, patch_of, structured_rms, tile_of
+from invrender.solve.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, tile_of
 from invrender.solve.uncertainty import PRIOR_STD
 from invrender.theory.conditioning import Information
 
@@ -32,21 +33,23 @@ class Certainty:
     covariance : (t, t), of kappa, mu, sigma (radians) and the sources' turns (radians), as `State.names` lists them.
     light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility : (t,), by how much each moves
     when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting, mean
-    share of what is known of a coefficient that comes from the photographs, not from the prior.
+    share of what is known of a coefficient that comes from the photographs, not from the prior. misfit : what of the
+    sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`).
     """
 
     covariance: Floats
     light_std: Mapping[int, Floats]
     fragility: Floats
     degree_shares: Mapping[int, Floats]
+    misfit: float = 0.0
 
 
-def certainty_of(search: Search, fit: Fit, split: Fit | None = None) -> Certainty:
+def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None) -> Certainty:
     """Certainty at a fit, which must be the best of its model, and what else its standard deviations must hold.
 
-    split : the fit with one of the sources as two, if that explains more.
+    split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
     """
-    certainty = _with_split(_of_noise(search, fit), fit, split)
+    certainty = _with_sides(_with_split(_of_noise(search, fit), fit, split), sides)
     fields = [sight.field for sight in search.sights]
     left = [
         np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows))
@@ -60,7 +63,27 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None) -> Certaint
     # A lobe that a wrong model has made narrow is not the better known for it.
     widths = {"mu": fit.state.mu or 0.0, "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"])}
     own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
+    misfit = _lobe_misfit(search, fit)
+    # A model that is off by so much in its highlights; and a lamp's own width, which nobody knows, passes for sigma's.
+    of_width = np.array([misfit * (fit.state.sigma or 0) * (name == "sigma") for name in fit.state.names])
+    own = np.sqrt(own**2 + of_width**2 + (misfit * certainty.fragility) ** 2)
+    certainty = replace(certainty, misfit=misfit)
     return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
+
+
+def _lobe_misfit(search: Search, fit: Fit) -> float:
+    """What of the sources' highlights is left that isn't noise, relative to them."""
+    if fit.state.sigma is None or not len(fit.state.directions):
+        return 0.0
+    parts = []
+    size = (fit.l_max + 1) ** 2
+    for sight, weight, trust, rows in zip(search.sights, search.weights, search.trust, fit.rows, strict=True):
+        sent = fit.light[sight.lighting][size:]
+        radiance = predicted(sight, fit, rows)
+        variance = trust / np.maximum(weight, 1e-300)
+        lobes = fit.state.kappa * (rows.per_specular[:, size:] @ sent) * (weight > 0)
+        parts.append((lobes, radiance, sight.field.radiance - radiance, np.sqrt(variance)))
+    return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
@@ -77,6 +100,16 @@ def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
         turns = off[len(ends[0]) + 2 * nearest :][:2]
         turns[:] = np.maximum(turns, np.arccos(np.clip(apart.min(), -1, 1)))
     return replace(certainty, covariance=certainty.covariance + np.diag(off**2))
+
+
+def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
+    """Standard deviations that hold by how much lamps that may be at their antipodes are elsewhere there."""
+    if sides is None:
+        return certainty
+    # No lobe, so that the sources' turns are all that there is.
+    off = np.where(np.repeat(sides.open, 2), np.pi, 0.0)
+    light_std = {k: np.hypot(std, sides.moved[k]) for k, std in certainty.light_std.items()}
+    return replace(certainty, covariance=certainty.covariance + np.diag(off**2), light_std=light_std)
 
 
 def _of_noise(search: Search, fit: Fit) -> Certainty:

@@ -13,6 +13,7 @@ from capture.parallel import one_blas_thread
 from invrender.model.lobes import FORMS
 from invrender.model.lobetable import TRANSFERS, Transfer
 from invrender.model.visibility import Shadows
+from invrender.solve.blind.antipodes import Sides, likelier_sides
 from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
@@ -43,6 +44,8 @@ _FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
 _SAME_ANGLE = 1e-3
 # Weight of samples of a mesh whose lobe an edge cuts. They would pull at mu, but may be all that there are.
 _AT_EDGES = 0.1
+# Of highlights, what may be left unexplained before it is told.
+_NOTABLE_MISFIT = 0.05
 
 
 def factorize_blind(
@@ -109,8 +112,11 @@ def factorize_blind(
             search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
         chosen = confirm(search, rungs, pair)
         on_step()
-        certainty = certainty_of(search, rungs[chosen].fit, found.split)
-    return _solution(search, rungs, chosen, certainty, noise, weights, found, names, transfer)
+        sides = likelier_sides(search, rungs[chosen].fit)
+        if sides is not None and sides.fit is not rungs[chosen].fit:
+            rungs[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
+        certainty = certainty_of(search, rungs[chosen].fit, found.split, sides)
+    return _solution(search, rungs, chosen, certainty, noise, weights, found, sides, names, transfer)
 
 
 def blind_steps(orders: Sequence[int] = ORDERS) -> int:
@@ -219,6 +225,7 @@ def _solution(
     noise: NoiseModel,
     weights: tuple[Weights, ...],
     found: Found,
+    sides: Sides | None,
     names: Sequence[str],
     transfer: Transfer,
 ) -> BlindSolution:
@@ -240,7 +247,12 @@ def _solution(
         noise=noise,
         weights=weights,
         gauge=GAUGE,
-        warnings=(*_split_warnings(found, names), *_lonely_warnings(search, fit, names)),
+        warnings=(
+            *(_split_warnings(found, names) if fit.state.sigma is not None else ()),
+            *_side_warnings(sides, names),
+            *_width_warnings(certainty.misfit),
+            *_lonely_warnings(search, fit, names),
+        ),
         transfer=transfer,
     )
 
@@ -284,6 +296,31 @@ def _split_warnings(found: Found, names: Sequence[str]) -> tuple[str, ...]:
                 f" ({np.degrees(state.sigma or 0):.1f} degrees): the two are treated as one"
             )
     return tuple(warnings)
+
+
+def _side_warnings(sides: Sides | None, names: Sequence[str]) -> tuple[str, ...]:
+    if sides is None:
+        return ()
+    state, warnings = sides.fit.state, []
+    for index in np.flatnonzero(sides.open).tolist():
+        near = ", ".join(f"{x:.2f}" for x in state.directions[index])
+        where = f" in lighting {names[state.owners[index]]!r}" if len(names) > 1 else ""
+        warnings.append(
+            f"the lamp near ({near}){where} may as well be on the opposite side: a Lambertian object shows both alike"
+            " where other light makes up for the difference (RH01, section 5.1), so its direction is undetermined;"
+            " photograph a glossier object, or a mirror ball, under the same light"
+        )
+    return tuple(warnings)
+
+
+def _width_warnings(misfit: float) -> tuple[str, ...]:
+    if misfit < _NOTABLE_MISFIT:
+        return ()
+    return (
+        f"{misfit:.0%} of the lamps' highlights is left unexplained, more than noise is: windows and lamps that are no"
+        " points look like a wider lobe (sigma is then too large), and so does another material; error bars are widened"
+        " by as much. Measure the light, or photograph under a smaller lamp",
+    )
 
 
 def _lonely_warnings(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:

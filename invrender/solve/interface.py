@@ -1,0 +1,55 @@
+"""What a diffuse base under a smooth interface, as of plastic or varnish, would make of the numbers.
+
+Light that leaves such a base is reflected back in part by the interface, the more the more grazing [Wolff 1994,
+"Diffuse-reflectance model for smooth dielectric surfaces"]: its radiance falls off with 1 - F(mu, theta_o), which over
+a Lambertian base passes for another mu. No model of the ladder has it; where photographs ask for it, it is a doubt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.model.columns import PhotoColumns
+from invrender.model.fresnel import fresnel_reflectance
+from invrender.solve.forms import Trial
+from invrender.solve.models import Estimate
+from invrender.solve.search import fit
+from invrender.solve.statistics import by_lighting, weighted_statistics
+from invrender.theory.refinement import interval_rule
+
+Floats = NDArray[np.float64]
+
+# Share of the cost that the interface must take away to be a doubt; rounds in which base and lobe come to one mu.
+_NOTABLE, _ROUNDS = 1.02, 4
+
+
+def under_interface(trial: Trial, plain: Estimate) -> Estimate | None:
+    """The estimate of a model with a Fresnel factor, its base under an interface of that index; None if not better.
+
+    trial : the share of the samples that it is fitted to. plain : the estimate with a Lambertian base there.
+    """
+    found = plain
+    for _ in range(_ROUNDS):
+        assert found.brdf.mu is not None
+        photos = [_behind(photo, found.brdf.mu) for photo in trial.photos]
+        weights = [w.weight for w in trial.weights]
+        found = fit(plain.model, by_lighting(weighted_statistics(photos, weights)), found)
+    return found if _NOTABLE * found.cost < plain.cost else None
+
+
+def _behind(photo: PhotoColumns, mu: float) -> PhotoColumns:
+    """Columns with a base behind an interface, that sends as much in all."""
+    passed = _passed(mu, photo.field.cos_exitant)
+    columns = photo.columns.copy()
+    columns[..., 0] *= passed[None, :, None].astype(np.float32)
+    return replace(photo, columns=columns)
+
+
+def _passed(mu: float, cos: Floats) -> Floats:
+    """1 - F over its mean over the hemisphere, per projected solid angle."""
+    nodes, weights = interval_rule(32, 0, 1)
+    mean = 2 * (weights * nodes * (1 - fresnel_reflectance(mu, nodes))).sum()
+    return np.asarray((1 - fresnel_reflectance(mu, cos)) / mean)
