@@ -73,7 +73,7 @@ def photographed() -> CatPhotos:
         known,
         photos=(replace(unseen, file=Path(folder.name) / "truth" / f"{place:03d}.exr", held_out=False),),
     )
-    fields = read_samples(clean, specimen.found, {first.name: NO_SOURCES}, _JUDGED, Clock(), silent)
+    fields, _ = read_samples(clean, specimen.found, {first.name: NO_SOURCES}, _JUDGED, Clock(), silent)
     truth = truths(staging.scene.material)
     bare = find_specimen(known, shadowing=False)
     return CatPhotos(folder, known, unknown, specimen, bare, truth, unseen, tuple(fields.values()))
