@@ -37,7 +37,7 @@ def cover(body: Body, camera: Camera, field: LightField, layout: Layout) -> csr_
             np.concatenate([part.indices for part in parts]),
             np.concatenate([[0], np.cumsum(counts)]),
         ),
-        shape=(len(field), len(layout.points)),
+        shape=(len(field), len(layout)),
     )
 
 
@@ -60,4 +60,4 @@ def _cover(
     at = np.repeat(np.arange(len(rows)), shares.shape[1])
     used = shares.ravel() > 0
     entries = (shares.ravel()[used].astype(np.float32), (at[used], points.ravel()[used].astype(np.int32)))
-    return csr_array(entries, shape=(len(rows), len(layout.points)))
+    return csr_array(entries, shape=(len(rows), len(layout)))

@@ -6,7 +6,7 @@ every point's Kd, and Ks, is solved for. Predictions go through them once more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -23,7 +23,7 @@ from invrender.factorization import FittedLighting, Quantity
 from invrender.findings import find_warnings
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict
+from invrender.model.predict import predict, reflected
 from invrender.model.transfer import LightElement, light_elements
 from invrender.reading import check_usable
 from invrender.solve.clusters import structured_rms, tile_of
@@ -34,7 +34,7 @@ from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.texture.cover import cover
 from invrender.texture.fit import LADDER, Rows, TexturedFit, fit_textured, solved
-from invrender.texture.joint import Grid, View, in_shadow, solve_joint
+from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
 from invrender.texture.textures import Textures
@@ -227,14 +227,15 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
             weight = trust / fit.noise.variance(np.maximum(field.radiance, 0))
             d, s = _transfers(bench, photo, field, brdf)
             covered = cover(bench.body, photo.camera, field, finer)
-            return View(covered, *(part.astype(np.float32) for part in (d, s, field.radiance, trust, weight)))
+            return View(covered, d, s, *(part.astype(np.float32) for part in (field.radiance, trust, weight)))
 
     work = parallel_map(read, fitted)
-    views = [next(work) for _ in track(fitted, "Gathering the texture")]
+    views, covered = stacked([next(work) for _ in track(fitted, "Gathering the texture")])
     with bench.clock.on("invrender"):
-        grid = Grid(parents, len(layout.points), finer.pairs())
+        grid = Grid(parents, len(layout), finer.pairs())
         values = solve_joint(
             views,
+            covered,
             grid,
             lambda sums: solved(fit.model, sums, fit.common_ks),
             fit.noise,
@@ -251,22 +252,18 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
 
 def _transfers(
     bench: _Bench, photo: Photo, field: LightField, brdf: Microfacet
-) -> Iterator[NDArray[np.floating]]:
-    """Diffuse, then specular transfer (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
     elements = bench.elements[photo.lighting]
     strengths = np.ones((len(elements), 3))
-    parts = np.array_split(np.arange(len(field)), len(field) // _PIXELS_AT_A_TIME + 1)
-    for kd in (1.0, 0.0):
-        if kd == 0 and brdf.sigma is None:
-            yield np.zeros((len(field), 3))
-            continue
-        unit = replace(brdf, kd=np.full(3, kd), ks=np.full(3, 1 - kd))
-        found = []
-        for part in parts:
-            keep = np.zeros(len(field), bool)
-            keep[part] = True
-            found.append(predict(unit, elements, strengths, field.where(keep), bench.specimen.shadows))
-        yield np.concatenate(found)
+    found = np.empty((2, len(field), 3), np.float32)
+    for part in np.array_split(np.arange(len(field)), len(field) // _PIXELS_AT_A_TIME + 1):
+        keep = np.zeros(len(field), bool)
+        keep[part] = True
+        some = field.where(keep)
+        rays = reflected(brdf, elements, strengths, some, bench.specimen.shadows)
+        found[:, part] = [some.mean_over_rays(one) for one in rays]
+    return found[0], found[1]
 
 
 def _residuals(
