@@ -26,6 +26,7 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     "synth": ("DIR/synth.png", "DIR/synth.png rh01-steel"),
     "decode": ("", "2"),
     "stream": ("", "1"),
+    "texture": ("", "0.06"),
     "mitsuba": ("DIR/mitsuba.png", "DIR/mitsuba.png rh01-steel"),
 }
 

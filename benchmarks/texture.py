@@ -1,8 +1,8 @@
 """Memory and time of a large texture: python -m benchmarks.texture [SCALE].
 
 A bumpy, painted doll of 200,000 faces in 20 photographs of 2 megapixels, 1% noise, three softboxes and a lamp; each
-lit pixel is a sum over directions of its own. SCALE (1) multiplies lengths in pixels, and divides the facets' edges by
-itself. What counts: peak memory, and the texel solve's time over that of the visibility pass.
+lit pixel is a sum over directions of its own. SCALE (1) multiplies lengths in pixels and the number of samples, and
+divides the facets' edges. What counts: peak memory, and the texel solve's time over that of the visibility pass.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -20,24 +21,28 @@ from numpy.typing import NDArray
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from capture.files.imagefile import read_exr_layers, write_exr
+from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
 from capture.parallel import parallel_map
-from recon.bodies import MeshBody, body_pixels
+from invrender.pipeline import DEFAULT_SAMPLES
+from recon.bodies import MeshBody, blended, body_pixels
 from recon.tangents import tangents
 from recon.trianglemesh import TriangleMesh, smooth_normals, write_mesh
+from synthetic.lights.latlong import LatLongLight
 from synthetic.materials.microfacet import Microfacet
 from synthetic.shapes.doll import doll_mesh
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
 
 _PHOTOS, _WIDTH, _HEIGHT, _FOCAL, _DISTANCE = 20, 1250, 1600, 7000.0, 0.6
 # Metres: 200,000 faces; bumps so high and so wide.
 _EDGE, _BUMP, _WAVE = 0.000494, 0.0008, 0.012
 _LOBE = Microfacet(np.zeros(3), np.full(3, 0.1), 1.5, 0.15)
 _NOISE = 0.01
-# Softboxes in rows and columns of the map, half open, and their radiance.
-_MAP = 32
-_BOXES = (((8, 12), (8, 12), (9, 10, 11)), ((9, 13), (30, 34), (11, 10, 9)), ((7, 12), (48, 53), (6, 8, 11)))
+# Softboxes: where in the map's rows and columns, how wide (one standard deviation, pixels), and how bright.
+_MAP, _DIRECTIONS = 128, 8
+_BOXES = (((40, 40), 15.0, (3, 3.3, 3.6)), ((44, 128), 15.0, (3.6, 3.3, 3)), ((38, 202), 18.0, (2.4, 3, 3.6)))
 _LAMP, _IRRADIANCE = np.array([0.75, -0.4330127, 0.5]), np.array([1.2, 1.1, 1.0])
 
 
@@ -48,7 +53,8 @@ def main(arguments: list[str]) -> None:
         folder, out = Path(name) / "set", Path(name) / "result"
         folder.mkdir()
         faces, pixels = write_set(folder, scale)
-        command = [sys.executable, "-m", "invrender.cli", "process", str(folder), "-o", str(out)]
+        words = ["process", str(folder), "-o", str(out), "--samples", str(int(scale * DEFAULT_SAMPLES))]
+        command = [sys.executable, "-c", "from invrender.cli import main; main()", *words]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         print(f"{faces} faces, {_PHOTOS} photographs, {pixels} pixels on the object")
@@ -59,10 +65,8 @@ def main(arguments: list[str]) -> None:
 def judged(out: Path) -> str:
     """What a result folder says of times, and of the texture against the paint."""
     document = json.loads((out / "result.json").read_text(encoding="utf-8"))
-    layers = read_exr_layers(out / document["texture"]["kd"])
-    side = document["texture"]["side"]
-    found = np.stack([layers[channel] for channel in "RGB"], axis=-1)
-    known = layers["A"] > 0.5
+    path, side = out / document["texture"]["kd"], document["texture"]["side"]
+    found, known = read_pixels(path).astype(float), read_exr_layers(path)["A"] > 0
     at = (np.arange(4 * side) + 0.5) / (4 * side)
     truth = np.empty_like(found)
     for row in range(side):
@@ -97,10 +101,8 @@ def write_set(folder: Path, scale: float) -> tuple[int, int]:
     """Write the set; returns its mesh's faces and the pixels on the object, of all photographs."""
     mesh = bumpy_doll(_EDGE / scale)
     write_mesh(folder / "object.obj", mesh)
-    radiance = np.zeros((_MAP, 2 * _MAP, 3), np.float32)
-    for rows, columns, value in _BOXES:
-        radiance[slice(*rows), slice(*columns)] = value
-    write_exr(folder / "lighting.exr", radiance)
+    light = LatLongLight(_softboxes())
+    write_exr(folder / "lighting.exr", light.pixels.astype(np.float32))
     width, height = int(_WIDTH * scale), int(_HEIGHT * scale)
     focal = _FOCAL * scale
     params = [focal, focal, width / 2, height / 2]
@@ -127,7 +129,7 @@ def write_set(folder: Path, scale: float) -> tuple[int, int]:
         picture = np.zeros((height, width, 3), np.float32)
         rng = np.random.default_rng(k)
         for part in np.array_split(np.arange(len(rows)), len(rows) // 50_000 + 1):
-            seen = photographed(body, mesh, cameras[k], rows[part], columns[part], rng)
+            seen = photographed(body, light, cameras[k], (rows[part], columns[part]), rng)
             picture[rows[part], columns[part]] = seen * (1 + _NOISE * rng.standard_normal(seen.shape))
         write_exr(folder / f"{k:03}.exr", picture)
         mask = np.zeros((height, width), np.uint8)
@@ -141,27 +143,25 @@ def write_set(folder: Path, scale: float) -> tuple[int, int]:
 
 
 def photographed(
-    body: MeshBody,
-    mesh: TriangleMesh,
-    camera: Camera,
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    rng: np.random.Generator,
+    body: MeshBody, light: LatLongLight, camera: Camera, pixels: tuple[Ints, Ints], rng: np.random.Generator
 ) -> Floats:
-    """Radiance (n, 3) of pixels: paint over 2 x 2 parts of each, light at its middle."""
+    """Radiance (n, 3) of pixels, rows and columns: paint over 2 x 2 parts of each, light at its middle."""
+    mesh, (rows, columns) = body.mesh, pixels
     assert mesh.uv is not None
     centres = np.column_stack([columns, rows]) + 0.5
     kd, ks = np.zeros((2, len(rows), 3))
-    for corner in ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)):
-        found = body.hits(camera, centres + corner)
-        uv = np.einsum("nk,nkc->nc", found.weights, mesh.uv[mesh.faces[found.faces]])
+    for corner in np.array([(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)]):
+        found = body.hits(camera, np.asarray(centres + corner))
+        assert found.faces is not None
+        assert found.weights is not None
+        uv = blended(mesh.uv, mesh.faces[found.faces], found.weights)
         for total, value in zip((kd, ks), paint(uv), strict=True):
             total += value / 4
-    at = body.hits(camera, centres)
+    at = body.hits(camera, np.asarray(centres))
     frame = np.concatenate([tangents(at.normals), at.normals[:, None]], axis=1)
     wo = np.einsum("nij,nj->ni", frame, at.views)
     result = np.zeros((len(rows), 3))
-    for directions, irradiance in _lights(len(rows), rng):
+    for directions, irradiance in _lights(light, len(rows), rng):
         wi = np.einsum("nij,nj->ni", frame, directions)
         lit = (wi[:, 2] > 0) & body.visible(at.positions, at.facets, directions)
         cos = np.where(lit, wi[:, 2], 0)[:, None]
@@ -169,23 +169,25 @@ def photographed(
     return result
 
 
-def _lights(count: int, rng: np.random.Generator):
-    """Directions (count, 3), and irradiance square to them (count, 3), of quarters of the softboxes and of the lamp."""
+def _lights(light: LatLongLight, count: int, rng: np.random.Generator) -> Iterator[tuple[Floats, Floats]]:
+    """Directions (count, 3) and irradiance square to them (count, 3): the lamp, then some of the map's own density."""
     yield np.broadcast_to(_LAMP, (count, 3)), np.broadcast_to(_IRRADIANCE, (count, 3))
-    for rows, columns, radiance in _BOXES:
-        steps = np.linspace(*rows, 3), np.linspace(*columns, 3)
-        for row in range(2):
-            for column in range(2):
-                theta, phi = (
-                    (edges[k] + np.diff(edges)[k] * rng.random(count)) * np.pi / _MAP
-                    for k, edges in zip((row, column), steps, strict=True)
-                )
-                solid = np.sin(theta) * np.diff(steps[0])[0] * np.diff(steps[1])[0] * (np.pi / _MAP) ** 2
-                ring = np.sin(theta)
-                yield (
-                    np.column_stack([ring * np.cos(phi), ring * np.sin(phi), np.cos(theta)]),
-                    solid[:, None] * np.array(radiance, float),
-                )
+    for k in range(_DIRECTIONS):
+        # Stratified along the one random number.
+        u = rng.random((count, 2))
+        u[:, 0] = (u[:, 0] + k) / _DIRECTIONS
+        directions = np.asarray(light.sample(u), float)
+        radiance = np.asarray(light.radiance_from(directions), float)
+        yield directions, radiance / (_DIRECTIONS * light.density(directions)[:, None])
+
+
+def _softboxes() -> Singles:
+    rows, columns = np.mgrid[:_MAP, : 2 * _MAP]
+    total = np.zeros((_MAP, 2 * _MAP, 3))
+    for (row, column), width, value in _BOXES:
+        square = ((rows - row) ** 2 + (columns - column) ** 2) / width**2
+        total += np.exp(-square / 2)[..., None] * value
+    return total.astype(np.float32)
 
 
 if __name__ == "__main__":

@@ -45,7 +45,8 @@ _BEYOND_NOISE = 2.0
 class View:
     """What a photograph says of n pixels: cover (n, points), as of `cover.cover`; the others (n, 3) float32.
 
-    diffuse, specular : transfers. trust : how far pixels are trusted. weight : trust over the variance of radiance.
+    diffuse, specular : transfers. trust : how far pixels are trusted, (n, 1) or (n, 3). weight : trust over the
+    variance of radiance; before `solve_joint` knows that, anything.
     """
 
     cover: csr_array
@@ -126,25 +127,17 @@ def tiny_sums(views: Sequence[View], points: int, parents: Ints) -> Sums:
 
     parents : the point that each that is covered belongs to, -1 for none.
     """
-    total, own = Sums.zeros(points), parents >= 0
+    total = Sums.zeros(points)
+    # What belongs to no point goes to one more, which is left out.
+    owners = np.where(parents >= 0, parents, points).astype(np.int32)
     for view in views:
         d, s, y, w = view.diffuse, view.specular, view.radiance, view.weight
+        ones = np.ones((len(d), 1), np.float32)
         products = np.concatenate(
-            [
-                w * d * d,
-                w * d * s,
-                w * s * s,
-                w * d * y,
-                w * s * y,
-                w * y * y,
-                np.ones((len(d), 1), np.float32),
-            ],
-            axis=1,
+            [w * d * d, w * d * s, w * s * s, w * d * y, w * s * y, w * y * y, ones], axis=1
         )
-        dealt = view.cover.T @ products
-        dealt = np.stack(
-            [np.bincount(parents[own], column[own], minlength=points) for column in dealt.T], axis=1
-        )
+        rows = (view.cover.data, owners[view.cover.indices], view.cover.indptr)
+        dealt = (csr_array(rows, shape=(len(d), points + 1)).T @ products)[:points]
         dd, ds, ss, dy, sy, yy = np.split(dealt[:, :18], 6, axis=1)
         total = total + Sums(dd, ds, ss, dy, sy, yy, (dealt[:, 18] >= _SEEN).astype(float))
     return total
@@ -215,7 +208,7 @@ def _trusted(view: View, at: Singles, noise: NoiseModel) -> View:
 def _drawn(view: View, rng: np.random.Generator) -> Singles:
     """Noise as of the view's radiance, (n, 3)."""
     noise = rng.standard_normal(view.radiance.shape, np.float32)
-    return noise / np.sqrt(np.maximum(view.weight, np.float32(1e-30)))
+    return np.asarray(noise / np.sqrt(np.maximum(view.weight, np.float32(1e-30))), np.float32)
 
 
 def in_shadow(views: Sequence[View]) -> list[bool]:
@@ -255,8 +248,17 @@ class _System:
 
     def gathered(self, radiances: Iterable[Singles]) -> Singles:
         """What radiances (n, 3) of the views' pixels say of the points, (points, 6)."""
-        pulls = [view.pull(radiance) for view, radiance in zip(self.views, radiances, strict=True)]
-        return np.asarray(self.cover.T @ np.concatenate(pulls))
+        return self.dealt(view.pull(one) for view, one in zip(self.views, radiances, strict=True))
+
+    def dealt(self, parts: Iterable[Singles]) -> Singles:
+        """Values (n, k) of each view's pixels, dealt to the points by their cover: sums (points, k)."""
+        values, first = np.empty((0, 0), np.float32), 0
+        for part in parts:
+            if not len(values):
+                values = np.empty((self.cover.shape[0], part.shape[1]), np.float32)
+            values[first : first + len(part)] = part
+            first += len(part)
+        return np.asarray(self.cover.T @ values)
 
     def pressed(self, values: Singles) -> Singles:
         """Their matrix times values (points, 6)."""
@@ -268,12 +270,9 @@ class _System:
 
     def inverse(self) -> tuple[Singles, Singles, Singles]:
         """Kd by Kd, Kd by Ks and Ks by Ks, (points, 3), of the inverse of each point's own equations."""
-        squares = [
-            np.concatenate([v.weight * a * b for a, b in products], axis=1)
-            for v in self.views
-            for products in [((v.diffuse, v.diffuse), (v.diffuse, v.specular), (v.specular, v.specular))]
-        ]
-        dd, ds, ss = np.split(self.cover.T @ np.concatenate(squares), 3, axis=1)
+        dd = self.dealt(view.weight * view.diffuse**2 for view in self.views)
+        ds = self.dealt(view.weight * view.diffuse * view.specular for view in self.views)
+        ss = self.dealt(view.weight * view.specular**2 for view in self.views)
         degree = self.prior.laplacian.diagonal()[:, None] * self.prior.precision
         # Points without neighbours that nothing shows.
         dd, ss = (part + 1e-6 * part.max(axis=0) + 1e-30 for part in (dd + degree[:, :3], ss + degree[:, 3:]))

@@ -168,7 +168,7 @@ class TexelLayout:
     def finer(self) -> tuple[Layout, Ints]:
         finer = _rastered(self.body, self.corners, 2 * self.side)
         assert isinstance(finer, TexelLayout)
-        return finer, self._numbers[finer.rows // 2, finer.columns // 2]
+        return finer, self._numbers[finer.rows // 2, finer.columns // 2].astype(np.int64)
 
     @cached_property
     def _numbers(self) -> NDArray[np.int32]:

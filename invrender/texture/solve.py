@@ -71,7 +71,7 @@ class _Bench:
         """All usable pixels of a photograph."""
         with self.clock.on("capture"):
             image = decode_photo(self.photoset, photo)
-        with self.clock.on("recon"):
+        with self.clock.on("recon"), self.clock.on("visibility"):
             mask = self.specimen.found.mask_of(photo)
             directions = self.lightings[photo.lighting].directions
             drawn = sample_body(
@@ -223,24 +223,24 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
         with bench.clock.on("invrender"):
             if len(field) > most:
                 field = field.where(np.random.default_rng(0).permutation(len(field)) < most)
-            trust = np.broadcast_to(np.maximum(field.weight, 0.01)[:, None], field.radiance.shape)
-            weight = trust / fit.noise.variance(np.maximum(field.radiance, 0))
+            trust = np.maximum(field.weight, 0.01)[:, None].astype(np.float32)
             d, s = _transfers(bench, photo, field, brdf)
             covered = cover(bench.body, photo.camera, field, finer)
-            return View(covered, d, s, *(part.astype(np.float32) for part in (field.radiance, trust, weight)))
+            return View(covered, d, s, field.radiance.astype(np.float32), trust, trust)
 
     work = parallel_map(read, fitted)
     views, covered = stacked([next(work) for _ in track(fitted, "Gathering the texture")])
     with bench.clock.on("invrender"):
         grid = Grid(parents, len(layout), finer.pairs())
-        values = solve_joint(
-            views,
-            covered,
-            grid,
-            lambda sums: solved(fit.model, sums, fit.common_ks),
-            fit.noise,
-            np.random.default_rng(0),
-        )
+        with bench.clock.on("texels"):
+            values = solve_joint(
+                views,
+                covered,
+                grid,
+                lambda sums: solved(fit.model, sums, fit.common_ks),
+                fit.noise,
+                np.random.default_rng(0),
+            )
     dark = [
         f"{photo.file}: all that it shows of the object lies in the object's own shadow under the given light, which"
         " says nothing of the texture; leave it out, or check the light's direction and the photograph's pose"
