@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.arrays import release_memory
 from capture.decode import decode_photo
 from capture.lighting import Lighting
 from capture.parallel import parallel_map
@@ -100,6 +101,7 @@ def solve_textured(
     with clock.on("recon"):
         layout, faults = find_layout(specimen.body, _footprint(photoset, specimen.body))
     fit, fields = _first_pass(bench, layout.points, samples, track)
+    release_memory()
     textures, dark = _second_pass(bench, layout, fit, track)
     if not textures.known.any():
         raise ValueError(
@@ -230,6 +232,7 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
 
     work = parallel_map(read, fitted)
     views, covered = stacked([next(work) for _ in track(fitted, "Gathering the texture")])
+    release_memory()
     with bench.clock.on("invrender"):
         grid = Grid(parents, len(layout), finer.pairs())
         with bench.clock.on("texels"):
