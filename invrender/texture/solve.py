@@ -231,10 +231,14 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
             return View(covered, d, s, field.radiance.astype(np.float32), trust, trust)
 
     work = parallel_map(read, fitted)
-    views, covered = stacked([next(work) for _ in track(fitted, "Gathering the texture")])
+    found = [next(work) for _ in track(fitted, "Gathering the texture")]
     release_memory()
+    views, covered = stacked(found)
     with bench.clock.on("invrender"):
         grid = Grid(parents, len(layout), finer.pairs())
+        # Room for the solve: let go of 0.2 GB of the finer texels' places, and of the covers that were copied.
+        finer, found = layout, []
+        release_memory()
         with bench.clock.on("texels"):
             values = solve_joint(
                 views,
