@@ -27,6 +27,8 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     "synth": ("DIR/synth.png", "DIR/synth.png rh01-steel"),
     "decode": ("", "2"),
     "stream": ("", "1"),
+    # At full size, which is 1, a quarter of an hour.
+    "texture": ("0.3", "0.06"),
     "startup": ("", "1"),
     "mitsuba": ("DIR/mitsuba.png", "DIR/mitsuba.png rh01-steel"),
 }

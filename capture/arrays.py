@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import sys
@@ -52,3 +53,14 @@ def reused_empty(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArr
         _left.append(memory)
         del _left[: -3 * (2 + (os.cpu_count() or 1))]
         return memory.view(dtype).reshape(shape)
+
+
+def release_memory() -> None:
+    """Give the memory of arrays that are gone back to the system.
+
+    glibc keeps what threads have freed, up to 32 MB a piece, for each of them: 1.3 GB after 20 photographs of 2
+    megapixels, which the next stage's memory would come on top of. Other C libraries are left alone.
+    """
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)

@@ -13,7 +13,7 @@ STAGES = ("capture", "recon", "invrender")
 
 @dataclass
 class Clock:
-    """Time spent per stage, added up over threads."""
+    """Time spent per stage, added up over threads; stages within others have names of their own."""
 
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
     lock: threading.Lock = field(default_factory=threading.Lock)
@@ -25,4 +25,5 @@ class Clock:
             yield
         finally:
             with self.lock:
-                self.seconds[stage] += time.perf_counter() - start
+                spent = time.perf_counter() - start
+                self.seconds[stage] = self.seconds.get(stage, 0.0) + spent

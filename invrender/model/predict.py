@@ -28,7 +28,19 @@ def predict(
 
     strengths : (elements, 3). shadows : of a mesh, if it has any.
     """
-    total = np.zeros((len(field.normals), 3))
+    diffuse, specular = reflected(brdf, elements, strengths, field, shadows)
+    return np.asarray(field.mean_over_rays(brdf.kd * diffuse + brdf.ks * specular))
+
+
+def reflected(
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    field: LightField,
+    shadows: Shadows | None = None,
+) -> tuple[Floats, Floats]:
+    """What rays (m, 3) reflect per unit of Kd, and of Ks: zero where `brdf` has no specular part."""
+    diffuse, specular = np.zeros((2, len(field.normals), 3))
     sigma, fresnel = np.array([brdf.sigma or np.nan]), OneIndex(brdf.mu)
 
     def gather(light: LightElement, rays: Rays) -> NDArray[np.floating]:
@@ -36,10 +48,10 @@ def predict(
 
     for element, strength in zip(elements, strengths, strict=True):
         sight = None if shadows is None else shadows.sight(element, field)
-        total += brdf.kd * strength * seen_diffuse(element, field.normals, sight)
+        diffuse += strength * seen_diffuse(element, field.normals, sight)
         if brdf.sigma is not None and brdf.ks.any():
-            total += brdf.ks * strength * seen_specular(element, sight, gather)[:, 0, 0]
-    return np.asarray(field.mean_over_rays(total))
+            specular += strength * seen_specular(element, sight, gather)[:, 0, 0]
+    return diffuse, specular
 
 
 def transfers(photo: PhotoColumns, mu: float | None, sigma: float | None) -> tuple[Floats, Floats]:

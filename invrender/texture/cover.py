@@ -34,10 +34,10 @@ def cover(body: Body, camera: Camera, field: LightField, layout: Layout) -> csr_
     return csr_array(
         (
             np.concatenate([part.data for part in parts]),
-            np.concatenate([part.indices for part in parts]),
-            np.concatenate([[0], np.cumsum(counts)]),
+            np.concatenate([part.indices for part in parts]).astype(np.int32, copy=False),
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
         ),
-        shape=(len(field), len(layout.points)),
+        shape=(len(field), len(layout)),
     )
 
 
@@ -57,7 +57,7 @@ def _cover(
     shares = np.where((points >= 0) & found.hit[:, None], shares, 0).reshape(len(rows), -1)
     total = shares.sum(axis=1, keepdims=True)
     shares = shares / np.where(total > 0, total, 1)
-    at = np.repeat(np.arange(len(rows)), shares.shape[1])
+    at = np.repeat(np.arange(len(rows), dtype=np.int32), shares.shape[1])
     used = shares.ravel() > 0
     entries = (shares.ravel()[used].astype(np.float32), (at[used], points.ravel()[used].astype(np.int32)))
-    return csr_array(entries, shape=(len(rows), len(layout.points)))
+    return csr_array(entries, shape=(len(rows), len(layout)))

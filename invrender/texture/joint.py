@@ -7,12 +7,12 @@ mean, on texels half as wide, with the tiny systems for a preconditioner; the te
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from invrender.solve.noise import NoiseModel, photo_weights
 from invrender.texture.sums import PointValues, Sums
@@ -23,8 +23,9 @@ Ints = NDArray[np.int64]
 
 # Neighbouring half-width texels differ by this share of the mean, says the prior: no more than that paint has edges.
 _STEP = 0.5
-# Steps of conjugate gradients before the pixels that stray are known, and after.
-_FIRST_STEPS, _STEPS = 12, 24
+# Conjugate gradients end where a step moves values by less than this share of their standard deviations (RMS), before
+# the pixels that stray are known and after; or after so many steps.
+_FIRST_NEAR, _NEAR, _MOST_STEPS = 0.2, 0.035, 24
 # Pixels' worth of coverage from which on a photograph counts as seeing a point.
 _SEEN = 0.25
 # What neighbouring texels differ by counts as error of a texel by this share; steps of Kd for Ks, and of Ks for Kd, by
@@ -44,7 +45,8 @@ _BEYOND_NOISE = 2.0
 class View:
     """What a photograph says of n pixels: cover (n, points), as of `cover.cover`; the others (n, 3) float32.
 
-    diffuse, specular : transfers. trust : how far pixels are trusted. weight : trust over the variance of radiance.
+    diffuse, specular : transfers. trust : how far pixels are trusted, (n, 1) or (n, 3). weight : trust over the
+    variance of radiance; before `solve_joint` knows that, anything.
     """
 
     cover: csr_array
@@ -59,10 +61,10 @@ class View:
         seen = self.cover @ values
         return np.asarray(self.diffuse * seen[:, :3] + self.specular * seen[:, 3:])
 
-    def gathered(self, radiance: Singles) -> Singles:
-        """What weighed radiance (n, 3) says of the points, (points, 6): the transpose of `predicted`."""
-        pull = self.weight * radiance
-        return np.asarray(self.cover.T @ np.concatenate([pull * self.diffuse, pull * self.specular], axis=1))
+    def pull(self, radiance: Singles) -> Singles:
+        """Weighed radiance (n, 3) times either transfer, (n, 6); the cover's transpose deals it to the points."""
+        weighed = self.weight * radiance
+        return np.concatenate([weighed * self.diffuse, weighed * self.specular], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,30 +109,35 @@ class Grid:
         return csr_array((degree, (diagonal, diagonal)), shape=links.shape) - links
 
 
+def stacked(views: Sequence[View]) -> tuple[list[View], csr_array]:
+    """The cover of all views' pixels, (n, points), and the views with its rows for theirs: they share its memory."""
+    whole = csr_array(vstack([view.cover for view in views], format="csr"))
+    ends = np.cumsum([0, *(len(view.radiance) for view in views)])
+    parts = []
+    for view, first, last in zip(views, ends[:-1], ends[1:], strict=True):
+        starts = whole.indptr[first : last + 1]
+        held = slice(starts[0], starts[-1])
+        rows = (whole.data[held], whole.indices[held], starts - starts[0])
+        parts.append(replace(view, cover=csr_array(rows, shape=view.cover.shape)))
+    return parts, whole
+
+
 def tiny_sums(views: Sequence[View], points: int, parents: Ints) -> Sums:
     """Normal equations of each point, pixels being dealt to what they cover.
 
     parents : the point that each that is covered belongs to, -1 for none.
     """
-    total, own = Sums.zeros(points), parents >= 0
+    total = Sums.zeros(points)
+    # What belongs to no point goes to one more, which is left out.
+    owners = np.where(parents >= 0, parents, points).astype(np.int32)
     for view in views:
         d, s, y, w = view.diffuse, view.specular, view.radiance, view.weight
+        ones = np.ones((len(d), 1), np.float32)
         products = np.concatenate(
-            [
-                w * d * d,
-                w * d * s,
-                w * s * s,
-                w * d * y,
-                w * s * y,
-                w * y * y,
-                np.ones((len(d), 1), np.float32),
-            ],
-            axis=1,
+            [w * d * d, w * d * s, w * s * s, w * d * y, w * s * y, w * y * y, ones], axis=1
         )
-        dealt = view.cover.T @ products
-        dealt = np.stack(
-            [np.bincount(parents[own], column[own], minlength=points) for column in dealt.T], axis=1
-        )
+        rows = (view.cover.data, owners[view.cover.indices], view.cover.indptr)
+        dealt = (csr_array(rows, shape=(len(d), points + 1)).T @ products)[:points]
         dd, ds, ss, dy, sy, yy = np.split(dealt[:, :18], 6, axis=1)
         total = total + Sums(dd, ds, ss, dy, sy, yy, (dealt[:, 18] >= _SEEN).astype(float))
     return total
@@ -138,6 +145,7 @@ def tiny_sums(views: Sequence[View], points: int, parents: Ints) -> Sums:
 
 def solve_joint(
     views: Sequence[View],
+    cover: csr_array,
     grid: Grid,
     tiny: Callable[[Sums], PointValues],
     noise: NoiseModel,
@@ -145,7 +153,7 @@ def solve_joint(
 ) -> PointValues:
     """Kd and Ks of the grid's points with standard deviations, infinite where the photographs leave them open.
 
-    tiny : solves the tiny systems under the model; the cost returned is theirs.
+    views, cover : as `stacked` has them. tiny : solves the tiny systems under the model; the cost returned is theirs.
     """
     views = _weighed(views, noise)
     start = tiny(tiny_sums(views, grid.count, grid.parents))
@@ -158,16 +166,17 @@ def solve_joint(
         both[:, 3:] = 0
     # Texels of which the tiny systems tell little begin in the middle of the others.
     middle, mean = np.median(both[sure], axis=0), both[sure].mean(axis=0)
-    of_points = np.where(sure[:, None], both, middle)
-    at = np.where((grid.parents >= 0)[:, None], of_points[grid.parents], middle).astype(np.float32)
+    of_points = np.where(sure[:, None], both, middle).astype(np.float32)
+    at = np.where((grid.parents >= 0)[:, None], of_points[grid.parents], middle.astype(np.float32))
     step = _STEP * np.maximum(mean, 0.1 * np.tile(mean[:3] + mean[3:], 2) + 1e-30)
     prior = _Prior(grid.laplacian, (1 / step**2).astype(np.float32))
-    at = _conjugate(views, prior, at, _pulls(views), _FIRST_STEPS)
+    _conjugate(_System(views, cover, prior), at, [view.radiance for view in views], _FIRST_NEAR)
     views = [_trusted(view, at, noise) for view in views]
-    at = _conjugate(views, prior, at, _pulls(views), _STEPS)
+    system = _System(views, cover, prior)
+    _conjugate(system, at, [view.radiance for view in views], _NEAR)
     # Noise in place of the photographs: what becomes of it says what noise does to the texels.
-    draws = [_drawn(view, rng) for view in views]
-    drawn = _conjugate(views, prior, np.zeros_like(at), _pulls(draws), _STEPS)
+    drawn = np.zeros_like(at)
+    _conjugate(system, drawn, [_drawn(view, rng) for view in views], _NEAR)
     return _values(views, grid, tiny, at, drawn, start)
 
 
@@ -183,14 +192,6 @@ def determined(values: PointValues) -> NDArray[np.bool_]:
     return np.asarray(found)
 
 
-def _pulls(views: Sequence[View]) -> Singles:
-    """What the photographs say of the points, (points, 6)."""
-    total = views[0].gathered(views[0].radiance)
-    for view in views[1:]:
-        total += view.gathered(view.radiance)
-    return total
-
-
 def _without_lobe(view: View, ks: Floats) -> View:
     """The view less what a Ks (3,) that is the same everywhere makes of it."""
     left = view.radiance - (ks * view.specular).astype(np.float32)
@@ -204,10 +205,10 @@ def _trusted(view: View, at: Singles, noise: NoiseModel) -> View:
     return replace(view, weight=(found.weight * view.trust).astype(np.float32))
 
 
-def _drawn(view: View, rng: np.random.Generator) -> View:
-    """The view with nothing but noise for radiance."""
-    noise = rng.standard_normal(view.radiance.shape) / np.sqrt(np.maximum(view.weight, 1e-30))
-    return replace(view, radiance=noise.astype(np.float32))
+def _drawn(view: View, rng: np.random.Generator) -> Singles:
+    """Noise as of the view's radiance, (n, 3)."""
+    noise = rng.standard_normal(view.radiance.shape, np.float32)
+    return np.asarray(noise / np.sqrt(np.maximum(view.weight, np.float32(1e-30))), np.float32)
 
 
 def in_shadow(views: Sequence[View]) -> list[bool]:
@@ -237,47 +238,79 @@ class _Prior:
     precision: Singles
 
 
-def _conjugate(views: Sequence[View], prior: _Prior, at: Singles, right: Singles, steps: int) -> Singles:
-    """Some steps of preconditioned conjugate gradients from values (p, 6); each channel for itself."""
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The normal equations of all points: each channel for itself. cover : of all views' pixels together."""
 
-    def pressed(values: Singles) -> Singles:
-        total = (prior.laplacian @ values) * prior.precision
-        for view in views:
-            total += view.gathered(view.predicted(values))
-        return np.asarray(total)
+    views: Sequence[View]
+    cover: csr_array
+    prior: _Prior
 
-    degree = prior.laplacian.diagonal()[:, None] * prior.precision
-    dd, ss, ds = degree[:, :3].copy(), degree[:, 3:].copy(), np.zeros_like(degree[:, :3])
-    for view in views:
-        weighted = view.weight * view.diffuse
-        dd += view.cover.T @ (weighted * view.diffuse)
-        ds += view.cover.T @ (weighted * view.specular)
-        ss += view.cover.T @ (view.weight * view.specular**2)
-    # Points without neighbours that nothing shows.
-    dd, ss = (part + 1e-6 * part.max(axis=0) + 1e-30 for part in (dd, ss))
-    determinant = dd.astype(np.float64) * ss - ds.astype(np.float64) ** 2
-    inverse = [(part / determinant).astype(np.float32) for part in (ss, -ds, dd)]
+    def gathered(self, radiances: Iterable[Singles]) -> Singles:
+        """What radiances (n, 3) of the views' pixels say of the points, (points, 6)."""
+        return self.dealt(view.pull(one) for view, one in zip(self.views, radiances, strict=True))
+
+    def dealt(self, parts: Iterable[Singles]) -> Singles:
+        """Values (n, k) of each view's pixels, dealt to the points by their cover: sums (points, k)."""
+        values, first = np.empty((0, 0), np.float32), 0
+        for part in parts:
+            if not len(values):
+                values = np.empty((self.cover.shape[0], part.shape[1]), np.float32)
+            values[first : first + len(part)] = part
+            first += len(part)
+        return np.asarray(self.cover.T @ values)
+
+    def pressed(self, values: Singles) -> Singles:
+        """Their matrix times values (points, 6)."""
+        total = self.gathered(view.predicted(values) for view in self.views)
+        smooth = self.prior.laplacian @ values
+        smooth *= self.prior.precision
+        total += smooth
+        return total
+
+    def inverse(self) -> tuple[Singles, Singles, Singles]:
+        """Kd by Kd, Kd by Ks and Ks by Ks, (points, 3), of the inverse of each point's own equations."""
+        dd = self.dealt(view.weight * view.diffuse**2 for view in self.views)
+        ds = self.dealt(view.weight * view.diffuse * view.specular for view in self.views)
+        ss = self.dealt(view.weight * view.specular**2 for view in self.views)
+        degree = self.prior.laplacian.diagonal()[:, None] * self.prior.precision
+        # Points without neighbours that nothing shows.
+        dd, ss = (part + 1e-6 * part.max(axis=0) + 1e-30 for part in (dd + degree[:, :3], ss + degree[:, 3:]))
+        determinant = dd.astype(np.float64) * ss - ds.astype(np.float64) ** 2
+        kd, both, ks = ((part / determinant).astype(np.float32) for part in (ss, -ds, dd))
+        return kd, both, ks
+
+
+def _conjugate(system: _System, at: Singles, radiances: Sequence[Singles], near: float) -> None:
+    """Move values (p, 6) to the solution by preconditioned conjugate gradients, until steps are `near` enough."""
+    of_kd, of_both, of_ks = system.inverse()
 
     def preconditioned(values: Singles) -> Singles:
         kd, ks = values[:, :3], values[:, 3:]
-        return np.concatenate([inverse[0] * kd + inverse[1] * ks, inverse[1] * kd + inverse[2] * ks], axis=1)
+        return np.concatenate([of_kd * kd + of_both * ks, of_both * kd + of_ks * ks], axis=1)
 
     def product(one: Singles, other: Singles) -> Floats:
         both = np.einsum("pk,pk->k", one, other, dtype=np.float64)
         return np.tile(both[:3] + both[3:], 2)
 
-    left = right - pressed(at)
-    along = towards = preconditioned(left)
-    slope = product(left, towards)
-    for _ in range(steps):
-        pull = pressed(along)
-        length = (slope / np.maximum(product(along, pull), 1e-300)).astype(np.float32)
-        at = at + length * along
-        left -= length * pull
+    left = system.gathered(radiances)
+    left -= system.pressed(at)
+    along = preconditioned(left)
+    slope = product(left, along)
+    for _ in range(_MOST_STEPS):
+        pull = system.pressed(along)
+        curved = np.maximum(product(along, pull), 1e-300)
+        length = slope / curved
+        at += length.astype(np.float32) * along
+        # In each of three channels the step's square, in units of the variances that the equations leave.
+        if np.sqrt((length**2 * curved)[:3].sum() / at.size) < near:
+            return
+        pull *= length.astype(np.float32)
+        left -= pull
         towards = preconditioned(left)
         before, slope = slope, product(left, towards)
-        along = towards + (slope / np.maximum(before, 1e-300)).astype(np.float32) * along
-    return at
+        along *= (slope / np.maximum(before, 1e-300)).astype(np.float32)
+        along += towards
 
 
 def _values(
@@ -319,13 +352,16 @@ def _values(
     return replace(start, kd=mean[:, :3], ks=ks, kd_std=std[:, :3], ks_std=ks_std)
 
 
-def _steps(at: Singles, pairs: Ints) -> Floats:
+def _steps(at: Singles, pairs: Ints) -> Singles:
     """Mean squared difference (p, 6) of each point's values from those beside it."""
-    sides = pairs.T.ravel()
-    size = np.bincount(sides, minlength=len(at))
-    squares = (at[pairs[:, 0]] - at[pairs[:, 1]]).astype(np.float64) ** 2
-    sums = [np.bincount(sides, np.tile(column, 2), minlength=len(at)) for column in squares.T]
-    return np.stack(sums, axis=1) / np.maximum(size, 1)[:, None]
+    one, other = pairs.T
+    size = np.bincount(one, minlength=len(at)) + np.bincount(other, minlength=len(at))
+    steps = np.empty_like(at)
+    for k, values in enumerate(at.T):
+        square = (values[one] - values[other]) ** 2
+        total = np.bincount(one, square, minlength=len(at)) + np.bincount(other, square, minlength=len(at))
+        steps[:, k] = total / np.maximum(size, 1)
+    return steps
 
 
 def _widening(views: Sequence[View], at: Singles, means: csr_array) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -51,9 +52,12 @@ class SurfacePoints:
 class Layout(Protocol):
     """Points of a surface, and how values at them lie between and in files."""
 
+    def __len__(self) -> int:
+        """How many points there are, n."""
+
     @property
     def points(self) -> SurfacePoints:
-        """The points, n of them."""
+        """The points, computed anew whenever they are asked for."""
 
     def places(self, faces: Ints, corner_weights: Floats) -> tuple[Ints, Floats]:
         """Points (m, k) around places in faces, (m,) and (m, 3), -1 where there is none, and their weights (m, k)."""
@@ -79,6 +83,9 @@ class VertexLayout:
     body: MeshBody
     made: TriangleMesh | None = None
 
+    def __len__(self) -> int:
+        return len(self.body.mesh.vertices)
+
     @property
     def points(self) -> SurfacePoints:
         mesh = self.body.mesh
@@ -93,7 +100,7 @@ class VertexLayout:
         return np.unique(sides, axis=0)
 
     def finer(self) -> tuple[Layout, Ints]:
-        return self, np.arange(len(self.body.mesh.vertices))
+        return self, np.arange(len(self))
 
     def image(self, values: NDArray[np.floating]) -> NDArray[np.float32]:
         return values[None].astype(np.float32)
@@ -117,6 +124,9 @@ class TexelLayout:
     weights: Floats
     made: TriangleMesh | None = None
 
+    def __len__(self) -> int:
+        return len(self.rows)
+
     @property
     def points(self) -> SurfacePoints:
         mesh = self.body.mesh
@@ -129,7 +139,7 @@ class TexelLayout:
         uv = np.einsum("mk,mkc->mc", corner_weights, self.corners[faces])
         # u goes around, v ends at the edges.
         x, y = uv[:, 0] * self.side - 0.5, np.clip((1 - uv[:, 1]) * self.side - 0.5, 0, self.side - 1)
-        number = self._numbers()
+        number = self._numbers
         left, top = np.floor(x).astype(int), np.floor(y).astype(int)
         across, down = x - left, y - top
         found, weights = [], []
@@ -140,24 +150,31 @@ class TexelLayout:
         return np.stack(found, axis=1), np.stack(weights, axis=1)
 
     def pairs(self) -> Ints:
-        number = self._numbers()
-        beside = [(number, np.roll(number, -1, axis=1)), (number[:-1], number[1:])]
-        pairs = np.concatenate([np.column_stack([one.ravel(), other.ravel()]) for one, other in beside])
-        pairs = pairs[(pairs >= 0).all(axis=1)]
+        number, mesh = self._numbers, self.body.mesh
+        beside = [
+            (number.ravel(), np.roll(number, -1, axis=1).ravel()),
+            (number[:-1].ravel(), number[1:].ravel()),
+        ]
+        pairs = np.concatenate(
+            [np.column_stack([one, other])[(one >= 0) & (other >= 0)] for one, other in beside]
+        )
         # Charts may touch in the map that don't on the surface.
-        at = self.points.positions
-        apart = np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1)
-        return pairs[apart < _APART * np.median(apart)]
+        square = np.zeros(len(pairs))
+        for axis in mesh.vertices.T:
+            at = np.einsum("nk,nk->n", axis[mesh.faces[self.faces]], self.weights)
+            square += (at[pairs[:, 0]] - at[pairs[:, 1]]) ** 2
+        return pairs[square < _APART**2 * np.median(square)]
 
     def finer(self) -> tuple[Layout, Ints]:
         finer = _rastered(self.body, self.corners, 2 * self.side)
         assert isinstance(finer, TexelLayout)
-        return finer, self._numbers()[finer.rows // 2, finer.columns // 2]
+        return finer, self._numbers[finer.rows // 2, finer.columns // 2].astype(np.int64)
 
-    def _numbers(self) -> Ints:
+    @cached_property
+    def _numbers(self) -> NDArray[np.int32]:
         """The map (side, side) of the texels' numbers, -1 where there is no surface."""
-        number = np.full((self.side, self.side), -1)
-        number[self.rows, self.columns] = np.arange(len(self.rows))
+        number = np.full((self.side, self.side), -1, np.int32)
+        number[self.rows, self.columns] = np.arange(len(self))
         return number
 
     def image(self, values: NDArray[np.floating]) -> NDArray[np.float32]:

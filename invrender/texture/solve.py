@@ -6,13 +6,14 @@ every point's Kd, and Ks, is solved for. Predictions go through them once more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.arrays import release_memory
 from capture.decode import decode_photo
 from capture.lighting import Lighting
 from capture.parallel import parallel_map
@@ -23,7 +24,7 @@ from invrender.factorization import FittedLighting, Quantity
 from invrender.findings import find_warnings
 from invrender.model.columns import PhotoColumns, photo_columns
 from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict
+from invrender.model.predict import predict, reflected
 from invrender.model.transfer import LightElement, light_elements
 from invrender.reading import check_usable
 from invrender.solve.clusters import structured_rms, tile_of
@@ -34,7 +35,7 @@ from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.texture.cover import cover
 from invrender.texture.fit import LADDER, Rows, TexturedFit, fit_textured, solved
-from invrender.texture.joint import Grid, View, in_shadow, solve_joint
+from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
 from invrender.texture.textures import Textures
@@ -71,7 +72,7 @@ class _Bench:
         """All usable pixels of a photograph."""
         with self.clock.on("capture"):
             image = decode_photo(self.photoset, photo)
-        with self.clock.on("recon"):
+        with self.clock.on("recon"), self.clock.on("visibility"):
             mask = self.specimen.found.mask_of(photo)
             directions = self.lightings[photo.lighting].directions
             drawn = sample_body(
@@ -100,6 +101,7 @@ def solve_textured(
     with clock.on("recon"):
         layout, faults = find_layout(specimen.body, _footprint(photoset, specimen.body))
     fit, fields = _first_pass(bench, layout.points, samples, track)
+    release_memory()
     textures, dark = _second_pass(bench, layout, fit, track)
     if not textures.known.any():
         raise ValueError(
@@ -223,23 +225,29 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
         with bench.clock.on("invrender"):
             if len(field) > most:
                 field = field.where(np.random.default_rng(0).permutation(len(field)) < most)
-            trust = np.broadcast_to(np.maximum(field.weight, 0.01)[:, None], field.radiance.shape)
-            weight = trust / fit.noise.variance(np.maximum(field.radiance, 0))
+            trust = np.maximum(field.weight, 0.01)[:, None].astype(np.float32)
             d, s = _transfers(bench, photo, field, brdf)
             covered = cover(bench.body, photo.camera, field, finer)
-            return View(covered, *(part.astype(np.float32) for part in (d, s, field.radiance, trust, weight)))
+            return View(covered, d, s, field.radiance.astype(np.float32), trust, trust)
 
     work = parallel_map(read, fitted)
-    views = [next(work) for _ in track(fitted, "Gathering the texture")]
+    found = [next(work) for _ in track(fitted, "Gathering the texture")]
+    release_memory()
+    views, covered = stacked(found)
     with bench.clock.on("invrender"):
-        grid = Grid(parents, len(layout.points), finer.pairs())
-        values = solve_joint(
-            views,
-            grid,
-            lambda sums: solved(fit.model, sums, fit.common_ks),
-            fit.noise,
-            np.random.default_rng(0),
-        )
+        grid = Grid(parents, len(layout), finer.pairs())
+        # Room for the solve: let go of 0.2 GB of the finer texels' places, and of the covers that were copied.
+        finer, found = layout, []
+        release_memory()
+        with bench.clock.on("texels"):
+            values = solve_joint(
+                views,
+                covered,
+                grid,
+                lambda sums: solved(fit.model, sums, fit.common_ks),
+                fit.noise,
+                np.random.default_rng(0),
+            )
     dark = [
         f"{photo.file}: all that it shows of the object lies in the object's own shadow under the given light, which"
         " says nothing of the texture; leave it out, or check the light's direction and the photograph's pose"
@@ -251,22 +259,18 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
 
 def _transfers(
     bench: _Bench, photo: Photo, field: LightField, brdf: Microfacet
-) -> Iterator[NDArray[np.floating]]:
-    """Diffuse, then specular transfer (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
     elements = bench.elements[photo.lighting]
     strengths = np.ones((len(elements), 3))
-    parts = np.array_split(np.arange(len(field)), len(field) // _PIXELS_AT_A_TIME + 1)
-    for kd in (1.0, 0.0):
-        if kd == 0 and brdf.sigma is None:
-            yield np.zeros((len(field), 3))
-            continue
-        unit = replace(brdf, kd=np.full(3, kd), ks=np.full(3, 1 - kd))
-        found = []
-        for part in parts:
-            keep = np.zeros(len(field), bool)
-            keep[part] = True
-            found.append(predict(unit, elements, strengths, field.where(keep), bench.specimen.shadows))
-        yield np.concatenate(found)
+    found = np.empty((2, len(field), 3), np.float32)
+    for part in np.array_split(np.arange(len(field)), len(field) // _PIXELS_AT_A_TIME + 1):
+        keep = np.zeros(len(field), bool)
+        keep[part] = True
+        some = field.where(keep)
+        rays = reflected(brdf, elements, strengths, some, bench.specimen.shadows)
+        found[:, part] = [some.mean_over_rays(one) for one in rays]
+    return found[0], found[1]
 
 
 def _residuals(

@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 
 from capture.files.imagefile import read_exr_layers, read_pixels
 from invrender.solve.noise import NoiseModel
-from invrender.texture.joint import Grid, View, in_shadow, solve_joint, tiny_sums
+from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
 from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
 from invrender.texture.sums import Sums, common_ks, solve_both, solve_kd
 from recon import atlas
@@ -130,7 +130,7 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
         )
     pairs = np.column_stack([np.arange(points - 1), np.arange(1, points)])
     grid = Grid(np.arange(points) // 2, points // 2, pairs)
-    found = solve_joint(views, grid, solve_both, NoiseModel(level, 0.0), rng)
+    found = solve_joint(*stacked(views), grid, solve_both, NoiseModel(level, 0.0), rng)
     expected = truth.reshape(-1, 2, 3).mean(axis=1)
     for off in ((found.kd - expected) / found.kd_std, (found.ks - 0.2) / found.ks_std):
         assert 0.5 < np.sqrt((off**2).mean()) < 1.3
