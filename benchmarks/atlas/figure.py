@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from benchmarks.atlas.light import LIGHT_DEGREE
@@ -19,6 +20,8 @@ Floats = NDArray[np.float64]
 
 _STATUSES = {"determined": GREEN, "weak": SKY, "undetermined": ORANGE, "absent": "#CCCCCC"}
 _UNITS = {"Ks share": "", "mu": "", "sigma": " [rad]", "sources": " [degrees]"}
+# That fit below a panel.
+_LABEL_LETTERS = 44
 
 
 def sweep_figure(sweep: Sweep) -> Figure:
@@ -81,7 +84,7 @@ def _draw_statuses(axes: Axes, sweep: Sweep, q: int) -> None:
         if stated:
             hits = round(covered * stated)
             axes.annotate(f"{hits}/{stated}", (at[place], draws / 2), ha="center", va="center", fontsize=7)
-    axes.set(xlabel=sweep.boundary.axis, ylim=(0, draws), yticks=(0, draws))
+    axes.set(xlabel=fill(sweep.boundary.axis, _LABEL_LETTERS), ylim=(0, draws), yticks=(0, draws))
     axes.xaxis.label.set_size(8)
     _draw_edge(axes, sweep)
 
@@ -89,6 +92,10 @@ def _draw_statuses(axes: Axes, sweep: Sweep, q: int) -> None:
 def _draw_edge(axes: Axes, sweep: Sweep) -> None:
     if sweep.boundary.log:
         axes.set_xscale("log")
+        # In plain numbers, and few: less than a decade is swept at times.
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
     if sweep.boundary.edge is not None:
         axes.axvline(sweep.boundary.edge, color=GREY, linestyle=":", linewidth=1.5)
 
