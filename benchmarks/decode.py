@@ -9,7 +9,6 @@ the peak over many photographs against that over few: it must not grow with thei
 from __future__ import annotations
 
 import os
-import resource
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks.memory import peak_megabytes
 from capture.decode import decode
 from capture.parallel import parallel_map
 
@@ -58,7 +58,7 @@ def _seconds(work: Callable[[Path], Any], paths: list[Path]) -> float:
 
 def _peak_after(work: Callable[[Path], Any], paths: list[Path]) -> float:
     _seconds(work, paths)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return peak_megabytes()
 
 
 def photograph(path: Path) -> Path:

@@ -50,7 +50,7 @@ _WARM_UP = 3
 # Paths per pixel by which recovered light is judged: what they leave of noise is a percent or so.
 _JUDGED = 1024
 _BUDGETS, _QUICK_BUDGETS = (500, 2000, 8000, 32000), (500, 1000)
-_SECONDS = {True: (4.0, 15.0, 60.0), False: (15.0, 60.0, 120.0)}
+_SECONDS = {True: (4.0, 60.0), False: (15.0, 120.0)}
 _QUICK_SECONDS = 1.0
 _LABELS = {
     "Ks share": "absolute error",

@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import resource
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -27,6 +25,7 @@ from numpy.typing import NDArray
 from benchmarks.atlas.stage import Stage, told
 from benchmarks.ink import COLOURS, GREY, MARKS, save, write_table
 from benchmarks.kept import Kept
+from benchmarks.memory import forget_peak, peak_megabytes
 from capture.parallel import one_blas_thread
 from invrender.solve.blind import factorize_blind
 from invrender.solve.blind.projection import light_scale, solve_lighting
@@ -42,8 +41,6 @@ _PER_PHOTO, _SAMPLES, _L_MAX, _VIEWS = 300, 4000, 8, 6
 _RADIUS_PX = 90.0
 # Below the last points of a line, what doesn't grow still counts: exponents are fitted to so many.
 _FITTED = 3
-# Of Linux: what a process took at most, and where to have that forgotten.
-_STATUS, _FORGET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 @dataclass(frozen=True)
@@ -116,8 +113,8 @@ def measured(axis: str, size: int, task: str) -> tuple[float, float]:
     stage = staged(axis, size)
     fields = stage.noisy(stage.photographs(), np.random.default_rng(0))
     with one_blas_thread():
-        _forget_peak()
-        before = _peak_megabytes()
+        forget_peak()
+        before = peak_megabytes()
         run = TASKS[task](fields, stage)
         run()
         seconds = []
@@ -125,21 +122,7 @@ def measured(axis: str, size: int, task: str) -> tuple[float, float]:
             begin = time.perf_counter()
             run()
             seconds.append(time.perf_counter() - begin)
-    return min(seconds), _peak_megabytes() - before
-
-
-def _forget_peak() -> None:
-    """Let the peak begin anew, where the system can: to photograph takes more memory than to fit."""
-    if _FORGET.exists():
-        _FORGET.write_text("5", encoding="utf-8")
-
-
-def _peak_megabytes() -> float:
-    if _FORGET.exists():
-        lines = _STATUS.read_text(encoding="utf-8").splitlines()
-        return next(float(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 2**10
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+    return min(seconds), peak_megabytes() - before
 
 
 def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:

@@ -8,7 +8,6 @@ of decoding alone, in turns in one run, and the peak memory, which must not grow
 from __future__ import annotations
 
 import json
-import resource
 import sys
 import tempfile
 import time
@@ -19,6 +18,7 @@ import numpy as np
 import trimesh
 
 from benchmarks.decode import HEIGHT, WIDTH, photograph
+from benchmarks.memory import peak_megabytes
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.decode import decode_photo
@@ -45,13 +45,13 @@ def main(arguments: list[str]) -> None:
         body = find_body(photoset).body
         checked = time.perf_counter() - begin
         samples = _stream(few, body)[1]
-        after_few = _peak()
+        after_few = peak_megabytes()
         times: dict[str, list[float]] = {"decode": [], "stream": []}
         for _ in range(_ROUNDS):
             times["decode"].append(_decode(photoset))
             seconds, samples = _stream(photoset, body)
             times["stream"].append(seconds)
-        after_all = _peak()
+        after_all = peak_megabytes()
     bare, ours = min(times["decode"]), min(times["stream"])
     print(f"{count} photographs of {WIDTH * HEIGHT / 1e6:.0f} megapixels, {samples} samples")
     print(
@@ -74,10 +74,6 @@ def _decode(photoset: PhotoSet) -> float:
     ):
         pass
     return time.perf_counter() - begin
-
-
-def _peak() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def _write_set(folder: Path, count: int) -> None:

@@ -54,11 +54,12 @@ def main(arguments: list[str]) -> None:
         folder.mkdir()
         faces, pixels = write_set(folder, scale)
         words = ["process", str(folder), "-o", str(out), "--samples", str(int(scale * DEFAULT_SAMPLES))]
-        command = [sys.executable, "-c", "from invrender.cli import main; main()", *words]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        command = [sys.executable, "-m", "benchmarks.memory", *words]
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+        peak = float(done.stdout.splitlines()[-1])
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         print(f"{faces} faces, {_PHOTOS} photographs, {pixels} pixels on the object")
-        print(f"peak memory {used.ru_maxrss / 2**20:.2f} GB, processor {used.ru_utime + used.ru_stime:.0f} s")
+        print(f"peak memory {peak / 2**10:.2f} GB, processor {used.ru_utime + used.ru_stime:.0f} s")
         print(judged(out))
 
 
