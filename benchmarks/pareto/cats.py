@@ -32,9 +32,9 @@ from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 from synthetic.writer import write_photoset
 
-_BUDGETS = (500, 2000, 8000, 20000)
-# Samples of the view that no fit sees.
-_JUDGED = 8000
+_BUDGETS = (500, 2000, 20000)
+# Degree of unknown light where it is told; samples of the view that no fit sees.
+_ORDER, _JUDGED = 10, 8000
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _known() -> Iterator[tuple[str, str, Method, int, bool]]:
     yield "statistics (lightfactor)", f"default, {DEFAULT_SAMPLES}", told, DEFAULT_SAMPLES, True
     for budget in _BUDGETS:
         yield "statistics (lightfactor)", str(budget), told, budget, False
-        yield "without shadows", str(budget), partial(told, shadowing=False), budget, False
+    yield "without shadows", str(_BUDGETS[-1]), partial(told, shadowing=False), _BUDGETS[-1], False
 
 
 def _unknown() -> Iterator[tuple[str, str, Method, int, bool]]:
@@ -132,9 +132,9 @@ def _unknown() -> Iterator[tuple[str, str, Method, int, bool]]:
     for budget in _BUDGETS:
         yield "whole ladder (lightfactor)", str(budget), untold, budget, False
         for transfer in TRANSFERS:
-            newton = partial(factorize_blind, orders=(10,), ladder=False, transfer=transfer)
+            newton = partial(factorize_blind, orders=(_ORDER,), ladder=False, transfer=transfer)
             yield (
-                f"Gauss-Newton, {transfer}, l* = 10",
+                f"Gauss-Newton, {transfer}, l* = {_ORDER}",
                 str(budget),
                 partial(untold, factorize=newton),
                 budget,
