@@ -40,6 +40,7 @@ NO_LLVM = (
 )
 _START = {"kd": 0.15, "ks": 0.1, "mu": 1.5, "sigma": 0.15}
 _RANGES = {"kd": (0.0, 1.0), "ks": (0.0, 1.0), "mu": (1.02, 3.0), "sigma": (0.02, 0.7)}
+_ALBEDO = _START["kd"] + _START["ks"]
 # Of these numbers the logarithm of what they are above this is fitted.
 _LEAST = {"mu": 1.0, "sigma": 0.0}
 # Rates of Adam: of the BRDF in known light and in unknown, and of the logarithm of the map.
@@ -251,8 +252,10 @@ class Peer:
                 by_log = name in _LEAST
                 parameters[key] = _LEAST[name] + dr.exp(adam[name]) if by_log else adam[name]
             if not self.known:
-                radiance = dr.exp(adam["map"])
-                parameters["sky.data"] = _padded(radiance)
+                # Light and BRDF know their product only: their scale is the start's, or both run away.
+                scale = _ALBEDO / dr.maximum(adam["kd"] + adam["ks"], 1e-3)
+                parameters[keys["kd"]], parameters[keys["ks"]] = scale * adam["kd"], scale * adam["ks"]
+                parameters["sky.data"] = _padded(dr.exp(adam["map"]))
             parameters.update()
             image = mi.render(
                 scene, parameters, sensor=self.sensors[k], spp=1, seed=int(rng.integers(1 << 30))

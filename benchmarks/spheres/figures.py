@@ -95,7 +95,8 @@ def _paper(name: str, quantity: str) -> float:
 
 def draw_lights(rows: Rows, kept: Kept, path: Path) -> None:
     """Fig. 12: the light that each sphere tells, over its mean, blurred so that degree 6 is the last to show."""
-    groups = list(dict.fromkeys((c.views, c.method) for c, e in rows if "coefficients" in e))
+    recovered = [(c, e) for c, e in rows if "coefficients" in e]
+    groups = list(dict.fromkeys((c.views, c.method) for c, _ in recovered))
     if not groups:
         return
     figure = Figure(figsize=(17, 1.75 * len(groups) + 0.5), layout="constrained")
@@ -105,7 +106,7 @@ def draw_lights(rows: Rows, kept: Kept, path: Path) -> None:
     for panels, (views, method) in zip(figure.subplots(len(groups), 7, squeeze=False), groups, strict=True):
         draw_map(panels[0], truth, white, "true light")
         panels[0].set_ylabel(f"{method},\n{views} views", fontsize=8)
-        own = {c.material: e for c, e in rows if (c.views, c.method) == (views, method)}
+        own = {c.material: e for c, e in recovered if (c.views, c.method) == (views, method)}
         for axes, name in zip(panels[1:], MATERIALS, strict=True):
             if name in own:
                 draw_map(

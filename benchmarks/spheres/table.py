@@ -148,8 +148,9 @@ def print_consistency(rows: Sequence[tuple[Case, Mapping[str, Any]]]) -> None:
     print(f"{'':28}{'':12}" + "".join(f"{f'l = {k}':>9}" for k in range(1, LIGHT_DEGREE + 1)))
     truth = true_coefficients()
     print(f"{'the light itself':28}{'':12}" + _by_degree(truth**2, l))
-    for views, method in dict.fromkeys((c.views, c.method) for c, e in rows if "coefficients" in e):
-        own = [e["coefficients"] for c, e in rows if (c.views, c.method) == (views, method)]
+    recovered = [(c, e) for c, e in rows if "coefficients" in e]
+    for views, method in dict.fromkeys((c.views, c.method) for c, _ in recovered):
+        own = [e["coefficients"] for c, e in recovered if (c.views, c.method) == (views, method)]
         if len(own) < 2:
             continue
         light = np.array(own, float)
