@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -48,8 +49,10 @@ def run_program(name: str, out: Path, quick: bool) -> None:
         raise RuntimeError(
             f"python -m benchmarks.{name} ended with {done.returncode}:\n{done.stderr.strip()}"
         )
+    # Charts lie beside what is printed, wherever that is.
+    printed = done.stdout.replace(f"{out.resolve()}{os.sep}", "")
     (out / f"{name}.txt").write_text(
-        f"{done.stdout}\nMeasured on {machine_words(machine())}.\n", encoding="utf-8"
+        f"{printed}\nMeasured on {machine_words(machine())}.\n", encoding="utf-8"
     )
 
 

@@ -253,8 +253,7 @@ class Peer:
                 parameters[key] = _LEAST[name] + dr.exp(adam[name]) if by_log else adam[name]
             if not self.known:
                 # Light and BRDF know their product only: their scale is the start's, or both run away.
-                scale = _ALBEDO / dr.maximum(adam["kd"] + adam["ks"], 1e-3)
-                parameters[keys["kd"]], parameters[keys["ks"]] = scale * adam["kd"], scale * adam["ks"]
+                parameters[keys["kd"]], parameters[keys["ks"]] = _ALBEDO - adam["ks"], adam["ks"]
                 parameters["sky.data"] = _padded(dr.exp(adam["map"]))
             parameters.update()
             image = mi.render(
@@ -271,6 +270,7 @@ class Peer:
             adam.step()
             for name, ends in _RANGES.items():
                 low, high = np.log(np.array(ends) - _LEAST[name]) if name in _LEAST else ends
+                high = _ALBEDO if name == "ks" and not self.known else high
                 adam[name] = dr.clip(adam[name], float(low), float(high))
             dr.sync_thread()
             step, taken = step + 1, time.perf_counter() - begin

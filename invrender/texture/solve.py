@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +19,13 @@ from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
-from invrender.factorization import FittedLighting, Quantity
 from invrender.findings import find_warnings
-from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.columns import photo_columns
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict, reflected
 from invrender.model.transfer import LightElement, light_elements
 from invrender.reading import check_usable
-from invrender.solve.clusters import structured_rms, tile_of
-from invrender.solve.factorize import NUMERICAL, Solution, scaled, unless_misfit
-from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_sigma, lighting_degree
-from invrender.solve.noise import photo_weights
+from invrender.solve.clusters import tile_of
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.texture.cover import cover
@@ -38,6 +33,7 @@ from invrender.texture.fit import LADDER, Rows, TexturedFit, fit_textured, solve
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
+from invrender.texture.solution import textured_solution
 from invrender.texture.textures import Textures
 from invrender.wording import sentences
 from recon.bodies import MeshBody
@@ -117,7 +113,7 @@ def solve_textured(
         return predict(own, elements[photo.lighting], ones, field, specimen.shadows)
 
     fields, residuals = _residuals(photoset, fields, radiance)
-    solution = _solution(photoset, lightings, fit, textures, fields, residuals)
+    solution = textured_solution(photoset, lightings, fit, textures, fields, residuals)
     warnings = [
         *find_warnings(photoset, solution, specimen, lightings),
         *_remarks([*faults, *dark], textures),
@@ -290,103 +286,6 @@ def _residuals(
         kept[photo.label] = field.where(known)
         residuals[photo.label] = field.radiance[known] - predicted[known]
     return kept, residuals
-
-
-def _solution(
-    photoset: PhotoSet,
-    lightings: Mapping[str, Lighting],
-    fit: TexturedFit,
-    textures: Textures,
-    fields: Mapping[str, LightField],
-    residuals: Mapping[str, Floats],
-) -> Solution:
-    """The solution in the terms of those of one BRDF: Kd and Ks are means over the surface."""
-    labels = [photo.label for photo in photoset.photos if not photo.held_out]
-    left = [residuals[label] for label in labels]
-    weights = [
-        photo_weights(fit.noise, fields[label].radiance - residuals[label], residuals[label])
-        for label in labels
-    ]
-    trusted = [np.sqrt(own.trust) * residual for own, residual in zip(weights, left, strict=True)]
-    energy = np.sqrt(np.mean([np.mean(fields[label].radiance ** 2) for label in labels]))
-    structured = structured_rms([fields[label] for label in labels], trusted) / float(energy)
-    rung = fit.rungs[fit.chosen]
-    kd, ks = (values[textures.known].mean(axis=0) for values in (textures.kd, textures.ks))
-    estimate = replace(rung.estimate, brdf=replace(fit.brdf, kd=kd, ks=ks))
-    rungs = tuple(replace(r, estimate=estimate) if k == fit.chosen else r for k, r in enumerate(fit.rungs))
-    quantities, names, std = _quantities(lightings, fit, textures, fields, estimate.brdf, structured)
-    return Solution(
-        estimate=estimate,
-        rungs=rungs,
-        chosen=fit.chosen,
-        noise=fit.noise,
-        weights=tuple(weights),
-        structured=structured,
-        quantities=unless_misfit(quantities, rung.error),
-        lightings=tuple(
-            FittedLighting(lighting, np.zeros_like(lighting.irradiances), None, None)
-            for lighting in lightings.values()
-        ),
-        covariance=np.diag(std**2),
-        covariance_names=names,
-        gauge="absolute: the given lighting fixes the scale of Kd and Ks in each channel",
-    )
-
-
-def _quantities(
-    lightings: Mapping[str, Lighting],
-    fit: TexturedFit,
-    textures: Textures,
-    fields: Mapping[str, LightField],
-    mean: Microfacet,
-    structured: float,
-) -> tuple[dict[str, Quantity], tuple[str, ...], Floats]:
-    """What is reported, and names and standard deviations of the BRDF's numbers.
-
-    Whatever is structured in the residuals counts as a share of each number, as of one BRDF.
-    """
-    count = int(textures.known.sum())
-    share = np.hypot(structured, NUMERICAL)
-    scale = mean.kd + mean.ks
-
-    def of_mean(deviations: Floats) -> Floats:
-        spread = np.sqrt((deviations[textures.known] ** 2).mean(axis=0) / count)
-        return np.hypot(spread, share * scale)
-
-    kd_std = of_mean(textures.kd_std)
-    quantities = {"kd": assess_linear(mean.kd, kd_std, scale, "Kd")}
-    quantities["albedo"] = scaled(quantities["kd"], np.pi)
-    if not fit.model.specular:
-        return quantities, ("kd.r", "kd.g", "kd.b"), kd_std
-    ks_std = of_mean(textures.ks_std) if textures.ks_varies else np.hypot(fit.common_ks_std, share * scale)
-    quantities["ks"] = assess_linear(mean.ks, ks_std, scale, "Ks")
-    total = np.where(scale > 0, scale, 1)
-    shares_std = np.hypot(mean.kd * ks_std, mean.ks * kd_std) / total**2
-    for name, value in (("kd_normalised", mean.kd / total), ("ks_normalised", mean.ks / total)):
-        quantities[name] = assess_linear(value, shares_std, np.ones(3), name[:2].capitalize())
-    ks_share = float(np.mean(mean.ks / total))
-    # The search's coordinates are logarithms, of mu - 1 in the case of mu.
-    found = {"sigma": mean.sigma, "mu": mean.mu}
-    scalars: dict[str, Scalar] = {}
-    for k, (name, number) in enumerate(
-        (name, number) for name, number in found.items() if number is not None
-    ):
-        span = number - 1 if name == "mu" else number
-        deviation = float(np.hypot(span * np.sqrt(fit.covariance[k, k]), share * number))
-        scalars[name] = Scalar(number, deviation, float(span * fit.fragility[k]))
-    quantities["sigma"] = assess_sigma(scalars["sigma"], lighting_degree(list(lightings.values())), ks_share)
-    if "mu" in scalars:
-        # It asks for their samples only.
-        seen = cast("Sequence[PhotoColumns]", [_Seen(field) for field in fields.values()])
-        quantities["mu"] = assess_mu(scalars["mu"], seen, ks_share)
-    order = [str(name) for name in ("mu", "sigma") if name in scalars]
-    std = np.concatenate([[scalars[name].std for name in order], kd_std, ks_std])
-    return quantities, (*order, *(f"{name}.{channel}" for name in ("kd", "ks") for channel in "rgb")), std
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    field: LightField
 
 
 def _remarks(faults: Sequence[str], textures: Textures) -> list[str]:
