@@ -47,6 +47,8 @@ _LEAST = {"mu": 1.0, "sigma": 0.0}
 _RATE_KNOWN, _RATE_UNKNOWN, _RATE_MAP = 0.03, 0.01, 0.2
 _DECAY = 0.02
 _MAP_ROWS, _VARIATION = 64, 1e-3
+# How far the logarithm of a pixel may go from the start: lamps need 8, and where no path goes it runs away.
+_SPAN = 9.0
 _WARM_UP = 3
 # Paths per pixel by which recovered light is judged: what they leave of noise is a percent or so.
 _JUDGED = 1024
@@ -233,7 +235,7 @@ class Peer:
         import drjit as dr
         import mitsuba as mi
 
-        scene, rng = self.scene, np.random.default_rng(0)
+        scene, rng, level = self.scene, np.random.default_rng(0), 0.0
         parameters = mi.traverse(scene)
         adam = mi.ad.Adam(lr=rate, beta_1=0.9, beta_2=0.9)
         keys = {name: f"object.bsdf.{name}" for name in _START}
@@ -241,7 +243,8 @@ class Peer:
             adam[name] = mi.Float(np.log(first - _LEAST[name])) if name in _LEAST else mi.Color3f(first)
         if not self.known:
             brightest = max(float(image.radiance.mean()) for image in self.photos.images)
-            flat = np.full((_MAP_ROWS, 2 * _MAP_ROWS, 3), np.log(brightest), np.float32)
+            level = float(np.log(brightest))
+            flat = np.full((_MAP_ROWS, 2 * _MAP_ROWS, 3), level, np.float32)
             adam["map"] = mi.TensorXf(flat)
             adam.set_learning_rate({"map": _RATE_MAP})
         step, taken = 0, 0.0
@@ -272,6 +275,8 @@ class Peer:
                 low, high = np.log(np.array(ends) - _LEAST[name]) if name in _LEAST else ends
                 high = _ALBEDO if name == "ks" and not self.known else high
                 adam[name] = dr.clip(adam[name], float(low), float(high))
+            if not self.known:
+                adam["map"] = dr.clip(adam["map"], float(level - _SPAN), float(level + _SPAN))
             dr.sync_thread()
             step, taken = step + 1, time.perf_counter() - begin
             fall = _DECAY ** min(taken / (limit or 1.0), 1.0)
