@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -98,6 +99,20 @@ class LightField:
     def sample_normals(self) -> Floats:
         """Mean normal of each sample, (n, 3), not renormalised."""
         return np.asarray(self.mean_over_rays(self.normals))
+
+
+def joined(photos: Sequence[LightField]) -> LightField:
+    """Samples of several photographs as those of one; rows and columns no longer tell pixels apart."""
+    if len(photos) == 1:
+        return photos[0]
+    before = np.cumsum([0, *(len(photo) for photo in photos[:-1])])
+    together: dict[str, Any] = {}
+    for name in (entry.name for entry in fields(LightField)):
+        values = [getattr(photo, name) for photo in photos]
+        if name == "ray_sample":
+            values = [own + first for own, first in zip(values, before, strict=True)]
+        together[name] = None if values[0] is None else np.concatenate(values)
+    return LightField(**together)
 
 
 def off_terminators(field: LightField, directions: Floats) -> LightField:

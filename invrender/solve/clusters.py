@@ -26,6 +26,15 @@ def tile_of(field: LightField, across: int = _TILES_ACROSS) -> NDArray[np.int64]
     return ((rows - rows.min()) / side).astype(int) * 1000 + ((columns - columns.min()) / side).astype(int)
 
 
+def tiles_of(photos: Sequence[LightField]) -> NDArray[np.int64]:
+    """A number for each sample's tile, the photographs' one after the other, no two of which share any."""
+    numbers, first = [], 0
+    for photo in photos:
+        numbers.append(first + np.unique(tile_of(photo), return_inverse=True)[1])
+        first = int(numbers[-1].max(initial=first - 1)) + 1
+    return np.concatenate(numbers)
+
+
 def patch_of(field: LightField) -> NDArray[np.int64]:
     """A number (n,) for each sample's patch of the surface, the same in all photographs: about 20 degrees wide."""
     cell = np.round((field.sample_normals + 1) * _PATCHES_PER_UNIT).astype(int)

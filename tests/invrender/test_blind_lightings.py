@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.solve.blind import BlindLight, BlindSolution, factorize_blind, predict_blind
+from invrender.solve.blind import BlindLight, BlindSolution, factorize_blind, predict_blind, sight
 from recon.harmonics import evaluate_harmonics, sphere_directions
 from recon.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
@@ -131,6 +131,31 @@ def test_three_lightings_and_what_they_shine_on(
         alone = factorize_blind([p for p, own in zip(photos, of, strict=True) if own == name], ladder=False)
         if alone.mu is not None:
             assert (errors(alone, TEFLON)[1] > std).all()
+
+
+def test_working_on_photographs_together_changes_nothing(
+    bench: SimpleNamespace, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+):
+    lights = three_lights(bench)
+    order = ["window", "soft", "soft", "window", "window", "soft"]
+    photos = [
+        noisy(photograph(bench, TEFLON, lights[name], 30 * k, 90 + 10 * k), rng)
+        for k, name in enumerate(order)
+    ]
+    together = factorize_blind(photos, order, orders=[4], ladder=False)
+    monkeypatch.setattr(sight, "_POOL", 1)
+    apart = factorize_blind(photos, order, orders=[4], ladder=False)
+    # Searches end within what sums in another order, in single precision, make of them.
+    assert_allclose(together.brdf_share, apart.brdf_share, rtol=1e-4)
+    assert_allclose([together.mu, together.sigma], [apart.mu, apart.sigma], rtol=1e-4)
+    assert_allclose(np.diag(together.covariance), np.diag(apart.covariance), rtol=1e-2)
+    for name in ("window", "soft"):
+        assert_allclose(together.lights[name].coefficients, apart.lights[name].coefficients, atol=1e-3)
+    # What is told of photographs is told in their order.
+    assert [len(own.trust) for own in together.weights] == [len(photo) for photo in photos]
+    assert_allclose(together.rungs[0].photo_errors, apart.rungs[0].photo_errors, rtol=1e-3)
+    for own, other in zip(together.weights, apart.weights, strict=True):
+        assert_allclose(own.weight, other.weight, rtol=1e-2)
 
 
 def test_one_light_under_two_names_is_the_same_light(bench: SimpleNamespace, rng: np.random.Generator):

@@ -80,7 +80,7 @@ def test_a_source_lights_what_no_ball_stands_before(plane: tuple[Shadows, LightF
     shadows, field = plane
     towards = np.array([0.48, 0.36, 0.8])
     state = BRDF.with_source(towards)
-    sight, clear = Sight.of(field, 4, shadows=shadows), Sight.of(field, 4)
+    sight, clear = Sight.of([field], 4, shadows=shadows), Sight.of([field], 4)
     rows, unshadowed = (rows_of(own, state, 4) for own in (sight, clear))
     # From the ball's centre, how far each point's ray to the source passes.
     away = np.linalg.norm(np.cross(field.positions - CENTRE, towards), axis=1)
@@ -115,7 +115,7 @@ def test_the_lobe_sees_light_where_the_mirrored_ray_is_free(plane: tuple[Shadows
     free = field.reflected_visible
     for state in (BRDF, BRDF.with_form(BECKMANN)):
         own, clear = (
-            rows_of(Sight.of(field, 4, shadows=known), state, 4).per_specular for known in (shadows, None)
+            rows_of(Sight.of([field], 4, shadows=known), state, 4).per_specular for known in (shadows, None)
         )
         assert_array_equal(own[free], clear[free])
         assert not own[~free].any()
@@ -123,7 +123,7 @@ def test_the_lobe_sees_light_where_the_mirrored_ray_is_free(plane: tuple[Shadows
     way = CENTRE - field.positions
     distance = np.linalg.norm(way, axis=1)
     off = np.abs(np.arccos((field.mirrored * way).sum(axis=1) / distance) - np.arcsin(1 / distance))
-    clear_of_edges = Sight.of(field, 0, shadows=shadows).off_edges(0.1)
+    clear_of_edges = Sight.of([field], 0, shadows=shadows).off_edges(0.1)
     assert clear_of_edges[off > 0.26].all()
     assert not clear_of_edges[off < 0.07].any()
     assert (off < 0.07).sum() > 20
@@ -131,7 +131,9 @@ def test_the_lobe_sees_light_where_the_mirrored_ray_is_free(plane: tuple[Shadows
 
 def test_a_ball_keeps_its_share_of_a_uniform_sky_off_the_plane(plane: tuple[Shadows, LightField]) -> None:
     shadows, field = plane
-    uniform = np.sqrt(4 * np.pi) * rows_of(Sight.of(field, 8, shadows=shadows), NOTHING, 8).per_diffuse[:, 0]
+    uniform = (
+        np.sqrt(4 * np.pi) * rows_of(Sight.of([field], 8, shadows=shadows), NOTHING, 8).per_diffuse[:, 0]
+    )
     distance = np.linalg.norm(field.positions - CENTRE, axis=1)
     # Of a ball that is wholly above the horizon: its solid angle's projection on the plane.
     expected = np.pi * (1 - 2 / distance**3)
@@ -148,7 +150,7 @@ def test_a_convex_mesh_is_seen_as_what_has_no_shadows() -> None:
     towards = np.array([0.0, 0.6, 0.8])
     shadows = Shadows.of(MeshBody(mesh), transfer_vectors(mesh, 6, 64))
     state = BRDF.with_source(towards)
-    own, clear = (rows_of(Sight.of(field, 6, shadows=known), state, 6) for known in (shadows, None))
+    own, clear = (rows_of(Sight.of([field], 6, shadows=known), state, 6) for known in (shadows, None))
     # Flat faces set by up to 2 degrees before or after the smooth surface.
     off = np.abs(field.normals @ towards) > 0.04
     for one, other in ((own.per_diffuse, clear.per_diffuse), (own.per_specular, clear.per_specular)):

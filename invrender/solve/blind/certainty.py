@@ -16,7 +16,7 @@ from invrender.solve.blind.antipodes import Sides
 from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
-from invrender.solve.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, tile_of
+from invrender.solve.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, tiles_of
 from invrender.solve.uncertainty import PRIOR_STD
 from invrender.theory.conditioning import Information
 
@@ -50,10 +50,11 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Side
     split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
     """
     certainty = _with_sides(_with_split(_of_noise(search, fit), fit, split), sides)
-    fields = [sight.field for sight in search.sights]
+    fields = [photo for sight in search.sights for photo in sight.photos]
     left = [
-        np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows))
+        photo
         for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
+        for photo in sight.split(np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows)))
     ]
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     # In clean sets nothing of it is left.
@@ -170,7 +171,7 @@ def _sandwich(
         # What of a parameter's effect the lighting can't undo.
         own = (shared - lit @ leverage[sight.lighting]) * weight.T[:, :, None]
         scores = np.hstack([np.einsum("cnt,nc->nt", own, part) for part in (residual, radiance)])
-        by_tile += list(_sums(tile_of(sight.field), scores).values())
+        by_tile += list(_sums(tiles_of(sight.photos), scores).values())
         for patch, score in _sums(patch_of(sight.field), scores).items():
             by_patch[patch] = by_patch.get(patch, 0) + score
     ratio, fragility = np.ones(t), np.zeros(t)

@@ -18,15 +18,15 @@ from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
 from invrender.solve.blind.projection import Fit, light_scale, predicted
-from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
-from invrender.solve.blind.screen import find_among_nonsense, judged
-from invrender.solve.blind.sight import Sight
+from invrender.solve.blind.rungs import BlindRung, cross_validate, photo_counts, simplest
+from invrender.solve.blind.screen import find_among_nonsense, judged, weights_of
+from invrender.solve.blind.sight import Sight, pools
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
 from invrender.solve.blind.sources import Found
 from invrender.solve.blind.start import Region, Search, of_degree, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
-from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
+from invrender.solve.noise import NoiseModel, Weights, fit_noise
 from recon.harmonics import check_degree
 from recon.lightfield import LightField, off_terminators
 
@@ -73,13 +73,16 @@ def factorize_blind(
     lighting_of = [ONLY_LIGHT] * len(photos) if lighting_of is None else list(lighting_of)
     names = tuple(dict.fromkeys(lighting_of))
     _check(photos, lighting_of, orders, transfer)
-    numbers = [names.index(name) for name in lighting_of]
+    numbers = np.array([names.index(name) for name in lighting_of])
+    # Photographs under one lighting side by side, as those that are worked on together must be.
+    order = np.argsort(numbers, kind="stable")
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
         # Prepared for uniform light as yet: parts of the samples are, for more.
+        beside = [photos[k] for k in order]
         sights = [
-            Sight.of(photo, 0, number, transfer, shadows)
-            for photo, number in zip(photos, numbers, strict=True)
+            Sight.of(beside[run], 0, int(numbers[order[run.start]]), transfer, shadows)
+            for run in pools(beside, numbers[order].tolist())
         ]
         search = _first_weights(sights, source_region)
         dark = degree == 0 or (ladder and orders[0] == 0)
@@ -116,6 +119,10 @@ def factorize_blind(
         if sides is not None and sides.fit is not rungs[chosen].fit:
             rungs[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
         certainty = certainty_of(search, rungs[chosen].fit, found.split, sides)
+    back = np.argsort(order)
+    rungs = [replace(rung, photo_errors=rung.photo_errors[back]) for rung in rungs]
+    by_photo = [of for sight, own in zip(search.sights, weights, strict=True) for of in _split(sight, own)]
+    weights = tuple(by_photo[k] for k in back)
     return _solution(search, rungs, chosen, certainty, noise, weights, found, sides, names, transfer)
 
 
@@ -176,10 +183,10 @@ def _check(
 
 
 def _first_weights(sights: Sequence[Sight], region: Region | None) -> Search:
-    photos = [sight.field for sight in sights]
-    assumed = _assumed(photos)
-    weights = [photo.weight[:, None] / assumed.variance(photo.radiance) for photo in photos]
-    trust = [np.ones_like(photo.radiance) for photo in photos]
+    assumed = _assumed([photo for sight in sights for photo in sight.photos])
+    fields = [sight.field for sight in sights]
+    weights = [field.weight[:, None] / assumed.variance(field.radiance) for field in fields]
+    trust = [np.ones_like(field.radiance) for field in fields]
     return Search(sights, weights, trust, light_scale(sights), region)
 
 
@@ -188,14 +195,20 @@ def _assumed(photos: Sequence[LightField]) -> NoiseModel:
     return NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
 
 
+def _split(sight: Sight, weights: Weights) -> list[Weights]:
+    """Weights of a sight's samples, photograph by photograph."""
+    parts = zip(sight.split(weights.trust), sight.split(weights.weight), strict=True)
+    return [Weights(*pair) for pair in parts]
+
+
 def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:
     """The same search with weights from the noise that a fit's residuals show."""
     predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
     residuals = [s.field.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     noise = fit_noise(predictions, residuals)
     weights, counted_trust = [], []
-    for sight, prediction, residual in zip(search.sights, predictions, residuals, strict=True):
-        found = photo_weights(noise, prediction, residual)
+    judged_by = weights_of(search, noise, predictions, residuals)
+    for sight, found in zip(search.sights, judged_by, strict=True):
         sources = fit.state.under(sight.lighting).directions
         counted = (sight.field.weight * _off_terminators(sight, sources))[:, None]
         if fit.state.sigma is not None:
@@ -325,7 +338,7 @@ def _width_warnings(misfit: float) -> tuple[str, ...]:
 
 def _lonely_warnings(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
     """A warning where lightings of more than uniform light have one photograph each."""
-    counts = Counter(sight.lighting for sight in search.sights)
+    counts = photo_counts(search.sights)
     lonely = [repr(names[number]) for number in sorted(counts) if counts[number] == 1]
     if not lonely or not fit.l_max:
         return ()

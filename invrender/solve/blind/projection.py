@@ -34,7 +34,7 @@ class Fit:
 
     l_max : of the lightings. light : (k + j, 3) each, harmonic coefficients, then the irradiances of its sources.
     costs : squared residuals over variances, with what the prior adds. grams : (3, k + j, k + j) each, of the
-    lighting's equations, prior included. rows : per photograph.
+    lighting's equations, prior included. rows : per sight.
     """
 
     state: State
@@ -85,7 +85,9 @@ def light_scale(sights: Sequence[Sight]) -> dict[int, Floats]:
     """
     means: dict[int, list[Floats]] = {}
     for sight in sights:
-        means.setdefault(sight.lighting, []).append(np.abs(sight.field.radiance).mean(axis=0))
+        means.setdefault(sight.lighting, []).extend(
+            np.abs(photo.radiance).mean(axis=0) for photo in sight.photos
+        )
     return {lighting: np.sqrt(4 * np.pi) * np.max(of, axis=0) for lighting, of in means.items()}
 
 
@@ -96,7 +98,7 @@ def solve_lighting(
     state: State,
     l_max: int,
 ) -> Fit:
-    """The best lightings at a state; weights : (n, 3) per photograph, inverse variances."""
+    """The best lightings at a state; weights : (n, 3) per sight, inverse variances."""
 
     def equations(pair: tuple[Sight, Floats]) -> tuple[Rows, Floats, Floats, float]:
         sight, weight = pair
@@ -191,7 +193,7 @@ class Reduced:
 
 
 def joint_rows(sight: Sight, fit: Fit, rows: Rows) -> tuple[Floats, Floats]:
-    """Jacobian of a photograph at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
+    """Jacobian of a sight's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
     state = fit.state
     slopes = slopes_of(sight, state.under(sight.lighting), rows, fit.light[sight.lighting])
     shared = np.zeros((3, len(sight.field), len(state.names)))
@@ -201,7 +203,7 @@ def joint_rows(sight: Sight, fit: Fit, rows: Rows) -> tuple[Floats, Floats]:
 
 
 def predicted(sight: Sight, fit: Fit, rows: Rows) -> Floats:
-    """Radiance (n, 3) of a photograph's rows."""
+    """Radiance (n, 3) of a sight's rows."""
     light = fit.light[sight.lighting]
     return np.stack([rows.of_channel(fit.state.kappa[c]) @ light[:, c] for c in range(3)], axis=-1)
 

@@ -89,12 +89,14 @@ def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:
             change = (lit[:, chosen] @ own[:, :, None])[:, :, 0] + shared[:, chosen] @ step
             residual[chosen] = left[chosen] - change.T
     errors = [
-        relative_rms(residual, sight.field.radiance, trust)
+        relative_rms(*of_photo)
         for residual, sight, trust in zip(residuals, search.sights, search.trust, strict=True)
+        for of_photo in zip(*map(sight.split, (residual, sight.field.radiance, trust)), strict=True)
     ]
     squares = [weight * residual**2 for weight, residual in zip(search.weights, residuals, strict=True)]
     if left_out_whole(search.sights):
-        deviance = [square.mean() for square in squares]
+        by_photo = zip(search.sights, squares, strict=True)
+        deviance = [square.mean() for sight, of in by_photo for square in sight.split(of)]
     else:
         deviance = [
             np.concatenate([s[of == fold] for s, of in zip(squares, joint.fold_of, strict=True)]).mean()
@@ -107,7 +109,7 @@ def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:
 class Joint:
     """Joint normal equations at a fit by lighting: of all samples with the prior, and of each fold.
 
-    fold_of : (n,) per photograph.
+    fold_of : (n,) per sight.
     """
 
     whole: dict[int, Arrow]
@@ -119,7 +121,7 @@ def joint_equations(search: Search, fit: Fit) -> Joint:
     """Equations at a fit, fold by fold."""
     fold_of = _folds(search.sights)
 
-    def of_photo(item: tuple[Sight, Floats, Rows, Ints]) -> dict[int, Arrow]:
+    def of_sight(item: tuple[Sight, Floats, Rows, Ints]) -> dict[int, Arrow]:
         sight, weight, rows, fold = item
         lit, shared = joint_rows(sight, fit, rows)
         residual = sight.field.radiance - predicted(sight, fit, rows)
@@ -132,7 +134,7 @@ def joint_equations(search: Search, fit: Fit) -> Joint:
 
     folds: dict[int, dict[int, Arrow]] = {}
     sums: dict[int, Arrow] = {}
-    found = parallel_map(of_photo, zip(search.sights, search.weights, fit.rows, fold_of, strict=True))
+    found = parallel_map(of_sight, zip(search.sights, search.weights, fit.rows, fold_of, strict=True))
     for sight, parts in zip(search.sights, found, strict=True):
         for fold, part in parts.items():
             _add(folds.setdefault(fold, {}), sight.lighting, part)
@@ -162,7 +164,12 @@ def _equations(lit: Floats, shared: Floats, weight: Floats, residual: Floats) ->
 
 def left_out_whole(sights: Sequence[Sight]) -> bool:
     """Whether photographs are left out whole: each lighting has enough of them."""
-    return min(Counter(sight.lighting for sight in sights).values()) >= _ENOUGH_PHOTOS
+    return min(photo_counts(sights).values()) >= _ENOUGH_PHOTOS
+
+
+def photo_counts(sights: Sequence[Sight]) -> Counter[int]:
+    """How many photographs were taken under each lighting, by its number."""
+    return Counter(sight.lighting for sight in sights for _ in sight.photos)
 
 
 def _folds(sights: Sequence[Sight]) -> tuple[Ints, ...]:
@@ -171,8 +178,17 @@ def _folds(sights: Sequence[Sight]) -> tuple[Ints, ...]:
         seen: Counter[int] = Counter()
         folds = []
         for sight in sights:
-            folds.append(np.full(len(sight.field), seen[sight.lighting] % MAX_FOLDS))
-            seen[sight.lighting] += 1
+            numbers = seen[sight.lighting] + np.arange(len(sight.photos))
+            folds.append(np.repeat(numbers % MAX_FOLDS, [len(photo) for photo in sight.photos]))
+            seen[sight.lighting] += len(sight.photos)
         return tuple(folds)
-    tiles = [np.unique(tile_of(sight.field), return_inverse=True)[1] for sight in sights]
-    return tuple((tile + 3 * k) % _TILE_FOLDS for k, tile in enumerate(tiles))
+    first = np.cumsum([0, *(len(sight.photos) for sight in sights)])
+    return tuple(
+        np.concatenate(
+            [
+                (np.unique(tile_of(photo), return_inverse=True)[1] + 3 * k) % _TILE_FOLDS
+                for k, photo in enumerate(sight.photos, start)
+            ]
+        )
+        for sight, start in zip(sights, first.tolist(), strict=False)
+    )

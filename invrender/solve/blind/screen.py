@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.solve.blind.projection import Fit, predicted
-from invrender.solve.blind.sight import rows_of
+from invrender.solve.blind.sight import Sight, rows_of
 from invrender.solve.blind.sources import Found, Lamps, find_starts
 from invrender.solve.blind.start import NOTHING, Search
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
@@ -86,12 +86,25 @@ def _found_by(search: Search, fit: Fit) -> tuple[list[Floats], list[Weights]]:
     ]
     residuals = [s.field.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     left = fit_noise(predictions, residuals)
-    return predictions, [photo_weights(left, *pair) for pair in zip(predictions, residuals, strict=True)]
+    return predictions, weights_of(search, left, predictions, residuals)
+
+
+def weights_of(
+    search: Search, noise: NoiseModel, predictions: Sequence[Floats], residuals: Sequence[Floats]
+) -> list[Weights]:
+    """`noise.photo_weights` of each sight's samples, photograph by photograph."""
+    weights = []
+    for sight, *pair in zip(search.sights, predictions, residuals, strict=True):
+        own = [photo_weights(noise, *of) for of in zip(*map(sight.split, pair), strict=True)]
+        weights.append(
+            Weights(np.concatenate([w.trust for w in own]), np.concatenate([w.weight for w in own]))
+        )
+    return weights
 
 
 def _middling(search: Search, l_max: int) -> tuple[Fit, list[Floats]]:
     """A middling BRDF and the light that suits it, and how far its samples are near it."""
-    levels = [np.quantile(np.abs(sight.field.radiance), _LEVEL) + 1e-300 for sight in search.sights]
+    levels = [_levels(sight) for sight in search.sights]
     trust, fits = list(search.trust), []
     for _ in range(_ROUNDS):
         even = [own / level**2 for own, level in zip(trust, levels, strict=True)]
@@ -103,7 +116,13 @@ def _middling(search: Search, l_max: int) -> tuple[Fit, list[Floats]]:
     return fits[-1], trust
 
 
-def _near(radiance: Floats, prediction: Floats, level: float) -> Floats:
+def _levels(sight: Sight) -> Floats:
+    """Brightness (n, 1) of each sample's photograph."""
+    levels = [np.quantile(np.abs(photo.radiance), _LEVEL) + 1e-300 for photo in sight.photos]
+    return np.repeat(levels, [len(photo) for photo in sight.photos])[:, None]
+
+
+def _near(radiance: Floats, prediction: Floats, level: Floats) -> Floats:
     scale = _USUAL * np.maximum(np.abs(prediction), _DARKEST * level)
     return np.asarray(1 / (1 + ((radiance - prediction) / scale) ** 2) ** 2)
 

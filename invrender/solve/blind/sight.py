@@ -1,4 +1,4 @@
-"""What the samples of a photograph see of unknown lighting: rows of the linear problem, and their slopes.
+"""What samples of photographs see of unknown lighting: rows of the linear problem, and their slopes.
 
     B = sum_k L_k [(1 - kappa) D_k + kappa M_k(mu, sigma)]
       + sum_j E_j [(1 - kappa) max(n.d_j, 0) + kappa T(mu, sigma, d_j)]     [RH01, eq. 15, 20, 23]
@@ -10,8 +10,10 @@ all of these, by `visibility`'s three rules.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as defaulted
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ from invrender.model.visibility import Shadows
 from invrender.solve.blind.state import State, turn
 from invrender.theory.operator import irradiance_operator
 from recon.harmonics import degree_of
-from recon.lightfield import LightField
+from recon.lightfield import LightField, joined
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -40,6 +42,8 @@ _STEP = 1e-4
 _PENUMBRA, _ALIKE, _KEPT_DIRECTIONS = 0.02, 0.01, 100
 # Distances from the mirrored ray, in sigma, at which edges are looked for: most of the lobe, up to so many radians.
 _LOBE, _WIDEST = (1.0, 2.5), 0.8
+# Rays, of photographs under one lighting, that are worked on at once: fewer take as long, for what numpy begins with.
+_POOL = 1500
 
 
 # Form, mu, sigma and degree that rows of other forms belong to.
@@ -48,13 +52,15 @@ _Shape = tuple[LobeForm, float | None, float, int]
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """A photograph with what doesn't change while the BRDF is searched.
+    """Photographs under one lighting with what doesn't change while the BRDF is searched.
 
-    field : the photograph. l_max : of the lighting. transfer : of the lobe, for all but the sources. rays : the same as
-    one sample per ray. cos : (m,) exitant, of rays. diffuse : (n, (l_max + 1)^2), irradiance. lighting : number of the
-    lighting that it is under. shadows : of a mesh on itself; None of what has none.
+    photos : one or more. field : their samples as one's, which is what all arrays go by. l_max : of the lighting.
+    transfer : of the lobe, for all but the sources. rays : the same as one sample per ray. cos : (m,) exitant, of rays.
+    diffuse : (n, (l_max + 1)^2), irradiance. lighting : number of the lighting that they are under. shadows : of a mesh
+    on itself; None of what has none.
     """
 
+    photos: tuple[LightField, ...]
     field: LightField
     l_max: int
     transfer: Transfer
@@ -69,23 +75,29 @@ class Sight:
 
     @staticmethod
     def of(
-        samples: LightField,
+        photos: Sequence[LightField],
         l_max: int,
         lighting: int = 0,
         transfer: Transfer = "exact",
         shadows: Shadows | None = None,
     ) -> Sight:
-        """Prepare a photograph for lighting of degree l_max."""
+        """Prepare photographs for lighting of degree l_max."""
+        samples = joined(photos)
         diffuse = samples.mean_over_rays(irradiance_operator(samples.normals, l_max))
         if shadows is not None:
             diffuse = diffuse - shadows.hidden_rows(samples, l_max)
         rays = _one_sample_per_ray(samples)
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
-        return Sight(samples, l_max, transfer, rays, cos, diffuse.astype(np.float32), lighting, shadows)
+        single = diffuse.astype(np.float32)
+        return Sight(tuple(photos), samples, l_max, transfer, rays, cos, single, lighting, shadows)
 
-    def like(self, samples: LightField, l_max: int) -> Sight:
-        """Prepare other samples of the photograph, under the same lighting, for another degree."""
-        return Sight.of(samples, l_max, self.lighting, self.transfer, self.shadows)
+    def like(self, photos: Sequence[LightField], l_max: int) -> Sight:
+        """Prepare other samples under the same lighting for another degree."""
+        return Sight.of(photos, l_max, self.lighting, self.transfer, self.shadows)
+
+    def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
+        """What belongs to samples (n, ...), photograph by photograph."""
+        return np.split(values, np.cumsum([len(photo) for photo in self.photos])[:-1])
 
     def free(self, directions: Floats) -> Mask:
         """Which rays (m, k) see sources in unit directions (k, 3); all do that of what has no shadows.
@@ -187,7 +199,7 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of a photograph's samples over the coefficients and then the sources, (n, k + j) each.
+    """Rows of samples over the coefficients and then the sources, (n, k + j) each.
 
     per_diffuse : what a diffuse body of unit Kd sends. per_specular : a specular one of unit Ks; zero without.
     """
@@ -275,6 +287,18 @@ def _fresnel(mu: float | None, cos: Floats) -> tuple[Floats, Floats]:
         return np.ones_like(cos), np.zeros_like(cos)
     less, at, more = (normalised_fresnel(1 + (mu - 1) * np.exp(way), cos) for way in (-_STEP, 0, _STEP))
     return at, (more - less) / (2 * _STEP)
+
+
+def pools(photos: Sequence[LightField], lightings: Sequence[int]) -> list[slice]:
+    """Runs of photographs to work on at once: under one lighting each, by whose numbers photographs must be sorted."""
+    runs, first, rays = [], 0, 0
+    for k, photo in enumerate(photos):
+        rays += len(photo.ray_sample)
+        last = k + 1 == len(photos) or lightings[k + 1] != lightings[k]
+        if last or rays >= _POOL:
+            runs.append(slice(first, k + 1))
+            first, rays = k + 1, 0
+    return runs
 
 
 def _one_sample_per_ray(samples: LightField) -> LightField:

@@ -11,7 +11,7 @@ from invrender.model.fresnel import MU_RANGE
 from invrender.solve.blind.projection import Fit, predicted
 from invrender.solve.blind.start import NOTHING, PEAK_WIDTH, Search, first_state, light_peaks, of_degree
 from invrender.solve.blind.state import State, turn
-from invrender.solve.clusters import tile_of
+from invrender.solve.clusters import tiles_of
 
 Floats = NDArray[np.float64]
 
@@ -174,8 +174,7 @@ def _price(search: Search, fit: Fit, lighting: int) -> float:
         if sight.lighting == lighting:
             left = np.sqrt(weight) * (sight.field.radiance - predicted(sight, fit, rows))
             residuals += float((left**2).sum())
-            tiles = np.unique(tile_of(sight.field), return_inverse=True)[1]
-            together += float((np.bincount(tiles, left.sum(axis=1)) ** 2).sum())
+            together += float((np.bincount(tiles_of(sight.photos), left.sum(axis=1)) ** 2).sum())
     numbers = search.only(lighting).numbers
     # Residuals that hang together over tiles of a photograph are fewer witnesses than they are numbers.
     noise = max(fit.costs[lighting] / numbers, 1e-300) * max(together / max(residuals, 1e-300), 1)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.solve.blind.projection import ITERATIONS, Fit, refine, solve_lighting
-from invrender.solve.blind.sight import Sight
+from invrender.solve.blind.sight import Sight, pools
 from invrender.solve.blind.state import State
 from recon.harmonics import degree_of, degrees, evaluate_harmonics, sphere_directions
 
@@ -60,7 +60,7 @@ class Region:
 class Search:
     """Photographs as searches take them.
 
-    weights, trust : (n, 3) per photograph, as in `noise.Weights`. scales : (3,) of each lighting by its number, that
+    weights, trust : (n, 3) per sight, as in `noise.Weights`. scales : (3,) of each lighting by its number, that
     the prior goes by.
     """
 
@@ -146,7 +146,7 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
 
 def of_degree(search: Search, l_max: int) -> Search:
     """The same, prepared for lighting of another degree."""
-    sights = [sight if sight.l_max == l_max else sight.like(sight.field, l_max) for sight in search.sights]
+    sights = [sight if sight.l_max == l_max else sight.like(sight.photos, l_max) for sight in search.sights]
     return replace(search, sights=sights)
 
 
@@ -156,10 +156,13 @@ def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
     every = max(1, int(np.ceil(total / max(most, per_lighting * len(search.lightings)))))
     if every == 1 and all(sight.l_max == l_max for sight in search.sights):
         return search
-    sights, weights, trusts = [], [], []
-    for k, (sight, weight, trust) in enumerate(zip(search.sights, search.weights, search.trust, strict=True)):
-        keep = np.arange(len(sight.field)) % every == k % every
-        sights.append(sight.like(sight.field.where(keep), l_max))
-        weights.append(weight[keep])
-        trusts.append(trust[keep])
-    return replace(search, sights=sights, weights=weights, trust=trusts)
+    owners = [sight for sight in search.sights for _ in sight.photos]
+    photos = [photo for sight in search.sights for photo in sight.photos]
+    keeps = [np.arange(len(photo)) % every == k % every for k, photo in enumerate(photos)]
+    photos = [photo.where(keep) for photo, keep in zip(photos, keeps, strict=True)]
+    kept = np.concatenate(keeps)
+    runs = pools(photos, [sight.lighting for sight in owners])
+    sights = [owners[run.start].like(photos[run], l_max) for run in runs]
+    ends = np.cumsum([len(sight.field) for sight in sights])[:-1]
+    weights, trust = (np.split(np.concatenate(of)[kept], ends) for of in (search.weights, search.trust))
+    return replace(search, sights=sights, weights=weights, trust=trust)
