@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.spherephotos import SpherePhotos
 from capture.lighting import Lighting
-from capture.parallel import parallel_map
-from invrender.model.columns import photo_columns
+from invrender.model.columns import all_columns
 from invrender.model.lobetable import Transfer
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict
@@ -108,10 +107,9 @@ def statistics(photos: SpherePhotos, samples: int | None) -> Found:
     """Known light: sufficient statistics, then a simplex over them, with the ladder of models and error bars."""
     lighting = photos.stage.lighting
     elements = light_elements(lighting)
-    columns = parallel_map(
-        lambda field: photo_columns("light", elements, field), photos.samples(samples, lighting.directions)
-    )
-    return brdf_in_known_light(factorize(list(columns), [lighting]).estimate.brdf, lighting)
+    fields = photos.samples(samples, lighting.directions)
+    columns = all_columns([lighting.name] * len(fields), {lighting.name: elements}, fields)
+    return brdf_in_known_light(factorize(columns, [lighting]).estimate.brdf, lighting)
 
 
 def published_known(photos: SpherePhotos, samples: int | None, transfer: Transfer) -> Found:

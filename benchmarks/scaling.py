@@ -29,9 +29,9 @@ from benchmarks.memory import forget_peak, peak_megabytes
 from capture.parallel import one_blas_thread
 from invrender.solve.blind import factorize_blind
 from invrender.solve.blind.projection import light_scale, solve_lighting
-from invrender.solve.blind.sight import Sight, pools
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.state import State
-from recon.lightfield import LightField
+from recon.lightfield import LightField, pools
 
 Floats = NDArray[np.float64]
 
@@ -76,7 +76,8 @@ AXES = (
 def run_pass(fields: Sequence[LightField], stage: Stage) -> Callable[[], object]:
     """One pass over the samples under unknown light, lobes of the roughness at hand already known."""
     material = stage.material
-    sights = [Sight.of(fields[run], stage.l_max) for run in pools(fields, [0] * len(fields))]
+    together = pools(fields, [0] * len(fields))
+    sights = [Sight.of([fields[k] for k in pool], stage.l_max) for pool in together]
     weights = [np.ones_like(sight.field.radiance) for sight in sights]
     share = material.ks / (material.kd + material.ks)
     directions = np.array([source.direction for source in stage.sources])

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
 from invrender.findings import find_warnings
 from invrender.interreflection import Accounted, account_for_bounces, unknown_scale
 from invrender.model.bounce import Bounced, Parts
-from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.columns import PhotoColumns, all_columns, photo_columns
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
 from invrender.model.visibility import Shadows
@@ -97,11 +96,14 @@ def _columns(
     elements: Mapping[str, Sequence[LightElement]],
     shadows: Shadows | None,
 ) -> dict[str, PhotoColumns]:
-    def of(photo: Photo) -> PhotoColumns:
-        return photo_columns(photo.lighting, elements[photo.lighting], fields[photo.label], shadows=shadows)
-
     photos = photoset.photos
-    return {photo.label: found for photo, found in zip(photos, parallel_map(of, photos), strict=True)}
+    found = all_columns(
+        [photo.lighting for photo in photos],
+        elements,
+        [fields[photo.label] for photo in photos],
+        shadows=shadows,
+    )
+    return {photo.label: columns for photo, columns in zip(photos, found, strict=True)}
 
 
 def _bounces(

@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 
 # Cosine to a source within which its disc may be cut by the horizon: a lamp of a degree's radius.
 _PENUMBRA = 0.02
+# Rays that are worked on at once: fewer take numpy as long.
+_POOL = 1500
 _INTEGERS = {"rows": np.int64, "columns": np.int64, "ray_sample": np.int64, "faces": np.int64}
 _BOOLEANS = {"reflected_visible": np.bool_, "sources_visible": np.bool_}
 # What belongs to samples; the rest belongs to rays.
@@ -113,6 +115,22 @@ def joined(photos: Sequence[LightField]) -> LightField:
             values = [own + first for own, first in zip(values, before, strict=True)]
         together[name] = None if values[0] is None else np.concatenate(values)
     return LightField(**together)
+
+
+def pools(photos: Sequence[LightField], lightings: Sequence[Any]) -> list[list[int]]:
+    """Places of photographs to work on at once, those under one lighting, by its name or number, with each other."""
+    places: dict[Any, list[int]] = {}
+    for k, lighting in enumerate(lightings):
+        places.setdefault(lighting, []).append(k)
+    found = []
+    for mine in places.values():
+        rays = np.cumsum([len(photos[k].ray_sample) for k in mine])
+        # A pool is full with the photograph that fills it.
+        pool = np.concatenate([[0], rays[:-1]]) // _POOL
+        found += [
+            [k for k, own in zip(mine, pool, strict=True) if own == number] for number in np.unique(pool)
+        ]
+    return found
 
 
 def off_terminators(field: LightField, directions: Floats) -> LightField:

@@ -13,7 +13,7 @@ from capture.camera import Camera
 from capture.lighting import Lighting
 from invrender.factorization import Quantity
 from invrender.model import microfacet
-from invrender.model.columns import photo_columns
+from invrender.model.columns import all_columns
 from invrender.model.transfer import light_elements
 from invrender.plan.bench import Bench
 from invrender.plan.experiment import Experiment, Light, View
@@ -176,7 +176,8 @@ def told(stage: Stage, photos: Sequence[LightField]) -> Solution:
     """The fit under known light."""
     lighting = stage.lighting
     elements = light_elements(lighting)
-    return factorize([photo_columns("light", elements, photo) for photo in photos], [lighting])
+    columns = all_columns([lighting.name] * len(photos), {lighting.name: elements}, photos)
+    return factorize(columns, [lighting])
 
 
 def blind(stage: Stage, photos: Sequence[LightField]) -> BlindSolution:

@@ -11,20 +11,21 @@ every form of the specular part; only the m_ekj differ.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.parallel import parallel_map
 from invrender.model.form_transfer import FresnelFunctions, OneIndex, form_transfer
 from invrender.model.fresnel import FresnelBasis
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import sigma_nodes, sigma_weights
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Rays, Shadows, seen_diffuse, seen_specular
-from recon.lightfield import LightField
+from recon.lightfield import LightField, joined, pools
 
 Floats = NDArray[np.float64]
 
@@ -106,6 +107,35 @@ def photo_columns(
             means = part.mean_over_rays(specular.reshape(len(specular), size - 1, -1))
             columns[:, block, e, 1:] = means.transpose(2, 0, 1)
     return PhotoColumns(lighting, tuple(element.name for element in elements), columns, field, form, shadows)
+
+
+def all_columns(
+    lightings: Sequence[str],
+    elements: Mapping[str, Sequence[LightElement]],
+    fields: Sequence[LightField],
+    form: LobeForm = PRINTED,
+    shadows: Shadows | None = None,
+    diffuse: Sequence[NDArray[np.float32]] | None = None,
+) -> list[PhotoColumns]:
+    """`photo_columns` of each photograph, spread over the cores, those with few samples made together.
+
+    lightings : the name of each one's. elements : of lightings by their names. diffuse : the columns d of each.
+    """
+
+    def of(pool: list[int]) -> list[PhotoColumns]:
+        parts, name = [fields[k] for k in pool], lightings[pool[0]]
+        known = None if diffuse is None else np.concatenate([diffuse[k] for k in pool], axis=1)
+        whole = photo_columns(name, elements[name], joined(parts), form, shadows, known)
+        columns = np.split(whole.columns, np.cumsum([len(part) for part in parts])[:-1], axis=1)
+        return [replace(whole, columns=own, field=part) for own, part in zip(columns, parts, strict=True)]
+
+    together = pools(fields, lightings)
+    found = {
+        k: own
+        for pool, columns in zip(together, parallel_map(of, together), strict=True)
+        for k, own in zip(pool, columns, strict=True)
+    }
+    return [found[k] for k in range(len(fields))]
 
 
 def specular_weights(mu: float | None, sigma: float, form: LobeForm = PRINTED) -> Floats:

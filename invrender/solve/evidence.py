@@ -28,6 +28,8 @@ MISFIT_REMEDY = (
 )
 # Standard errors of a paired difference beyond which the simpler model is clearly worse.
 _CLEARLY_WORSE = 3.0
+# Part of a standard deviation to which fits that leave photographs out are fitted: their errors differ by its square.
+_NEAR_ENOUGH = 0.1
 # A photograph with this many times the median error is taken for wrong, if there are enough to compare.
 _OUT_OF_PROPORTION, _FEWEST_TO_COMPARE = 3.0, 4
 
@@ -174,7 +176,7 @@ def _evaluate(
     errors, energy = np.empty(len(photos)), np.zeros(len(patches))
     for fold in range(len(parts)):
         rest = by_lighting(entry for k, part in enumerate(parts) if k != fold for entry in part)
-        trained = fit(model, rest, start=full)
+        trained = fit(model, rest, full, _NEAR_ENOUGH)
         for j in np.flatnonzero(fold_of == fold).tolist():
             photo = photos[j]
             strengths = trained.strengths.get(photo.lighting)

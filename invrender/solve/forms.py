@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.parallel import parallel_map
-from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.columns import PhotoColumns, all_columns
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.transfer import LightElement
 from invrender.solve.evidence import Rung, climb_ladder, patches_of
@@ -82,18 +81,13 @@ def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weight
 
 def columns_of(form: LobeForm, photos: Sequence[PhotoColumns], elements: Elements) -> list[PhotoColumns]:
     """The same samples with columns of another form."""
-    return list(
-        parallel_map(
-            lambda photo: photo_columns(
-                photo.lighting,
-                elements[photo.lighting],
-                photo.field,
-                form,
-                photo.shadows,
-                photo.columns[..., 0],
-            ),
-            photos,
-        )
+    return all_columns(
+        [photo.lighting for photo in photos],
+        elements,
+        [photo.field for photo in photos],
+        form,
+        photos[0].shadows,
+        [photo.columns[..., 0] for photo in photos],
     )
 
 

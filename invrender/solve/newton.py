@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 _MOST_STEPS, _MOST_HALVINGS = 30, 8
 # A step this small against the standard deviation of what noise leaves is the last.
-_SMALL = 1e-3
+SMALL = 1e-3
 # A predicted decrease of the cost, in variances of the noise, that calls for no proof.
 _TRUSTED = 1e-2
 # Of the coordinates, for slopes of the specular weights; they err by its square.
@@ -30,8 +30,10 @@ _STEP = 1e-4
 _FARTHEST = 0.5
 
 
-def gauss_newton(start: Estimate, statistics: Sequence[Statistics], lower: Floats, upper: Floats) -> Estimate:
-    """The estimate of least cost near `start`, its coordinates within bounds, to a thousandth of their
+def gauss_newton(
+    start: Estimate, statistics: Sequence[Statistics], lower: Floats, upper: Floats, small: float = SMALL
+) -> Estimate:
+    """The estimate of least cost near `start`, its coordinates within bounds, to a small part of their
     standard deviations."""
     best = start
     for _ in range(_MOST_STEPS):
@@ -47,7 +49,7 @@ def gauss_newton(start: Estimate, statistics: Sequence[Statistics], lower: Float
         else:
             return best
         best = tried
-        if decrease < _SMALL**2 * variance:
+        if decrease < small**2 * variance:
             return best
     return best
 

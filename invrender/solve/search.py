@@ -18,7 +18,7 @@ from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.models import Estimate, Model, estimate_at
-from invrender.solve.newton import gauss_newton
+from invrender.solve.newton import SMALL, gauss_newton
 from invrender.solve.statistics import Statistics
 
 Floats = NDArray[np.float64]
@@ -55,10 +55,12 @@ def with_neutral(models: Sequence[Model]) -> tuple[Model, ...]:
     )
 
 
-def fit(model: Model, statistics: Sequence[Statistics], start: Estimate | None = None) -> Estimate:
+def fit(
+    model: Model, statistics: Sequence[Statistics], start: Estimate | None = None, small: float = SMALL
+) -> Estimate:
     """Fit a model to the statistics of all lightings, made of columns of the model's form.
 
-    start : an estimate nearby, saves the search.
+    start : an estimate nearby, saves the search. small : part of a standard deviation that the last step may have.
     """
     if not model.specular:
         return estimate_at(model, statistics, np.zeros(0))
@@ -68,7 +70,7 @@ def fit(model: Model, statistics: Sequence[Statistics], start: Estimate | None =
     else:
         point = np.array([np.log(start.brdf.sigma), np.log((start.brdf.mu or 1.5) - 1)][: len(lower)])
     return gauss_newton(
-        estimate_at(model, statistics, np.clip(point, lower, upper)), statistics, lower, upper
+        estimate_at(model, statistics, np.clip(point, lower, upper)), statistics, lower, upper, small
     )
 
 

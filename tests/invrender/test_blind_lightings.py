@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.solve.blind import BlindLight, BlindSolution, factorize_blind, predict_blind, sight
+from invrender.solve.blind import BlindLight, BlindSolution, factorize_blind, predict_blind
+from recon import lightfield
 from recon.harmonics import evaluate_harmonics, sphere_directions
 from recon.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
@@ -143,7 +144,7 @@ def test_working_on_photographs_together_changes_nothing(
         for k, name in enumerate(order)
     ]
     together = factorize_blind(photos, order, orders=[4], ladder=False)
-    monkeypatch.setattr(sight, "_POOL", 1)
+    monkeypatch.setattr(lightfield, "_POOL", 1)
     apart = factorize_blind(photos, order, orders=[4], ladder=False)
     # Searches end within what sums in another order, in single precision, make of them.
     assert_allclose(together.brdf_share, apart.brdf_share, rtol=1e-4)

@@ -20,7 +20,7 @@ from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import BlindRung, cross_validate, photo_counts, simplest
 from invrender.solve.blind.screen import find_among_nonsense, judged, weights_of
-from invrender.solve.blind.sight import Sight, pools
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
 from invrender.solve.blind.sources import Found
 from invrender.solve.blind.start import Region, Search, of_degree, thinned
@@ -28,7 +28,7 @@ from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
 from invrender.solve.noise import NoiseModel, Weights, fit_noise
 from recon.harmonics import check_degree
-from recon.lightfield import LightField, off_terminators
+from recon.lightfield import LightField, off_terminators, pools
 
 Floats = NDArray[np.float64]
 
@@ -73,16 +73,13 @@ def factorize_blind(
     lighting_of = [ONLY_LIGHT] * len(photos) if lighting_of is None else list(lighting_of)
     names = tuple(dict.fromkeys(lighting_of))
     _check(photos, lighting_of, orders, transfer)
-    numbers = np.array([names.index(name) for name in lighting_of])
-    # Photographs under one lighting side by side, as those that are worked on together must be.
-    order = np.argsort(numbers, kind="stable")
+    numbers = [names.index(name) for name in lighting_of]
+    together = pools(photos, numbers)
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
         # Prepared for uniform light as yet: parts of the samples are, for more.
-        beside = [photos[k] for k in order]
         sights = [
-            Sight.of(beside[run], 0, int(numbers[order[run.start]]), transfer, shadows)
-            for run in pools(beside, numbers[order].tolist())
+            Sight.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows) for pool in together
         ]
         search = _first_weights(sights, source_region)
         dark = degree == 0 or (ladder and orders[0] == 0)
@@ -119,7 +116,8 @@ def factorize_blind(
         if sides is not None and sides.fit is not rungs[chosen].fit:
             rungs[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
         certainty = certainty_of(search, rungs[chosen].fit, found.split, sides)
-    back = np.argsort(order)
+    # As they were given.
+    back = np.argsort(np.concatenate(together))
     rungs = [replace(rung, photo_errors=rung.photo_errors[back]) for rung in rungs]
     by_photo = [of for sight, own in zip(search.sights, weights, strict=True) for of in _split(sight, own)]
     weights = tuple(by_photo[k] for k in back)

@@ -42,8 +42,6 @@ _STEP = 1e-4
 _PENUMBRA, _ALIKE, _KEPT_DIRECTIONS = 0.02, 0.01, 100
 # Distances from the mirrored ray, in sigma, at which edges are looked for: most of the lobe, up to so many radians.
 _LOBE, _WIDEST = (1.0, 2.5), 0.8
-# Rays, of photographs under one lighting, that are worked on at once: fewer take as long, for what numpy begins with.
-_POOL = 1500
 
 
 # Form, mu, sigma and degree that rows of other forms belong to.
@@ -287,18 +285,6 @@ def _fresnel(mu: float | None, cos: Floats) -> tuple[Floats, Floats]:
         return np.ones_like(cos), np.zeros_like(cos)
     less, at, more = (normalised_fresnel(1 + (mu - 1) * np.exp(way), cos) for way in (-_STEP, 0, _STEP))
     return at, (more - less) / (2 * _STEP)
-
-
-def pools(photos: Sequence[LightField], lightings: Sequence[int]) -> list[slice]:
-    """Runs of photographs to work on at once: under one lighting each, by whose numbers photographs must be sorted."""
-    runs, first, rays = [], 0, 0
-    for k, photo in enumerate(photos):
-        rays += len(photo.ray_sample)
-        last = k + 1 == len(photos) or lightings[k + 1] != lightings[k]
-        if last or rays >= _POOL:
-            runs.append(slice(first, k + 1))
-            first, rays = k + 1, 0
-    return runs
 
 
 def _one_sample_per_ray(samples: LightField) -> LightField:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.solve.blind.projection import ITERATIONS, Fit, refine, solve_lighting
-from invrender.solve.blind.sight import Sight, pools
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.state import State
 from recon.harmonics import degree_of, degrees, evaluate_harmonics, sphere_directions
+from recon.lightfield import pools
 
 Floats = NDArray[np.float64]
 
@@ -161,8 +162,9 @@ def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
     keeps = [np.arange(len(photo)) % every == k % every for k, photo in enumerate(photos)]
     photos = [photo.where(keep) for photo, keep in zip(photos, keeps, strict=True)]
     kept = np.concatenate(keeps)
-    runs = pools(photos, [sight.lighting for sight in owners])
-    sights = [owners[run.start].like(photos[run], l_max) for run in runs]
+    # Lightings come one after the other, and so do photographs in their pools.
+    together = pools(photos, [sight.lighting for sight in owners])
+    sights = [owners[pool[0]].like([photos[k] for k in pool], l_max) for pool in together]
     ends = np.cumsum([len(sight.field) for sight in sights])[:-1]
     weights, trust = (np.split(np.concatenate(of)[kept], ends) for of in (search.weights, search.trust))
     return replace(search, sights=sights, weights=weights, trust=trust)
