@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -72,10 +73,15 @@ class LightField:
         """Means (n, ...) over each sample's rays of per-ray values (m, ...)."""
         if len(values) == len(self):
             return values
-        starts = np.flatnonzero(np.diff(self.ray_sample, prepend=-1))
-        counts = np.diff(starts, append=len(values))
+        starts, counts = self._runs
         sums = np.add.reduceat(values, starts, axis=0)
         return sums / counts.reshape(-1, *[1] * (values.ndim - 1)).astype(values.dtype)
+
+    @cached_property
+    def _runs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where each sample's rays start, (n,), and how many there are."""
+        starts = np.flatnonzero(np.diff(self.ray_sample, prepend=-1))
+        return starts, np.diff(starts, append=len(self.ray_sample))
 
     def where(self, keep: NDArray[np.bool_]) -> LightField:
         """The samples marked by a mask (n,)."""

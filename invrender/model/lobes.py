@@ -25,6 +25,11 @@ Floats = NDArray[np.float64]
 _LEAST_COS = 1e-6
 
 
+def _dot(a: Floats, b: Floats) -> Floats:
+    # Half again as fast as sums of products.
+    return np.asarray(np.einsum("...k,...k->...", a, b))
+
+
 @dataclass(frozen=True, eq=False)
 class Angles:
     """Pairs of directions above the surface, arrays of one shape: theta_h, radians, of the half vector to the normal;
@@ -39,12 +44,11 @@ class Angles:
     def between(cls, normals: Floats, wi: Floats, wo: Floats) -> Angles:
         """Angles of unit vectors (..., 3), broadcast."""
         half = wi + wo
-        length = np.linalg.norm(half, axis=-1)
-        along = (half * normals).sum(axis=-1)
+        along = _dot(half, normals)
         # Not by arccos, which loses half the digits where the lobe peaks.
-        across = np.linalg.norm(half - along[..., None] * normals, axis=-1)
-        cos_i, cos_o = (normals * wi).sum(axis=-1), (normals * wo).sum(axis=-1)
-        return cls(np.arctan2(across, along), cos_i, cos_o, length / 2)
+        beside = half - along[..., None] * normals
+        theta_h = np.arctan2(np.sqrt(_dot(beside, beside)), along)
+        return cls(theta_h, _dot(normals, wi), _dot(normals, wo), np.sqrt(_dot(half, half)) / 2)
 
 
 class LobeForm:

@@ -23,7 +23,7 @@ from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
 from invrender.model.lobetable import Transfer, specular_rows
 from invrender.model.visibility import Shadows
-from invrender.solve.blind.state import State, turn
+from invrender.solve.blind.state import State, turns
 from invrender.theory.operator import irradiance_operator
 from recon.harmonics import degree_of
 from recon.lightfield import LightField, joined
@@ -67,7 +67,7 @@ class Sight:
     diffuse: Singles
     lighting: int = 0
     shadows: Shadows | None = None
-    _nodes: dict[int, tuple[Singles, Singles]] = defaulted(default_factory=dict, repr=False)
+    _nodes: dict[int, Singles] = defaulted(default_factory=dict, repr=False)
     _last: dict[_Shape, tuple[Singles, Singles, Singles]] = defaulted(default_factory=dict, repr=False)
     _free: dict[bytes, Mask] = defaulted(default_factory=dict, repr=False)
 
@@ -170,23 +170,28 @@ class Sight:
         """
         position = np.log(sigma) / _SPACING
         low = int(np.floor(position))
-        for node in (low, low + 1):
-            if node not in self._nodes:
-                at = float(np.exp(node * _SPACING))
-                rows, slopes = specular_rows(self.rays, self.l_max, at, self.transfer)
-                self._nodes[node] = self._mirrored(rows), self._mirrored(slopes)
-        for node in [node for node in self._nodes if node not in (low, low + 1)]:
-            del self._nodes[node]
+        if low not in self._nodes:
+            both = np.concatenate([self._node(low), self._node(low + 1)])
+            self._nodes.clear()
+            self._nodes[low] = both
         t = position - low
         # Hermite's cubics, of values and slopes at both ends.
         value = np.array([(1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2, t**2 * (3 - 2 * t), t**2 * (t - 1)])
         slope = np.array([6 * t * (t - 1), (1 - t) * (1 - 3 * t), 6 * t * (1 - t), t * (3 * t - 2)])
         units = np.array([1, _SPACING, 1, _SPACING])
         return (
-            np.stack([*self._nodes[low], *self._nodes[low + 1]]),
+            self._nodes[low],
             (value * units).astype(np.float32),
             (slope * units / _SPACING).astype(np.float32),
         )
+
+    def _node(self, node: int) -> Singles:
+        """Rows and slopes (2, m, k) at a roughness, which may be one of the last two."""
+        for low, both in self._nodes.items():
+            if node in (low, low + 1):
+                return both[2 * (node - low) :][:2]
+        rows = specular_rows(self.rays, self.l_max, float(np.exp(node * _SPACING)), self.transfer)
+        return np.stack([self._mirrored(of) for of in rows])
 
     def _mirrored(self, rows: Singles) -> Singles:
         """Rows (m, k) of the lobe, zero where a mesh stands in the mirror direction of the view."""
@@ -248,9 +253,9 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
             by_mu += (of_mu * seen)[:, None] * irradiance
         columns += [] if state.mu is None else [kappa * mean(by_mu)]
         columns.append(kappa * mean(by_sigma))
-    for direction, irradiance, seen in zip(state.directions, light[size:], free.T, strict=True):
-        for way in np.eye(2):
-            ends = [turn(direction, *(sign * _STEP * way)) for sign in (-1, 1)]
+    turned = turns(state.directions, _STEP)
+    for both_ways, irradiance, seen in zip(turned, light[size:], free.T, strict=True):
+        for ends in both_ways:
             cosines = [rays.normals @ end for end in ends]
             slope = (np.maximum(cosines[1], 0) - np.maximum(cosines[0], 0)) / (2 * _STEP)
             column = (1 - kappa) * mean(slope * seen)[:, None]

@@ -119,6 +119,14 @@ class State:
         )
 
 
+def turns(directions: Floats, angle: float) -> Floats:
+    """Directions (k, 3) turned by an angle, radians, along each of their tangents, back and forth: (k, 2, 2, 3)."""
+    moved = directions[:, None, None] + angle * np.stack(
+        [-tangents(directions), tangents(directions)], axis=2
+    )
+    return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
+
+
 def turn(direction: Floats, a: float, b: float) -> Floats:
     """A direction turned by small angles, radians, along its tangents."""
     moved = direction + np.array([a, b]) @ tangents(direction)
