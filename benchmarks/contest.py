@@ -6,17 +6,19 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.spherephotos import SpherePhotos
 from capture.lighting import Lighting
-from invrender.model.columns import all_columns
+from invrender.model.columns import PhotoColumns, all_columns
 from invrender.model.lobetable import Transfer
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict
 from invrender.model.transfer import light_elements
+from invrender.solve import statistics as sums
 from invrender.solve.blind import ORDERS, factorize_blind, predict_blind
 from invrender.solve.factorize import factorize
 from invrender.solve.published import published_brdf, published_factors
@@ -110,6 +112,27 @@ def statistics(photos: SpherePhotos, samples: int | None) -> Found:
     fields = photos.samples(samples, lighting.directions)
     columns = all_columns([lighting.name] * len(fields), {lighting.name: elements}, fields)
     return brdf_in_known_light(factorize(columns, [lighting]).estimate.brdf, lighting)
+
+
+def single_statistics(photos: SpherePhotos, samples: int | None) -> Found:
+    """The same with sums of products in single precision, which columns are in anyway."""
+    with patch.object(sums, "photo_statistics", _single_photo_statistics):
+        return statistics(photos, samples)
+
+
+def _single_photo_statistics(photo: PhotoColumns, weights: Floats) -> sums.Statistics:
+    channels, count, elements, size = photo.columns.shape
+    gram, right, energy = [], [], []
+    for c in range(3):
+        root = np.sqrt(weights[:, c, None]).astype(np.float32)
+        columns = photo.columns[min(c, channels - 1)].reshape(count, -1)
+        scaled = np.hstack([columns, photo.radiance[:, c, None].astype(np.float32)]) * root
+        products = (scaled.T @ scaled).astype(float)
+        gram.append(products[:-1, :-1].reshape(elements, size, elements, size))
+        right.append(products[:-1, -1].reshape(elements, size))
+        energy.append(products[-1, -1])
+    found = map(np.array, (gram, right, energy))
+    return sums.Statistics(photo.lighting, photo.elements, *found, 3 * count)
 
 
 def published_known(photos: SpherePhotos, samples: int | None, transfer: Transfer) -> Found:

@@ -15,6 +15,7 @@ from benchmarks.contest import (
     published_known,
     published_unknown,
     relative_error,
+    single_statistics,
     statistics,
     whole_ladder,
 )
@@ -64,6 +65,9 @@ def _known(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
     yield "statistics (lightfactor)", f"default, {default}", partial(statistics, samples=default), True
     for budget in () if quick else _BUDGETS:
         yield "statistics (lightfactor)", _label(budget), partial(statistics, samples=budget), False
+    for budget in (_QUICK_BUDGET,) if quick else (*_LEVEL[-1:], default):
+        single = partial(single_statistics, samples=budget)
+        yield "the same in single precision", _label(budget), single, False
     for level, transfer in product((_QUICK_BUDGET,) if quick else _LEVEL, TRANSFERS):
         simplex = partial(published_known, samples=level, transfer=transfer)
         yield f"simplex, {transfer} [RH01]", _label(level), simplex, False

@@ -1,4 +1,7 @@
-"""Errors over many draws of the noise in their own standard deviations: their RMS, and how many 95% intervals hold."""
+"""Errors over many draws of the noise in their own standard deviations: their RMS, and how many 95% intervals hold.
+
+Beside them, where `lightfactor plan` knows it, errors in units of the least that such noise allows [Cramer and Rao].
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.atlas.stage import expected
 from benchmarks.kept import Kept
-from benchmarks.spheres.bench import MATERIALS, area_coefficients, noisy, photographs
+from benchmarks.spheres.bench import MATERIALS, area_coefficients, noisy, photographs, stage_of
 from benchmarks.spheres.methods import LIGHT, source_z
 from invrender.factorization import Quantity
-from invrender.model.columns import photo_columns
+from invrender.model.columns import all_columns
 from invrender.model.transfer import light_elements
 from invrender.solve.blind import BlindSolution, factorize_blind
 from invrender.solve.factorize import factorize
@@ -19,6 +23,9 @@ from synthetic.materials.microfacet import Microfacet
 
 _CHANNELS = "rgb"
 _NINE = 9
+# What the bound is known of, by its names and by ours.
+_BOUNDED = {"Ks share": "ks_normalised g", "mu": "mu", "sigma": "sigma"}
+_OF_BOUND = ", of the bound"
 _RMS, _COVERED = (0.8, 1.3), (0.90, 0.99)
 
 
@@ -29,19 +36,23 @@ def draw(kept: Kept, material: str, light: str, views: int, samples: int, draws:
         return
     clean = photographs(material, light == "known", views, samples)
     truth = MATERIALS[material]
+    told = expected(stage_of(material, light == "known", views, samples))
+    bounds = {label: told[name].std for name, label in _BOUNDED.items() if told[name].std}
     if light == "known":
         elements = light_elements(LIGHT)
-        columns = [photo_columns("light", elements, photo) for photo in clean]
+        columns = all_columns([LIGHT.name] * len(clean), {LIGHT.name: elements}, clean)
         for k in missing:
             photos = [replace(c, field=f) for c, f in zip(columns, noisy(clean, k), strict=True)]
-            kept[f"{k}"] = _z(factorize(photos, [LIGHT]).quantities, truth)
+            kept[f"{k}"] = _z(factorize(photos, [LIGHT]).quantities, truth, bounds)
     else:
         for k in missing:
             solution = factorize_blind(noisy(clean, k), ladder=False)
-            kept[f"{k}"] = _z(solution.quantities, truth) | _light_z(solution, truth)
+            kept[f"{k}"] = _z(solution.quantities, truth, bounds) | _light_z(solution, truth)
 
 
-def _z(quantities: Mapping[str, Quantity], truth: Microfacet) -> dict[str, float | None]:
+def _z(
+    quantities: Mapping[str, Quantity], truth: Microfacet, bounds: Mapping[str, float]
+) -> dict[str, float | None]:
     total = truth.kd + truth.ks
     true = {"kd": truth.kd, "ks": truth.ks, "ks_normalised": truth.ks / total}
     true |= {name: np.array([getattr(truth, name)]) for name in ("mu", "sigma") if getattr(truth, name)}
@@ -52,8 +63,12 @@ def _z(quantities: Mapping[str, Quantity], truth: Microfacet) -> dict[str, float
             continue
         for k, value in enumerate(values):
             label = name if len(values) == 1 else f"{name} {_CHANNELS[k]}"
-            known = quantity is not None and quantity.value is not None and quantity.std is not None
-            z[label] = float((quantity.value[k] - value) / quantity.std[k]) if known else None  # type: ignore[union-attr, index]
+            z[label] = None
+            if quantity is not None and quantity.value is not None and quantity.std is not None:
+                error = float(np.atleast_1d(quantity.value)[k] - value)
+                z[label] = error / float(np.atleast_1d(quantity.std)[k])
+                if label in bounds:
+                    z[f"{label}{_OF_BOUND}"] = error / bounds[label]
     return z
 
 
@@ -73,18 +88,20 @@ def print_coverage(kept: Kept, title: str) -> None:
     print(
         f"\n{title}, {len(entries)} draws: errors in standard deviations; + within 0.8 to 1.3, and 90 to 99%"
     )
-    for name in entries[0]:
-        values = np.array([entry[name] for entry in entries if entry[name] is not None], float)
+    for name in dict.fromkeys(name for entry in entries for name in entry):
+        values = np.array([entry[name] for entry in entries if entry.get(name) is not None], float)
         if not len(values):
-            print(f"{name:20} never determined")
+            print(f"{name:25} never determined")
             continue
         rms, covered = float(np.sqrt(np.mean(values**2))), float((np.abs(values) < 1.96).mean())
         # Angles and means over several numbers are no normal variables: only their size can be looked at.
         if name.startswith(("light", "source")):
-            line = f"{name:20} RMS {rms:5.2f}"
+            line = f"{name:25} RMS {rms:5.2f}"
+        elif name.endswith(_OF_BOUND):
+            line = f"{name:25} RMS {rms:5.2f}{_mark(rms, _RMS)}"
         else:
             line = (
-                f"{name:20} RMS {rms:5.2f}{_mark(rms, _RMS)}  mean {values.mean():+5.2f}"
+                f"{name:25} RMS {rms:5.2f}{_mark(rms, _RMS)}  mean {values.mean():+5.2f}"
                 f"  95% intervals hold {covered:6.1%}{_mark(covered, _COVERED)}"
             )
         lost = len(entries) - len(values)
