@@ -8,6 +8,8 @@ from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from benchmarks.atlas.stage import truths
 from benchmarks.contest import Found, Outcome, judged, relative_error
 from benchmarks.pareto.boards import Board, Contestant
@@ -18,13 +20,18 @@ from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.progress import silent
 from invrender.clock import Clock
 from invrender.knownlight import solve_known_light
-from invrender.model.lobetable import TRANSFERS
+from invrender.model.lobetable import TRANSFERS, Transfer
+from invrender.model.microfacet import Microfacet as Fitted
+from invrender.model.predict import predict
+from invrender.model.transfer import light_elements
 from invrender.pipeline import DEFAULT_SAMPLES
 from invrender.reading import read_samples
-from invrender.solve.blind import factorize_blind
+from invrender.solve.blind import BlindSolution, factorize_blind
+from invrender.solve.published import published_brdf
 from invrender.solved import Solved
 from invrender.specimen import Specimen, find_specimen
 from invrender.unknownlight import solve_unknown_light
+from recon.knownlight import read_lighting
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES
 from synthetic.materials.microfacet import Microfacet
@@ -79,23 +86,51 @@ def photographed() -> CatPhotos:
     return CatPhotos(folder, known, unknown, specimen, bare, truth, unseen, tuple(fields.values()))
 
 
-def told(cat: CatPhotos, samples: int, shadowing: bool = True) -> Solved:
+def told(cat: CatPhotos, samples: int, shadowing: bool = True) -> Found:
     """The BRDF in known light, as `process` does it."""
-    return solve_known_light(cat.known, cat.specimen if shadowing else cat.bare, samples, Clock(), silent)
+    specimen = cat.specimen if shadowing else cat.bare
+    return _found(cat, solve_known_light(cat.known, specimen, samples, Clock(), silent))
 
 
 def untold(
     cat: CatPhotos,
     samples: int,
     shadowing: bool = True,
-    factorize: Callable[..., object] | None = None,
-) -> Solved:
+    factorize: Callable[..., BlindSolution] | None = None,
+) -> Found:
     """Light and BRDF, as `process` does it or by another factorization."""
     specimen = cat.specimen if shadowing else cat.bare
-    return solve_unknown_light(cat.unknown, specimen, samples, Clock(), silent, factorize)
+    return _found(cat, solve_unknown_light(cat.unknown, specimen, samples, Clock(), silent, factorize))
 
 
-Method = Callable[[CatPhotos, int], Solved]
+def _found(cat: CatPhotos, solved: Solved) -> Found:
+    brdf = solved.result.brdf
+    return Found(_share(brdf), brdf.mu, brdf.sigma, lambda field: solved.radiance(cat.unseen, field))
+
+
+def _share(brdf: Fitted) -> float:
+    return float(brdf.ks[1] / (brdf.kd[1] + brdf.ks[1]))
+
+
+def published(cat: CatPhotos, samples: int, transfer: Transfer) -> Found:
+    """The BRDF in known light by RH01's simplex, with the visibility of section 6.4."""
+    lighting = read_lighting(cat.known, cat.known.lightings[0])
+    clock, shadows = Clock(), cat.specimen.shadows
+    sources = {table.name: NO_SOURCES for table in cat.known.lightings} | {lighting.name: lighting.directions}
+    fields, _ = read_samples(cat.known, cat.specimen.found, sources, samples, clock, silent)
+    fitted = [fields[photo.label] for photo in cat.known.photos if not photo.held_out]
+    brdf = published_brdf(fitted, lighting, transfer, shadows=shadows).brdf
+    elements = light_elements(lighting)
+    strengths = np.ones((len(elements), 3))
+    return Found(
+        _share(brdf),
+        brdf.mu,
+        brdf.sigma,
+        lambda field: predict(brdf, elements, strengths, field, shadows),
+    )
+
+
+Method = Callable[[CatPhotos, int], Found]
 
 
 def cat_boards() -> list[Board]:
@@ -116,7 +151,7 @@ def cat_boards() -> list[Board]:
     ]
 
 
-def _warm_up(method: Method) -> Solved:
+def _warm_up(method: Method) -> Found:
     return method(photographed(), 500)
 
 
@@ -124,6 +159,10 @@ def _known() -> Iterator[tuple[str, str, Method, int, bool]]:
     yield "statistics (lightfactor)", f"default, {DEFAULT_SAMPLES}", told, DEFAULT_SAMPLES, True
     for budget in _BUDGETS:
         yield "statistics (lightfactor)", str(budget), told, budget, False
+    for budget in _BUDGETS:
+        for transfer in TRANSFERS:
+            simplex = partial(published, transfer=transfer)
+            yield f"simplex, {transfer} [RH01]", str(budget), simplex, budget, False
     yield "without shadows", str(_BUDGETS[-1]), partial(told, shadowing=False), _BUDGETS[-1], False
 
 
@@ -149,10 +188,7 @@ def _contestant(
     def run() -> Found:
         cat = photographed()
         with one_blas_thread():
-            solved = method(cat, samples)
-        brdf = solved.result.brdf
-        share = float(brdf.ks[1] / (brdf.kd[1] + brdf.ks[1]))
-        return Found(share, brdf.mu, brdf.sigma, lambda field: solved.radiance(cat.unseen, field))
+            return method(cat, samples)
 
     def judge(_: int) -> Outcome:
         return judged(photographed(), family, known, setting, run)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from invrender.export.directions import Pairs, direction_pairs
@@ -17,6 +18,8 @@ Floats = NDArray[np.float64]
 
 # Below this share of the root mean square reflectance roots are straight, so that what is nearly black doesn't weigh.
 _FLOOR = 1e-4
+# Of the numbers in a row, those before the lobe's strength by channel.
+_BEFORE_SPECULAR = 5
 # For a BRDF without a lobe, whose pairs may be any.
 _NO_LOBE_WIDTH = 0.3
 
@@ -80,18 +83,24 @@ def _fitted(target: Target, brdf: Microfacet, ours: Floats, pairs: Pairs) -> Num
 
     low, high = (numbers.vector for numbers in target.bounds(brdf))
     vector = np.clip(target.start(brdf).vector, low, high)
-    free = high > low
+    # A neutral highlight stays neutral. Besides, what targets take off the base is told by the strongest channel: where
+    # all are alike no slope shows how they would change together.
+    alike = np.unique(brdf.ks, return_inverse=True)[1]
+    spread = block_diag(np.eye(_BEFORE_SPECULAR), alike == np.arange(alike.max() + 1)[:, None])
+    spread = spread[spread @ (high > low) > 0]
+    free, first = spread.any(axis=0), spread.argmax(axis=1)
+
+    def filled(values: Floats) -> Floats:
+        return np.where(free, values @ spread, vector)
 
     def difference(values: Floats) -> Floats:
-        vector[free] = values
-        theirs = target.reflected(pairs.angles, Numbers.of(vector.copy()))
+        theirs = target.reflected(pairs.angles, Numbers.of(filled(values)))
         return np.asarray((root_weights * (np.sqrt(theirs + floor) - np.sqrt(ours + floor))).ravel())
 
     found = least_squares(
-        difference, vector[free], bounds=(low[free], high[free]), x_scale="jac", max_nfev=60
+        difference, vector[first], bounds=(low[first], high[first]), x_scale="jac", max_nfev=60
     )
-    vector[free] = found.x
-    return Numbers.of(vector)
+    return Numbers.of(filled(found.x))
 
 
 def _judged(target: Target, numbers: Numbers, ours: Floats, pairs: Pairs) -> Mapping:

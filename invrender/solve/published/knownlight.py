@@ -12,7 +12,8 @@ from capture.lighting import Lighting
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobetable import Transfer, mirrored_harmonics
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet, sigma_nodes, sigma_weights
-from invrender.model.transfer import LightElement, specular_transfer
+from invrender.model.transfer import LightElement, diffuse_transfer, specular_transfer
+from invrender.model.visibility import Shadows
 from invrender.solve.published.simplex import MU_BOUNDS, root_weight, simplex
 from invrender.theory.harmonics import project_sources
 from invrender.theory.lambertian import irradiance
@@ -36,15 +37,20 @@ class PublishedBRDF:
 
 
 def published_brdf(
-    photos: Sequence[LightField], lighting: Lighting, transfer: Transfer = "filtered", fresnel: bool = True
+    photos: Sequence[LightField],
+    lighting: Lighting,
+    transfer: Transfer = "filtered",
+    fresnel: bool = True,
+    shadows: Shadows | None = None,
 ) -> PublishedBRDF:
-    """BRDF of a convex body under known light by the nested procedure of [RH01, section 6.1].
+    """BRDF of a body under known light by the nested procedure of [RH01, section 6.1].
 
     lighting : its map is the slow part [eq. 22], its sources the fast one [eq. 23]; the diffuse part goes to degree 2
     [eq. 21]. transfer : `filtered` is the paper's [eq. 20]; `mirror` doesn't blur the map; `exact` integrates the lobe
-    over it. fresnel : False leaves mu out, as the paper does for metals.
+    over it. fresnel : False leaves mu out, as the paper does for metals. shadows : of a mesh on itself, for which
+    mirror directions and sources are tested [RH01, section 6.4]; None of a convex body.
     """
-    prepared = [_Prepared.of(photo, lighting, transfer) for photo in photos]
+    prepared = [_Prepared.of(photo, lighting, transfer, shadows) for photo in photos]
     seen = np.concatenate([entry.root * entry.field.radiance for entry in prepared])
 
     def solved(point: Floats) -> tuple[float, Microfacet]:
@@ -67,8 +73,8 @@ def published_brdf(
 class _Prepared:
     """A photograph of n samples and m rays, with what holds neither mu nor sigma.
 
-    diffuse : (m, 3), irradiance. slow : (m, k, 3), which add up to L_slow(R) by weights (k,) of sigma. fast : sources.
-    root : (n, 1), of the samples' weights.
+    diffuse : (m, 3), irradiance. slow : (m, k, 3), which add up to L_slow(R) by weights (k,) of sigma. fast : sources,
+    and visible : (m,) whether each is. root : (n, 1), of the samples' weights.
     """
 
     field: LightField
@@ -76,30 +82,60 @@ class _Prepared:
     diffuse: Floats
     slow: Floats
     slow_weights: Callable[[float], Floats]
-    fast: LightElement
+    fast: Sequence[tuple[LightElement, NDArray[np.bool_]]]
     root: Floats
 
     @staticmethod
-    def of(field: LightField, lighting: Lighting, transfer: Transfer) -> _Prepared:
-        nine = project_sources(lighting.directions, lighting.irradiances, _DIFFUSE_DEGREE)
-        if lighting.radiance_map is not None:
-            nine = nine + map_coefficients(lighting.radiance_map, _DIFFUSE_DEGREE)
+    def of(field: LightField, lighting: Lighting, transfer: Transfer, shadows: Shadows | None) -> _Prepared:
+        sources = [
+            LightElement("source", direction[None], irradiance[None])
+            for direction, irradiance in zip(lighting.directions, lighting.irradiances, strict=True)
+        ]
+        slow, weights = _slow_parts(field, lighting, transfer)
+        visible = [np.ones(len(field.normals), bool)] * len(sources)
+        if shadows is not None:
+            slow = slow * field.reflected_visible[:, None, None]
+            visible = [shadows.free(field, source.directions[0]) for source in sources]
+        fast = list(zip(sources, visible, strict=True))
         return _Prepared(
             field,
             np.einsum("nk,nk->n", field.normals, field.views),
-            irradiance(field.normals, nine),
-            *_slow_parts(field, lighting, transfer),
-            LightElement("sources", lighting.directions, lighting.irradiances),
+            _diffuse(field, lighting, fast, shadows),
+            slow,
+            weights,
+            fast,
             root_weight(field)[:, None],
         )
 
     def columns(self, mu: float | None, sigma: float) -> Floats:
         """What unit Kd and unit Ks send to the samples, (n, 3, 2), times the root of their weights."""
         lobe = np.einsum("mkc,k->mc", self.slow, self.slow_weights(sigma))
-        lobe += specular_transfer(self.fast, self.field.normals, self.field.views, np.array([sigma]))[:, 0]
+        for source, visible in self.fast:
+            seen = specular_transfer(source, self.field.normals, self.field.views, np.array([sigma]))[:, 0]
+            lobe += visible[:, None] * seen
         lobe *= normalised_fresnel(mu, self.cos)[:, None]
         mean = self.field.mean_over_rays(np.stack([self.diffuse, lobe], axis=-1))
         return np.asarray(self.root[:, :, None] * mean)
+
+
+def _diffuse(
+    field: LightField,
+    lighting: Lighting,
+    fast: Sequence[tuple[LightElement, NDArray[np.bool_]]],
+    shadows: Shadows | None,
+) -> Floats:
+    """Irradiance (m, 3) at rays: of nine coefficients [eq. 21]; on a mesh, of the map and of sources in sight."""
+    sky = np.zeros(((_DIFFUSE_DEGREE + 1) ** 2, 3))
+    if lighting.radiance_map is not None:
+        sky = map_coefficients(lighting.radiance_map, _DIFFUSE_DEGREE)
+    if shadows is None:
+        return irradiance(
+            field.normals, sky + project_sources(lighting.directions, lighting.irradiances, _DIFFUSE_DEGREE)
+        )
+    total = np.maximum(irradiance(field.normals, sky) - shadows.hidden(field, sky), 0)
+    for source, visible in fast:
+        total += visible[:, None] * diffuse_transfer(source, field.normals)
+    return total
 
 
 def _slow_parts(
