@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from invrender.solve.blind.sight import Rows, Sight
 from invrender.solve.blind.start import Search
 from invrender.solve.clusters import tile_of
 from invrender.solve.evidence import MAX_FOLDS, relative_rms
+from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -182,13 +184,12 @@ def _folds(sights: Sequence[Sight]) -> tuple[Ints, ...]:
             folds.append(np.repeat(numbers % MAX_FOLDS, [len(photo) for photo in sight.photos]))
             seen[sight.lighting] += len(sight.photos)
         return tuple(folds)
-    first = np.cumsum([0, *(len(sight.photos) for sight in sights)])
+    number = count()
     return tuple(
-        np.concatenate(
-            [
-                (np.unique(tile_of(photo), return_inverse=True)[1] + 3 * k) % _TILE_FOLDS
-                for k, photo in enumerate(sight.photos, start)
-            ]
-        )
-        for sight, start in zip(sights, first.tolist(), strict=False)
+        np.concatenate([(_tiles(photo) + 3 * next(number)) % _TILE_FOLDS for photo in sight.photos])
+        for sight in sights
     )
+
+
+def _tiles(photo: LightField) -> Ints:
+    return np.unique(tile_of(photo), return_inverse=True)[1]
