@@ -28,7 +28,7 @@ from recon.sampling import NO_SOURCES, samples_at
 
 DEFAULT_SAMPLES = 60_000
 # Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
-_PIXELS_AT_A_TIME = 100_000
+_PIXELS_AT_A_TIME = 20_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,9 @@ from recon.trianglemesh import TriangleMesh
 
 # Counts up whenever `transfer_vectors` would give other numbers for the same mesh.
 _METHOD = 1
-# What every command asks for unless told otherwise, so that each finds what another has kept.
-USUAL_DEGREE, USUAL_RAYS = 8, 256
+# What every command asks for unless told otherwise, so that each finds what another has kept. Light that is unknown is
+# sought up to this degree; what the mesh hides of it must be known as far, and so well that it doesn't bend the light.
+USUAL_DEGREE, USUAL_RAYS = 12, 512
 
 
 def cached_transfer(

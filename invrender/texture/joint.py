@@ -176,7 +176,7 @@ def solve_joint(
     _conjugate(system, at, [view.radiance for view in views], _NEAR)
     # Noise in place of the photographs: what becomes of it says what noise does to the texels.
     drawn = np.zeros_like(at)
-    _conjugate(system, drawn, [_drawn(view, rng) for view in views], _NEAR)
+    _conjugate(system, drawn, (_drawn(view, rng) for view in views), _NEAR)
     return _values(views, grid, tiny, at, drawn, start)
 
 
@@ -281,7 +281,7 @@ class _System:
         return kd, both, ks
 
 
-def _conjugate(system: _System, at: Singles, radiances: Sequence[Singles], near: float) -> None:
+def _conjugate(system: _System, at: Singles, radiances: Iterable[Singles], near: float) -> None:
     """Move values (p, 6) to the solution by preconditioned conjugate gradients, until steps are `near` enough."""
     of_kd, of_both, of_ks = system.inverse()
 

@@ -43,8 +43,8 @@ from recon.sampling import sample_body
 
 Floats = NDArray[np.float64]
 
-# Pixels whose transfers are computed together.
-_PIXELS_AT_A_TIME = 100_000
+# Pixels whose transfers are computed together: harmonics of a high degree take 10 kilobytes a pixel.
+_PIXELS_AT_A_TIME = 20_000
 # Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
 _SEEN_SHARE = 0.25
 # Pixels of all photographs that the texture is solved from, evenly taken of more: 200 bytes each.

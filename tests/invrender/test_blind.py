@@ -11,6 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from invrender.solve.blind import Region, factorize_blind, predict_blind
+from invrender.solve.blind.certainty import certainty_of
+from invrender.solve.blind.projection import light_scale
+from invrender.solve.blind.sight import Sight
+from invrender.solve.blind.start import NOTHING, Search
+from invrender.solve.clusters import tile_of
 from recon.harmonics import evaluate_harmonics, sphere_directions
 from recon.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
@@ -68,6 +73,39 @@ def first_coefficients(lights: Sequence[AreaLight], sources: Sequence[Directiona
 
 def degrees_apart(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.degrees(2 * np.arcsin(np.linalg.norm(a - b) / 2)))
+
+
+def test_standard_deviations_of_the_light_hold_what_hangs_together(
+    bench: SimpleNamespace, rng: np.random.Generator
+):
+    views, degree, material, stains = 8, 8, TEFLON, 0.02
+    photos = photographs(bench, material, views, 3200)
+    sights = [Sight.of(photo, degree) for photo in photos]
+    assert material.mu is not None
+    truth = NOTHING.with_source(bench.source.direction)
+    truth = replace(truth, kappa=share(material), mu=material.mu, sigma=material.sigma)
+    grid = sphere_directions(20000)
+    light = 4 * np.pi / len(grid) * evaluate_harmonics(grid, 2).T @ bench.area_light.radiance_from(grid)
+    light = light * (material.kd + material.ks)
+    # Away from the lamp's horizon, where a highlight ends abruptly.
+    clear = [np.abs(photo.sample_normals @ bench.source.direction) > 0.05 for photo in photos]
+    ratios = []
+    for _ in range(2):
+        seen = []
+        for photo in noisy(photos, rng):
+            tile = np.unique(tile_of(photo), return_inverse=True)[1]
+            gain = 1 + stains * rng.standard_normal(tile.max() + 1)
+            seen.append(replace(photo, radiance=photo.radiance * gain[tile, None]))
+        own = [replace(sight, field=photo) for sight, photo in zip(sights, seen, strict=True)]
+        weights = [
+            keep[:, None] / ((NOISE**2 + stains**2) * photo.radiance**2)
+            for keep, photo in zip(clear, photos, strict=True)
+        ]
+        search = Search(own, weights, [np.ones_like(weight) for weight in weights], light_scale(own))
+        fit = search.fit(truth, degree)
+        ratios.append((fit.light[0][:9] - light) / certainty_of(search, fit).light_std[0][:9])
+    # 1.4, for the light takes up a part of the stains; 2.4 were residuals taken for independent.
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.7
 
 
 # What the design asks for: share, mu, sigma.

@@ -124,10 +124,13 @@ def _of_noise(search: Search, fit: Fit) -> Certainty:
     root = np.sqrt(ratio)
     covariance = inverse * np.outer(root, root)
     light_std, shares = {}, {}
+    wider = _wider_light(search, fit, noise)
     for lighting in fit.light:
         prior = prior_precision(search.scales[lighting], fit.l_max, int((fit.state.owners == lighting).sum()))
         gram, leverage = joint.whole[lighting].gram, equations.leverage[lighting]
-        light_std[lighting], shares[lighting] = _of_light(gram, leverage, prior, noise, covariance, fit.l_max)
+        light_std[lighting], shares[lighting] = _of_light(
+            gram, leverage, prior, noise, covariance, wider[lighting], fit.l_max
+        )
     return Certainty(
         covariance * np.outer(scales, scales),
         light_std,
@@ -137,16 +140,26 @@ def _of_noise(search: Search, fit: Fit) -> Certainty:
 
 
 def _of_light(
-    gram: Floats, leverage: Floats, prior: Floats, noise: float, covariance: Floats, l_max: int
+    gram: Floats,
+    leverage: Floats,
+    prior: Floats,
+    noise: float,
+    covariance: Floats,
+    wider: Floats,
+    l_max: int,
 ) -> tuple[Floats, Floats]:
-    """Standard deviations (k + j, 3) of a lighting, and the photographs' share (l_max + 1,) in what is known of it."""
+    """Standard deviations (k + j, 3) of a lighting, and the photographs' share (l_max + 1,) in what is known of it.
+
+    wider : (k + j, 3), times the variances that independent noise leaves.
+    """
     size = (l_max + 1) ** 2
     stds, shares = [], []
     for c in range(3):
         before = np.diag(prior[c])
         data = (gram[c] - before) / noise
-        posterior = np.linalg.inv(data + before) + leverage[c] @ covariance @ leverage[c].T
-        stds.append(np.sqrt(np.diag(posterior)))
+        alone, shared = np.linalg.inv(data + before), leverage[c] @ covariance @ leverage[c].T
+        posterior = alone + shared
+        stds.append(np.sqrt(wider[:, c] * np.diag(alone) + np.diag(shared)))
         gained = np.linalg.inv(posterior[:size, :size]) - before[:size, :size]
         known = Information((gained + gained.T) / 2).against(prior[c, :size] ** -0.5)
         shares.append(known.share_per_degree())
@@ -183,6 +196,35 @@ def _sandwich(
         ratio = np.maximum(ratio, of_noise / np.maximum(independent, 1e-300))
         fragility = np.maximum(fragility, np.sqrt(of_model))
     return ratio, fragility
+
+
+def _wider_light(search: Search, fit: Fit, noise: float) -> dict[int, Floats]:
+    """Variances of each lighting (k + j, 3) from clustered residuals over independent ones, at least 1."""
+    inverses = {lighting: np.linalg.inv(gram) for lighting, gram in fit.grams.items()}
+    by_tile: dict[int, list[Floats]] = {lighting: [] for lighting in inverses}
+    by_patch: dict[int, dict[int, Floats]] = {lighting: {} for lighting in inverses}
+    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
+        left = weight * (sight.field.radiance - predicted(sight, fit, rows))
+        scores = np.hstack(
+            [
+                (rows.of_channel(kappa) * left[:, c, None]) @ inverses[sight.lighting][c]
+                for c, kappa in enumerate(fit.state.kappa)
+            ]
+        )
+        by_tile[sight.lighting] += list(_sums(tile_of(sight.field), scores).values())
+        patches = by_patch[sight.lighting]
+        for patch, score in _sums(patch_of(sight.field), scores).items():
+            patches[patch] = patches.get(patch, 0) + score
+    wider = {}
+    for lighting, inverse in inverses.items():
+        independent = noise * np.diagonal(inverse, axis1=1, axis2=2)
+        found = np.ones_like(independent)
+        for clusters in (np.array(by_tile[lighting]), np.array(list(by_patch[lighting].values()))):
+            few = len(clusters) / max(len(clusters) - 1, 1)
+            together = few * (clusters**2).sum(axis=0).reshape(independent.shape)
+            found = np.maximum(found, together / np.maximum(independent, 1e-300))
+        wider[lighting] = found.T
+    return wider
 
 
 def _sums(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
