@@ -63,19 +63,23 @@ def structured_rms(
     return float(np.sqrt(beyond / max(count, 1))) if beyond > 2 * np.sqrt(variance) else 0.0
 
 
-def lobe_misfit(specular: Floats, predicted: Floats, residual: Floats, std: Floats) -> float:
+def lobe_misfit(
+    specular: Floats, predicted: Floats, residual: Floats, trust: Floats, inverse_variance: Floats
+) -> float:
     """What of highlights a model leaves that isn't noise, relative to them; 0 if noise leaves nothing.
 
-    specular, predicted, residual, std : (n, 3) of all samples, radiance of the lobes alone and in all, what is left of
-        it, and the noise's standard deviation. The median over what is mostly highlight, each sample counting with its
-        lobe's radiance, so that few that stray don't matter; 0 within two standard deviations of the median itself.
+    specular, predicted, residual : (n, 3) of all samples, radiance of the lobes alone and in all, and what is left of
+        it. trust, inverse_variance : (n, 3), what each counts for, and that over the noise's variance; samples that
+        count for nothing are left out. The median over what is mostly highlight, each sample counting with its lobe's
+        radiance, so that few that stray don't matter; 0 within two standard deviations of the median itself.
     """
-    lobe = specular > 0.5 * np.maximum(predicted, 0)
+    lobe = (specular > 0.5 * np.maximum(predicted, 0)) & (inverse_variance > 0)
     weight = specular[lobe]
     if not len(weight):
         return 0.0
+    std = np.sqrt(trust[lobe] / inverse_variance[lobe])
     left = _weighted_median(np.abs(residual[lobe]) / weight, weight)
-    by_chance = _MEDIAN_OF_NORMAL * _weighted_median(std[lobe] / weight, weight)
+    by_chance = _MEDIAN_OF_NORMAL * _weighted_median(std / weight, weight)
     several = weight.sum() ** 2 / (weight**2).sum()
     if left * (1 - 2 * _MEDIAN_STD / np.sqrt(several)) <= by_chance:
         return 0.0

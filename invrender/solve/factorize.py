@@ -257,8 +257,7 @@ def _lobe_misfit(photos: Sequence[PhotoColumns], weights: Sequence[Weights], run
             strengths = rung.estimate.strengths[photo.lighting]
             predicted = predict_columns(photo, brdf, strengths)
             specular = predict_columns(photo, replace(brdf, kd=np.zeros(3)), strengths)
-            std = np.sqrt(own.trust / own.weight)
-            parts.append((specular, predicted, photo.radiance - predicted, std))
+            parts.append((specular, predicted, photo.radiance - predicted, own.trust, own.weight))
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else 0.0
 
 

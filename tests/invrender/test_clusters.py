@@ -50,7 +50,7 @@ def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generat
         std = 0.02 * predicted
         noise = std * rng.standard_normal(std.shape)
         noise += 50 * std * (rng.random(std.shape) < strays)
-        return lobe_misfit(lobe(0.1), predicted, true + 0.5 + noise - predicted, std)
+        return lobe_misfit(lobe(0.1), predicted, true + 0.5 + noise - predicted, np.ones_like(std), std**-2)
 
     clean = [misfit(lobe(0.1)) for _ in range(40)]
     # Two standard deviations of the median are let pass.
@@ -63,4 +63,7 @@ def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generat
     # Dust on a tenth of the samples counts for little.
     assert_allclose(misfit(lobe(0.105), strays=0.1), expected, rtol=0.5)
     assert misfit(lobe(0.1), strays=0.1) < 0.02
-    assert lobe_misfit(*np.zeros((4, 5, 3))) == 0
+    assert lobe_misfit(*np.zeros((5, 5, 3))) == 0
+    # What counts for nothing, and whose noise so isn't known, says nothing of highlights either.
+    nothing, light = np.zeros((500, 3)), np.ones((500, 3))
+    assert lobe_misfit(light, light, light, nothing, nothing) == 0

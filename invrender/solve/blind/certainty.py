@@ -80,9 +80,8 @@ def _lobe_misfit(search: Search, fit: Fit) -> float:
     for sight, weight, trust, rows in zip(search.sights, search.weights, search.trust, fit.rows, strict=True):
         sent = fit.light[sight.lighting][size:]
         radiance = predicted(sight, fit, rows)
-        variance = trust / np.maximum(weight, 1e-300)
-        lobes = fit.state.kappa * (rows.per_specular[:, size:] @ sent) * (weight > 0)
-        parts.append((lobes, radiance, sight.field.radiance - radiance, np.sqrt(variance)))
+        lobes = fit.state.kappa * (rows.per_specular[:, size:] @ sent)
+        parts.append((lobes, radiance, sight.field.radiance - radiance, trust, weight))
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
