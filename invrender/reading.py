@@ -86,9 +86,9 @@ def _grey_masks(shares: Mapping[str, float]) -> list[str]:
         return []
     worst = max(shares, key=lambda label: shares[label])
     return [
-        f"Pixels that masks call only partly the object's are left out with their neighbours, well inside of its"
-        f" outline too: up to {shares[worst]:.0%} of these ({worst}; {len(shares)} mask{'s' if len(shares) > 1 else ''}). Masks"
-        " must be white inside, of their largest value: is one noisy, or has it holes?"
+        "Pixels that masks call only partly the object's are left out with their neighbours, well inside of its outline"
+        f" too: up to {shares[worst]:.0%} of these ({worst}; {len(shares)} mask{'s' if len(shares) > 1 else ''})."
+        " Masks must be white inside, of their largest value: is one noisy, or has it holes?"
     ]
 
 

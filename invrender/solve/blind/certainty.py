@@ -7,7 +7,7 @@ and what residuals imply that hang together within tiles of a photograph or patc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from invrender.solve.blind.antipodes import Sides
 from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
+from invrender.solve.blind.widths import lamp_widths
 from invrender.solve.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, tile_of
 from invrender.solve.uncertainty import PRIOR_STD
 from invrender.theory.conditioning import Information
@@ -34,7 +35,8 @@ class Certainty:
     light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility : (t,), by how much each moves
     when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting, mean
     share of what is known of a coefficient that comes from the photographs, not from the prior. misfit : what of the
-    sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`).
+    sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii : (j,) radians, of discs that
+    the sources look like; 0 of those that may be points.
     """
 
     covariance: Floats
@@ -42,6 +44,7 @@ class Certainty:
     fragility: Floats
     degree_shares: Mapping[int, Floats]
     misfit: float = 0.0
+    radii: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None) -> Certainty:
@@ -49,7 +52,8 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Side
 
     split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
     """
-    certainty = _with_sides(_with_split(_of_noise(search, fit), fit, split), sides)
+    certainty = _with_widths(_of_noise(search, fit), search, fit)
+    certainty = _with_sides(_with_split(certainty, fit, split), sides)
     fields = [sight.field for sight in search.sights]
     left = [
         np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows))
@@ -85,6 +89,18 @@ def _lobe_misfit(search: Search, fit: Fit) -> float:
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
+def _with_widths(certainty: Certainty, search: Search, fit: Fit) -> Certainty:
+    """Standard deviations that hold by how much lamps as wide as they look put all else elsewhere."""
+    precision = (fit.state.scales() / [_prior_std(name) for name in fit.state.names]) ** 2
+    widths = lamp_widths(search, fit, precision, _noise(search, fit))
+    return replace(
+        certainty,
+        covariance=certainty.covariance + np.diag(widths.moved**2),
+        light_std={k: np.hypot(std, widths.light_moved[k]) for k, std in certainty.light_std.items()},
+        radii=widths.radii,
+    )
+
+
 def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
     """Standard deviations that hold by how much two sources instead of one put the BRDF and that source elsewhere."""
     if split is None or split.state.names[: len(fit.state.names)] != fit.state.names:
@@ -114,8 +130,7 @@ def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
 def _of_noise(search: Search, fit: Fit) -> Certainty:
     joint = joint_equations(search, fit)
     equations = reduced(joint.whole)
-    scales, count = fit.state.scales(), sum(np.count_nonzero(weight) for weight in search.weights)
-    noise = fit.cost / max(count - fit.parameters, 1)
+    scales, noise = fit.state.scales(), _noise(search, fit)
     prior_std = np.array([_prior_std(name) for name in fit.state.names]) / scales
     inverse = np.asarray(np.linalg.inv(equations.corner / noise + np.diag(1 / prior_std**2)), float)
     ratio, fragility = _sandwich(search, fit, equations.leverage, inverse / noise, np.diag(inverse))
@@ -132,6 +147,12 @@ def _of_noise(search: Search, fit: Fit) -> Certainty:
         fragility * np.abs(scales),
         shares,
     )
+
+
+def _noise(search: Search, fit: Fit) -> float:
+    """Variance of the noise, in units of the weights'."""
+    count = sum(np.count_nonzero(weight) for weight in search.weights)
+    return fit.cost / max(count - fit.parameters, 1)
 
 
 def _of_light(
