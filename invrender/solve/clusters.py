@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from recon.lightfield import LightField
 
@@ -15,6 +16,8 @@ _TILES_ACROSS = 6
 _PATCHES_PER_UNIT = 3
 # Highlights that a model misses by both signs show in small tiles only.
 _SAMPLES_PER_TILE, _MOST_ACROSS = 20, 24
+# Tiles across in which small highlights are looked for, and how many neighbours tell them from dust.
+_ACROSS, _NEAREST = 8, 4
 # Median absolute value of unit normal noise, and its relative standard deviation from one sample.
 _MEDIAN_OF_NORMAL, _MEDIAN_STD = 0.6745, 1.166
 
@@ -36,6 +39,32 @@ def finest_tiles(fields: Sequence[LightField]) -> int:
     """Tiles across the object, six or more, as small as still have samples enough to tell noise from what isn't."""
     samples = np.mean([len(field) for field in fields])
     return int(np.clip(np.sqrt(samples / _SAMPLES_PER_TILE), _TILES_ACROSS, _MOST_ACROSS))
+
+
+def outstanding(field: LightField) -> NDArray[np.bool_]:
+    """Which samples (n,) are much brighter than most around them, as half of the nearest are: small highlights.
+
+    Brighter than the median of the tile by half, and by six standard deviations of what a tile's samples scatter. Dust
+    stands out alone.
+    """
+    if len(field) <= _NEAREST:
+        return np.zeros(len(field), bool)
+    radiance = np.asarray(field.radiance.sum(axis=1))
+    index = np.unique(tile_of(field, _ACROSS), return_inverse=True)[1]
+    level = _medians(radiance, index)[index]
+    scatter = 1.4826 * _medians(np.abs(radiance - level), index)[index]
+    bright = radiance - level > np.maximum(0.5 * np.abs(level), 6 * scatter)
+    places = np.stack([field.rows, field.columns], axis=-1)
+    _, near = cKDTree(places).query(places[bright], list(range(2, _NEAREST + 2)))
+    bright[bright] = bright[near].mean(axis=1) >= 0.5
+    return np.asarray(bright)
+
+
+def _medians(values: Floats, index: NDArray[np.int64]) -> Floats:
+    """Median of the values (n,) of each group; index : (n,), of groups 0, 1, ..."""
+    order = np.lexsort((values, index))
+    ends = np.cumsum(np.bincount(index))
+    return np.asarray(values[order][ends - (np.bincount(index) + 1) // 2])
 
 
 def structured_rms(

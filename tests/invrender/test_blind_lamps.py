@@ -65,3 +65,17 @@ def test_a_wide_lamp_is_seen_to_be_wide_and_error_bars_hold_it(
     else:
         # A point's numbers are known as well as before.
         assert (found.light.sources.irradiance_std < 0.01 * found.light.sources.irradiances).all()
+
+
+def test_a_lamp_whose_highlights_are_a_few_pixels_is_found(bench: SimpleNamespace, rng: np.random.Generator):
+    """An even choice of the samples that the search begins with has one of each highlight, or none."""
+    material = replace(TEFLON, ks=TEFLON.kd / 9, sigma=0.03)
+    light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.7)
+    photos = noisy(photographs(bench, material, 6, 24000, lights=[light], radius_px=40.0), rng)
+    found = factorize_blind(photos, orders=[4], ladder=False)
+    assert len(found.light.sources.directions) == 1
+    assert found.light.sources.directions[0] @ bench.source.direction > np.cos(np.radians(0.1))
+    for name, truth in (("ks_normalised", 0.1), ("mu", material.mu), ("sigma", 0.03)):
+        quantity = found.quantities[name]
+        assert quantity.status == "determined"
+        assert (np.abs(quantity.value - truth) < 4 * quantity.std).all()

@@ -1,11 +1,12 @@
 """What hangs together in residuals, told from what is noise."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 from numpy.testing import assert_allclose
 
-from invrender.solve.clusters import lobe_misfit, structured_rms, tile_of
+from invrender.solve.clusters import lobe_misfit, outstanding, structured_rms, tile_of
 
 
 def test_noise_has_no_structure_and_structure_is_measured(
@@ -67,3 +68,20 @@ def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generat
     # What counts for nothing, and whose noise so isn't known, says nothing of highlights either.
     nothing, light = np.zeros((500, 3)), np.ones((500, 3))
     assert lobe_misfit(light, light, light, nothing, nothing) == 0
+
+
+def test_small_highlights_stand_out_and_dust_does_not(
+    bench: SimpleNamespace, rng: np.random.Generator
+) -> None:
+    field = bench.sphere_field(0.0, 4000)
+    plain = np.repeat(1 + 0.5 * field.sample_normals[:, :1], 3, axis=1) * rng.normal(1, 0.02, (len(field), 3))
+    assert not outstanding(replace(field, radiance=plain)).any()
+    peak = field.sample_normals[len(field) // 2]
+    within = field.sample_normals @ peak > np.cos(0.06)
+    assert 4 <= np.count_nonzero(within) < 40
+    dust = rng.random(len(field)) < 0.01
+    shown = replace(field, radiance=np.where((within | dust)[:, None], 5 * plain, plain))
+    found = outstanding(shown)
+    # Pixels at the edge of a highlight may have mostly others for neighbours, and dust a grain beside it.
+    assert np.mean(found[within]) > 0.6
+    assert np.mean(found[dust & ~within]) < 0.1

@@ -18,7 +18,7 @@ from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.widths import lamp_widths
 from invrender.solve.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, tile_of
-from invrender.solve.uncertainty import PRIOR_STD
+from invrender.solve.uncertainty import NUMERICAL, PRIOR_STD
 from invrender.theory.conditioning import Information
 
 Floats = NDArray[np.float64]
@@ -70,7 +70,7 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Side
     misfit = _lobe_misfit(search, fit)
     # A model that is off by so much in its highlights; and a lamp's own width, which nobody knows, passes for sigma's.
     of_width = np.array([misfit * (fit.state.sigma or 0) * (name == "sigma") for name in fit.state.names])
-    own = np.sqrt(own**2 + of_width**2 + (misfit * certainty.fragility) ** 2)
+    own = np.sqrt(own**2 + of_width**2 + (np.hypot(misfit, NUMERICAL) * certainty.fragility) ** 2)
     certainty = replace(certainty, misfit=misfit)
     return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
 
