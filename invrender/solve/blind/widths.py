@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from invrender.solve.blind.projection import Arrow, Fit, joint_rows, predicted, reduced
 from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.blind.sources import hanging_together
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import turn
 
@@ -48,6 +49,8 @@ def lamp_widths(search: Search, fit: Fit, precision: Floats, noise: float) -> Wi
     radii, moved = np.zeros(count), np.zeros(t)
     light_moved = {lighting: np.zeros_like(light) for lighting, light in fit.light.items()}
     equations = reduced(_equations(search, fit)) if count else None
+    # What a model of the light or of the material lacks looks like a width, too.
+    witnesses = hanging_together(search, fit, search.lightings)
     wide = np.arange(count)
     while equations is not None and len(wide):
         free = np.concatenate([np.arange(t), t + wide])
@@ -56,7 +59,7 @@ def lamp_widths(search: Search, fit: Fit, precision: Floats, noise: float) -> Wi
         covariance = np.linalg.inv(corner)
         # The nonlinear parameters are at their optimum: what a width changes of them it does by itself.
         squared = covariance[t:, t:] @ equations.right[t + wide] / noise
-        seen = squared > _SEEN * np.sqrt(np.diag(covariance)[t:])
+        seen = squared > _SEEN * np.sqrt(witnesses * np.diag(covariance)[t:])
         if seen.all():
             radii[wide] = np.sqrt(squared)
             moved = covariance[:t, t:] @ equations.right[t + wide] / noise
