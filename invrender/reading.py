@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_closing, binary_erosion
 
 from capture.decode import decode_photo
 from capture.parallel import parallel_map
@@ -15,13 +16,14 @@ from capture.radiance import RadianceImage
 from invrender.clock import Clock
 from recon.lightfield import LightField, off_terminators
 from recon.samples.find import FoundBody
-from recon.sampling import NO_SOURCES, sample_body
+from recon.sampling import NO_SOURCES, WHOLE, sample_body
 
 _MIN_SAMPLES_PER_PHOTO = 20
 # Noise about black makes half of a dark photograph's numbers negative.
 _MOSTLY_NEGATIVE = 0.6
-# Share of the object's pixels that are saturated in a photograph, from which on it is told.
-_CUT_OFF = 0.001
+# Share of the object's pixels that are saturated in a photograph, or grey in its mask well inside of the outline, from
+# which on it is told.
+_CUT_OFF, _GREY = 0.001, 0.05
 
 
 def read_samples(
@@ -40,7 +42,7 @@ def read_samples(
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
 
-    def read(index: int) -> tuple[LightField, float]:
+    def read(index: int) -> tuple[LightField, float, float]:
         photo = photoset.photos[index]
         with clock.on("capture"):
             image = decode_photo(photoset, photo)
@@ -52,14 +54,20 @@ def read_samples(
             drawn = sample_body(found.body, photo.camera, image, mask, directions, budget, rng)
             drawn = off_terminators(drawn, directions)
             check_usable(photo, image, drawn, mask)
-        return drawn, float(image.saturated[_inside(image, mask)].mean())
+        saturated = float(image.saturated[_inside(image, mask)].mean())
+        return drawn, saturated, 0.0 if mask is None else _grey_inside(mask)
 
     fields: dict[str, LightField] = {}
     cut_off: dict[str, float] = {}
+    grey: dict[str, float] = {}
     work = parallel_map(read, range(len(photoset.photos)))
     for photo in track(photoset.photos, "Reading photographs"):
-        fields[photo.label], cut_off[photo.label] = next(work)
-    return fields, _saturation({label: share for label, share in cut_off.items() if share > _CUT_OFF})
+        fields[photo.label], cut_off[photo.label], grey[photo.label] = next(work)
+    return fields, [*_saturation(_above(_CUT_OFF, cut_off)), *_grey_masks(_above(_GREY, grey))]
+
+
+def _above(limit: float, shares: Mapping[str, float]) -> dict[str, float]:
+    return {label: share for label, share in shares.items() if share > limit}
 
 
 def _saturation(shares: Mapping[str, float]) -> list[str]:
@@ -71,6 +79,24 @@ def _saturation(shares: Mapping[str, float]) -> list[str]:
         f" {shares[worst]:.1%} of the object ({worst}). Expose shorter, or export floats that are not cut off, so that"
         " highlights show their peaks."
     ]
+
+
+def _grey_masks(shares: Mapping[str, float]) -> list[str]:
+    if not shares:
+        return []
+    worst = max(shares, key=lambda label: shares[label])
+    return [
+        "Pixels that masks call only partly the object's are left out with their neighbours, well inside of its outline"
+        f" too: up to {shares[worst]:.0%} of these ({worst}; {len(shares)} mask{'s' if len(shares) > 1 else ''})."
+        " Masks must be white inside, of their largest value: is one noisy, or has it holes?"
+    ]
+
+
+def _grey_inside(coverage: NDArray[np.float32]) -> float:
+    """Of the pixels that are two and more away from the outline, the share that isn't wholly the object's."""
+    inner = binary_closing(coverage >= 0.5, iterations=2)
+    inner = binary_erosion(inner, np.ones((3, 3)), iterations=2)
+    return float((coverage[inner] < WHOLE).mean()) if inner.any() else 0.0
 
 
 def _inside(image: RadianceImage, coverage: NDArray[np.float32] | None) -> NDArray[np.bool_]:

@@ -24,8 +24,9 @@ _UNCLEAR = 0.5
 _BORDER, _CLEARANCE = 1, 3
 # A pixel across which the normal turns by more than a quarter of a radian says nothing of one angle.
 _MAX_TURN = 0.25
-# Coverage from which on a pixel counts as wholly the object's.
-_WHOLE = 0.999
+# Coverage from which on a pixel counts as wholly the object's: renderers' alpha and JPEG masks are hardly ever quite
+# white. Next to the border, where less would matter, neighbours must be as white.
+WHOLE = 0.98
 # (turn, rays per side): a pixel across which the normal turns by less than the first is one ray through its
 # centre; others are grids of 2-point Gauss rules. One rule in all would make 1 / cos theta_o, as the model
 # has it, 2.6% too small at cos theta_o = 0.15 on a sphere of 53 px.
@@ -61,7 +62,7 @@ def sample_body(
     rows, columns = rows[usable], columns[usable]
     clear = geometry.clear[usable] & ~_any_within(image.saturated, rows, columns, _CLEARANCE)
     if coverage is not None:
-        clear &= ~_any_within(coverage < _WHOLE, rows, columns, _CLEARANCE)
+        clear &= ~_any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
     grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
     weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
     return _gather(body, camera, image, rows, columns, geometry.turn[usable], weight, sources)
@@ -108,14 +109,14 @@ def _candidates(
     top, left, bottom, right = body_window(body, camera)
     good = ~image.saturated[top:bottom, left:right]
     if coverage is not None:
-        good &= coverage[top:bottom, left:right] >= _WHOLE
+        good &= coverage[top:bottom, left:right] >= WHOLE
     chosen = np.flatnonzero(good)
     if budget is not None and len(chosen) > _SPARE * budget:
         chosen = np.sort(rng.choice(chosen, _SPARE * budget, replace=False))
     rows, columns = np.divmod(chosen, max(right - left, 1))
     rows, columns = rows + top, columns + left
     if coverage is not None:
-        inside = ~_any_within(coverage < _WHOLE, rows, columns, _BORDER)
+        inside = ~_any_within(coverage < WHOLE, rows, columns, _BORDER)
         rows, columns = rows[inside], columns[inside]
     return rows, columns
 

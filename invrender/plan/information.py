@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from invrender.plan.unknowns import Unknowns
-from invrender.solve.clusters import patch_of, tile_of
+from invrender.solve.clusters import patch_of, sums_by, tile_of
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -67,16 +67,10 @@ def photograph_tally(
         weighted = jacobian * weights[:, channel, None]
         matrix[np.ix_(places, places)] += jacobian.T @ weighted
         scores[:, places] += weighted * radiance[:, channel, None]
-    tiles = _sums(tile_of(field), scores) if len(field) else {}
+    tiles = sums_by(tile_of(field), scores) if len(field) else {}
     by_tile = np.array(list(tiles.values())).reshape(-1, unknowns.size)
-    patches = _sums(patch_of(field), scores) if len(field) else {}
+    patches = sums_by(patch_of(field), scores) if len(field) else {}
     return Tally(matrix, by_tile.T @ by_tile, patches)
-
-
-def _sums(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
-    order = np.argsort(keys, kind="stable")
-    names, first = np.unique(keys[order], return_index=True)
-    return dict(zip(names.tolist(), np.add.reduceat(values[order], first, axis=0), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

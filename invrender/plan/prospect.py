@@ -13,7 +13,6 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import Microfacet
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.unknowns import Unknowns
-from invrender.solve.factorize import FINEST, NUMERICAL
 from invrender.solve.identifiability import (
     UNIFORM_LIGHT,
     Scalar,
@@ -21,6 +20,7 @@ from invrender.solve.identifiability import (
     assess_mu,
     assess_sigma,
 )
+from invrender.solve.uncertainty import FINEST, NUMERICAL
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]

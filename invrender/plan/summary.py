@@ -17,7 +17,7 @@ from invrender.plan.lightprospect import HALF, LightProspect
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.report.page import with_error
-from invrender.solve.factorize import FINEST
+from invrender.solve.uncertainty import FINEST
 
 # Of many lightings so many are told of; plan.json has them all.
 _SHOWN = 3

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from recon.lightfield import LightField
 
@@ -15,6 +16,8 @@ _TILES_ACROSS = 6
 _PATCHES_PER_UNIT = 3
 # Highlights that a model misses by both signs show in small tiles only.
 _SAMPLES_PER_TILE, _MOST_ACROSS = 20, 24
+# Tiles across in which small highlights are looked for, and how many neighbours tell them from dust.
+_ACROSS, _NEAREST = 8, 4
 # Median absolute value of unit normal noise, and its relative standard deviation from one sample.
 _MEDIAN_OF_NORMAL, _MEDIAN_STD = 0.6745, 1.166
 
@@ -41,10 +44,43 @@ def patch_of(field: LightField) -> NDArray[np.int64]:
     return cell @ np.array([10000, 100, 1])
 
 
+def sums_by(numbers: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
+    """Sums (k,) of values (n, k), n at least 1, over the samples of each number that occurs."""
+    order = np.argsort(numbers, kind="stable")
+    names, first = np.unique(numbers[order], return_index=True)
+    return dict(zip(names.tolist(), np.add.reduceat(values[order], first, axis=0), strict=True))
+
+
 def finest_tiles(fields: Sequence[LightField]) -> int:
     """Tiles across the object, six or more, as small as still have samples enough to tell noise from what isn't."""
     samples = np.mean([len(field) for field in fields])
     return int(np.clip(np.sqrt(samples / _SAMPLES_PER_TILE), _TILES_ACROSS, _MOST_ACROSS))
+
+
+def outstanding(field: LightField) -> NDArray[np.bool_]:
+    """Which samples (n,) are much brighter than most around them, as half of the nearest are: small highlights.
+
+    Brighter than the median of the tile by half, and by six standard deviations of what a tile's samples scatter. Dust
+    stands out alone.
+    """
+    if len(field) <= _NEAREST:
+        return np.zeros(len(field), bool)
+    radiance = np.asarray(field.radiance.sum(axis=1))
+    index = np.unique(tile_of(field, _ACROSS), return_inverse=True)[1]
+    level = _medians(radiance, index)[index]
+    scatter = 1.4826 * _medians(np.abs(radiance - level), index)[index]
+    bright = radiance - level > np.maximum(0.5 * np.abs(level), 6 * scatter)
+    places = np.stack([field.rows, field.columns], axis=-1)
+    _, near = cKDTree(places).query(places[bright], list(range(2, _NEAREST + 2)))
+    bright[bright] = bright[near].mean(axis=1) >= 0.5
+    return np.asarray(bright)
+
+
+def _medians(values: Floats, index: NDArray[np.int64]) -> Floats:
+    """Median of the values (n,) of each group; index : (n,), of groups 0, 1, ..."""
+    order = np.lexsort((values, index))
+    ends = np.cumsum(np.bincount(index))
+    return np.asarray(values[order][ends - (np.bincount(index) + 1) // 2])
 
 
 def structured_rms(
@@ -72,19 +108,23 @@ def structured_rms(
     return float(np.sqrt(beyond / max(count, 1))) if beyond > 2 * np.sqrt(variance) else 0.0
 
 
-def lobe_misfit(specular: Floats, predicted: Floats, residual: Floats, std: Floats) -> float:
+def lobe_misfit(
+    specular: Floats, predicted: Floats, residual: Floats, trust: Floats, inverse_variance: Floats
+) -> float:
     """What of highlights a model leaves that isn't noise, relative to them; 0 if noise leaves nothing.
 
-    specular, predicted, residual, std : (n, 3) of all samples, radiance of the lobes alone and in all, what is left of
-        it, and the noise's standard deviation. The median over what is mostly highlight, each sample counting with its
-        lobe's radiance, so that few that stray don't matter; 0 within two standard deviations of the median itself.
+    specular, predicted, residual : (n, 3) of all samples, radiance of the lobes alone and in all, and what is left of
+        it. trust, inverse_variance : (n, 3), what each counts for, and that over the noise's variance; samples that
+        count for nothing are left out. The median over what is mostly highlight, each sample counting with its lobe's
+        radiance, so that few that stray don't matter; 0 within two standard deviations of the median itself.
     """
-    lobe = specular > 0.5 * np.maximum(predicted, 0)
+    lobe = (specular > 0.5 * np.maximum(predicted, 0)) & (inverse_variance > 0)
     weight = specular[lobe]
     if not len(weight):
         return 0.0
+    std = np.sqrt(trust[lobe] / inverse_variance[lobe])
     left = _weighted_median(np.abs(residual[lobe]) / weight, weight)
-    by_chance = _MEDIAN_OF_NORMAL * _weighted_median(std[lobe] / weight, weight)
+    by_chance = _MEDIAN_OF_NORMAL * _weighted_median(std / weight, weight)
     several = weight.sum() ** 2 / (weight**2).sum()
     if left * (1 - 2 * _MEDIAN_STD / np.sqrt(several)) <= by_chance:
         return 0.0

@@ -31,14 +31,9 @@ from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.reported import Report
 from invrender.solve.search import fit
 from invrender.solve.statistics import by_lighting, weighted_statistics
-from invrender.solve.uncertainty import PRIOR_STD, pack, uncertainty_of
+from invrender.solve.uncertainty import FINEST, NUMERICAL, PRIOR_STD, pack, uncertainty_of
 
 Floats = NDArray[np.float64]
-
-# What our own quadratures over pixels and maps leave, relative to the radiance, structured as it may be; and a share of
-# Kd + Ks, mu or sigma itself, better than which none is claimed to be known. Measured on the noise-free demonstration:
-# 8e-4 of mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
-NUMERICAL, FINEST = 5e-4, 5e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,8 +252,7 @@ def _lobe_misfit(photos: Sequence[PhotoColumns], weights: Sequence[Weights], run
             strengths = rung.estimate.strengths[photo.lighting]
             predicted = predict_columns(photo, brdf, strengths)
             specular = predict_columns(photo, replace(brdf, kd=np.zeros(3)), strengths)
-            std = np.sqrt(own.trust / own.weight)
-            parts.append((specular, predicted, photo.radiance - predicted, std))
+            parts.append((specular, predicted, photo.radiance - predicted, own.trust, own.weight))
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else 0.0
 
 

@@ -15,9 +15,10 @@ from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import Microfacet
 from invrender.solve.clusters import structured_rms
-from invrender.solve.factorize import NUMERICAL, Solution, scaled, unless_misfit
+from invrender.solve.factorize import Solution, scaled, unless_misfit
 from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_sigma, lighting_degree
 from invrender.solve.noise import photo_weights
+from invrender.solve.uncertainty import NUMERICAL
 from invrender.texture.fit import TexturedFit
 from invrender.texture.textures import Textures
 from recon.lightfield import LightField

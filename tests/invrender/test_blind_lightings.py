@@ -177,7 +177,8 @@ def test_one_light_under_two_names_is_the_same_light(bench: SimpleNamespace, rng
         assert_allclose(a.sources.irradiances, b.sources.irradiances, rtol=0.01)
     assert not two.warnings
     lonely = factorize_blind(photos, ["a"] * 5 + ["b"], orders=[4], ladder=False)
-    (warning,) = lonely.warnings
+    # At so low a degree lamps stand in for the window; that some are no points is told first.
+    warning = lonely.warnings[-1]
     assert warning.startswith("a single photograph was taken under lighting 'b'")
 
 

@@ -1,11 +1,12 @@
 """What hangs together in residuals, told from what is noise."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 from numpy.testing import assert_allclose
 
-from invrender.solve.clusters import lobe_misfit, structured_rms, tile_of
+from invrender.solve.clusters import lobe_misfit, outstanding, structured_rms, tile_of
 
 
 def test_noise_has_no_structure_and_structure_is_measured(
@@ -50,7 +51,7 @@ def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generat
         std = 0.02 * predicted
         noise = std * rng.standard_normal(std.shape)
         noise += 50 * std * (rng.random(std.shape) < strays)
-        return lobe_misfit(lobe(0.1), predicted, true + 0.5 + noise - predicted, std)
+        return lobe_misfit(lobe(0.1), predicted, true + 0.5 + noise - predicted, np.ones_like(std), std**-2)
 
     clean = [misfit(lobe(0.1)) for _ in range(40)]
     # Two standard deviations of the median are let pass.
@@ -63,4 +64,24 @@ def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generat
     # Dust on a tenth of the samples counts for little.
     assert_allclose(misfit(lobe(0.105), strays=0.1), expected, rtol=0.5)
     assert misfit(lobe(0.1), strays=0.1) < 0.02
-    assert lobe_misfit(*np.zeros((4, 5, 3))) == 0
+    assert lobe_misfit(*np.zeros((5, 5, 3))) == 0
+    # What counts for nothing, and whose noise so isn't known, says nothing of highlights either.
+    nothing, light = np.zeros((500, 3)), np.ones((500, 3))
+    assert lobe_misfit(light, light, light, nothing, nothing) == 0
+
+
+def test_small_highlights_stand_out_and_dust_does_not(
+    bench: SimpleNamespace, rng: np.random.Generator
+) -> None:
+    field = bench.sphere_field(0.0, 4000)
+    plain = np.repeat(1 + 0.5 * field.sample_normals[:, :1], 3, axis=1) * rng.normal(1, 0.02, (len(field), 3))
+    assert not outstanding(replace(field, radiance=plain)).any()
+    peak = field.sample_normals[len(field) // 2]
+    within = field.sample_normals @ peak > np.cos(0.06)
+    assert 4 <= np.count_nonzero(within) < 40
+    dust = rng.random(len(field)) < 0.01
+    shown = replace(field, radiance=np.where((within | dust)[:, None], 5 * plain, plain))
+    found = outstanding(shown)
+    # Pixels at the edge of a highlight may have mostly others for neighbours, and dust a grain beside it.
+    assert np.mean(found[within]) > 0.6
+    assert np.mean(found[dust & ~within]) < 0.1

@@ -6,10 +6,12 @@ import json
 import re
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from capture.photoset import load_photoset
+from invrender.factorization import Factorization
 from invrender.pipeline import process
 from invrender.result import result_document
 
@@ -71,3 +73,24 @@ directional = [{ direction = [-0.3, 0.8, 0.52] }]
     path.write_text("[[photo]]".join(fitted))
     alone = process(load_photoset(small_set), samples=2000).result
     assert alone.brdf.sigma == pytest.approx(result.brdf.sigma, rel=1e-3)
+
+
+def test_masks_not_quite_white_lose_nothing_and_speckled_ones_are_told(lamp_set: Path) -> None:
+    """A renderer's alpha or a JPEG mask may hold 252 of 255 inside; where it is grey, samples go, and it is said."""
+    clean = process(load_photoset(lamp_set), samples=2000).result
+    rng = np.random.default_rng(1)
+    masks = {path: cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in lamp_set.glob("*_mask.png")}
+    for path, mask in masks.items():
+        cv2.imwrite(str(path), np.where(mask == 255, 252, mask))
+    nearly = process(load_photoset(lamp_set), samples=2000).result
+    assert _samples(nearly) == _samples(clean)
+    assert not any("masks" in text for text in (*clean.warnings, *nearly.warnings))
+    for path, mask in masks.items():
+        cv2.imwrite(str(path), np.where(rng.random(mask.shape) < 0.2, 0.95 * mask, mask))
+    grey = process(load_photoset(lamp_set), samples=2000).result
+    assert _samples(grey) < 0.6 * _samples(clean)
+    assert any("masks call only partly the object's" in text for text in grey.warnings)
+
+
+def _samples(result: Factorization) -> int:
+    return sum(photo.samples for photo in result.photos)

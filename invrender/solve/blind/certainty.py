@@ -7,7 +7,7 @@ and what residuals imply that hang together within tiles of a photograph or patc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,9 @@ from invrender.solve.blind.antipodes import Sides
 from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
 from invrender.solve.blind.start import Search
-from invrender.solve.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, tiles_of
-from invrender.solve.uncertainty import PRIOR_STD
+from invrender.solve.blind.widths import lamp_widths
+from invrender.solve.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, sums_by, tiles_of
+from invrender.solve.uncertainty import NUMERICAL, PRIOR_STD
 from invrender.theory.conditioning import Information
 
 Floats = NDArray[np.float64]
@@ -34,7 +35,8 @@ class Certainty:
     light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility : (t,), by how much each moves
     when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting, mean
     share of what is known of a coefficient that comes from the photographs, not from the prior. misfit : what of the
-    sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`).
+    sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii : (j,) radians, of discs that
+    the sources look like; 0 of those that may be points.
     """
 
     covariance: Floats
@@ -42,6 +44,7 @@ class Certainty:
     fragility: Floats
     degree_shares: Mapping[int, Floats]
     misfit: float = 0.0
+    radii: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None) -> Certainty:
@@ -49,7 +52,8 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Side
 
     split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
     """
-    certainty = _with_sides(_with_split(_of_noise(search, fit), fit, split), sides)
+    certainty = _with_widths(_of_noise(search, fit), search, fit)
+    certainty = _with_sides(_with_split(certainty, fit, split), sides)
     fields = [photo for sight in search.sights for photo in sight.photos]
     left = [
         photo
@@ -67,7 +71,7 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Side
     misfit = _lobe_misfit(search, fit)
     # A model that is off by so much in its highlights; and a lamp's own width, which nobody knows, passes for sigma's.
     of_width = np.array([misfit * (fit.state.sigma or 0) * (name == "sigma") for name in fit.state.names])
-    own = np.sqrt(own**2 + of_width**2 + (misfit * certainty.fragility) ** 2)
+    own = np.sqrt(own**2 + of_width**2 + (np.hypot(misfit, NUMERICAL) * certainty.fragility) ** 2)
     certainty = replace(certainty, misfit=misfit)
     return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
 
@@ -81,10 +85,21 @@ def _lobe_misfit(search: Search, fit: Fit) -> float:
     for sight, weight, trust, rows in zip(search.sights, search.weights, search.trust, fit.rows, strict=True):
         sent = fit.light[sight.lighting][size:]
         radiance = predicted(sight, fit, rows)
-        variance = trust / np.maximum(weight, 1e-300)
-        lobes = fit.state.kappa * (rows.per_specular[:, size:] @ sent) * (weight > 0)
-        parts.append((lobes, radiance, sight.field.radiance - radiance, np.sqrt(variance)))
+        lobes = fit.state.kappa * (rows.per_specular[:, size:] @ sent)
+        parts.append((lobes, radiance, sight.field.radiance - radiance, trust, weight))
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _with_widths(certainty: Certainty, search: Search, fit: Fit) -> Certainty:
+    """Standard deviations that hold by how much lamps as wide as they look put all else elsewhere."""
+    precision = (fit.state.scales() / [_prior_std(name) for name in fit.state.names]) ** 2
+    widths = lamp_widths(search, fit, precision, _noise(search, fit))
+    return replace(
+        certainty,
+        covariance=certainty.covariance + np.diag(widths.moved**2),
+        light_std={k: np.hypot(std, widths.light_moved[k]) for k, std in certainty.light_std.items()},
+        radii=widths.radii,
+    )
 
 
 def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
@@ -116,8 +131,7 @@ def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
 def _of_noise(search: Search, fit: Fit) -> Certainty:
     joint = joint_equations(search, fit)
     equations = reduced(joint.whole)
-    scales, count = fit.state.scales(), sum(np.count_nonzero(weight) for weight in search.weights)
-    noise = fit.cost / max(count - fit.parameters, 1)
+    scales, noise = fit.state.scales(), _noise(search, fit)
     prior_std = np.array([_prior_std(name) for name in fit.state.names]) / scales
     inverse = np.asarray(np.linalg.inv(equations.corner / noise + np.diag(1 / prior_std**2)), float)
     ratio, fragility = _sandwich(search, fit, equations.leverage, inverse / noise, np.diag(inverse))
@@ -137,6 +151,12 @@ def _of_noise(search: Search, fit: Fit) -> Certainty:
         fragility * np.abs(scales),
         shares,
     )
+
+
+def _noise(search: Search, fit: Fit) -> float:
+    """Variance of the noise, in units of the weights'."""
+    count = sum(np.count_nonzero(weight) for weight in search.weights)
+    return fit.cost / max(count - fit.parameters, 1)
 
 
 def _of_light(
@@ -184,8 +204,8 @@ def _sandwich(
         # What of a parameter's effect the lighting can't undo.
         own = (shared - lit @ leverage[sight.lighting]) * weight.T[:, :, None]
         scores = np.hstack([np.einsum("cnt,nc->nt", own, part) for part in (residual, radiance)])
-        by_tile += list(_sums(tiles_of(sight.photos), scores).values())
-        for patch, score in _sums(patch_of(sight.field), scores).items():
+        by_tile += list(sums_by(tiles_of(sight.photos), scores).values())
+        for patch, score in sums_by(patch_of(sight.field), scores).items():
             by_patch[patch] = by_patch.get(patch, 0) + score
     ratio, fragility = np.ones(t), np.zeros(t)
     for clusters in (np.array(by_tile), np.array(list(by_patch.values()))):
@@ -211,9 +231,9 @@ def _wider_light(search: Search, fit: Fit, noise: float) -> dict[int, Floats]:
                 for c, kappa in enumerate(fit.state.kappa)
             ]
         )
-        by_tile[sight.lighting] += list(_sums(tile_of(sight.field), scores).values())
+        by_tile[sight.lighting] += list(sums_by(tiles_of(sight.photos), scores).values())
         patches = by_patch[sight.lighting]
-        for patch, score in _sums(patch_of(sight.field), scores).items():
+        for patch, score in sums_by(patch_of(sight.field), scores).items():
             patches[patch] = patches.get(patch, 0) + score
     wider = {}
     for lighting, inverse in inverses.items():
@@ -225,10 +245,3 @@ def _wider_light(search: Search, fit: Fit, noise: float) -> dict[int, Floats]:
             found = np.maximum(found, together / np.maximum(independent, 1e-300))
         wider[lighting] = found.T
     return wider
-
-
-def _sums(keys: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
-    names, index = np.unique(keys, return_inverse=True)
-    sums = np.zeros((len(names), values.shape[1]))
-    np.add.at(sums, index, values)
-    return dict(zip(names.tolist(), sums, strict=True))

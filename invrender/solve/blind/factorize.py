@@ -261,7 +261,7 @@ def _solution(
         warnings=(
             *(_split_warnings(found, names) if fit.state.sigma is not None else ()),
             *_side_warnings(sides, names),
-            *_width_warnings(certainty.misfit),
+            *_width_warnings(certainty, fit, names),
             *_lonely_warnings(search, fit, names),
         ),
         transfer=transfer,
@@ -324,14 +324,23 @@ def _side_warnings(sides: Sides | None, names: Sequence[str]) -> tuple[str, ...]
     return tuple(warnings)
 
 
-def _width_warnings(misfit: float) -> tuple[str, ...]:
-    if misfit < _NOTABLE_MISFIT:
-        return ()
-    return (
-        f"{misfit:.0%} of the lamps' highlights is left unexplained, more than noise is: windows and lamps that are no"
-        " points look like a wider lobe (sigma is then too large), and so does another material; error bars are widened"
-        " by as much. Measure the light, or photograph under a smaller lamp",
-    )
+def _width_warnings(certainty: Certainty, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
+    warnings = []
+    for index in np.flatnonzero(certainty.radii).tolist():
+        near = ", ".join(f"{x:.2f}" for x in fit.state.directions[index])
+        where = f" in lighting {names[fit.state.owners[index]]!r}" if len(names) > 1 else ""
+        warnings.append(
+            f"the lamp near ({near}){where} is no point: it looks like a disc of"
+            f" {np.degrees(certainty.radii[index]):.1f} degrees' radius, or the material is none of the models; error"
+            " bars are widened by what such a width changes"
+        )
+    if certainty.misfit >= _NOTABLE_MISFIT:
+        warnings.append(
+            f"{certainty.misfit:.0%} of the lamps' highlights is left unexplained, more than noise is: windows and"
+            " lamps that are no points look like a wider lobe (sigma is then too large), and so does another material;"
+            " error bars are widened by as much. Measure the light, or photograph under a smaller lamp"
+        )
+    return tuple(warnings)
 
 
 def _lonely_warnings(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -169,16 +170,20 @@ def _likelier(search: Search, first: Fit, second: Fit) -> Fit:
 
 def _price(search: Search, fit: Fit, lighting: int) -> float:
     """Squared residuals that a source of a lighting must save."""
+    numbers = search.only(lighting).numbers
+    noise = max(fit.costs[lighting] / numbers, 1e-300) * hanging_together(search, fit, [lighting])
+    return float(_PER_SOURCE * np.log(numbers) * noise)
+
+
+def hanging_together(search: Search, fit: Fit, lightings: Collection[int]) -> float:
+    """How many residuals count as one witness, at least 1: those that hang together over tiles of a photograph."""
     residuals, together = 0.0, 0.0
     for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
-        if sight.lighting == lighting:
+        if sight.lighting in lightings:
             left = np.sqrt(weight) * (sight.field.radiance - predicted(sight, fit, rows))
             residuals += float((left**2).sum())
             together += float((np.bincount(tiles_of(sight.photos), left.sum(axis=1)) ** 2).sum())
-    numbers = search.only(lighting).numbers
-    # Residuals that hang together over tiles of a photograph are fewer witnesses than they are numbers.
-    noise = max(fit.costs[lighting] / numbers, 1e-300) * max(together / max(residuals, 1e-300), 1)
-    return float(_PER_SOURCE * np.log(numbers) * noise)
+    return max(together / max(residuals, 1e-300), 1.0)
 
 
 def bright(search: Search, fit: Fit) -> Fit:
