@@ -18,7 +18,8 @@ from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
 from invrender.solve.blind.projection import Fit, light_scale, predicted
-from invrender.solve.blind.rungs import BlindRung, cross_validate, photo_counts, simplest
+from invrender.solve.blind.remarks import remarks
+from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.screen import find_among_nonsense, judged, weights_of
 from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
@@ -44,8 +45,6 @@ _FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
 _SAME_ANGLE = 1e-3
 # Weight of samples of a mesh whose lobe an edge cuts. They would pull at mu, but may be all that there are.
 _AT_EDGES = 0.1
-# Of highlights, what may be left unexplained before it is told.
-_NOTABLE_MISFIT = 0.05
 
 
 def factorize_blind(
@@ -258,12 +257,7 @@ def _solution(
         noise=noise,
         weights=weights,
         gauge=GAUGE,
-        warnings=(
-            *(_split_warnings(found, names) if fit.state.sigma is not None else ()),
-            *_side_warnings(sides, names),
-            *_width_warnings(certainty, fit, names),
-            *_lonely_warnings(search, fit, names),
-        ),
+        warnings=remarks(search, fit, found, certainty, sides, names),
         transfer=transfer,
     )
 
@@ -291,67 +285,3 @@ def _covariance_names(state: State, names: Sequence[str]) -> tuple[str, ...]:
         seen[owner] += 1
         own += [f"{names[owner]}/source {seen[owner]} {way}" for way in "ab"]
     return (*state.names[: len(state.names) - len(own)], *own)
-
-
-def _split_warnings(found: Found, names: Sequence[str]) -> tuple[str, ...]:
-    if found.split is None:
-        return ()
-    state, warnings = found.split.state, []
-    for number in range(len(names)):
-        ways = state.under(number).directions
-        if len(ways) > len(found.fit.state.under(number).directions):
-            near = ", ".join(f"{x:.2f}" for x in ways[-1])
-            where = f" in lighting {names[number]!r}" if len(names) > 1 else ""
-            warnings.append(
-                f"light near ({near}){where} looks like a second source, but is nearer to another than the lobe is wide"
-                f" ({np.degrees(state.sigma or 0):.1f} degrees): the two are treated as one"
-            )
-    return tuple(warnings)
-
-
-def _side_warnings(sides: Sides | None, names: Sequence[str]) -> tuple[str, ...]:
-    if sides is None:
-        return ()
-    state, warnings = sides.fit.state, []
-    for index in np.flatnonzero(sides.open).tolist():
-        near = ", ".join(f"{x:.2f}" for x in state.directions[index])
-        where = f" in lighting {names[state.owners[index]]!r}" if len(names) > 1 else ""
-        warnings.append(
-            f"the lamp near ({near}){where} may as well be on the opposite side: a Lambertian object shows both alike"
-            " where other light makes up for the difference (RH01, section 5.1), so its direction is undetermined;"
-            " photograph a glossier object, or a mirror ball, under the same light"
-        )
-    return tuple(warnings)
-
-
-def _width_warnings(certainty: Certainty, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
-    warnings = []
-    for index in np.flatnonzero(certainty.radii).tolist():
-        near = ", ".join(f"{x:.2f}" for x in fit.state.directions[index])
-        where = f" in lighting {names[fit.state.owners[index]]!r}" if len(names) > 1 else ""
-        warnings.append(
-            f"the lamp near ({near}){where} is no point: it looks like a disc of"
-            f" {np.degrees(certainty.radii[index]):.1f} degrees' radius, or the material is none of the models; error"
-            " bars are widened by what such a width changes"
-        )
-    if certainty.misfit >= _NOTABLE_MISFIT:
-        warnings.append(
-            f"{certainty.misfit:.0%} of the lamps' highlights is left unexplained, more than noise is: windows and"
-            " lamps that are no points look like a wider lobe (sigma is then too large), and so does another material;"
-            " error bars are widened by as much. Measure the light, or photograph under a smaller lamp"
-        )
-    return tuple(warnings)
-
-
-def _lonely_warnings(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
-    """A warning where lightings of more than uniform light have one photograph each."""
-    counts = photo_counts(search.sights)
-    lonely = [repr(names[number]) for number in sorted(counts) if counts[number] == 1]
-    if not lonely or not fit.l_max:
-        return ()
-    some = ", ".join(lonely[:3]) + (f" and {len(lonely) - 3} more" if len(lonely) > 3 else "")
-    return (
-        f"a single photograph was taken under lighting {some}: its light takes up whatever the BRDF's formula does not"
-        " explain, which the error bars can't tell; add a photograph from another side, or write dark = true if there"
-        " were lamps only",
-    )
