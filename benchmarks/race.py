@@ -1,18 +1,18 @@
 """Race with Mitsuba 3: inverse rendering of the same photographs by a differentiable path tracer, error against time.
 
 Mitsuba is told the BRDF's formula (its own plugin of it, nothing of ours) and starts where the published simplex does.
-Its settings are the best of those tried: one sample per pixel and one photograph per step, squared differences, mu and
-sigma by their logarithms, Adam with little memory, with rates that fall exponentially to a fiftieth over each run, so
-that every point is a run of its own, tuned for its length. Compiling isn't timed, nor is judging: in known light by our
-exact prediction of what it found, in unknown light by its own. There it fits the logarithm of a map of 64 x 128 pixels,
-held together by its total variation; in known light it is told map and source.
+Its settings are the best of those tried: one path per pixel (four in a minute) and one photograph per step, squared
+differences, mu and sigma by their logarithms, Adam with little memory (but in long runs of unknown light), with rates
+that fall exponentially to a fiftieth over each run, so that every point is a run of its own. Compiling isn't timed, nor
+is judging: in known light by our exact prediction of what it found, in unknown light by its own. There it fits the
+logarithm of a map of 64 x 128 pixels, held together by its total variation; in known light it is told map and source.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import MutableMapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -53,14 +53,29 @@ _WARM_UP = 3
 # Paths per pixel by which recovered light is judged: what they leave of noise is a percent or so.
 _JUDGED = 1024
 _BUDGETS, _QUICK_BUDGETS = (500, 2000, 8000, 32000), (500, 1000)
-_SECONDS = {True: (4.0, 60.0), False: (15.0, 120.0)}
-_QUICK_SECONDS = 1.0
 _LABELS = {
     "Ks share": "absolute error",
     "mu": "absolute error",
     "sigma": "absolute error [rad]",
     "unseen photographs": "relative RMS error",
 }
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Of a run of Mitsuba's. paths : per pixel and step. memory : Adam's, of squared slopes."""
+
+    seconds: float
+    paths: int
+    memory: float
+
+
+# Under unknown light, long runs with little memory run away.
+_RUNS = {
+    True: (Setting(4.0, 1, 0.9), Setting(60.0, 4, 0.9)),
+    False: (Setting(15.0, 1, 0.9), Setting(120.0, 1, 0.999)),
+}
+_QUICK_RUN = Setting(1.0, 1, 0.9)
 
 
 def draw_race(out: Path, quick: bool) -> None:
@@ -85,9 +100,9 @@ def run_race(stage: Stage, quick: bool, peer: bool, kept: MutableMapping[str, An
     outcomes = []
     for known in (True, False):
         budgets = _QUICK_BUDGETS if quick else _BUDGETS
-        limits = () if not peer else (_QUICK_SECONDS,) if quick else _SECONDS[known]
+        runs = () if not peer else (_QUICK_RUN,) if quick else _RUNS[known]
         keys = [_key(known, f"{budget} samples") for budget in budgets]
-        keys += [_key(known, f"{limit:g} s") for limit in limits]
+        keys += [_key(known, f"{run.seconds:g} s") for run in runs]
         if any(key not in kept for key in keys):
             photos = _photos(stage)
             # What a first run builds for all, such as tables of lobes, isn't timed: nor is Mitsuba's compiling, nor
@@ -96,14 +111,14 @@ def run_race(stage: Stage, quick: bool, peer: bool, kept: MutableMapping[str, An
                 ours(photos, known, budgets[0])
             unit = _ours(photos, known, budgets[0])
             racer = None
-            for key, setting in zip(keys, (*budgets, *limits), strict=True):
+            for key, setting in zip(keys, (*budgets, *runs), strict=True):
                 if key in kept:
                     continue
                 if isinstance(setting, int):
                     found = unit if setting == budgets[0] else _ours(photos, known, setting)
                 else:
                     racer = racer or Peer(photos, known)
-                    found = racer.outcome(setting, _RATE_KNOWN if known else _RATE_UNKNOWN)
+                    found = racer.outcome(setting)
                 kept[key] = replace(found, seconds=found.seconds / unit.seconds).document()
                 print(f"  {_words(found)}", flush=True)
         outcomes += [Outcome(**kept[key]) for key in keys]
@@ -195,22 +210,22 @@ class Peer:
         self.targets = [mi.TensorXf(image.radiance) for image in photos.images]
         self.masks = [mi.TensorXf((image.radiance != 0).astype(np.float32)) for image in photos.images]
         self.level = float(np.mean([(image.radiance**2).mean() for image in photos.images]))
-        self._run(None, _RATE_MAP)
+        self._run(_QUICK_RUN, None)
 
-    def outcome(self, seconds: float, rate: float) -> Outcome:
-        """A run of so many seconds with a rate of Adam."""
+    def outcome(self, setting: Setting) -> Outcome:
+        """A run of its own."""
         return judged(
             self.photos,
             "Mitsuba 3",
             self.known,
-            f"{seconds:g} s, rate {rate:g}",
-            partial(self._fit, seconds, rate),
+            f"{setting.seconds:g} s, {setting.paths} paths, memory {setting.memory:g}",
+            partial(self._fit, setting),
         )
 
-    def _fit(self, seconds: float, rate: float) -> Found:
+    def _fit(self, setting: Setting) -> Found:
         import mitsuba as mi
 
-        self._run(seconds, rate)
+        self._run(setting, setting.seconds)
         parameters = mi.traverse(self.scene)
         found = {name: np.array(parameters[f"object.bsdf.{name}"]).ravel() for name in _START}
         mu, sigma = float(found["mu"][0]), float(found["sigma"][0])
@@ -230,14 +245,15 @@ class Peer:
         image = np.array(mi.render(self.scene, sensor=sensor, spp=_JUDGED, seed=9), float)
         return np.asarray(image[field.rows, field.columns])
 
-    def _run(self, limit: float | None, rate: float) -> None:
+    def _run(self, setting: Setting, limit: float | None) -> None:
         """Optimise from the start for a time, or for a few steps."""
         import drjit as dr
         import mitsuba as mi
 
         scene, rng, level = self.scene, np.random.default_rng(0), 0.0
+        rate = _RATE_KNOWN if self.known else _RATE_UNKNOWN
         parameters = mi.traverse(scene)
-        adam = mi.ad.Adam(lr=rate, beta_1=0.9, beta_2=0.9)
+        adam = mi.ad.Adam(lr=rate, beta_1=0.9, beta_2=setting.memory)
         keys = {name: f"object.bsdf.{name}" for name in _START}
         for name, first in _START.items():
             adam[name] = mi.Float(np.log(first - _LEAST[name])) if name in _LEAST else mi.Color3f(first)
@@ -260,7 +276,11 @@ class Peer:
                 parameters["sky.data"] = _padded(dr.exp(adam["map"]))
             parameters.update()
             image = mi.render(
-                scene, parameters, sensor=self.sensors[k], spp=1, seed=int(rng.integers(1 << 30))
+                scene,
+                parameters,
+                sensor=self.sensors[k],
+                spp=setting.paths,
+                seed=int(rng.integers(1 << 30)),
             )
             loss = dr.mean(dr.square((image - self.targets[k]) * self.masks[k]), axis=None) / self.level
             if not self.known:

@@ -80,7 +80,7 @@ def test_standard_deviations_of_the_light_hold_what_hangs_together(
 ):
     views, degree, material, stains = 8, 8, TEFLON, 0.02
     photos = photographs(bench, material, views, 3200)
-    sights = [Sight.of(photo, degree) for photo in photos]
+    sights = [Sight.of([photo], degree) for photo in photos]
     assert material.mu is not None
     truth = NOTHING.with_source(bench.source.direction)
     truth = replace(truth, kappa=share(material), mu=material.mu, sigma=material.sigma)

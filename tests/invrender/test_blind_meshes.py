@@ -162,7 +162,7 @@ def test_a_window_lights_the_plane_as_the_usual_table_of_shadows_has_it(
     harmonics = evaluate_harmonics(grid, USUAL_DEGREE)
     light = 4 * np.pi / len(grid) * harmonics.T @ window.radiance_from(grid)[:, :1]
     shadows = Shadows.of(body, transfer_vectors(body.mesh, USUAL_DEGREE, USUAL_RAYS))
-    rows = rows_of(Sight.of(field, USUAL_DEGREE, shadows=shadows), NOTHING, USUAL_DEGREE)
+    rows = rows_of(Sight.of([field], USUAL_DEGREE, shadows=shadows), NOTHING, USUAL_DEGREE)
     error = (rows.per_diffuse @ light - expected) / expected.max()
     # 0.0061; with half as many rays 0.0109, and up to degree 8 alone 0.0074.
     assert np.sqrt(np.mean(error**2)) < 0.0067

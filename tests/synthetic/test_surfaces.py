@@ -161,8 +161,8 @@ def test_tangents_follow_u(along: list[float], u: list[float], v: list[float]) -
     )
     assert hit.all()
     np.testing.assert_allclose(
-        points.uv[0], [np.dot(u, [0.13, 0.21]), np.dot(v, [0.13, 0.21])], atol=1e-12
-    )  # rounding
+        points.uv[0], [np.dot(u, [0.13, 0.21]), np.dot(v, [0.13, 0.21])], atol=1e-6
+    )  # Embree's coordinates are in single precision.
     np.testing.assert_allclose(points.tangents[0], along, atol=1e-12)  # rounding
     check_frames(points)
 
