@@ -48,7 +48,7 @@ _PIXELS_AT_A_TIME = 20_000
 # Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
 _SEEN_SHARE = 0.25
 # Pixels of all photographs that the texture is solved from, evenly taken of more: 200 bytes each.
-_MOST_PIXELS = 8_000_000
+_MOST_PIXELS = 6_000_000
 # Share of the surface without a texture from which on a sentence says so.
 _UNKNOWN = 0.02
 
