@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.kept import machine, machine_words
-from benchmarks.race import NO_LLVM, has_mitsuba
+from benchmarks.peer import NO_LLVM, has_mitsuba
 
 _ROOT = Path(__file__).parents[1]
 # Arguments of each, and of its coarse version. DIR is the folder of the charts.
