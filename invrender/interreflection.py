@@ -129,7 +129,7 @@ def account_for_bounces(
     """Take light that bounces off the photographs if it matters and they bear it out; None where it doesn't matter.
 
     photos : columns of RH01's form. known : their explanation without bounced light, whose scale must be absolute.
-    `on_step` is called `explanation.explanation_steps(len(photos))` times at most.
+    `on_step` is called `explanation.EXPLANATION_STEPS` times at most.
     """
     first = estimate = known.rungs[known.chosen].estimate
     scale = _rms([photo.radiance for photo in photos])

@@ -22,7 +22,7 @@ from invrender.model.visibility import Shadows
 from invrender.newlight import scored_lighting, used_tables
 from invrender.reading import read_samples
 from invrender.solve.evidence import fit_strengths
-from invrender.solve.explanation import Explanation, explain, explanation_steps
+from invrender.solve.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.solve.factorize import Solution, conclude
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
@@ -44,7 +44,7 @@ def solve_known_light(
     _check_lit(photoset, lightings, columns)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
-        steps = iter(track(range(explanation_steps(len(fitted))), "Fitting and cross-validating"))
+        steps = iter(track(range(EXPLANATION_STEPS), "Fitting and cross-validating"))
         next(steps)
         # A light that only held-out photographs are under is no evidence: it is scored, not fitted.
         seen = {photo.lighting for photo in fitted}
@@ -115,7 +115,7 @@ def _bounces(
     track: Track,
 ) -> Accounted | None:
     """What light that bounces between a mesh's parts changes; None where there is none that matters."""
-    steps = iter(track(range(explanation_steps(len(photos))), "Judging light that bounces"))
+    steps = iter(track(range(EXPLANATION_STEPS), "Judging light that bounces"))
     next(steps)
     found = account_for_bounces(parts, photos, known, lightings, elements, lambda: next(steps, None))
     for _ in steps:

@@ -63,6 +63,14 @@ class PhotoColumns:
         return replace(self, columns=self.columns[:, keep], field=self.field.where(keep))
 
 
+def together(photos: Sequence[PhotoColumns]) -> PhotoColumns:
+    """Photographs under one lighting as one, in columns of one form."""
+    if len(photos) == 1:
+        return photos[0]
+    columns = np.concatenate([photo.columns for photo in photos], axis=1)
+    return replace(photos[0], columns=columns, field=joined([photo.field for photo in photos]))
+
+
 @lru_cache(maxsize=1)
 def fresnel_basis() -> FresnelBasis:
     """The one basis that columns and weights share."""
@@ -138,8 +146,10 @@ def all_columns(
     return [found[k] for k in range(len(fields))]
 
 
-def specular_weights(mu: float | None, sigma: float, form: LobeForm = PRINTED) -> Floats:
-    """a_k(mu) c_j(sigma) in the columns' order, (rank * nodes,)."""
+def specular_weights(mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED) -> Floats:
+    """a_k(mu) c_j(sigma) in the columns' order, (rank * nodes,); of several mu and sigma (f,), (f, rank * nodes)."""
+    nodes = sigma_weights(sigma)
     if not form.has_fresnel:
-        return sigma_weights(sigma)
-    return np.outer(fresnel_basis().coefficients(mu), sigma_weights(sigma)).ravel()
+        return nodes
+    products = fresnel_basis().coefficients(mu)[..., :, None] * nodes[..., None, :]
+    return products.reshape(*nodes.shape[:-1], -1)

@@ -14,7 +14,7 @@ _MIN_COS = 0.05
 _RANK = 7
 
 
-def fresnel_reflectance(mu: float, cos_theta: ArrayLike) -> Floats:
+def fresnel_reflectance(mu: float | Floats, cos_theta: ArrayLike) -> Floats:
     """Unpolarised reflectance of a smooth dielectric of relative refractive index mu > 1, in 0 to 1.
 
     cos_theta : cosine of the angle to the normal, in 0 to 1.
@@ -26,7 +26,7 @@ def fresnel_reflectance(mu: float, cos_theta: ArrayLike) -> Floats:
     return (s**2 + p**2) / 2
 
 
-def normalised_fresnel(mu: float | None, cos_theta: ArrayLike) -> Floats:
+def normalised_fresnel(mu: float | Floats | None, cos_theta: ArrayLike) -> Floats:
     """F(mu, theta) / F(mu, 0) [RH01, section 5.2]; all ones where mu is None (no Fresnel factor)."""
     cos = np.asarray(cos_theta, float)
     if mu is None:
@@ -58,6 +58,9 @@ class FresnelBasis:
         """f_k at exitant cosines (n,), as (n, rank)."""
         return np.stack([np.interp(cos_exitant, self._cos, f) for f in self._functions], axis=-1)
 
-    def coefficients(self, mu: float | None) -> Floats:
-        """a_k(mu), (rank,)."""
-        return self._functions @ normalised_fresnel(mu, self._cos)
+    def coefficients(self, mu: float | Floats | None) -> Floats:
+        """a_k(mu), (rank,); of several (f,), (f, rank)."""
+        if mu is None or np.ndim(mu) == 0:
+            return self._functions @ normalised_fresnel(mu, self._cos)
+        different, place = np.unique(mu, return_inverse=True)
+        return (normalised_fresnel(different[:, None], self._cos) @ self._functions.T)[place]

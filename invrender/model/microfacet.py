@@ -48,14 +48,15 @@ def sigma_nodes() -> Floats:
     return np.exp(low + (_chebyshev_points() + 1) / 2 * (high - low))
 
 
-def sigma_weights(sigma: float) -> Floats:
-    """Weights (nodes,) with which transfers at the nodes add up to the transfer at sigma.
+def sigma_weights(sigma: float | Floats) -> Floats:
+    """Weights (nodes,) with which transfers at the nodes add up to the transfer at sigma; of several (f,), (f, nodes).
 
     What is interpolated is sigma^2 S, whose peak is the same for all sigma; the error is 1e-4 of it.
     """
     low, high = np.log(SIGMA_RANGE)
-    position = min(max(2 * (np.log(sigma) - low) / (high - low) - 1, -1), 1)
-    return _cardinal() @ np.cos(np.arange(_NODES) * np.arccos(position)) / sigma**2
+    position = np.clip(2 * (np.log(sigma) - low) / (high - low) - 1, -1, 1)
+    polynomials = np.cos(np.arange(_NODES) * np.arccos(position)[..., None])
+    return np.asarray(polynomials @ _cardinal().T / np.asarray(sigma)[..., None] ** 2)
 
 
 @lru_cache(maxsize=1)

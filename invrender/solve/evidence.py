@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import PhotoColumns
+from invrender.model.columns import PhotoColumns, together
 from invrender.model.predict import predict_columns
 from invrender.solve.clusters import patch_of
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import Weights
-from invrender.solve.search import LADDER, fit
-from invrender.solve.statistics import Statistics, by_lighting, weighted_statistics
+from invrender.solve.search import LADDER, fit, fit_subsets
+from invrender.solve.statistics import Statistics, Subsets, by_lighting, weighted_statistics
+from recon.lightfield import pools
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 # Up to this many photographs each is left out on its own; more are left out in this many groups.
 MAX_FOLDS = 20
@@ -86,16 +89,21 @@ def climb_ladder(
     """Fit and cross-validate models, all of the columns' form or without a specular part.
 
     patches : of the surface, those of all photographs and maybe more; of these alone if None. `on_step` is called after
-    each fold of each model, `ladder_steps(len(photos))` times for the `LADDER`.
+    each model.
     """
-    folds = min(len(photos), MAX_FOLDS)
-    fold_of = np.arange(len(photos)) % folds
+    known = patches_of(photos) if patches is None else patches
+    parts = _parts(photos, weights, known)
     # Kept per fold and lighting, not per photograph: memory then doesn't grow with the set.
-    parts: list[list[Statistics]] = [[] for _ in range(folds)]
-    for fold, entry in zip(fold_of, weighted_statistics(photos, [w.weight for w in weights]), strict=True):
-        parts[fold] = list(by_lighting([*parts[fold], entry]))
-    surface = _Patches(photos, patches_of(photos) if patches is None else patches)
-    return tuple(_evaluate(model, photos, weights, parts, fold_of, surface, on_step) for model in models)
+    left_out: list[tuple[Statistics, ...]] = [()] * min(len(photos), MAX_FOLDS)
+    found = weighted_statistics([part.photo for part in parts], [part.weights.weight for part in parts])
+    for part, entry in zip(parts, found, strict=True):
+        left_out[part.fold] = by_lighting([*left_out[part.fold], entry])
+    subsets = Subsets(by_lighting(chain.from_iterable(left_out)), tuple(left_out))
+    rungs = []
+    for model in models:
+        rungs.append(_evaluate(model, len(photos), parts, subsets, len(known)))
+        on_step()
+    return tuple(rungs)
 
 
 def patches_of(photos: Sequence[PhotoColumns]) -> NDArray[np.int64]:
@@ -142,54 +150,53 @@ def _score(differences: Floats) -> float:
     return float(differences.mean() / spread) if spread > 0 else 0.0
 
 
-class _Patches:
-    """The surface in patches: sums over them of what samples of any photograph hold."""
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Photographs of one fold under one lighting, as one.
 
-    def __init__(self, photos: Sequence[PhotoColumns], known: NDArray[np.int64]) -> None:
-        self._known = known
-        self._index = [np.searchsorted(known, patch_of(photo.field)) for photo in photos]
+    fold : its number. photos : (k,), theirs. photo : their samples, one after the other. weights : of these. photo_of,
+    patch_of : (n,), which of the photographs each sample is of, and which of the patches.
+    """
 
-    def __len__(self) -> int:
-        return len(self._known)
-
-    def sums(self, photo: int, values: Floats) -> Floats:
-        """Sums (patches,) of values (n,) of a photograph's samples."""
-        return np.bincount(self._index[photo], values, minlength=len(self._known)).astype(float)
-
-
-def ladder_steps(photos: int) -> int:
-    """How often `climb_ladder` reports progress."""
-    return len(LADDER) * min(photos, MAX_FOLDS)
+    fold: int
+    photos: Ints
+    photo: PhotoColumns
+    weights: Weights
+    photo_of: Ints
+    patch_of: Ints
 
 
-def _evaluate(
-    model: Model,
-    photos: Sequence[PhotoColumns],
-    weights: Sequence[Weights],
-    parts: Sequence[Sequence[Statistics]],
-    fold_of: NDArray[np.int64],
-    patches: _Patches,
-    on_step: Callable[[], None],
-) -> Rung:
-    everything = by_lighting(entry for part in parts for entry in part)
-    full = fit(model, everything)
-    errors, energy = np.empty(len(photos)), np.zeros(len(patches))
-    for fold in range(len(parts)):
-        rest = by_lighting(entry for k, part in enumerate(parts) if k != fold for entry in part)
-        trained = fit(model, rest, full, _NEAR_ENOUGH)
-        for j in np.flatnonzero(fold_of == fold).tolist():
-            photo = photos[j]
-            strengths = trained.strengths.get(photo.lighting)
-            if strengths is None:
-                strengths = fit_strengths(photo, weights[j].weight, trained)
-            residual = photo.radiance - predict_columns(photo, trained.brdf, strengths)
-            trust = weights[j].trust
-            errors[j] = relative_rms(residual, photo.radiance, trust)
-            total = max(float((trust * photo.radiance**2).sum()), 1e-300)
-            share = (trust * residual**2).sum(axis=1) / total
-            energy += patches.sums(j, share)
-        on_step()
-    free = {(photo.lighting, name) for photo in photos for name in photo.elements if name != "known"}
+def _parts(photos: Sequence[PhotoColumns], weights: Sequence[Weights], patches: Ints) -> list[_Part]:
+    """All photographs by fold and lighting, many with few samples in one part."""
+    folds = (np.arange(len(photos)) % MAX_FOLDS).tolist()
+    kinds = [(photo.lighting, fold) for photo, fold in zip(photos, folds, strict=True)]
+    parts = []
+    for own in pools([photo.field for photo in photos], kinds):
+        photo = together([photos[k] for k in own])
+        trust, weight = (
+            np.concatenate([getattr(weights[k], name) for k in own]) for name in ("trust", "weight")
+        )
+        photo_of = np.repeat(np.arange(len(own)), [len(photos[k].field) for k in own])
+        patch = np.searchsorted(patches, patch_of(photo.field))
+        parts.append(_Part(folds[own[0]], np.array(own), photo, Weights(trust, weight), photo_of, patch))
+    return parts
+
+
+def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subsets, patches: int) -> Rung:
+    full = fit(model, subsets.everything)
+    trained = fit_subsets(model, subsets, full, _NEAR_ENOUGH)
+    errors, energy = np.empty(photos), np.zeros(patches)
+    for part in parts:
+        photo, trust, estimate = part.photo, part.weights.trust, trained[part.fold]
+        strengths = estimate.strengths.get(photo.lighting)
+        if strengths is None:
+            strengths = fit_strengths(photo, part.weights.weight, estimate)
+        residual = photo.radiance - predict_columns(photo, estimate.brdf, strengths)
+        square = (trust * residual**2).sum(axis=1)
+        total = np.maximum(np.bincount(part.photo_of, (trust * photo.radiance**2).sum(axis=1)), 1e-300)
+        errors[part.photos] = np.sqrt(np.bincount(part.photo_of, square) / total)
+        energy += np.bincount(part.patch_of, square / total[part.photo_of], minlength=patches)
+    free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}
     return Rung(full, errors, energy, model.parameters + 3 * len(free))
 
 

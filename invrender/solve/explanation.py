@@ -12,13 +12,13 @@ from capture.lighting import Lighting
 from invrender.model.columns import PhotoColumns
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.transfer import light_elements
-from invrender.solve.evidence import Rung, choose, climb_ladder, ladder_steps
+from invrender.solve.evidence import Rung, choose, climb_ladder
 from invrender.solve.forms import Elements, Trial, beside, columns_of, try_forms
 from invrender.solve.linear import recovers_light
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.search import LADDER, OTHER_FORMS, fit, models_of, with_neutral
-from invrender.solve.statistics import by_lighting, weighted_statistics
+from invrender.solve.statistics import total_statistics
 from invrender.solve.weighing import weigh
 
 Floats = NDArray[np.float64]
@@ -48,9 +48,8 @@ class Explanation:
     trials: Mapping[LobeForm, Trial] = field(default_factory=dict)
 
 
-def explanation_steps(photos: int) -> int:
-    """How often `explain` reports progress, at most."""
-    return ladder_steps(photos) + len(OTHER_FORMS)
+# How often `explain` reports progress, at most.
+EXPLANATION_STEPS = len(with_neutral(LADDER)) + len(OTHER_FORMS)
 
 
 def explain(
@@ -85,7 +84,7 @@ def refitted(known: Explanation, less: Sequence[Floats]) -> Estimate:
     """The chosen model's estimate if the samples' radiances were lower by some (n, 3) per photograph."""
     estimate = known.rungs[known.chosen].estimate
     photos = [photo.less(radiance) for photo, radiance in zip(known.photos, less, strict=True)]
-    statistics = by_lighting(weighted_statistics(photos, [w.weight for w in known.weights]))
+    statistics = total_statistics(photos, [w.weight for w in known.weights])
     return fit(estimate.model, statistics, estimate)
 
 

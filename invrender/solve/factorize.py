@@ -30,7 +30,7 @@ from invrender.solve.models import Estimate
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.reported import Report
 from invrender.solve.search import fit
-from invrender.solve.statistics import by_lighting, weighted_statistics
+from invrender.solve.statistics import total_statistics
 from invrender.solve.uncertainty import FINEST, NUMERICAL, PRIOR_STD, pack, uncertainty_of
 
 Floats = NDArray[np.float64]
@@ -67,7 +67,7 @@ def factorize(
     """Solve for the BRDF and for what of the lighting is to be recovered.
 
     photos : columns of RH01's form. A first fit with equal weights shows the noise; the next weigh each sample by its
-    inverse variance. `on_step` is called `explanation.explanation_steps(len(photos))` times at most.
+    inverse variance. `on_step` is called `explanation.EXPLANATION_STEPS` times at most.
     """
     return conclude(explain(photos, lightings, on_step), lightings)
 
@@ -128,7 +128,7 @@ def _behind_interface(known: Explanation) -> tuple[Floats, float] | None:
     if not model.fresnel or model.form not in known.trials:
         return None
     trial = known.trials[model.form]
-    plain = fit(model, by_lighting(weighted_statistics(trial.photos, [w.weight for w in trial.weights])))
+    plain = fit(model, total_statistics(trial.photos, [w.weight for w in trial.weights]))
     other = under_interface(trial, plain)
     if other is None or other.brdf.mu is None:
         return None

@@ -20,7 +20,7 @@ from invrender.solve.evidence import Rung, climb_ladder, patches_of
 from invrender.solve.models import Model
 from invrender.solve.noise import Weights
 from invrender.solve.search import OTHER_FORMS, fit, models_of
-from invrender.solve.statistics import by_lighting, weighted_statistics
+from invrender.solve.statistics import total_statistics
 from invrender.solve.weighing import weigh
 
 # Two forms that differ by a tenth of the noise are three standard errors apart on so many.
@@ -76,7 +76,7 @@ def try_forms(
 
 
 def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:
-    return fit(model, by_lighting(weighted_statistics(photos, [w.weight for w in weights]))).cost
+    return fit(model, total_statistics(photos, [w.weight for w in weights])).cost
 
 
 def columns_of(form: LobeForm, photos: Sequence[PhotoColumns], elements: Elements) -> list[PhotoColumns]:

@@ -17,7 +17,7 @@ from invrender.model.fresnel import fresnel_reflectance
 from invrender.solve.forms import Trial
 from invrender.solve.models import Estimate
 from invrender.solve.search import fit
-from invrender.solve.statistics import by_lighting, weighted_statistics
+from invrender.solve.statistics import total_statistics
 from invrender.theory.refinement import interval_rule
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,7 @@ def under_interface(trial: Trial, plain: Estimate) -> Estimate | None:
         assert found.brdf.mu is not None
         photos = [_behind(photo, found.brdf.mu) for photo in trial.photos]
         weights = [w.weight for w in trial.weights]
-        found = fit(plain.model, by_lighting(weighted_statistics(photos, weights)), found)
+        found = fit(plain.model, total_statistics(photos, weights), found)
     return found if _NOTABLE * found.cost < plain.cost else None
 
 

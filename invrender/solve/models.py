@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from invrender.model.columns import specular_weights
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import Microfacet
-from invrender.solve.linear import solve_linear
-from invrender.solve.statistics import Statistics
+from invrender.solve.linear import LinearPart, reduce_statistics, solve_linear
+from invrender.solve.statistics import Statistics, Subsets
 
 Floats = NDArray[np.float64]
 
@@ -51,12 +51,43 @@ class Estimate:
 
 def estimate_at(model: Model, statistics: Sequence[Statistics], point: Floats) -> Estimate:
     """The best estimate at given coordinates (log sigma, log(mu - 1)), as many as the model has."""
-    sigma = float(np.exp(point[0])) if model.specular else None
-    mu = 1 + float(np.exp(point[1])) if model.fresnel else None
-    weights = None if sigma is None else specular_weights(mu, sigma, model.form)
-    found = solve_linear(statistics, weights, model.neutral)
-    brdf = Microfacet(found.kd, found.ks, mu, sigma, model.form)
-    return Estimate(model, brdf, found.strengths, found.cost)
+    subsets = Subsets(tuple(statistics))
+    points = np.asarray(point, float)[None]
+    return estimates(model, subsets, points, solved(model, subsets, points))[0]
+
+
+def solved(model: Model, subsets: Subsets, points: Floats) -> LinearPart:
+    """What is best at coordinates (f, n), one place for each subset of the photographs."""
+    reduced = reduce_statistics(subsets, combinations(model, subsets, points))
+    return solve_linear(reduced, model.specular, model.neutral)
+
+
+def combinations(model: Model, subsets: Subsets, points: Floats) -> Floats:
+    """Combinations (f, q, 2) of the columns: the diffuse and the specular transfer at coordinates (f, n)."""
+    result = np.zeros((len(points), subsets.everything[0].gram.shape[2], 2))
+    result[:, 0, 0] = 1
+    if model.specular:
+        result[:, 1:, 1] = weights_at(model, points)
+    return result
+
+
+def weights_at(model: Model, points: Floats) -> Floats:
+    """The specular columns' weights (f, q - 1) at coordinates (f, n)."""
+    mu = 1 + np.exp(points[:, 1]) if model.fresnel else None
+    return specular_weights(mu, np.exp(points[:, 0]), model.form)
+
+
+def estimates(model: Model, subsets: Subsets, points: Floats, linear: LinearPart) -> list[Estimate]:
+    """The estimates, one for each subset of the photographs, that were found at coordinates (f, n)."""
+    result = []
+    for fit, point in enumerate(points):
+        sigma = float(np.exp(point[0])) if model.specular else None
+        mu = 1 + float(np.exp(point[1])) if model.fresnel else None
+        brdf = Microfacet(linear.kd[fit], linear.ks[fit], mu, sigma, model.form)
+        shown = subsets.lightings(fit)
+        strengths = {name: values[fit] for name, values in linear.strengths.items() if name in shown}
+        result.append(Estimate(model, brdf, strengths, float(linear.cost[fit])))
+    return result
 
 
 def coordinates(estimate: Estimate) -> Floats:

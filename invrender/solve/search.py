@@ -17,9 +17,9 @@ from scipy.optimize import minimize
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
-from invrender.solve.models import Estimate, Model, estimate_at
+from invrender.solve.models import Estimate, Model, estimates, solved
 from invrender.solve.newton import SMALL, gauss_newton
-from invrender.solve.statistics import Statistics
+from invrender.solve.statistics import Statistics, Subsets
 
 Floats = NDArray[np.float64]
 
@@ -62,16 +62,30 @@ def fit(
 
     start : an estimate nearby, saves the search. small : part of a standard deviation that the last step may have.
     """
-    if not model.specular:
-        return estimate_at(model, statistics, np.zeros(0))
+    subsets = Subsets(tuple(statistics))
+    if not model.specular or (start is not None and start.brdf.sigma is not None):
+        return fit_subsets(model, subsets, start, small)[0]
     lower, upper = bounds_of(model)
-    if start is None or start.brdf.sigma is None:
-        point = searched(lambda point: estimate_at(model, statistics, point).cost, lower, upper)
-    else:
-        point = np.array([np.log(start.brdf.sigma), np.log((start.brdf.mu or 1.5) - 1)][: len(lower)])
-    return gauss_newton(
-        estimate_at(model, statistics, np.clip(point, lower, upper)), statistics, lower, upper, small
-    )
+    grid = np.array(_coarse_grid(lower, upper))
+    costs = solved(model, subsets.take([0] * len(grid)), grid).cost
+    starts = grid[_rivals(grid, costs)]
+    found = gauss_newton(model, subsets.take([0] * len(starts)), starts, lower, upper, small)
+    return min(found, key=lambda estimate: estimate.cost)
+
+
+def fit_subsets(
+    model: Model, subsets: Subsets, start: Estimate | None, small: float = SMALL
+) -> list[Estimate]:
+    """Fits to subsets of the photographs, from an estimate near all of them, which a specular model needs."""
+    count = len(subsets)
+    if not model.specular:
+        points = np.zeros((count, 0))
+        return estimates(model, subsets, points, solved(model, subsets, points))
+    assert start is not None
+    assert start.brdf.sigma is not None
+    lower, upper = bounds_of(model)
+    point = np.log([start.brdf.sigma, (start.brdf.mu or 1.5) - 1])[: len(lower)]
+    return gauss_newton(model, subsets, np.tile(point, (count, 1)), lower, upper, small)
 
 
 def bounds_of(model: Model) -> tuple[Floats, Floats]:
@@ -85,9 +99,15 @@ def bounds_of(model: Model) -> tuple[Floats, Floats]:
 
 def searched(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> Floats:
     """Near the lowest cost: the best of a coarse grid and a rival far from it, a simplex from both."""
-    grid = sorted(_coarse_grid(lower, upper), key=cost)
-    other = next((g for g in grid if abs(g[0] - grid[0][0]) > 0.5), grid[1])
-    return min((simplex(cost, point, lower, upper) for point in (grid[0], other)), key=cost)
+    grid = _coarse_grid(lower, upper)
+    starts = [grid[k] for k in _rivals(np.array(grid), np.array([cost(point) for point in grid]))]
+    return min((simplex(cost, point, lower, upper) for point in starts), key=cost)
+
+
+def _rivals(grid: Floats, costs: Floats) -> list[int]:
+    """Places of the best point of a grid (g, n), and of the best of those far from it."""
+    best, *others = np.argsort(costs, kind="stable").tolist()
+    return [best, next((k for k in others if abs(grid[k, 0] - grid[best, 0]) > 0.5), others[0])]
 
 
 def _coarse_grid(lower: Floats, upper: Floats) -> list[Floats]:

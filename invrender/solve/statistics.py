@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from invrender.model.columns import PhotoColumns
+from invrender.model.columns import PhotoColumns, together
+from recon.lightfield import pools
 
 Floats = NDArray[np.float64]
 
@@ -64,9 +65,43 @@ def photo_statistics(photo: PhotoColumns, weights: Floats) -> Statistics:
     )
 
 
-def weighted_statistics(photos: Sequence[PhotoColumns], weights: Sequence[Floats]) -> Iterator[Statistics]:
+@dataclass(frozen=True, eq=False)
+class Subsets:
+    """Statistics of subsets of the photographs, each of them all but some.
+
+    everything : of all photographs, one per lighting. left_out : of what each subset is without, one per lighting.
+    """
+
+    everything: tuple[Statistics, ...]
+    left_out: tuple[tuple[Statistics, ...], ...] = ((),)
+
+    def __len__(self) -> int:
+        return len(self.left_out)
+
+    def take(self, places: Iterable[int]) -> Subsets:
+        """Some of the subsets, by their numbers."""
+        return Subsets(self.everything, tuple(self.left_out[k] for k in places))
+
+    def lightings(self, subset: int) -> set[str]:
+        """The names of the lightings that some photograph of a subset is under."""
+        counts = {entry.lighting: entry.count for entry in self.everything}
+        for entry in self.left_out[subset]:
+            counts[entry.lighting] -= entry.count
+        return {name for name, count in counts.items() if count}
+
+
+def weighted_statistics(photos: Iterable[PhotoColumns], weights: Iterable[Floats]) -> Iterator[Statistics]:
     """Statistics of each photograph in turn, computed on all cores; weights (n, 3) each."""
     return parallel_map(lambda pair: photo_statistics(*pair), zip(photos, weights, strict=True))
+
+
+def total_statistics(photos: Sequence[PhotoColumns], weights: Sequence[Floats]) -> tuple[Statistics, ...]:
+    """Statistics of all photographs, one per lighting; those with few samples are worked on together."""
+    found = pools([photo.field for photo in photos], [photo.lighting for photo in photos])
+    pooled = (together([photos[k] for k in pool]) for pool in found)
+    return by_lighting(
+        weighted_statistics(pooled, (np.concatenate([weights[k] for k in pool]) for pool in found))
+    )
 
 
 def by_lighting(statistics: Iterable[Statistics]) -> tuple[Statistics, ...]:

@@ -11,7 +11,7 @@ from invrender.model.predict import predict_columns
 from invrender.solve.models import Model
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 from invrender.solve.search import fit
-from invrender.solve.statistics import by_lighting, weighted_statistics
+from invrender.solve.statistics import total_statistics
 
 _ROUNDS = 2
 
@@ -27,7 +27,7 @@ def weigh(
         current = [Weights(np.ones_like(photo.radiance), np.ones_like(photo.radiance)) for photo in photos]
     fitted = None
     for _ in range(_ROUNDS):
-        statistics = by_lighting(weighted_statistics(photos, [w.weight for w in current]))
+        statistics = total_statistics(photos, [w.weight for w in current])
         fitted = fit(model, statistics, fitted)
         predictions = [predict_columns(p, fitted.brdf, fitted.strengths[p.lighting]) for p in photos]
         residuals = [photo.radiance - p for photo, p in zip(photos, predictions, strict=True)]
