@@ -125,6 +125,8 @@ def _any_within(marked: NDArray[np.bool_], rows: Ints, columns: Ints, reach: int
     """Whether any pixel within `reach` of given ones, to the sides and corners, is marked; outside none is."""
     height, width = marked.shape
     found = np.zeros(len(rows), bool)
+    if not marked.any():
+        return found
     for down in range(-reach, reach + 1):
         for along in range(-reach, reach + 1):
             found |= marked[np.clip(rows + down, 0, height - 1), np.clip(columns + along, 0, width - 1)]

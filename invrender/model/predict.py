@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import PhotoColumns, specular_weights
+from invrender.model.columns import PhotoColumns, specular_weights, together
 from invrender.model.form_transfer import OneIndex, form_transfer
 from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Rays, Shadows, seen_diffuse, seen_specular
-from recon.lightfield import LightField
+from recon.lightfield import LightField, pools
 
 Floats = NDArray[np.float64]
 
@@ -70,3 +70,16 @@ def predict_columns(photo: PhotoColumns, brdf: Microfacet, strengths: Floats) ->
     diffuse, specular = transfers(photo, brdf.mu, brdf.sigma)
     shading = brdf.kd[:, None, None] * diffuse + brdf.ks[:, None, None] * specular
     return np.einsum("cne,ec->nc", shading, strengths)
+
+
+def predict_photos(
+    photos: Sequence[PhotoColumns], brdf: Microfacet, strengths: Mapping[str, Floats]
+) -> list[Floats]:
+    """`predict_columns` of each photograph, those with few samples made together; strengths by the lighting's name."""
+    found: dict[int, Floats] = {}
+    for pool in pools([photo.field for photo in photos], [photo.lighting for photo in photos]):
+        whole = together([photos[k] for k in pool])
+        radiance = predict_columns(whole, brdf, strengths[whole.lighting])
+        ends = np.cumsum([len(photos[k].field) for k in pool])
+        found |= zip(pool, np.split(radiance, ends[:-1]), strict=True)
+    return [found[k] for k in range(len(photos))]

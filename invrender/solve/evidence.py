@@ -31,8 +31,9 @@ MISFIT_REMEDY = (
 )
 # Standard errors of a paired difference beyond which the simpler model is clearly worse.
 _CLEARLY_WORSE = 3.0
-# Part of a standard deviation to which fits that leave photographs out are fitted: their errors differ by its square.
-_NEAR_ENOUGH = 0.1
+# Part of a standard deviation that the last step of fits that leave photographs out may have: they start at the fit to
+# all, and what such a step leaves is far less.
+_NEAR_ENOUGH = 0.3
 # A photograph with this many times the median error is taken for wrong, if there are enough to compare.
 _OUT_OF_PROPORTION, _FEWEST_TO_COMPARE = 3.0, 4
 

@@ -13,7 +13,7 @@ from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.half_vectors import is_rough
 from invrender.model.lobes import PHONG, LobeForm, phong_exponent
-from invrender.model.predict import predict_columns
+from invrender.model.predict import predict_photos
 from invrender.solve.clusters import lobe_misfit, structured_rms
 from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
 from invrender.solve.explanation import Explanation, explain, refitted
@@ -128,7 +128,8 @@ def _behind_interface(known: Explanation) -> tuple[Floats, float] | None:
     if not model.fresnel or model.form not in known.trials:
         return None
     trial = known.trials[model.form]
-    plain = fit(model, total_statistics(trial.photos, [w.weight for w in trial.weights]))
+    statistics = total_statistics(trial.photos, [w.weight for w in trial.weights])
+    plain = fit(model, statistics, trial.rung_like(model).estimate)
     other = under_interface(trial, plain)
     if other is None or other.brdf.mu is None:
         return None
@@ -218,12 +219,12 @@ def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung
     Photographs that stand out as wrong are left aside: they count for next to nothing in the fit as well.
     """
     fields, residuals, energy = [], [], []
-    strengths = rung.estimate.strengths
-    for photo, own, wrong in zip(photos, weights, outlying(rung.photo_errors), strict=True):
-        if not wrong:
-            residual = photo.radiance - predict_columns(photo, rung.estimate.brdf, strengths[photo.lighting])
+    predictions = predict_photos(photos, rung.estimate.brdf, rung.estimate.strengths)
+    wrong = outlying(rung.photo_errors)
+    for photo, own, predicted, skipped in zip(photos, weights, predictions, wrong, strict=True):
+        if not skipped:
             fields.append(photo.field)
-            residuals.append(np.sqrt(own.trust) * residual)
+            residuals.append(np.sqrt(own.trust) * (photo.radiance - predicted))
             energy.append(np.mean(photo.radiance**2))
     return structured_rms(fields, residuals) / float(np.sqrt(np.mean(energy)))
 
@@ -246,13 +247,18 @@ def _width_of_pixels(lightings: Sequence[Lighting], sigma: float) -> float:
 
 def _lobe_misfit(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:
     """What of highlights is left that isn't noise, relative to them; photographs that are wrong are left aside."""
-    brdf, parts = rung.estimate.brdf, []
-    for photo, own, wrong in zip(photos, weights, outlying(rung.photo_errors), strict=True):
-        if brdf.sigma is not None and not wrong:
-            strengths = rung.estimate.strengths[photo.lighting]
-            predicted = predict_columns(photo, brdf, strengths)
-            specular = predict_columns(photo, replace(brdf, kd=np.zeros(3)), strengths)
-            parts.append((specular, predicted, photo.radiance - predicted, own.trust, own.weight))
+    brdf, strengths = rung.estimate.brdf, rung.estimate.strengths
+    if brdf.sigma is None:
+        return 0.0
+    predictions = predict_photos(photos, brdf, strengths)
+    lobes = predict_photos(photos, replace(brdf, kd=np.zeros(3)), strengths)
+    parts = [
+        (specular, predicted, photo.radiance - predicted, own.trust, own.weight)
+        for photo, own, specular, predicted, wrong in zip(
+            photos, weights, lobes, predictions, outlying(rung.photo_errors), strict=True
+        )
+        if not wrong
+    ]
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else 0.0
 
 

@@ -1,7 +1,7 @@
-"""The nested search of RH01 section 6.1: simplex outside over the nonlinear parameters, linear solve inside.
+"""The nested search of RH01 section 6.1: outside over the nonlinear parameters, linear solve inside.
 
-Outside: mu and sigma. Inside: Kd, Ks and what is unknown of the light (`linear`). The simplex only has to come near:
-Gauss-Newton steps (`newton`) go the rest of the way.
+Outside: mu and sigma, from a grid by Gauss-Newton steps (`newton`), which get by with fewer points than RH01's simplex;
+it remains for costs that come without slopes. Inside: Kd, Ks and what is unknown of the light (`linear`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ from invrender.solve.statistics import Statistics, Subsets
 
 Floats = NDArray[np.float64]
 
-# What the simplex must have come near, in the coordinates, for Gauss-Newton steps to converge.
+# What the simplex must have come near, in the coordinates.
 _NEAR = 0.02
+# Part of a standard deviation to which rivals are fitted before the better one is.
+_TELLING = 0.3
 
 
 # Forms beside RH01's own.
@@ -69,8 +71,8 @@ def fit(
     grid = np.array(_coarse_grid(lower, upper))
     costs = solved(model, subsets.take([0] * len(grid)), grid).cost
     starts = grid[_rivals(grid, costs)]
-    found = gauss_newton(model, subsets.take([0] * len(starts)), starts, lower, upper, small)
-    return min(found, key=lambda estimate: estimate.cost)
+    rivals = gauss_newton(model, subsets.take([0] * len(starts)), starts, lower, upper, _TELLING)
+    return fit_subsets(model, subsets, min(rivals, key=lambda estimate: estimate.cost), small)[0]
 
 
 def fit_subsets(

@@ -14,14 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import PhotoColumns
+from invrender.model.columns import PhotoColumns, together
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import LobeForm
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
 from invrender.model.predict import predict_columns, transfers
-from invrender.solve.clusters import patch_of, sums_by, tile_of
+from invrender.solve.clusters import patch_of, sums_by, tiles_of
 from invrender.solve.linear import symmetric_pinv
 from invrender.solve.models import Estimate
+from recon.lightfield import pools
 
 Floats = NDArray[np.float64]
 
@@ -107,7 +108,9 @@ def uncertainty_of(
     chi2, count = 0.0, 0
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
-    for photo, weight in zip(photos, weights, strict=True):
+    fields = [photo.field for photo in photos]
+    for pool in pools(fields, [photo.lighting for photo in photos]):
+        photo, weight = together([photos[k] for k in pool]), np.concatenate([weights[k] for k in pool])
         predicted = predict_columns(photo, estimate.brdf, estimate.strengths[photo.lighting])
         residual = photo.radiance - predicted
         # Side by side, the scores of the residuals and those of a model that is off by all its radiance.
@@ -119,7 +122,7 @@ def uncertainty_of(
             scores[:, size:] += weighted * predicted[:, channel, None]
         chi2 += float((weight * residual**2).sum())
         count += residual.size
-        by_tile += list(sums_by(tile_of(photo.field), scores).values())
+        by_tile += list(sums_by(tiles_of([fields[k] for k in pool]), scores).values())
         for patch, score in sums_by(patch_of(photo.field), scores).items():
             by_patch[patch] = by_patch.get(patch, 0) + score
     prior = np.zeros(size)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from invrender.model.columns import PhotoColumns
-from invrender.model.predict import predict_columns
+from invrender.model.predict import predict_photos
 from invrender.solve.models import Model
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 from invrender.solve.search import fit
@@ -29,7 +29,7 @@ def weigh(
     for _ in range(_ROUNDS):
         statistics = total_statistics(photos, [w.weight for w in current])
         fitted = fit(model, statistics, fitted)
-        predictions = [predict_columns(p, fitted.brdf, fitted.strengths[p.lighting]) for p in photos]
+        predictions = predict_photos(photos, fitted.brdf, fitted.strengths)
         residuals = [photo.radiance - p for photo, p in zip(photos, predictions, strict=True)]
         noise = fit_noise(predictions, residuals)
         current = [photo_weights(noise, *pair) for pair in zip(predictions, residuals, strict=True)]
