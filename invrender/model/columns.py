@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from invrender.model.form_transfer import FresnelFunctions, OneIndex, form_transfer
+from invrender.model.form_transfer import FresnelFunctions, OneIndex, forms_transfer
 from invrender.model.fresnel import FresnelBasis
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import sigma_nodes, sigma_weights
@@ -93,10 +93,21 @@ def photo_columns(
 
     shadows : of a mesh, if it has any. diffuse : (channels, n, elements), the columns d if another form has them.
     """
-    nodes, fresnel = sigma_nodes(), _fresnel_functions(form)
+    return _photo_columns(lighting, elements, field, (form,), shadows, diffuse)[0]
+
+
+def _photo_columns(
+    lighting: str,
+    elements: Sequence[LightElement],
+    field: LightField,
+    forms: Sequence[LobeForm],
+    shadows: Shadows | None,
+    diffuse: NDArray[np.float32] | None,
+) -> list[PhotoColumns]:
+    nodes, fresnel = sigma_nodes(), _fresnel_functions(forms[0])
     channels = max(element.channels for element in elements)
-    size = 1 + len(specular_weights(None, nodes[0], form))
-    columns = np.empty((channels, len(field), len(elements), size), np.float32)
+    size = 1 + len(specular_weights(None, nodes[0], forms[0]))
+    columns = np.empty((len(forms), channels, len(field), len(elements), size), np.float32)
     place = np.arange(len(field))
     for start in range(0, len(field), _SAMPLES_AT_A_TIME):
         block = slice(start, start + _SAMPLES_AT_A_TIME)
@@ -104,17 +115,21 @@ def photo_columns(
         for e, element in enumerate(elements):
             sight = None if shadows is None else shadows.sight(element, part)
             if diffuse is None:
-                columns[:, block, e, 0] = part.mean_over_rays(seen_diffuse(element, part.normals, sight)).T
+                columns[:, :, block, e, 0] = part.mean_over_rays(seen_diffuse(element, part.normals, sight)).T
             else:
-                columns[:, block, e, 0] = diffuse[:, block, e]
+                columns[:, :, block, e, 0] = diffuse[:, block, e]
 
             def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
-                return form_transfer(form, light, part.normals[rays], part.views[rays], nodes, fresnel)
+                return forms_transfer(forms, light, part.normals[rays], part.views[rays], nodes, fresnel)
 
             specular = seen_specular(element, sight, gather)
-            means = part.mean_over_rays(specular.reshape(len(specular), size - 1, -1))
-            columns[:, block, e, 1:] = means.transpose(2, 0, 1)
-    return PhotoColumns(lighting, tuple(element.name for element in elements), columns, field, form, shadows)
+            means = part.mean_over_rays(specular.reshape(len(specular), len(forms), size - 1, -1))
+            columns[:, :, block, e, 1:] = means.transpose(1, 3, 0, 2)
+    names = tuple(element.name for element in elements)
+    return [
+        PhotoColumns(lighting, names, own, field, form, shadows)
+        for own, form in zip(columns, forms, strict=True)
+    ]
 
 
 def all_columns(
@@ -129,21 +144,40 @@ def all_columns(
 
     lightings : the name of each one's. elements : of lightings by their names. diffuse : the columns d of each.
     """
+    return columns_of_forms(lightings, elements, fields, (form,), shadows, diffuse)[form]
 
-    def of(pool: list[int]) -> list[PhotoColumns]:
+
+def columns_of_forms(
+    lightings: Sequence[str],
+    elements: Mapping[str, Sequence[LightElement]],
+    fields: Sequence[LightField],
+    forms: Sequence[LobeForm],
+    shadows: Shadows | None = None,
+    diffuse: Sequence[NDArray[np.float32]] | None = None,
+) -> dict[LobeForm, list[PhotoColumns]]:
+    """`all_columns` of several forms of facets, or of one form of any kind: facets look at the same rays of light."""
+
+    def of(pool: list[int]) -> list[list[PhotoColumns]]:
         parts, name = [fields[k] for k in pool], lightings[pool[0]]
         known = None if diffuse is None else np.concatenate([diffuse[k] for k in pool], axis=1)
-        whole = photo_columns(name, elements[name], joined(parts), form, shadows, known)
-        columns = np.split(whole.columns, np.cumsum([len(part) for part in parts])[:-1], axis=1)
-        return [replace(whole, columns=own, field=part) for own, part in zip(columns, parts, strict=True)]
+        wholes = _photo_columns(name, elements[name], joined(parts), forms, shadows, known)
+        ends = np.cumsum([len(part) for part in parts])[:-1]
+        return [
+            [replace(whole, columns=own, field=part) for whole, own in zip(wholes, each, strict=True)]
+            for part, each in zip(
+                parts,
+                zip(*(np.split(whole.columns, ends, axis=1) for whole in wholes), strict=True),
+                strict=True,
+            )
+        ]
 
-    together = pools(fields, lightings)
+    groups = pools(fields, lightings)
     found = {
         k: own
-        for pool, columns in zip(together, parallel_map(of, together), strict=True)
+        for pool, columns in zip(groups, parallel_map(of, groups), strict=True)
         for k, own in zip(pool, columns, strict=True)
     }
-    return [found[k] for k in range(len(fields))]
+    return {form: [found[k][place] for k in range(len(fields))] for place, form in enumerate(forms)}
 
 
 def specular_weights(mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED) -> Floats:

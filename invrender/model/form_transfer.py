@@ -57,59 +57,84 @@ def form_transfer(
 
     normals, views : (m, 3) unit. sigmas : (j,), radians; of many, the outer ones bound the others.
     """
+    return forms_transfer((form,), element, normals, views, sigmas, fresnel)[:, 0]
+
+
+def forms_transfer(
+    forms: Sequence[LobeForm],
+    element: LightElement,
+    normals: Floats,
+    views: Floats,
+    sigmas: Floats,
+    fresnel: FresnelFunctions,
+) -> Floats:
+    """`form_transfer` of several forms, (m, forms, k, sigmas, channels), which sum over the same half-vectors.
+
+    forms : all of them facets', or one.
+    """
     sigmas = np.atleast_1d(np.asarray(sigmas, float))
-    if form is PRINTED:
+    if forms[0] is PRINTED:
         factors = fresnel((normals * views).sum(axis=1))
         plain = specular_transfer(element, normals, views, sigmas)
-        return np.asarray(factors[:, :, None, None] * plain[:, None])
-    result = np.zeros((len(normals), fresnel(np.ones(1)).shape[-1], len(sigmas), element.channels))
+        return np.asarray(factors[:, None, :, None, None] * plain[:, None, None])
+    result = np.zeros(
+        (len(normals), len(forms), fresnel(np.ones(1)).shape[-1], len(sigmas), element.channels)
+    )
     for direction, strength in zip(element.directions, element.irradiances, strict=True):
         angles = Angles.between(normals, direction, views)
         wide = Angles(*(part[:, None] for part in (angles.theta_h, angles.cos_i, angles.cos_o, angles.cos_d)))
-        lobe = form.shape(wide, sigmas)[:, None, :] * fresnel(form.fresnel_cosine(angles))[:, :, None]
-        result += lobe[..., None] * strength
+        for own, form in enumerate(forms):
+            lobe = form.shape(wide, sigmas)[:, None, :] * fresnel(form.fresnel_cosine(angles))[:, :, None]
+            result[:, own] += lobe[..., None] * strength
     if element.uniform:
-        grid, table = _uniform_table(form, tuple(sigmas.tolist()), fresnel)
+        grid, table = _uniform_table(tuple(forms), tuple(sigmas.tolist()), fresnel)
         result += np.float32(element.uniform) * _interpolated(grid, table, (normals * views).sum(axis=1))
     if element.prepared_map is not None:
-        result += _map_transfer(form, element.prepared_map, normals, views, sigmas, fresnel)
+        result += _map_transfer(forms, element.prepared_map, normals, views, sigmas, fresnel)
     return result
 
 
 def _map_transfer(
-    form: LobeForm,
+    forms: Sequence[LobeForm],
     light: PreparedMap,
     normals: Floats,
     views: Floats,
     sigmas: Floats,
     fresnel: FresnelFunctions,
 ) -> Singles:
-    if isinstance(form, Smith):
-        return _facets(form, light, normals, views, sigmas, fresnel)
-    return _mirrored(light, normals, views, sigmas)[:, None]
+    facets = [form for form in forms if isinstance(form, Smith)]
+    if facets:
+        return _facets(facets, light, normals, views, sigmas, fresnel)
+    return _mirrored(light, normals, views, sigmas)[:, None, None]
 
 
 def _facets(
-    form: Smith,
+    forms: Sequence[Smith],
     light: PreparedMap,
     normals: Floats,
     views: Floats,
     sigmas: Floats,
     fresnel: FresnelFunctions,
 ) -> Singles:
-    """The half-vector integral over a map, (m, k, sigmas, c)."""
+    """The half-vector integral over a map, (m, forms, k, sigmas, c)."""
     steps = np.linspace(0, 1, _LOOKUP)
     factors = fresnel(steps).astype(np.float32)
     nodes, blend = _hiding_nodes(sigmas)
-    hidden = form.hidden(steps[:, None], nodes).astype(np.float32)
+    # Of all forms side by side: what else a ring asks for is the same.
+    hidden = np.hstack([form.hidden(steps[:, None], nodes) for form in forms]).astype(np.float32)
     functions, channels = factors.shape[1], light.levels[0].shape[2]
-    result = np.empty((len(normals), functions, len(sigmas), channels), np.float32)
+    result = np.empty((len(normals), len(forms), functions, len(sigmas), channels), np.float32)
     for part, frame, thetas, turns in chunks(light, normals, views):
-        weights = ring_weights(form.density, thetas, sigmas, light.fineness.log_step)
-        used = np.flatnonzero(weights.max(axis=1) > _NEGLIGIBLE * weights.max())
+        weights = np.array(
+            [ring_weights(form.density, thetas, sigmas, light.fineness.log_step) for form in forms]
+        )
+        largest = weights.max(axis=2)
+        used = np.flatnonzero((largest > _NEGLIGIBLE * largest.max(axis=1, keepdims=True)).any(axis=0))
         cos_o = np.maximum(frame.along_normal, np.float32(1e-4))[:, None, None]
         towards_viewer = cos_o + _looked_up(hidden, frame.along_normal)[:, None]
-        means = np.empty((len(frame.normal), functions * channels, len(used), len(nodes)), np.float32)
+        means = np.empty(
+            (len(forms), len(frame.normal), functions * channels, len(used), len(nodes)), np.float32
+        )
         for place, k in enumerate(used):
             ring = facet_ring(light, frame, thetas[k], turns[k])
             cos_i = np.maximum(ring.cos_incident, np.float32(1e-4))[..., None]
@@ -123,10 +148,12 @@ def _facets(
             arriving = np.ascontiguousarray(ring.radiance.transpose(0, 2, 1)) * shares[:, None]
             factor = np.ascontiguousarray(_looked_up(factors, ring.toward).transpose(0, 2, 1))
             seen = factor[:, :, None] * arriving[:, None]
-            means[:, :, place] = seen.reshape(len(seen), -1, ring.lit.shape[1]) @ shown
-        sums = (weights[used, None] * blend).astype(np.float32).reshape(-1, len(sigmas))
-        total = means.reshape(-1, len(sums)) @ sums
-        result[part] = total.reshape(-1, functions, channels, len(sigmas)).transpose(0, 1, 3, 2)
+            of_ring = seen.reshape(len(seen), -1, ring.lit.shape[1]) @ shown
+            means[:, :, :, place] = np.moveaxis(of_ring.reshape(*of_ring.shape[:2], len(forms), -1), 2, 0)
+        for own in range(len(forms)):
+            sums = (weights[own, used, None] * blend).astype(np.float32).reshape(-1, len(sigmas))
+            total = means[own].reshape(-1, len(sums)) @ sums
+            result[part, own] = total.reshape(-1, functions, channels, len(sigmas)).transpose(0, 1, 3, 2)
     return result
 
 
@@ -172,15 +199,15 @@ def _phong_density(angle: Floats, sigmas: Floats) -> Floats:
 
 @lru_cache(maxsize=8)
 def _uniform_table(
-    form: LobeForm, sigmas: Sequence[float], fresnel: FresnelFunctions
+    forms: Sequence[LobeForm], sigmas: Sequence[float], fresnel: FresnelFunctions
 ) -> tuple[Floats, Singles]:
-    """Transfer of unit uniform light against the exitant cosine: (grid,), (grid, k, sigmas, 1)."""
+    """Transfer of unit uniform light against the exitant cosine: (grid,), (grid, forms, k, sigmas, 1)."""
     # Closer towards grazing, where Fresnel's factor rises.
     grid = 0.04 + 0.96 * np.linspace(0, 1, 193) ** 2
     views = np.stack([np.sqrt(1 - grid**2), np.zeros_like(grid), grid], axis=-1)
     normals = np.broadcast_to([0.0, 0.0, 1.0], views.shape)
     white = PreparedMap.of(np.ones((4, 8, 1), np.float32))
-    return grid, _map_transfer(form, white, normals, views, np.array(sigmas), fresnel)
+    return grid, _map_transfer(forms, white, normals, views, np.array(sigmas), fresnel)
 
 
 def _interpolated(grid: Floats, table: Singles, at: Floats) -> Singles:

@@ -33,7 +33,7 @@ MISFIT_REMEDY = (
 _CLEARLY_WORSE = 3.0
 # Part of a standard deviation that the last step of fits that leave photographs out may have: they start at the fit to
 # all, and what such a step leaves is far less.
-_NEAR_ENOUGH = 0.3
+_NEAR_ENOUGH = 0.1
 # A photograph with this many times the median error is taken for wrong, if there are enough to compare.
 _OUT_OF_PROPORTION, _FEWEST_TO_COMPARE = 3.0, 4
 

@@ -101,7 +101,7 @@ def _in_form(
     trials: Mapping[LobeForm, Trial],
 ) -> Explanation:
     """The ladder with another form on all samples, and the noise that this one leaves."""
-    columns = columns_of(form, photos, elements)
+    columns = columns_of((form,), photos, elements)[form]
     noise, weights = weigh(columns, models_of(form)[-1])
     printed = climb_ladder(photos, weights, models=LADDER)
     own = climb_ladder(columns, weights, models=_models(models_of(form), photos))

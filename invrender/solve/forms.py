@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import PhotoColumns, all_columns
-from invrender.model.lobes import PRINTED, LobeForm
+from invrender.model.columns import PhotoColumns, columns_of_forms
+from invrender.model.lobes import PRINTED, LobeForm, Smith
 from invrender.model.transfer import LightElement
 from invrender.solve.evidence import Rung, climb_ladder, patches_of
 from invrender.solve.models import Model
@@ -27,6 +27,9 @@ from invrender.solve.weighing import weigh
 _SAMPLES = 1500
 # Photographs with fewer are not worth their part.
 _FEWEST = 20
+# Facets of any form reflect the same rays, which are followed once.
+_FACETS = tuple(form for form in OTHER_FORMS if isinstance(form, Smith))
+_TOGETHER = (_FACETS, *((form,) for form in OTHER_FORMS if form not in _FACETS))
 
 Elements = Mapping[str, Sequence[LightElement]]
 
@@ -56,13 +59,13 @@ def try_forms(
     """Every form, RH01's among them, on the same share of the samples; photos are columns of RH01's.
 
     The noise is read off the residuals of the form that fits best: what another misses is no noise. `on_step` is called
-    `len(OTHER_FORMS)` times.
+    `len(OTHER_FORMS)` times at most.
     """
     kept = [_share(photo, sum(len(p.field) for p in photos)) for photo in photos]
     share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
     columns: dict[LobeForm, list[PhotoColumns]] = {PRINTED: share}
-    for form in OTHER_FORMS:
-        columns[form] = columns_of(form, share, elements)
+    for together in _TOGETHER:
+        columns |= columns_of(together, share, elements)
         on_step()
     first = [Weights(w.trust[keep], w.weight[keep]) for w, keep in zip(weights, kept, strict=True)]
     costs = {form: _cost(models_of(form)[-1], part, first) for form, part in columns.items()}
@@ -79,13 +82,15 @@ def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weight
     return fit(model, total_statistics(photos, [w.weight for w in weights])).cost
 
 
-def columns_of(form: LobeForm, photos: Sequence[PhotoColumns], elements: Elements) -> list[PhotoColumns]:
-    """The same samples with columns of another form."""
-    return all_columns(
+def columns_of(
+    forms: Sequence[LobeForm], photos: Sequence[PhotoColumns], elements: Elements
+) -> dict[LobeForm, list[PhotoColumns]]:
+    """The same samples with columns of other forms: of several of facets, or of one."""
+    return columns_of_forms(
         [photo.lighting for photo in photos],
         elements,
         [photo.field for photo in photos],
-        form,
+        forms,
         photos[0].shadows,
         [photo.columns[..., 0] for photo in photos],
     )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
 from invrender.solve.models import Estimate, Model, coordinates, estimate_at
-from invrender.solve.search import LADDER, bounds_of, fit, with_neutral
-from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
+from invrender.solve.search import LADDER, bounds_of, fit, fit_subsets, with_neutral
+from invrender.solve.statistics import Statistics, Subsets, by_lighting, photo_statistics
 from invrender.solve.uncertainty import pack, uncertainty_of
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
@@ -76,3 +78,29 @@ def test_it_converges_from_far_off_and_stays_within_bounds(bench, rng):
         LADDER[-1], by_lighting(photo_statistics(*pair) for pair in zip(flat, weights, strict=True))
     )
     assert 1.1 <= estimate.brdf.mu <= 4.0
+
+
+def test_fits_to_subsets_are_those_to_the_other_photographs(bench, rng):
+    source = replace(bench.source, irradiance=np.array([1.0, 1.2, 0.8]))
+    both = {"recover_irradiance": True, "recover_ambient": True}
+    told = [bench.known_lighting([], [source], name=name, **both) for name in ("one", "other")]
+    material = radiometric(RH01_MATERIALS["delrin"])
+    photos = [
+        *bench.photograph(material, ANGLES[:3], [], [source], told[0], samples=100),
+        *bench.photograph(material, ANGLES[3:], [], [source], told[1], samples=100),
+    ]
+    weights = [(0.01 * p.radiance.clip(1e-3)) ** -2.0 for p in photos]
+    entries = [photo_statistics(*pair) for pair in zip(bench.with_noise(photos, rng), weights, strict=True)]
+    # Without some photographs of a lighting, without all of it, and without any photograph left out.
+    left_out = (entries[1:2], entries[3:], [])
+    subsets = Subsets(by_lighting(entries), tuple(by_lighting(part) for part in left_out))
+    for model in LADDER:
+        start = fit(model, by_lighting(entries))
+        for found, part in zip(fit_subsets(model, subsets, start), left_out, strict=True):
+            rest = by_lighting(entry for entry in entries if entry not in part)
+            expected = fit(model, rest)
+            assert found.strengths.keys() == {entry.lighting for entry in rest}
+            # Sums of products less some of them keep twelve digits; steps end at a thousandth of a standard deviation.
+            assert_allclose(found.cost, expected.cost, rtol=1e-6)
+            if model.specular:
+                assert_allclose(coordinates(found), coordinates(expected), atol=1e-4)
