@@ -22,9 +22,9 @@ from invrender.model.columns import PhotoColumns, specular_weights
 from invrender.model.fresnel import FresnelBasis
 from invrender.model.microfacet import sigma_nodes
 from invrender.solve.models import coordinates, estimate_at
-from invrender.solve.newton import newton_step
+from invrender.solve.newton import newton_steps
 from invrender.solve.search import LADDER, bounds_of, fit
-from invrender.solve.statistics import by_lighting, weighted_statistics
+from invrender.solve.statistics import Subsets, by_lighting, weighted_statistics
 from invrender.theory.specialcases import lobe
 from recon.lightfield import LightField
 
@@ -45,13 +45,13 @@ def main(count: int) -> None:
 def _table(light: str, photos: list[PhotoColumns], weights: list[Floats]) -> None:
     statistics = by_lighting(weighted_statistics(photos, weights))
     model = LADDER[-1]
-    best = fit(model, statistics)
+    best, subsets = fit(model, statistics), Subsets(statistics)
     seconds = _medians(
         {
             "product": lambda: _bare(photos, weights),
             "pass": lambda: by_lighting(weighted_statistics(photos, weights)),
             "cost": lambda: estimate_at(model, statistics, coordinates(best)),
-            "step": lambda: newton_step(best, statistics, *bounds_of(model)),
+            "step": lambda: newton_steps(model, subsets, coordinates(best)[None], *bounds_of(model)),
             "fit": lambda: fit(model, statistics),
         }
     )

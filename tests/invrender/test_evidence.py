@@ -68,7 +68,7 @@ def test_error_of_a_photograph_is_by_a_fit_that_has_not_seen_it(bench, rng):
         brdf = fit(rung.estimate.model, others).brdf
         residual = photos[0].radiance - predict_columns(photos[0], brdf, np.ones((1, 3)))
         error = np.linalg.norm(residual) / np.linalg.norm(photos[0].radiance)
-        # Started from the fit to all, a fold's simplex ends within its own tolerance of the other end.
+        # Started from the fit to all, a fold's steps end within their own tolerance of the other end.
         assert_allclose(rung.photo_errors[0], error, rtol=1e-4)
     spoilt = [bench.with_radiance(photos[0], 1.5 * photos[0].radiance), *photos[1:]]
     again = climb_ladder(spoilt, weights)

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.model.columns import photo_columns
+from invrender.model.columns import all_columns, columns_of_forms, photo_columns
 from invrender.model.form_transfer import OneIndex, form_transfer
-from invrender.model.lobes import FORMS, Angles, LobeForm
+from invrender.model.lobes import BECKMANN, FORMS, GGX_FORM, Angles, LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
@@ -78,6 +78,21 @@ def test_columns_are_the_form_at_any_index_and_roughness(form: LobeForm, bench, 
         through = predict_columns(photo, brdf, strengths)
         # Interpolation in sigma (1e-4 of the peak), the Fresnel sum (4e-4), G2 between its roughnesses (2e-4).
         assert np.abs(through - direct).max() < 1e-3 * direct.max()
+
+
+def test_facets_forms_made_together_are_those_made_alone(bench):
+    lighting = bench.known_lighting(recover_ambient=True)
+    elements = {lighting.name: light_elements(lighting)}
+    fields = [bench.sphere_field(angle, samples=40) for angle in (0.0, 100.0)]
+    names = [lighting.name] * len(fields)
+    forms = (BECKMANN, GGX_FORM)
+    found = columns_of_forms(names, elements, fields, forms)
+    assert tuple(found) == forms
+    for form in forms:
+        for own, alone in zip(found[form], all_columns(names, elements, fields, form), strict=True):
+            assert own.form is form
+            # Single precision; rings that weigh nothing in one form are summed for the other.
+            assert_allclose(own.columns, alone.columns, rtol=0, atol=3e-6 * alone.columns.max())
 
 
 def test_columns_of_another_form_are_refused(bench):
