@@ -122,7 +122,7 @@ def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
     assert result.interreflection is not None
     assert not result.interreflection.taken_off
     assert abs(result.interreflection.asked) < 0.03
-    # What taking it off would leave is no noise of the photographs': 0.3 were it counted.
+    # What taking it off would leave is no noise of the photographs'.
     assert result.interreflection.asked_std < 0.03
 
 
