@@ -241,17 +241,21 @@ def _asked(
 ) -> tuple[float, float]:
     """How many times the bounced light the photographs ask for, and its standard deviation, from residuals (n, 3).
 
-    Errors may hang together within tiles of a photograph.
+    Errors may hang together within tiles of a photograph. They are those that are left at the answer: where nothing
+    bounces, what taking it off would leave is no error of the photographs.
     """
-    slope, scores = 0.0, []
-    for photo, own, r0, r1 in zip(photos, weights, without, taken_off, strict=True):
-        change = r0 - r1
-        slope += float((own.weight * change**2).sum())
+    changes = [r0 - r1 for r0, r1 in zip(without, taken_off, strict=True)]
+    slope = max(sum(_product(*each) for each in zip(weights, changes, changes, strict=True)), 1e-300)
+    asked = sum(_product(*each) for each in zip(weights, changes, without, strict=True)) / slope
+    scores = []
+    for photo, own, change, r0 in zip(photos, weights, changes, without, strict=True):
         index = np.unique(tile_of(photo.field), return_inverse=True)[1]
-        scores.append(np.bincount(index, (own.weight * change * r1).sum(axis=1)))
-    score = np.concatenate(scores)
-    slope = max(slope, 1e-300)
-    return 1 + float(score.sum()) / slope, float(np.sqrt((score**2).sum())) / slope
+        scores.append(np.bincount(index, (own.weight * change * (r0 - asked * change)).sum(axis=1)))
+    return asked, float(np.linalg.norm(np.concatenate(scores))) / slope
+
+
+def _product(own: Weights, one: Floats, other: Floats) -> float:
+    return float((own.weight * one * other).sum())
 
 
 def _rms(values: Sequence[Floats]) -> float:

@@ -38,6 +38,8 @@ class LightField:
     sources_visible : (m, k) bool, whether each source is. Both count what is below the horizon as hidden.
     faces : (m,) triangle of a mesh, and corner_weights : (m, 3) of its corners: what belongs to vertices or to a
         texture is blended by these. None of both on a sphere.
+    footprints : (m, 2, 3) metres on a mesh's facet, across a ray's part of its pixel, to the right and down; zero where
+        it is seen edge on. None where nobody asks what varies within.
     """
 
     rows: NDArray[np.int64]
@@ -53,6 +55,7 @@ class LightField:
     sources_visible: NDArray[np.bool_]
     faces: NDArray[np.int64] | None = None
     corner_weights: Floats | None = None
+    footprints: Floats | None = None
 
     def __post_init__(self) -> None:
         for name in (entry.name for entry in fields(self)):

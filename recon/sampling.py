@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from recon.bodies import Body, body_window
+from recon.bodies import Body, SurfaceHits, body_window
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -35,6 +35,8 @@ _RAYS_PER_SIDE = ((0.02, 1), (0.08, 2), (np.inf, 4))
 _SPARE = 8
 # Bands of latitude by which normals are told apart; twice as many sectors in each, all of one solid angle.
 _BANDS = 16
+# Cosine to a facet below which it is seen edge on: a pixel's footprint on its plane says nothing of the surface.
+_EDGE_ON = 0.05
 # For who asks for no source's visibility.
 NO_SOURCES = np.zeros((0, 3))
 
@@ -175,11 +177,27 @@ def _gather(
         sources_visible=np.column_stack(seen) if seen else np.zeros((len(views), 0), bool),
         faces=hits.faces,
         corner_weights=hits.weights,
+        footprints=_footprints(camera, points, hits, 1 / per_side[ray_sample]),
     )
     # A hole, or a sliver before the surface, may be smaller than the pixel.
     complete = np.ones(len(rows), bool)
     complete[ray_sample[~hits.hit]] = False
     return field if complete.all() else field.where(complete)
+
+
+def _footprints(camera: Camera, points: Floats, hits: SurfaceHits, widths: Floats) -> Floats | None:
+    """How far facets' planes extend, (m, 2, 3) metres, across squares (m,) pixels wide; None on a sphere."""
+    if hits.faces is None:
+        return None
+    result = np.zeros((len(points), 2, 3))
+    for axis, way in enumerate(np.eye(2)):
+        origins, directions = camera.rays(points + widths[:, None] * way)
+        fall = (hits.facets * directions).sum(axis=1)
+        reached = hits.hit & (fall < -_EDGE_ON)
+        height = ((hits.positions - origins) * hits.facets).sum(axis=1)
+        along = np.where(reached, height / np.where(reached, fall, 1), 0)[:, None]
+        result[:, axis] = np.where(reached[:, None], origins + along * directions - hits.positions, 0)
+    return result
 
 
 def _gauss_nodes(count: int) -> Floats:

@@ -35,6 +35,8 @@ from recon.knownlight import read_lighting
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES
 from synthetic.materials.microfacet import Microfacet
+from synthetic.render.photograph import photographs
+from synthetic.scene import Effort
 from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 from synthetic.writer import write_photoset
@@ -42,6 +44,8 @@ from synthetic.writer import write_photoset
 _BUDGETS = (500, 2000, 20000)
 # Degree of unknown light where it is told; samples of the view that no fit sees.
 _ORDER, _JUDGED = 10, 8000
+# Directions and rays by which that view is integrated: eight and four times the photographs'.
+_JUDGING = Effort(directions=8192, per_side=8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +53,7 @@ class CatPhotos:
     """A photo set on disk with its specimen, as it is and as if it cast no shadows on itself.
 
     known, unknown : the set, its first lighting told or not. unseen : the photograph of a new view under it. held_out :
-    samples of that without noise.
+    samples of that without noise, integrated more finely: at shadows' borders the photograph itself is off by 0.2%.
     """
 
     folder: TemporaryDirectory[str]
@@ -81,9 +85,15 @@ def photographed() -> CatPhotos:
         photos=(replace(unseen, file=Path(folder.name) / "truth" / f"{place:03d}.exr", held_out=False),),
     )
     fields, _ = read_samples(clean, specimen.found, {first.name: NO_SOURCES}, _JUDGED, Clock(), silent)
+    ((radiance, _),) = photographs(
+        replace(staging.scene, shots=(staging.scene.shots[place],), effort=_JUDGING)
+    )
+    held_out = tuple(
+        replace(field, radiance=radiance[field.rows, field.columns]) for field in fields.values()
+    )
     truth = truths(staging.scene.material)
     bare = find_specimen(known, shadowing=False)
-    return CatPhotos(folder, known, unknown, specimen, bare, truth, unseen, tuple(fields.values()))
+    return CatPhotos(folder, known, unknown, specimen, bare, truth, unseen, held_out)
 
 
 def told(cat: CatPhotos, samples: int, shadowing: bool = True) -> Found:

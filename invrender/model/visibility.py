@@ -2,7 +2,8 @@
 
 Three parts of the reflected light field, three rules:
 
-- light of a directional source, diffuse and specular, counts where the ray towards it is free;
+- light of a directional source, diffuse and specular, counts where the ray towards it is free; where the border of a
+  shadow runs through a pixel, by the share of it that is lit;
 - the irradiance from all else is that of the clear sky at the normal, less what the mesh hides of it: its shadow, known
   per vertex and degree (`recon.transfer`) and blended between vertices. What varies with the normal is thus exact at
   each ray, and only the shadow is interpolated;
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +38,12 @@ Rays = NDArray[np.int64] | slice
 _MIN_COS = 0.03
 # Steps of a ring of directions around another.
 _AROUND = 6
+# Where a ray's part of its pixel is looked at for the border of a shadow, in halves of its sides; and where one runs
+# through it, how many points per side tell how much of it is lit.
+_CORNERS = ((-1, -1), (1, -1), (-1, 1), (1, 1))
+_PER_SIDE = 4
+# How far above a facet such points lie, over their distance from the ray's own: above adjoining facets, mostly.
+_LIFT = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +69,7 @@ class Shadows:
         assert field.faces is not None
         coefficients = _sky(element, self.l_max)
         hidden = None if coefficients is None else self.hidden(field, coefficients)
-        sources = [self.free(field, direction) for direction in element.directions]
+        sources = [self.lit(field, direction) for direction in element.directions]
         return Sight(_columns(sources, len(field.faces)), field.reflected_visible, hidden)
 
     def of_vertices(self, element: LightElement) -> Sight:
@@ -80,6 +88,46 @@ class Shadows:
         """Which rays (m,) of a photograph's samples meet the mesh where it sees a unit direction (3,)."""
         assert field.faces is not None
         return self._seen(field.positions, self.body.facets[field.faces], direction)
+
+    def lit(self, field: LightField, direction: Floats) -> Floats:
+        """How much of each ray's part of its pixel (m,) sees a unit direction (3,), 0 to 1.
+
+        Without footprints all of it or nothing, as its ray does.
+        """
+        assert field.faces is not None
+        lit = self.free(field, direction).astype(float)
+        if field.footprints is None:
+            return lit
+        # What turns away is dark all over.
+        rays = np.flatnonzero(
+            (self.body.facets[field.faces] @ direction > 0) & field.footprints.any(axis=(1, 2))
+        )
+        corners = [self._seen(*self._beside(field, rays, *corner), direction) for corner in _CORNERS]
+        crossed = rays[np.any([corner != (lit[rays] > 0) for corner in corners], axis=0)]
+        steps = (2 * np.arange(_PER_SIDE) + 1) / _PER_SIDE - 1
+        points = [self._below(*self._beside(field, crossed, x, y)) for x in steps for y in steps]
+        lit[crossed] = np.mean([self._seen(*point, direction) for point in points], axis=0)
+        return lit
+
+    def _beside(
+        self, field: LightField, rays: NDArray[np.int64], right: float, down: float
+    ) -> tuple[Floats, Floats]:
+        """Points (r, 3) in rays' parts of their pixels, -1 to 1 each way, just above the mesh, and the rays' facets."""
+        assert field.faces is not None
+        assert field.footprints is not None
+        facets = self.body.facets[field.faces[rays]]
+        off = 0.5 * (right * field.footprints[rays, 0] + down * field.footprints[rays, 1])
+        lift = _LIFT * np.linalg.norm(off, axis=1, keepdims=True)
+        return field.positions[rays] + off + lift * facets, facets
+
+    def _below(self, points: Floats, facets: Floats) -> tuple[Floats, Floats]:
+        """Where the mesh lies below points above facets (r, 3), and its facets there."""
+        mesh = self.body.mesh
+        found = self.body.tracer.first_hits(points, -facets)
+        there = self.body.facets[found.faces]
+        met = ((found.faces >= 0) & ((there * facets).sum(axis=1) > 0))[:, None]
+        on = blended(mesh.vertices, mesh.faces[found.faces], found.weights)
+        return np.where(met, on, points), np.where(met, there, facets)
 
     def _seen(self, positions: Floats, facets: Floats, direction: Floats) -> Mask:
         return self.body.visible(positions, facets, np.broadcast_to(direction, facets.shape))
@@ -126,11 +174,12 @@ class Shadows:
 class Sight:
     """What m rays see of an element's light.
 
-    sources : (m, k), whether each of its directional sources. mirrored : (m,), whether the mirror direction of the view
-    is free. hidden : (m, channels), irradiance that the mesh keeps off, of all but the sources; None without such.
+    sources : (m, k), how much of each of its directional sources, 0 to 1. mirrored : (m,), whether the mirror direction
+    of the view is free. hidden : (m, channels), irradiance that the mesh keeps off, of all but the sources; None where
+    there is no such light.
     """
 
-    sources: Mask
+    sources: Floats
     mirrored: Mask
     hidden: Floats | None
 
@@ -158,14 +207,14 @@ def seen_specular(
     if sight is None:
         return gather(element, slice(None))
     total: NDArray[np.floating] | None = None
-    parts = [] if sight.hidden is None else [(element.without_sources, sight.mirrored)]
-    parts += [(_source(element, k), visible) for k, visible in enumerate(sight.sources.T)]
-    for part, visible in parts:
-        rays = np.flatnonzero(visible)
+    parts = [] if sight.hidden is None else [(element.without_sources, sight.mirrored.astype(float))]
+    parts += [(_source(element, k), seen) for k, seen in enumerate(sight.sources.T)]
+    for part, seen in parts:
+        rays = np.flatnonzero(seen)
         values = gather(part, rays)
         if total is None:
-            total = np.zeros((len(visible), *values.shape[1:]), values.dtype)
-        total[rays] += values
+            total = np.zeros((len(seen), *values.shape[1:]), values.dtype)
+        total[rays] += values * seen[rays].astype(values.dtype).reshape(-1, *[1] * (values.ndim - 1))
     assert total is not None, "an element holds some light"
     return total
 
@@ -181,9 +230,9 @@ def _sky(element: LightElement, l_max: int) -> Floats | None:
     return result
 
 
-def _columns(seen: Sequence[Mask], count: int) -> Mask:
-    """Masks (count,) as columns; there may be none."""
-    return np.array(seen, bool).reshape(len(seen), count).T
+def _columns(seen: Sequence[NDArray[Any]], count: int) -> Floats:
+    """Shares (count,) as columns; there may be none."""
+    return np.array(seen, float).reshape(len(seen), count).T
 
 
 def _source(element: LightElement, k: int) -> LightElement:

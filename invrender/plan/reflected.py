@@ -126,7 +126,9 @@ class Optics:
     def of_source(self, direction: Floats, field: LightField, visible: NDArray[np.bool_]) -> Reflected:
         """What a source of unit irradiance gives, one channel; visible : (m,), of the rays."""
         source = LightElement("source", direction[None], np.ones((1, 1)))
-        return self._reflected(source, field, Sight(visible[:, None], field.reflected_visible, None))
+        return self._reflected(
+            source, field, Sight(visible[:, None].astype(float), field.reflected_visible, None)
+        )
 
     def by_direction(
         self, direction: Floats, field: LightField, visible: NDArray[np.bool_]

@@ -37,7 +37,7 @@ name = "cup"
 object = { shape = "mesh", mesh = "cup.ply" }
 material = { model = "lambertian", kd = [0.28, 0.2, 0.1] }
 camera = { width = 64, height = 56, focal_px = 240 }
-render = { directions = 256, per_side = 1, bounces = 2 }
+render = { directions = 256, per_side = 4, bounces = 2 }
 
 [[lighting]]
 directional = [

@@ -126,17 +126,17 @@ def predict_blind(
     directions, strengths = light.sources.directions, light.sources.irradiances
     total = irradiance(field.normals, light.coefficients)
     cosines = np.maximum(field.normals @ directions.T, 0)
-    free = np.ones(cosines.shape, bool)
+    lit = np.ones(cosines.shape)
     if shadows is not None:
         total -= shadows.hidden(field, light.coefficients)
         for k, direction in enumerate(directions):
-            free[:, k] = shadows.free(field, direction)
-    total = (total + (cosines * free) @ strengths) * (1 - state.kappa)
+            lit[:, k] = shadows.lit(field, direction)
+    total = (total + (cosines * lit) @ strengths) * (1 - state.kappa)
     if state.sigma is not None:
         lobe = _reflected(state, field, light.coefficients, solution.transfer)
         if shadows is not None:
             lobe *= field.reflected_visible[:, None]
-        for direction, strength, seen in zip(directions, strengths, free.T, strict=True):
+        for direction, strength, seen in zip(directions, strengths, lit.T, strict=True):
             angles = Angles.between(field.normals, direction, field.views)
             lobe += (state.form.reflected(angles, state.mu, state.sigma) * seen)[:, None] * strength
         total += state.kappa * lobe
