@@ -24,7 +24,7 @@ class Quantity:
     """A number (or one per channel) with its standard deviation, or the reason why there is none.
 
     value, std : (k,) arrays, k = 1 or 3; None where the photographs don't determine it.
-    status : "determined", "weak" (std above a tenth of the value) or "undetermined".
+    status : "determined", "weak" (std above a tenth of the value, or mu beyond common indices) or "undetermined".
     reason, remedy : plain words; empty where determined.
     """
 

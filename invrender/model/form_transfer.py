@@ -140,7 +140,7 @@ def _facets(
             cos_i = np.maximum(ring.cos_incident, np.float32(1e-4))[..., None]
             # cos_i / (cos_i cos_o / G2), as in `Smith.shape`.
             shown = _looked_up(hidden, cos_i[..., 0])
-            shown *= cos_o / cos_i
+            shown *= (cos_o if form.correlated else towards_viewer) / cos_i
             shown += towards_viewer
             np.reciprocal(shown, out=shown)
             # Nodes come last, (m, k, c, p): products over so short an axis as c's would take three times as long.

@@ -87,13 +87,24 @@ class Printed(LobeForm):
 
 
 class Smith(LobeForm):
-    """Fresnel's factor at the half vector, D G2 / (4 cos cos), heights correlated [Heitz 2014, eq. 99]."""
+    """Fresnel's factor at the half vector, D G2 / (4 cos cos).
+
+    correlated : whether facets that the viewer sees are the likelier lit, for standing out [Heitz 2014, eq. 99];
+    False if the one says nothing of the other, as in many renderers [Walter et al. 2007, eq. 23].
+    """
+
+    def __init__(self, correlated: bool = True) -> None:
+        self.correlated = correlated
+        self.name = self.name if correlated else f"uncorrelated {self.name}"
 
     def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
         lit = (angles.cos_i > 0) & (angles.cos_o > 0)
         cos_i, cos_o = (np.where(lit, cos, 1.0) for cos in (angles.cos_i, angles.cos_o))
         # cos_i cos_o / G2, finite at grazing.
-        shown = cos_i * cos_o + cos_o * self.hidden(cos_i, sigma) + cos_i * self.hidden(cos_o, sigma)
+        lost_i, lost_o = self.hidden(cos_i, sigma), self.hidden(cos_o, sigma)
+        shown = cos_i * cos_o + cos_o * lost_i + cos_i * lost_o
+        if not self.correlated:
+            shown = shown + lost_i * lost_o
         return np.where(lit, self.density(angles.theta_h, sigma) * cos_i / (4 * shown), 0)
 
     def fresnel_cosine(self, angles: Angles) -> Floats:
@@ -166,3 +177,8 @@ def phong_sigma(exponent: float) -> float:
 
 PRINTED, BECKMANN, GGX_FORM, PHONG = Printed(), Beckmann(), GGX(), Phong()
 FORMS = {form.name: form for form in (PRINTED, BECKMANN, GGX_FORM, PHONG)}
+# The same with light and viewer hidden apart: no forms that a fit may have, but rivals of those that it has.
+UNCORRELATED: dict[LobeForm, LobeForm] = {
+    BECKMANN: Beckmann(correlated=False),
+    GGX_FORM: GGX(correlated=False),
+}

@@ -33,6 +33,13 @@ _DEGREE = 30
 # Relative accuracy that cameras, light and shape can be counted on for, however small the noise.
 ACCURACY = 0.005
 _FRAGILE_SHARE = 0.5
+# Of glass, plastic and paint none has a higher index (diamond's is 2.42). Reason and remedy where one is found.
+_MOST_COMMON = 2.5
+_METAL = (
+    "an index so high stands for a metal, whose own is complex (n + ik): it says how little highlights brighten towards"
+    " grazing angles, and is no refractive index",
+    "of a metal take Ks for the reflectance at normal incidence, and mu to render with only",
+)
 # Reason and remedy where all light is the same from all sides.
 UNIFORM_LIGHT = (
     "the light is uniform: it shows how much the object reflects in all, but not which part of it is diffuse",
@@ -94,8 +101,10 @@ class Scalar:
 
 
 def assess_mu(found: Scalar, photos: Sequence[PhotoColumns], ks_share: float) -> Quantity:
-    """mu with its status; undetermined where grazing angles don't show it."""
+    """mu with its status; undetermined where grazing angles don't show it, weak where it can't be what it is called."""
     what = found.unknown(PRIOR_STD["mu"], MU_RANGE)
+    if not what and found.value > _MOST_COMMON:
+        return Quantity(np.array([found.value]), np.array([found.std]), "weak", *_METAL)
     if not what:
         return _determined(found, "add photographs with highlights at grazing angles")
     steepest = np.degrees(np.arccos(min(photo.field.cos_exitant.min() for photo in photos)))

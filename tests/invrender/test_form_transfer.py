@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.model.columns import all_columns, columns_of_forms, photo_columns
 from invrender.model.form_transfer import OneIndex, form_transfer
-from invrender.model.lobes import BECKMANN, FORMS, GGX_FORM, Angles, LobeForm
+from invrender.model.lobes import BECKMANN, FORMS, GGX_FORM, UNCORRELATED, Angles, LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict, predict_columns
 from invrender.model.transfer import LightElement, light_elements
@@ -38,7 +38,7 @@ def summed(form: LobeForm, mu: float | None, sigma: float, light, normals, views
 
 
 @pytest.mark.parametrize("sigma", [0.08, 0.25])
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("form", [*FORMS.values(), UNCORRELATED[GGX_FORM]], ids=[*FORMS, "uncorrelated"])
 def test_a_map_is_summed_over_its_directions(form: LobeForm, sigma: float, bench):
     normals, views = rays(bench)
     mu = 1.5 if form.has_fresnel else None

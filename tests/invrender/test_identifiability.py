@@ -148,3 +148,14 @@ def test_kd_and_ks_are_judged_against_their_sum(std: float, status: str):
     assert found.status == status
     assert (found.value is None) == (status == "undetermined")
     assert bool(found.reason) == bool(found.remedy) == (status != "determined")
+
+
+def test_an_index_beyond_glass_is_told_to_be_a_metals(bench):
+    photo = bench.photograph(TEFLON, [0.0], samples=50)[0]
+    # Diamond's; and what copper comes out as.
+    for value, status in [(2.42, "determined"), (3.76, "weak")]:
+        found = assess_mu(Scalar(value, 0.05, 0.0), [photo], 0.11)
+        assert (found.status, found.value[0], found.std[0]) == (status, value, 0.05)
+        assert ("no refractive index" in found.reason) == ("Ks" in found.remedy) == (status == "weak")
+    # Where photographs tell none, that is all that is said.
+    assert "grazing" in assess_mu(Scalar(3.76, 3.0, 0.0), [photo], 0.11).reason

@@ -36,7 +36,8 @@ class Certainty:
     when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting, mean
     share of what is known of a coefficient that comes from the photographs, not from the prior. misfit : what of the
     sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii : (j,) radians, of discs that
-    the sources look like; 0 of those that may be points.
+    the sources look like; 0 of those that may be points. other_mu : by name, of forms of the lobe that explain as well
+    and have mu beyond its own doubt elsewhere.
     """
 
     covariance: Floats
@@ -45,6 +46,7 @@ class Certainty:
     degree_shares: Mapping[int, Floats]
     misfit: float = 0.0
     radii: Floats = field(default_factory=lambda: np.zeros(0))
+    other_mu: Mapping[str, float] = field(default_factory=dict)
 
 
 def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None) -> Certainty:

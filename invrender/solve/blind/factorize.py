@@ -19,6 +19,7 @@ from invrender.solve.blind.forms import Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.remarks import remarks
+from invrender.solve.blind.rivals import rivals_of, with_rivals
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.screen import find_among_nonsense, judged, weights_of
 from invrender.solve.blind.sight import Sight
@@ -115,6 +116,7 @@ def factorize_blind(
         if sides is not None and sides.fit is not rungs[chosen].fit:
             rungs[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
         certainty = certainty_of(search, rungs[chosen].fit, found.split, sides)
+        certainty = with_rivals(certainty, rungs[chosen].fit, rivals_of(search, rungs[chosen], rungs))
     # As they were given.
     back = np.argsort(np.concatenate(together))
     rungs = [replace(rung, photo_errors=rung.photo_errors[back]) for rung in rungs]

@@ -13,7 +13,7 @@ import numpy as np
 from invrender.model.lobes import FORMS, PRINTED
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import as_good, cross_validate
-from invrender.solve.blind.sources import Found, find_sources, off_borders
+from invrender.solve.blind.sources import Found, find_sources, off_borders, with_seconds
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import State
 
@@ -43,7 +43,11 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     best = min(range(len(rungs)), key=lambda index: rungs[index].deviance.mean())
     chosen = 0 if as_good(rungs[0], rungs[best]) else best
     others = tuple(fit.state for index, fit in enumerate(fits) if index != chosen)
-    if chosen:
+    if chosen and not l_max:
+        # Light of degree 0 has no peaks to look for lamps at: those that were found stay.
+        fit = whole.fit(fits[chosen].state, l_max)
+        found = Found(fit, with_seconds(whole, fit))
+    elif chosen:
         found = find_sources(whole, _brightest_source(fits[chosen]), l_max)
     return Formed(found, others)
 

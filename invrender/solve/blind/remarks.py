@@ -1,4 +1,7 @@
-"""What users should know of a fit under unknown light, in sentences: lamps that may be two, elsewhere, or no points."""
+"""What users should know of a fit under unknown light, in sentences: lamps that may be two, elsewhere, or no points.
+
+And what hinges on the form of the lobe.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,7 @@ def remarks(
         *(_of_split(found, names) if fit.state.sigma is not None else ()),
         *_of_sides(sides, names),
         *_of_widths(certainty, fit, names),
+        *_of_rivals(certainty, fit),
         *_of_lonely(search, fit, names),
     )
 
@@ -77,6 +81,16 @@ def _of_widths(certainty: Certainty, fit: Fit, names: Sequence[str]) -> tuple[st
             " error bars are widened by as much. Measure the light, or photograph under a smaller lamp"
         )
     return tuple(warnings)
+
+
+def _of_rivals(certainty: Certainty, fit: Fit) -> tuple[str, ...]:
+    if not certainty.other_mu or fit.state.mu is None:
+        return ()
+    others = " and ".join(f"{name} ({mu:.3f})" for name, mu in certainty.other_mu.items())
+    return (
+        f"mu hinges on the form of the lobe: {others} explains the photographs as well as {fit.state.form.name}"
+        f" ({fit.state.mu:.3f}) does; error bars are widened by as much",
+    )
 
 
 def _of_lonely(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:

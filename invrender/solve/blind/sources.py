@@ -63,7 +63,7 @@ def find_sources(search: Search, start: State, l_max: int, peaks_at: int | None 
             better = search.fit(state, l_max, _FEW)
         fit = better if open_to else fit
     fit = _without_needless(search, _fresnel_again(search, fit, start.mu), start)
-    return Found(fit, _with_seconds(search, fit))
+    return Found(fit, with_seconds(search, fit))
 
 
 def _best_peak(search: Search, fit: Fit, lighting: int, degree: int) -> Floats | None:
@@ -115,7 +115,7 @@ def _without_needless(search: Search, fit: Fit, start: State) -> Fit:
     return search.fit(fit.state.without_source(np.array(needless)), fit.l_max, _FEW) if needless else fit
 
 
-def _with_seconds(search: Search, fit: Fit) -> Fit | None:
+def with_seconds(search: Search, fit: Fit) -> Fit | None:
     """The best fit with a source as two, in each lighting in which that is worth it."""
     if fit.state.sigma is None:
         return None
@@ -221,13 +221,13 @@ def find_starts(search: Search, l_max: int, in_the_dark: bool) -> tuple[Found, L
     """
     if not l_max:
         alone = _find_lamps(search)
-        return Found(alone.glossy, _with_seconds(search, alone.glossy)), alone
+        return Found(alone.glossy, with_seconds(search, alone.glossy)), alone
     found = find_sources(search, first_state(search, l_max), l_max)
     lamps = _find_lamps(search) if in_the_dark else None
     if lamps is None or lamps.glossy.cost > _NOT_DARK * found.fit.cost:
         return found, None
     better = _likelier(search, found.fit, search.fit(lamps.glossy.state, l_max))
-    return (found if better is found.fit else Found(better, _with_seconds(search, better))), lamps
+    return (found if better is found.fit else Found(better, with_seconds(search, better))), lamps
 
 
 def _find_lamps(search: Search) -> Lamps:

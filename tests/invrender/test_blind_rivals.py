@@ -1,0 +1,58 @@
+"""Forms of the lobe that explain as well, under unknown light: lamps on facets that hide light and viewer apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from invrender.model.lobes import GGX_FORM
+from invrender.solve.blind import factorize_blind
+from synthetic.lights.sources import DirectionalSource
+from synthetic.materials.facets import GGX
+from synthetic.materials.material import AnyFloats
+from synthetic.materials.smith import Smith
+
+from .anylobe import radiance_of
+from .test_blind import noisy
+
+MU, SIGMA = 1.5, 0.15
+
+
+class Apart(Smith):
+    """G1 G1 [Walter et al. 2007, eq. 23], as in Mitsuba's roughconductor, where facets of `Smith` are correlated."""
+
+    def lobe(self, wi: AnyFloats, wo: AnyFloats) -> AnyFloats:
+        seen_i, seen_o = (w[..., 2] / np.maximum(w[..., 2] + self.facets.hidden(w), 1e-9) for w in (wi, wo))
+        # Heitz 2014, eq. 99, in terms of G1 = 1 / (1 + Lambda).
+        together = seen_i * seen_o / np.maximum(seen_i + seen_o - seen_i * seen_o, 1e-9)
+        apart = np.divide(seen_i * seen_o, together, out=np.zeros_like(together), where=together > 0)
+        return super().lobe(wi, wo) * apart[..., None]
+
+
+@pytest.mark.parametrize("material", [Apart, Smith])
+def test_error_bars_hold_forms_that_explain_as_well(bench: SimpleNamespace, material: type[Smith]) -> None:
+    truth = material(np.full(3, 0.2), np.full(3, 0.05), MU, GGX(SIGMA, SIGMA))
+    # In a dark room, where photographs need no integral but sums over lamps.
+    lamps = [bench.source, DirectionalSource(bench.direction(130, 20), np.array([1.0, 1.2, 0.9]))]
+    photos = []
+    for angle in (0, 100, 200, 300):
+        field = bench.sphere_field(angle, 400, 90.0)
+        rays = radiance_of(truth, SIGMA, [], lamps, field.normals, field.views)
+        photos.append(replace(field, radiance=field.mean_over_rays(rays)))
+    found = factorize_blind(noisy(photos, np.random.default_rng(1)), orders=[0])
+    # Both lamps stay though the form is not that which they were found with.
+    assert (found.form, len(found.light.sources.directions)) == (GGX_FORM, 2)
+    error, std = abs(found.quantities["mu"].value[0] - MU), found.quantities["mu"].std[0]
+    told = [text for text in found.warnings if text.startswith("mu hinges on the form of the lobe")]
+    if material is Smith:
+        # The photographs tell: nothing is added to 0.0015.
+        assert error < 3 * std < 3 * 0.002
+        assert not told
+    else:
+        # GGX as it is fitted puts mu 0.005 too high; without the part of the other form 0.0024 would be stated.
+        assert 0.005 < std < 0.008
+        assert error < 1.5 * std
+        assert "uncorrelated GGX (1.50" in told[0] or "uncorrelated GGX (1.49" in told[0]
