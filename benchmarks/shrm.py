@@ -3,13 +3,14 @@
     python -m benchmarks.shrm [ROUNDS [LARGEST_SIGMA]]
 
 A colour map of 128 x 256 pixels, and what is seen of it in as many mirrored directions from each of 10 x 10 directions
-about these: a hundred reflection maps. The integration is plain C, compiled here, over those pixels alone that the lobe
-reaches: all but 5% of it, as in benchmarks.prefilter. It is done at every tenth row and column, each map's from another
-one on, and counts for the share of the pixels that these are. The harmonics go to the paper's own orders F, P of each
-sigma: `shrm` is coefficients of lobe and map, products and synthesis of the spherical harmonic reflection map, `harmonics`
-that and its hundred maps. `first` is the first map of its orders, whose rotation matrices are then kept. They take
-turns; ratios of the medians of processor time on one core count. `one map` is the ratio of one map by integration to the
-whole SHRM. `differ` is the relative RMS between both results. Needs a C compiler, and says so where there is none.
+about these: a hundred reflection maps. The integration is plain C, compiled here, over those pixels alone that the
+lobe reaches: all but 5% of it, as in benchmarks.prefilter. It is done at every tenth row and column, each map's from
+another one on, and counts for the share of the pixels that these are. The harmonics go to the paper's own F and P of
+each sigma. `shrm` is all of the spherical harmonic reflection map: coefficients of lobe and light, products, synthesis;
+`harmonics` is that and its hundred maps. `first` is the first of its orders, whose rotation matrices are then kept.
+They take turns; ratios of the medians count, of processor time on one core. `one map` is the ratio of one map by
+integration to the whole SHRM. `differ` is the relative RMS between both results. Needs a C compiler, and says so where
+there is none.
 """
 
 from __future__ import annotations
@@ -136,9 +137,9 @@ def main(rounds: int, largest_sigma: float) -> None:
             differ = np.sqrt(np.mean((ours - theirs) ** 2) / np.mean(theirs**2))
             paper, paper_map = published[0] / published[1], published[0] / len(views) / published[2]
             print(
-                f"{sigma:9.1f} {f'{f}, {p}':>9} {slow:8.1f}s {1e3 * first:7.1f}ms {1e3 * shrm:7.2f}ms {1e3 * fast:7.2f}ms"
-                f" {slow / fast:9.0f} {paper:9.0f} {10 * paper:9.0f} {slow / len(views) / shrm:9.0f} {paper_map:9.1f}"
-                f" {differ:9.2%}",
+                f"{sigma:9.1f} {f'{f}, {p}':>9} {slow:8.1f}s {1e3 * first:7.1f}ms {1e3 * shrm:7.2f}ms",
+                f"{1e3 * fast:7.2f}ms {slow / fast:9.0f} {paper:9.0f} {10 * paper:9.0f}",
+                f"{slow / len(views) / shrm:9.0f} {paper_map:9.1f} {differ:9.2%}",
                 flush=True,
             )
 

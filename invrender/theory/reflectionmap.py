@@ -34,8 +34,8 @@ Singles = NDArray[np.float32]
 # (..., 3) each, broadcast.
 Lobe = Callable[[Floats, Floats, Floats], Floats]
 
-# Edges of panels of Gauss-Legendre in theta_i' and phi, radians: seen at a grazing angle a lobe is a streak in the plane
-# of the view, so that both are finest towards it.
+# Edges of panels of Gauss-Legendre in theta_i' and phi, radians: seen at a grazing angle a lobe is a streak in the
+# plane of the view, so that both are finest towards it.
 _POLAR = (0, 0.02, 0.06, 0.15, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8, np.pi)
 _AZIMUTH = (0, 0.03, 0.12, 0.45, np.pi / 2, np.pi - 0.45, np.pi - 0.12, np.pi - 0.03, np.pi)
 # Rows of the grid whose rotation matrices are made at a time.
@@ -138,8 +138,8 @@ def mirrored_coefficients(
     """Coefficients (k, l_max + 1, q_max + 1) of a lobe over directions about the mirrored view, and energies (k,).
 
     cos_exitant : (k,), of views that are in the local xz plane; so sines, q < 0, vanish. Energies are integrals of the
-    square. fineness : nodes relative to those that keep lobes of sigma 0.08 and more to 1e-3 of the largest coefficient,
-    and to 1e-4 up to 70 degrees. Raises ValueError for cosines that aren't in (0, 1] and for values that aren't finite.
+    square. fineness : of the quadrature; 1 keeps rho_lpq of microfacet lobes of sigma 0.1 to 0.5 to 3e-4 of the
+    largest, 0.25 to 3e-3. Raises ValueError for cosines that aren't in (0, 1] and for values that aren't finite.
     """
     check_degree(l_max)
     cos_exitant = np.asarray(cos_exitant, float)
