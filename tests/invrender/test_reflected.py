@@ -41,8 +41,9 @@ def test_lobes_of_all_forms_are_their_integrals_over_the_light(name: str, rng: n
     mu = 1.5 if form.has_fresnel else None
     light = light_element(Lighting("room", latlong_map(LAMPS, 128), np.zeros((0, 3)), np.zeros((0, 3))))
     normals, views = surfaces(rng, 60)
-    normals[0], views[0] = [0, 0, 1], [0.6, 0, 0.8]  # mirrored close to a pole's other side
-    normals[1] = views[1] = [0, 0, 1]  # and at the pole itself
+    # Mirrored at a pole and close to both, views well off the normal.
+    for k, pole in enumerate((0.0, 0.008, np.pi - 0.008)):
+        normals[k], views[k] = ([np.sin(turn + pole), 0, np.cos(turn + pole)] for turn in (0.8, 1.6))
     directions, weights = sphere_grid(200)
     radiance = sum(lamp.radiance_from(directions) for lamp in LAMPS)
     truth = np.array(
