@@ -24,6 +24,7 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     "statistics": ("", "4"),
     "harmonics": ("", "1"),
     "prefilter": ("", "1 128"),
+    "shrm": ("", "1 0.1"),
     "rays": ("DIR/rays.png", "DIR/rays.png 0.002"),
     "synth": ("DIR/synth.png", "DIR/synth.png rh01-steel"),
     "decode": ("", "2"),

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
+from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
 from invrender.render.reflectance import Reflectance
+from invrender.render.reflected import LEAST_SIGMA, ReflectedMap, reflected_map
 from invrender.render.shading import shade
 from invrender.render.subject import Subject
 from invrender.render.textures import Textures
@@ -26,6 +28,8 @@ Ints = NDArray[np.int64]
 _EDGE_RAYS = 6
 _EDGE_TURN = 0.12
 _PIXELS_AT_A_TIME = 20_000
+# From so many pixels on it pays to prepare what the lobe reflects of a map.
+_MANY_PIXELS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +74,7 @@ def take_picture(
     count = (bottom - top) * (right - left)
     black = np.zeros((*shape, 3), np.float32)
     image = RadianceImage(black, black, np.zeros(shape, bool))
+    reflected = None if with_std or count < _MANY_PIXELS else _reflected(reflectance.brdf, element)
     seen = False
     for start in range(0, count, _PIXELS_AT_A_TIME):
         rows, columns = np.divmod(np.arange(start, min(start + _PIXELS_AT_A_TIME, count)), right - left)
@@ -82,16 +87,24 @@ def take_picture(
         done[inner.rows, inner.columns] = True
         rest = ~done[rows, columns]
         outer, alpha = _edge_samples(subject.body, camera, rows[rest], columns[rest])
-        for field, cover in ((inner, np.ones(len(inner))), (outer, alpha)):
+        # At the edge views are steeper than what is prepared holds for.
+        for field, cover, prepared in ((inner, np.ones(len(inner)), reflected), (outer, alpha, None)):
             if len(field):
                 seen = True
-                _enter(picture, subject, camera, reflectance, element, field, cover)
+                _enter(picture, subject, camera, reflectance, element, field, cover, prepared)
     if not seen:
         raise ValueError(
             f"the camera at {camera.centre.round(4).tolist()} m sees nothing of the object: it is inside it, or looks"
             " past it"
         )
     return picture
+
+
+def _reflected(brdf: Microfacet, element: LightElement) -> ReflectedMap | None:
+    """What the BRDF's lobe reflects of an element's map, if it has both and the lobe is wide enough."""
+    if brdf.sigma is None or brdf.sigma < LEAST_SIGMA or element.slow_map is None:
+        return None
+    return reflected_map(brdf.form, brdf.mu, brdf.sigma, element)
 
 
 def _enter(
@@ -102,13 +115,14 @@ def _enter(
     element: LightElement,
     field: LightField,
     alpha: Floats,
+    reflected: ReflectedMap | None,
 ) -> None:
     """Enter samples, of which the body covers `alpha` (n,), into a picture."""
     brdf, weights = reflectance.brdf, None
     if reflectance.textures is not None:
         weights = _paint(subject, camera, reflectance.textures, field, alpha)
         brdf = replace(brdf, kd=weights.kd[field.ray_sample], ks=weights.ks[field.ray_sample])
-    radiance, slopes = shade(brdf, element, field, subject.shadows, picture.std is not None)
+    radiance, slopes = shade(brdf, element, field, subject.shadows, picture.std is not None, reflected)
     pixels = field.rows, field.columns
     picture.radiance[pixels] = radiance * alpha[:, None]
     picture.alpha[pixels] = alpha

@@ -10,6 +10,8 @@ light from itself (`invrender.model.visibility`).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +19,9 @@ from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Rays, Shadows, facing, seen_diffuse, seen_specular
 from invrender.render.lobe import Widths, gathered
+from invrender.render.reflected import ReflectedMap
 from recon.lightfield import LightField
+from recon.sampling import MIN_COS_EXITANT
 
 Floats = NDArray[np.float64]
 
@@ -34,11 +38,12 @@ def shade(
     field: LightField,
     shadows: Shadows | None = None,
     slopes: bool = False,
+    reflected: ReflectedMap | None = None,
 ) -> tuple[Floats, Floats | None]:
     """Radiance (n, 3) of samples and, if asked for, its slopes (n, 4, 3) in kd, ks, mu and sigma.
 
     brdf : its kd and ks may be those of each ray, (m, 3). element : of known strength. shadows : of a mesh,
-    if it has any.
+    if it has any. reflected : of the element's map, in place of an integral for each ray; not with slopes.
     """
     field = facing(field)
     sight = None if shadows is None else shadows.sight(element, field)
@@ -51,7 +56,14 @@ def shade(
         widths = _stepped(brdf.mu, brdf.sigma) if slopes else [(brdf.mu, brdf.sigma)]
 
         def gather(light: LightElement, rays: Rays) -> Floats:
-            return gathered(brdf.form, light, field.normals[rays], field.views[rays], widths)
+            normals, views = field.normals[rays], field.views[rays]
+            if reflected is None or light.slow_map is None:
+                return gathered(brdf.form, light, normals, views, widths)
+            rest = gathered(brdf.form, replace(light, slow_map=None), normals, views, widths)
+            steep = (normals * views).sum(axis=1) < MIN_COS_EXITANT
+            rest[~steep] += reflected.towards(normals[~steep], views[~steep])[:, None]
+            rest[steep] = gathered(brdf.form, light, normals[steep], views[steep], widths)
+            return rest
 
         specular = seen_specular(element, sight, gather)
         total = total + brdf.ks * specular[:, 0]
