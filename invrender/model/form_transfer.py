@@ -122,6 +122,7 @@ def _facets(
     nodes, blend = _hiding_nodes(sigmas)
     # Of all forms side by side: what else a ring asks for is the same.
     hidden = np.hstack([form.hidden(steps[:, None], nodes) for form in forms]).astype(np.float32)
+    correlated = np.repeat([form.correlated for form in forms], len(nodes))
     functions, channels = factors.shape[1], light.levels[0].shape[2]
     result = np.empty((len(normals), len(forms), functions, len(sigmas), channels), np.float32)
     for part, frame, thetas, turns in chunks(light, normals, views):
@@ -132,15 +133,16 @@ def _facets(
         used = np.flatnonzero((largest > _NEGLIGIBLE * largest.max(axis=1, keepdims=True)).any(axis=0))
         cos_o = np.maximum(frame.along_normal, np.float32(1e-4))[:, None, None]
         towards_viewer = cos_o + _looked_up(hidden, frame.along_normal)[:, None]
+        # cos_i / (cos_i cos_o / G2), as in `Smith.shape`, is (cos_i + hidden) + what this is times hidden / cos_i.
+        per_hidden = np.where(correlated, cos_o, towards_viewer)
         means = np.empty(
             (len(forms), len(frame.normal), functions * channels, len(used), len(nodes)), np.float32
         )
         for place, k in enumerate(used):
             ring = facet_ring(light, frame, thetas[k], turns[k])
             cos_i = np.maximum(ring.cos_incident, np.float32(1e-4))[..., None]
-            # cos_i / (cos_i cos_o / G2), as in `Smith.shape`.
             shown = _looked_up(hidden, cos_i[..., 0])
-            shown *= (cos_o if form.correlated else towards_viewer) / cos_i
+            shown *= per_hidden / cos_i
             shown += towards_viewer
             np.reciprocal(shown, out=shown)
             # Nodes come last, (m, k, c, p): products over so short an axis as c's would take three times as long.
