@@ -239,13 +239,16 @@ def _level(padded: Sequence[Singles], spacing: float) -> Singles:
 
 
 def _pyramid(radiance_map: Singles) -> list[Singles]:
-    """The map and its halves, each pixel the mean over the four that it covers, by solid angle."""
+    """The map and its halves, each pixel the mean over what it covers, by solid angle; of any height."""
     levels = [radiance_map]
-    while (height := levels[-1].shape[0]) > 8 and height % 2 == 0:
-        weights = latlong_solid_angles(height)[:, :, None]
-        sums = (levels[-1] * weights).reshape(height // 2, 2, height, 2, -1).sum(axis=(1, 3))
-        total = 2 * weights.reshape(height // 2, 2, 1).sum(axis=1)[:, :, None]
-        levels.append((sums / total).astype(np.float32))
+    while (height := levels[-1].shape[0]) > 8:
+        weights = np.broadcast_to(latlong_solid_angles(height)[:, :, None], levels[-1].shape)
+        half = (2 * (height // 2), height // 2)
+        flux, total = (
+            cv2.resize(part.astype(np.float64), half, interpolation=cv2.INTER_AREA)
+            for part in (levels[-1] * weights, weights)
+        )
+        levels.append((flux / total).reshape(half[1], half[0], -1).astype(np.float32))
     return levels
 
 

@@ -91,11 +91,13 @@ def split_map(radiance_map: Singles) -> tuple[Singles, Floats, Floats]:
     """A map as a slow part and compact sources [RH01, section 5.3: slow and fast-varying lighting].
 
     Returns the map with its outstanding pixels levelled to their neighbourhood, and directions (k, 3) and
-    irradiances (k, 3) of what was taken off. The total light is unchanged.
+    irradiances (k, 3) of what was taken off. The total light is unchanged. The neighbourhood is what is left of the
+    map without all that is narrower than five pixels: a lamp of several pixels doesn't hide in its own surroundings.
     """
     height = radiance_map.shape[0]
     weights = latlong_solid_angles(height)[:, :, None]
-    neighbourhood = cv2.medianBlur(np.pad(radiance_map, ((2, 2), (2, 2), (0, 0)), mode="wrap"), 5)[2:-2, 2:-2]
+    padded = np.pad(radiance_map, ((2, 2), (2, 2), (0, 0)), mode="wrap")
+    neighbourhood = cv2.morphologyEx(padded, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))[2:-2, 2:-2]
     excess = radiance_map - neighbourhood
     flux = (excess * weights).sum(axis=2)
     total = float((radiance_map * weights).sum())
