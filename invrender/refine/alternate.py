@@ -15,6 +15,7 @@ from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.pipeline import Run, process
 from invrender.refine.photometric import RefinedPose, Sight, refine_pose
+from invrender.refine.rim import outline_in
 from invrender.solve.noise import NoiseModel
 from recon.bodies import MeshBody
 from recon.lightfield import LightField
@@ -107,6 +108,7 @@ def _sight(given: PhotoSet, run: Run, off: tuple[float, float], index: int) -> S
         columns=field.columns[chosen],
         radiance=lambda field: run.solved.radiance(photo, field),
         noise=NoiseModel(run.result.noise_floor, run.result.noise_relative),
+        outline=outline_in(photo.camera, mask),
     )
     return replace(sight, units=np.repeat([np.radians(off[0]), off[1] / sight.px_per_metre], 3))
 

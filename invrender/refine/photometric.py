@@ -3,7 +3,8 @@
 With the picture P that is predicted at a pose and the motion u(x) of the surface in it per change of the pose, the
 picture changes by -grad P . u, as if everything that is seen, highlights too, were painted on. Gauss-Newton steps with
 these slopes [Lucas and Kanade 1981, "An iterative image registration technique"] are judged by new predictions, on
-pixels that they are not made from. What pixels don't tell is held by a prior: how far off the pose may be.
+pixels that they are not made from. The mask's outline has its say in both (`rim`). What neither tells is held by a
+prior: how far off the pose may be.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ from scipy.ndimage import binary_dilation, generate_binary_structure
 from capture.camera import Camera
 from capture.radiance import RadianceImage
 from invrender.model.visibility import facing
+from invrender.refine.blocks import Equations, block_equations
 from invrender.refine.posechange import changed, image_motion
+from invrender.refine.rim import Rim, rim_of
 from invrender.solve.evidence import relative_rms
-from invrender.solve.linear import symmetric_pinv
 from invrender.solve.noise import NoiseModel, photo_weights
-from recon.bodies import Body
+from recon.align.outlines import Outline
+from recon.bodies import MeshBody
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, samples_at
 
@@ -45,7 +48,7 @@ class Sight:
     and metres: standard deviations. rows, columns : (n,) of the pixels that are compared. radiance : of samples.
     """
 
-    body: Body
+    body: MeshBody
     camera: Camera
     image: RadianceImage
     centre: Floats
@@ -54,10 +57,16 @@ class Sight:
     columns: Ints
     radiance: Callable[[LightField], Floats]
     noise: NoiseModel
+    outline: Outline | None = None
 
     def at(self, change: Floats) -> Camera:
         """The camera after a change (6,) in units."""
         return changed(self.camera, self.centre, change * self.units)
+
+    @property
+    def observed(self) -> Floats:
+        """What the pixels show, (n, 3)."""
+        return self.image.radiance[self.rows, self.columns].astype(float)
 
     @property
     def px_per_metre(self) -> float:
@@ -98,9 +107,9 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class RefinedPose:
-    """What pixels say of a pose.
+    """What a photograph says of its pose.
 
-    change : (6,) in units, zero where they say nothing. covariance : (6, 6), in units.
+    change : (6,) in units, zero where nothing is said. covariance : (6, 6), in units.
     error_before, error_after : relative RMS of pixels that made no step.
     """
 
@@ -110,68 +119,99 @@ class RefinedPose:
     error_after: float
 
 
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A photograph as predicted after a change (6,), in units: pixels (n, 3), their slopes (n, 3, 6), its rim."""
+
+    change: Floats
+    predicted: Floats
+    slopes: Floats
+    rim: Rim | None
+
+    @property
+    def whole(self) -> NDArray[np.bool_]:
+        """Pixels (n,) that are predicted, slopes too."""
+        joint = np.column_stack([self.predicted, self.slopes.reshape(len(self.slopes), -1)])
+        return np.asarray(np.isfinite(joint).all(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """A step, and what judges it, as things looked before it.
+
+    information : (6, 6) and step : (6,), of pixels, outline and prior. observed : (n, 3). weight : (n, 3) of pixels
+    that judge, 0 of others. together, rim_together : how many pixels, and how many points of the outline, count as
+    one. rim_std : pixels.
+    """
+
+    information: Floats
+    step: Floats
+    observed: Floats
+    weight: Floats
+    together: float
+    rim_together: float
+    rim_std: float
+
+    def deviance(self, view: _View) -> float:
+        """Of the pixels that judge, the outline and the prior; pixels that are lacking have the others' mean."""
+        residual = self.observed - view.predicted
+        judging = self.weight > 0
+        used = judging & np.isfinite(residual)
+        pixels = (self.weight[used] * residual[used] ** 2).sum() / max(used.sum(), 1) * judging.sum()
+        rim = 0.0 if view.rim is None else view.rim.deviance(self.rim_std) / self.rim_together
+        return float(pixels / self.together + rim + view.change @ view.change)
+
+
 def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
-    """The change (6,) of a photograph's pose, in units, that its pixels ask for, from a start on."""
-    observed = sight.image.radiance[sight.rows, sight.columns].astype(float)
+    """The change (6,) of a photograph's pose, in units, that its pixels and outline ask for, from a start on."""
     makes = (sight.rows // _BLOCK + sight.columns // _BLOCK) % 2 == 0
-    change = start
-    predicted, slopes = sight.slopes(change)
-    if _whole(predicted, slopes).sum() < _FEWEST:
+    view = _viewed(sight, start)
+    if view.whole.sum() < _FEWEST:
         return RefinedPose(start, np.eye(6), np.nan, np.nan)
-
-    def relative(predicted: Floats) -> float:
-        seen = np.isfinite(predicted) & ~makes[:, None]
-        return relative_rms((observed - predicted)[seen], observed[seen])
-
-    before = relative(predicted)
+    before = _error(sight, view, ~makes)
     for _ in range(_STEPS):
-        whole = _whole(predicted, slopes)
-        residual, slopes = (
-            np.where(whole[:, None], observed - predicted, 0),
-            np.where(whole[:, None, None], slopes, 0),
-        )
-        weight = np.zeros_like(observed)
-        weight[whole] = photo_weights(sight.noise, predicted[whole], residual[whole]).weight
-        making, judging = weight * makes[:, None], weight * ~makes[:, None]
-        information, together = _information(sight, making, slopes, residual)
-        pull = np.einsum("nc,nci,nc->i", making, slopes, residual) / together
-        covariance = np.asarray(np.linalg.inv(information + np.eye(6)), float)
-        now = _deviation(judging, observed - predicted)
-        step = covariance @ (pull - change)
+        judge = _judge(sight, view, makes)
+        now = judge.deviance(view)
         for halvings in range(_HALVINGS + 1):
-            tried = change + step / 2**halvings
-            there = sight.slopes(tried)
-            if _deviation(judging, observed - there[0]) < now:
+            there = _viewed(sight, view.change + judge.step / 2**halvings)
+            if judge.deviance(there) < now:
                 break
         else:
             break
-        change, (predicted, slopes) = tried, there
-        if np.abs(step).max() < _SMALL:
+        view = there
+        if np.abs(judge.step).max() < _SMALL:
             break
-    return RefinedPose(change, covariance, before, relative(predicted))
+    covariance = np.asarray(np.linalg.inv(judge.information), float)
+    return RefinedPose(view.change, covariance, before, _error(sight, view, ~makes))
 
 
-def _whole(predicted: Floats, slopes: Floats) -> NDArray[np.bool_]:
-    return np.asarray(np.isfinite(np.column_stack([predicted, slopes.reshape(len(slopes), -1)])).all(axis=1))
+def _viewed(sight: Sight, change: Floats) -> _View:
+    rim = None if sight.outline is None else rim_of(sight.outline, sight.body, sight.at(change))
+    return _View(change, *sight.slopes(change), rim)
 
 
-def _deviation(weight: Floats, residual: Floats) -> float:
-    """Weighted RMS of residuals (n, 3), of those that there are; weights are 0 of what has no say."""
-    used = np.isfinite(residual) & (weight > 0)
-    return float(np.sqrt((weight[used] * residual[used] ** 2).sum() / max(used.sum(), 1)))
+def _judge(sight: Sight, view: _View, makes: NDArray[np.bool_]) -> _Judge:
+    """The Gauss-Newton step from a view, made of some pixels, (n,) bool, and what judges it."""
+    whole, observed = view.whole, sight.observed
+    residual = np.where(whole[:, None], observed - view.predicted, 0)
+    weight = np.zeros_like(observed)
+    weight[whole] = photo_weights(sight.noise, view.predicted[whole], residual[whole]).weight
+    blocks = np.repeat((sight.rows // _BLOCK) * 100_000 + sight.columns // _BLOCK, 3)
+    slopes = np.where(whole[:, None, None], view.slopes, 0).reshape(-1, 6)
+    pixels = block_equations(blocks, (weight * makes[:, None]).ravel(), slopes, residual.ravel())
+    rim, std = Equations(np.zeros((6, 6)), np.zeros(6), 1.0), np.inf
+    if view.rim is not None:
+        std = view.rim.std
+        motion = image_motion(
+            sight.camera, sight.centre, view.change * sight.units, sight.units, view.rim.points
+        )
+        rim = view.rim.equations(motion, std)
+    information = pixels.information + rim.information + np.eye(6)
+    step = np.asarray(np.linalg.solve(information, pixels.pull + rim.pull - view.change), float)
+    judging = weight * ~makes[:, None]
+    return _Judge(information, step, observed, judging, pixels.together, rim.together, std)
 
 
-def _information(sight: Sight, weight: Floats, slopes: Floats, residual: Floats) -> tuple[Floats, float]:
-    """What pixels tell of a change, (6, 6), and by what their independent information was divided for it, 1 or more.
-
-    What the prediction lacks, a blurred texture's edges say, is the same over blocks of pixels: scores are then as much
-    larger than noise would make them, and the pixels count for as much less.
-    """
-    blocks = np.unique((sight.rows // _BLOCK) * 100_000 + sight.columns // _BLOCK, return_inverse=True)[1]
-    scores = np.zeros((blocks.max() + 1, 6))
-    np.add.at(scores, blocks, np.einsum("nc,nci,nc->ni", weight, slopes, residual))
-    independent = np.einsum("nc,nci,ncj->ij", weight, slopes, slopes)
-    # Directions of which nothing is told have no say in it.
-    excess = float(np.trace(symmetric_pinv(independent) @ scores.T @ scores)) / 6
-    together = max(excess, 1.0)
-    return independent / together, together
+def _error(sight: Sight, view: _View, chosen: NDArray[np.bool_]) -> float:
+    seen = np.isfinite(view.predicted) & chosen[:, None]
+    return relative_rms((sight.observed - view.predicted)[seen], sight.observed[seen])

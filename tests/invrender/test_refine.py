@@ -18,6 +18,7 @@ from capture.photoset import load_photoset
 from capture.radiance import RadianceImage
 from invrender.refine.photometric import RefinedPose, Sight, refine_pose
 from invrender.refine.posechange import changed, pose_covariance, position_std
+from invrender.refine.rim import outline_in
 from invrender.solve.noise import NoiseModel
 from recon.bodies import MeshBody
 from recon.lightfield import LightField
@@ -53,7 +54,14 @@ def rings(positions: Floats) -> Floats:
     return 1 + 0.5 * np.sin(directions(positions)[:, 2:] * [9, 7, 11] + [0, 1, 2])
 
 
-def refined(paint: Callable[[Floats], Floats], change: Floats, rng: np.random.Generator) -> RefinedPose:
+def grey(positions: Floats) -> Floats:
+    """Paint (n, 3) that doesn't change at all."""
+    return np.ones_like(positions)
+
+
+def refined(
+    paint: Callable[[Floats], Floats], change: Floats, rng: np.random.Generator, masked: bool = False
+) -> RefinedPose:
     """What is found where a painted ball was photographed after a change (6,) in units of the pose."""
     pose = Arc(CENTRE, [0, 0, 1], 0.6, [1, 0, 0]).pose(0.4)
     camera = Camera("PINHOLE", np.array([900.0, 900.0, 60.0, 50.0]), 120, 100, pose)
@@ -76,7 +84,9 @@ def refined(paint: Callable[[Floats], Floats], change: Floats, rng: np.random.Ge
     def seen(field: LightField) -> Floats:
         return np.asarray(field.mean_over_rays(paint(field.positions)))
 
-    sight = Sight(body, camera, image, CENTRE, UNITS, field.rows, field.columns, seen, NOISE)
+    coverage = hit.reshape(100, SUB, 120, SUB).mean(axis=(1, 3)).astype(np.float32)
+    outline = outline_in(camera, coverage if masked else None)
+    sight = Sight(body, camera, image, CENTRE, UNITS, field.rows, field.columns, seen, NOISE, outline)
     return refine_pose(sight, np.zeros(6))
 
 
@@ -105,6 +115,18 @@ def test_what_the_paint_does_not_tell_stays_as_it_was() -> None:
     assert std[1] == pytest.approx(1, abs=0.1)
     others = [0, 2, 4]
     assert (np.abs(found.change - truth)[others] < 4 * std[others] + 0.02).all()
+
+
+def test_an_outline_tells_the_shift_of_what_has_no_paint() -> None:
+    truth = np.array([0.3, -0.4, 0.2, 1.2, -0.8, 0.0])
+    found = refined(grey, truth, np.random.default_rng(4), masked=True)
+    std = np.sqrt(np.diag(found.covariance))
+    # Its size is told but for how large the mask is drawn; a ball's turns by nothing.
+    assert (std[3:5] < 0.1).all(), std
+    assert (np.abs(found.change - truth)[3:5] < 4 * std[3:5]).all(), (found.change, std)
+    # Facets seem to say a little of turns.
+    assert std[[0, 1, 2, 5]] == pytest.approx(1, abs=0.2)
+    assert (np.abs(found.change[:3]) < 0.1).all()
 
 
 def test_covariances_are_of_the_pose_as_it_is_written(rng: np.random.Generator) -> None:
