@@ -11,7 +11,7 @@ g_k(theta_o), which takes the fewest terms that there are for an accuracy; [R02,
 Measured against sums over 51,000 and more half-vectors per pixel, under maps of a cathedral and a square, for sigma of
 0.1 and 0.3, mu 1.5 and cos theta_o above 0.15: off by 0.2 to 0.5% of the RMS radiance in the square, where the integral
 pixel by pixel (`half_vectors`) is off by 0.05 to 0.3%; in the cathedral by up to 2% at angles beyond 60 degrees and by
-0.5% else, where that is off by up to 10% and 4%. Closer to grazing lobes are streaks, of higher degrees than these.
+0.5% else, where that is off by about 1%. Closer to grazing lobes are streaks, of higher degrees than these.
 """
 
 from __future__ import annotations
