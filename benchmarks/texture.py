@@ -1,8 +1,9 @@
 """Memory and time of a large texture: python -m benchmarks.texture [SCALE].
 
 A bumpy, painted doll of 200,000 faces in 20 photographs of 2 megapixels, 1% noise, three softboxes and a lamp; each
-lit pixel is a sum over eight random directions of its own, whose noise is half of the radiance (RMS). SCALE (1) multiplies lengths in pixels and the number of samples, and
-divides the facets' edges. What counts: peak memory, and the texel solve's time over that of the visibility pass.
+lit pixel is a sum over eight random directions of its own, whose noise is half of the radiance (RMS). SCALE (1)
+multiplies lengths in pixels and the number of samples, and divides the facets' edges. What counts: peak memory, and
+the texel solve's time over that of the visibility pass.
 """
 
 from __future__ import annotations
