@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 _ROUNDS = 8
 # A round that leaves more than this share of the error has moved nothing that matters, and isn't kept.
 _STALLS = 0.98
+# Moves are not made more than so many times as long.
+_MOST_STRETCH = 3.0
 # Pixels of a photograph that its pose is read off, in patches of so many a side.
 _PIXELS, _PATCH = 8000, 24
 
@@ -42,6 +44,33 @@ class Refined:
     sights: tuple[Sight, ...]
     poses: tuple[RefinedPose, ...]
     errors: tuple[float, ...]
+
+
+class _Stretch:
+    """Longer moves for photographs that are fitted: these have put a part of themselves into what predicts them.
+
+    Such turns close in on their end by about the same share each time; from how much the moves asked for shrink follows
+    how much further to go [Irons and Tuck 1969, "A version of the Aitken accelerator for computer iteration"].
+    """
+
+    def __init__(self, fitted: NDArray[np.bool_]) -> None:
+        self._fitted, self._factor = fitted, 1.0
+        self._asked: Floats | None = None
+
+    def stretched(self, before: Sequence[RefinedPose], found: Sequence[RefinedPose]) -> list[RefinedPose]:
+        """Poses found in a round, further from where they were before it."""
+        moves = np.array([new.change - old.change for old, new in zip(before, found, strict=True)])
+        asked = moves[self._fitted].ravel()
+        if self._asked is not None:
+            less = asked - self._asked
+            factor = -self._factor * float(self._asked @ less) / max(float(less @ less), 1e-300)
+            self._factor = float(np.clip(factor, 1.0, _MOST_STRETCH))
+        self._asked = asked
+        factors = np.where(self._fitted, self._factor, 1.0)
+        return [
+            replace(new, change=old.change + factor * move)
+            for old, new, factor, move in zip(before, found, factors, moves, strict=True)
+        ]
 
 
 def refine_poses(
@@ -61,6 +90,7 @@ def refine_poses(
     poses = [RefinedPose(np.zeros(6), np.eye(6), np.nan, np.nan)] * len(photoset.photos)
     best: Refined | None = None
     sights: list[Sight] = []
+    stretch = _Stretch(np.array([not photo.held_out for photo in photoset.photos]))
     for _ in range(_ROUNDS + 1):
         moved = photoset if best is None else _moved(photoset, sights, poses)
         run = process(moved, samples, track)
@@ -69,7 +99,7 @@ def refine_poses(
             break
         sights = _sights(photoset, run, (turn_deg, shift_px))
         best = Refined(moved, tuple(sights), tuple(poses), (*(best.errors if best else ()), error))
-        poses = _round(sights, [pose.change for pose in poses], track)
+        poses = stretch.stretched(poses, _round(sights, [pose.change for pose in poses], track))
     assert best is not None
     return best
 
