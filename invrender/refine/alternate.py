@@ -46,7 +46,7 @@ class Refined:
     errors: tuple[float, ...]
 
 
-class _Stretch:
+class Stretch:
     """Longer moves for photographs that are fitted: these have put a part of themselves into what predicts them.
 
     Such turns close in on their end by about the same share each time; from how much the moves asked for shrink follows
@@ -90,7 +90,7 @@ def refine_poses(
     poses = [RefinedPose(np.zeros(6), np.eye(6), np.nan, np.nan)] * len(photoset.photos)
     best: Refined | None = None
     sights: list[Sight] = []
-    stretch = _Stretch(np.array([not photo.held_out for photo in photoset.photos]))
+    stretch = Stretch(np.array([not photo.held_out for photo in photoset.photos]))
     for _ in range(_ROUNDS + 1):
         moved = photoset if best is None else _moved(photoset, sights, poses)
         run = process(moved, samples, track)

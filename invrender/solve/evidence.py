@@ -194,8 +194,10 @@ def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subset
             strengths = fit_strengths(photo, part.weights.weight, estimate)
         residual = photo.radiance - predict_columns(photo, estimate.brdf, strengths)
         square = (trust * residual**2).sum(axis=1)
-        total = np.maximum(np.bincount(part.photo_of, (trust * photo.radiance**2).sum(axis=1)), 1e-300)
-        errors[part.photos] = np.sqrt(np.bincount(part.photo_of, square) / total)
+        own = len(part.photos)
+        total = np.bincount(part.photo_of, (trust * photo.radiance**2).sum(axis=1), minlength=own)
+        total = np.maximum(total, 1e-300)
+        errors[part.photos] = np.sqrt(np.bincount(part.photo_of, square, minlength=own) / total)
         energy += np.bincount(part.patch_of, square / total[part.photo_of], minlength=patches)
     free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}
     return Rung(full, errors, energy, model.parameters + 3 * len(free))

@@ -16,6 +16,7 @@ from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.photoset import load_photoset
 from capture.radiance import RadianceImage
+from invrender.refine.alternate import Stretch
 from invrender.refine.photometric import RefinedPose, Sight, refine_pose
 from invrender.refine.posechange import changed, pose_covariance, position_std
 from invrender.refine.rim import outline_in
@@ -127,6 +128,22 @@ def test_an_outline_tells_the_shift_of_what_has_no_paint() -> None:
     # Facets seem to say a little of turns.
     assert std[[0, 1, 2, 5]] == pytest.approx(1, abs=0.2)
     assert (np.abs(found.change[:3]) < 0.1).all()
+
+
+def test_moves_that_shrink_alike_are_stretched_to_their_end() -> None:
+    def poses(changes: Floats) -> list[RefinedPose]:
+        return [RefinedPose(change, np.eye(6), np.nan, np.nan) for change in changes]
+
+    start = np.random.default_rng(2).standard_normal((4, 6))
+    stretch = Stretch(np.array([True, True, True, False]))
+    # Each round leaves 0.6 of what poses are off.
+    first = stretch.stretched(poses(start), poses(0.6 * start))
+    once = np.array([pose.change for pose in first])
+    assert once == pytest.approx(0.6 * start)
+    second = np.array([pose.change for pose in stretch.stretched(first, poses(0.6 * once))])
+    assert second[:3] == pytest.approx(np.zeros((3, 6)), abs=1e-12)
+    # What isn't fitted, nothing holds back.
+    assert second[3] == pytest.approx(0.36 * start[3])
 
 
 def test_covariances_are_of_the_pose_as_it_is_written(rng: np.random.Generator) -> None:
