@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,22 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from capture.lighting import latlong_directions, latlong_solid_angles
+from benchmarks.overangles import HEIGHT, LEFT_OUT, compiled, light_map, map_pixels
 from invrender.theory.convolution import filtered
 from invrender.theory.latlong import analyse_latlong, synthesise_latlong
 from invrender.theory.specialcases import phong_transfer
-from synthetic.lights.arealight import AreaLight
-from synthetic.lights.illumination import latlong_map
 
 Floats = NDArray[np.float64]
 
 # Exponents, and the paper's ratio of times at each.
 _PUBLISHED = {8: 830.6, 16: 333.6, 32: 137.1, 64: 52.6, 128: 21.9, 256: 7.7, 512: 3.3}
-_HEIGHT, _ROUNDS, _LEFT_OUT = 128, 3, 0.05
-_LIGHTS = (
-    AreaLight(np.array([-0.26, 0.72, 0.64]), np.array([1.5, 1.6, 1.8]), width_rad=0.7),
-    AreaLight(np.array([0.7, -0.1, -0.7]), np.array([0.9, 0.5, 0.3]), width_rad=1.0),
-)
+_ROUNDS = 3
 _SOURCE = """
 #include <math.h>
 
@@ -83,7 +76,7 @@ def main(rounds: int, least_exponent: int) -> None:
     if compiler is None:
         print("There is no C compiler (cc), so nothing to compare with.")
         return
-    values = latlong_map(_LIGHTS, _HEIGHT).astype(np.float32) + np.float32(0.1)
+    values = light_map()
     titles = ("exponent", "degree", "angles", "harmonics", "ratio", "paper", "goal", "differ")
     print(" ".join(f"{title:>9}" for title in titles))
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
@@ -109,28 +102,22 @@ def main(rounds: int, least_exponent: int) -> None:
 def by_harmonics(values: NDArray[np.float32], exponent: int, degree: int) -> Floats:
     """A map (h, 2h, 3) filtered by Phong's lobe, as lightfactor does it."""
     return synthesise_latlong(
-        filtered(analyse_latlong(values, degree), phong_transfer(float(exponent), degree)).real, _HEIGHT
+        filtered(analyse_latlong(values, degree), phong_transfer(float(exponent), degree)).real, HEIGHT
     )
 
 
 def _compiled(compiler: str, folder: Path) -> Callable[[NDArray[np.float32], int], NDArray[np.float32]]:
-    source, library = folder / "prefilter.c", folder / "prefilter.so"
-    source.write_text(_SOURCE, encoding="utf-8")
-    subprocess.run([compiler, "-O3", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
-    integrate = ctypes.CDLL(str(library)).prefilter
+    integrate = compiled(compiler, folder, _SOURCE).prefilter
     pointer = np.ctypeslib.ndpointer(np.float32, flags="C")
     integrate.argtypes = [ctypes.c_int, pointer, pointer, pointer, ctypes.c_float, ctypes.c_float, pointer]
     integrate.restype = None
-    directions = np.ascontiguousarray(latlong_directions(_HEIGHT), np.float32)
-    solid = np.ascontiguousarray(
-        np.broadcast_to(latlong_solid_angles(_HEIGHT), directions.shape[:2]), np.float32
-    )
+    directions, solid = map_pixels()
 
     def over_angles(values: NDArray[np.float32], exponent: int) -> NDArray[np.float32]:
         # Beyond this angle is so much of the integral of cos^s.
-        reach = float(np.arccos(_LEFT_OUT ** (1 / (exponent + 1))))
+        reach = float(np.arccos(LEFT_OUT ** (1 / (exponent + 1))))
         out = np.empty_like(values)
-        integrate(_HEIGHT, directions, solid, np.ascontiguousarray(values), exponent, reach, out)
+        integrate(HEIGHT, directions, solid, np.ascontiguousarray(values), exponent, reach, out)
         return out
 
     return over_angles

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -30,11 +29,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from capture.lighting import latlong_directions, latlong_solid_angles
+from benchmarks.overangles import HEIGHT, LEFT_OUT, compiled, light_map, map_pixels
+from capture.lighting import latlong_directions
 from invrender.model.lobes import PRINTED, Angles
 from invrender.theory.reflectionmap import ReflectionMap, lobe_coefficients, reflection_map
-from synthetic.lights.arealight import AreaLight
-from synthetic.lights.illumination import latlong_map
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -48,13 +46,9 @@ _PUBLISHED = {
     0.4: (5, 2, 9034, 1.47, 0.65),
     0.5: (5, 2, 12580, 1.45, 0.64),
 }
-_HEIGHT, _SIDE, _STRIDE, _ROUNDS, _REPEATS, _LEFT_OUT = 128, 10, 10, 3, 10, 0.05
+_SIDE, _STRIDE, _ROUNDS, _REPEATS = 10, 10, 3, 10
 # Of the lobe's quadrature: 0.2% of its largest coefficient, where the orders leave 3% of the energy.
 _FINENESS = 0.25
-_LIGHTS = (
-    AreaLight(np.array([-0.26, 0.72, 0.64]), np.array([1.5, 1.6, 1.8]), width_rad=0.7),
-    AreaLight(np.array([0.7, -0.1, -0.7]), np.array([0.9, 0.5, 0.3]), width_rad=1.0),
-)
 _SOURCE = """
 #include <math.h>
 
@@ -107,16 +101,16 @@ def main(rounds: int, largest_sigma: float) -> None:
     if compiler is None:
         print("There is no C compiler (cc), so nothing to compare with.")
         return
-    values = latlong_map(_LIGHTS, _HEIGHT).astype(np.float32) + np.float32(0.1)
+    values = light_map()
     views = _local_views()
     image, pixel = _sampled_pixels()
     seen_from = _world_views(views, image, pixel)
-    share = len(pixel) / (len(views) * 2 * _HEIGHT**2)
+    share = len(pixel) / (len(views) * 2 * HEIGHT**2)
     titles = ("sigma", "F, P", "angles", "first", "shrm", "harmonics", "ratio", "paper", "goal")
     print(" ".join(f"{title:>9}" for title in (*titles, "one map", "paper", "differ")))
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
         over_angles = _compiled(compiler, Path(folder))
-        maps = np.empty((len(views), 3, _HEIGHT, 2 * _HEIGHT), np.float32)
+        maps = np.empty((len(views), 3, HEIGHT, 2 * HEIGHT), np.float32)
         for sigma, (f, p, *published) in _PUBLISHED.items():
             if sigma > largest_sigma:
                 continue
@@ -152,7 +146,7 @@ def by_harmonics(values: Singles, sigma: float, l_max: int, p_max: int) -> Refle
         return PRINTED.shape(angles, sigma) * angles.cos_o  # [R02, eq. 5.34] above the horizon
 
     rho, _ = lobe_coefficients(lobe, l_max, p_max, _FINENESS)
-    return reflection_map(values, rho, _HEIGHT)
+    return reflection_map(values, rho, HEIGHT)
 
 
 def _local_views() -> Floats:
@@ -168,15 +162,15 @@ def _local_views() -> Floats:
 
 def _sampled_pixels() -> tuple[Ints, Ints]:
     """Which map, and which of its pixels, (n,) each."""
-    image, row, column = np.indices((_SIDE**2, -(-_HEIGHT // _STRIDE), -(-2 * _HEIGHT // _STRIDE)))
+    image, row, column = np.indices((_SIDE**2, -(-HEIGHT // _STRIDE), -(-2 * HEIGHT // _STRIDE)))
     row, column = _STRIDE * row + image // _SIDE, _STRIDE * column + image % _SIDE
-    kept = (row < _HEIGHT) & (column < 2 * _HEIGHT)
-    return image[kept].astype(np.int32), (2 * _HEIGHT * row + column)[kept].astype(np.int32)
+    kept = (row < HEIGHT) & (column < 2 * HEIGHT)
+    return image[kept].astype(np.int32), (2 * HEIGHT * row + column)[kept].astype(np.int32)
 
 
 def _world_views(local: Floats, image: Ints, pixel: Ints) -> Singles:
     """Views (n, 3) in the world: Rz(beta) Ry(alpha) of the local ones."""
-    about = latlong_directions(_HEIGHT).reshape(-1, 3)[pixel]
+    about = latlong_directions(HEIGHT).reshape(-1, 3)[pixel]
     level = np.linalg.norm(about[:, :2], axis=1)
     y = np.stack([-about[:, 1] / level, about[:, 0] / level, np.zeros_like(level)], axis=-1)
     frames = np.stack([np.cross(y, about), y, about], axis=-1)
@@ -184,24 +178,18 @@ def _world_views(local: Floats, image: Ints, pixel: Ints) -> Singles:
 
 
 def _compiled(compiler: str, folder: Path) -> Callable[[Singles, Ints, Singles, float], Singles]:
-    source, library = folder / "shrm.c", folder / "shrm.so"
-    source.write_text(_SOURCE, encoding="utf-8")
-    subprocess.run([compiler, "-O3", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
-    integrate = ctypes.CDLL(str(library)).integrate
+    integrate = compiled(compiler, folder, _SOURCE).integrate
     single, whole = (np.ctypeslib.ndpointer(kind, flags="C") for kind in (np.float32, np.int32))
     integrate.argtypes = [ctypes.c_int, whole, single, ctypes.c_int, single, single, single]
     integrate.argtypes += [ctypes.c_float, ctypes.c_float, single]
     integrate.restype = None
-    directions = np.ascontiguousarray(latlong_directions(_HEIGHT), np.float32)
-    solid = np.ascontiguousarray(
-        np.broadcast_to(latlong_solid_angles(_HEIGHT), directions.shape[:2]), np.float32
-    )
+    directions, solid = map_pixels()
 
     def over_angles(values: Singles, pixels: Ints, views: Singles, sigma: float) -> Singles:
         # Beyond this half-vector's angle is so much of the integral of the lobe; the light is twice as far.
-        reach = 2 * sigma * float(np.sqrt(-np.log(_LEFT_OUT)))
+        reach = 2 * sigma * float(np.sqrt(-np.log(LEFT_OUT)))
         out = np.empty((len(pixels), 3), np.float32)
-        integrate(len(pixels), pixels, views, _HEIGHT, directions, solid, values, sigma, reach, out)
+        integrate(len(pixels), pixels, views, HEIGHT, directions, solid, values, sigma, reach, out)
         return out
 
     return over_angles
