@@ -26,7 +26,7 @@ Singles = NDArray[np.float32]
 
 _FIRST_RING = 0.004
 _RAYS_PER_CHUNK = 1024
-_PAD = 2
+PAD = 2
 # Turns one ring against the next so that azimuths never line up.
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 # Weight of a ring, relative to the heaviest, below which it is left out.
@@ -72,15 +72,15 @@ class PreparedMap:
         """Prepare a map (H, 2H, c)."""
         levels = _pyramid(radiance_map)
         if _is_rough(levels):
-            return cls(tuple(_padded(level) for level in levels), _ROUGH)
-        return cls((_padded(radiance_map),), _SMOOTH)
+            return cls(tuple(padded(level) for level in levels), _ROUGH)
+        return cls((padded(radiance_map),), _SMOOTH)
 
     def seen(self, directions: Singles, spacing: float) -> Singles:
         """Radiance (m, p, c) from unit directions (m, p, 3) that lie about `spacing` radians apart."""
         level = _level(self.levels, spacing)
-        row, column = latlong_pixels(directions, level.shape[0] - 2 * _PAD)
+        row, column = latlong_pixels(directions, level.shape[0] - 2 * PAD)
         # OpenCV counts pixel centres at integers, so ours, at + 0.5, lie half a pixel back.
-        shift = np.float32(_PAD - 0.5)
+        shift = np.float32(PAD - 0.5)
         values: Singles = cv2.remap(level, column + shift, row + shift, cv2.INTER_CUBIC).astype(
             np.float32, copy=False
         )
@@ -232,10 +232,10 @@ def mirror_ring(light: PreparedMap, frame: Frame, angle: float, turn: float) -> 
     return np.einsum("mp,mpc->mc", cosine, radiance) / np.float32(count)
 
 
-def _level(padded: Sequence[Singles], spacing: float) -> Singles:
+def _level(levels: Sequence[Singles], spacing: float) -> Singles:
     """The coarsest map whose pixels are no larger than a spacing in radians; the finest if none is."""
-    fitting = [level for level in padded if np.pi / (level.shape[0] - 2 * _PAD) <= spacing]
-    return fitting[-1] if fitting else padded[0]
+    fitting = [level for level in levels if np.pi / (level.shape[0] - 2 * PAD) <= spacing]
+    return fitting[-1] if fitting else levels[0]
 
 
 def _pyramid(radiance_map: Singles) -> list[Singles]:
@@ -269,8 +269,11 @@ def _is_rough(levels: Sequence[Singles]) -> bool:
     return energy > 0 and (energy - kept) / energy > _SMOOTH_SHARE**2
 
 
-def _padded(radiance_map: Singles) -> Singles:
-    """The map with two pixels more on each side: around in azimuth, across the poles in elevation."""
-    turned = np.roll(radiance_map, radiance_map.shape[1] // 2, axis=1)
-    rows = np.concatenate([turned[:_PAD][::-1], radiance_map, turned[-_PAD:][::-1]])
-    return np.pad(rows, ((0, 0), (_PAD, _PAD), (0, 0)), mode="wrap").astype(np.float32)
+def padded(latlong: Singles, across: Singles | float = 1.0) -> Singles:
+    """A map (h, 2h, c) with PAD pixels more on each side: around in azimuth, across the poles in elevation.
+
+    across : (c,), by which values are multiplied that are read across a pole.
+    """
+    turned = np.roll(latlong, latlong.shape[1] // 2, axis=1) * across
+    rows = np.concatenate([turned[:PAD][::-1], latlong, turned[-PAD:][::-1]])
+    return np.pad(rows, ((0, 0), (PAD, PAD), (0, 0)), mode="wrap").astype(np.float32)

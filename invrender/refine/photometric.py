@@ -46,6 +46,7 @@ class Sight:
 
     camera : at the pose that was given. centre : (3,) of the object. units : (6,), how far off the pose may be, radians
     and metres: standard deviations. rows, columns : (n,) of the pixels that are compared. radiance : of samples.
+    outline : of the mask, None without one.
     """
 
     body: MeshBody

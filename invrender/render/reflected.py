@@ -25,7 +25,7 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse import csr_array
 
 from capture.lighting import latlong_directions, latlong_pixels
-from invrender.model.half_vectors import PreparedMap
+from invrender.model.half_vectors import PAD, padded
 from invrender.model.lobes import Angles, LobeForm
 from invrender.model.transfer import LightElement
 from invrender.theory.energy import power_per_degree
@@ -46,7 +46,7 @@ _STEEPEST = float(np.arccos(MIN_COS_EXITANT))
 _LEFT_OUT = 1.5e-3
 # Rows of the maps: five to the shortest wave, which is the weakest.
 _HEIGHT = 160
-_PAD, _LOOKUP, _PIXELS_AT_A_TIME = 2, 2048, 8192
+_LOOKUP, _PIXELS_AT_A_TIME = 2048, 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class ReflectedMap:
 
     def _between_pixels(self, directions: Floats) -> Singles:
         """The maps (m, K c) in directions (m, 3), by cubics through four by four pixels."""
-        height, width = self.maps.shape[0] - 2 * _PAD, self.maps.shape[1]
+        height, width = self.maps.shape[0] - 2 * PAD, self.maps.shape[1]
         rows, row_weights = _cubic(latlong_pixels(directions, height)[0])
         columns, column_weights = _cubic(latlong_pixels(directions, height)[1])
         places = (rows[:, :, None] * width + columns[:, None, :]).reshape(-1)
@@ -110,7 +110,7 @@ def reflected_map(form: LobeForm, mu: float | None, sigma: float, light: LightEl
         raise ValueError(f"sigma is {sigma:g}; reflected maps carry lobes of {LEAST_SIGMA} radians and more")
     if light.slow_map is None:
         raise ValueError(f"light {light.name!r} has no map to reflect")
-    lighting = _lighting(light.slow_map)
+    lighting = _lighting(light)
     angles, weights = interval_rule(_ANGLES, 0, _STEEPEST)
     orders, by_degree, functions = _separated(
         _at_angles(form, mu, sigma), weights, power_per_degree(lighting).sum(axis=1)
@@ -121,7 +121,8 @@ def reflected_map(form: LobeForm, mu: float | None, sigma: float, light: LightEl
     maps = np.moveaxis(reflected_terms(lighting, by_degree, orders, _HEIGHT), (0, 1), (2, 3))
     across = np.repeat((-1.0) ** orders, maps.shape[3])
     return ReflectedMap(
-        _padded(maps.reshape(_HEIGHT, 2 * _HEIGHT, -1), across),
+        # Across the poles frames are turned by 180 degrees.
+        padded(maps.reshape(_HEIGHT, 2 * _HEIGHT, -1), across.astype(np.float32)),
         (smooth / np.cos(lookup)[:, None]).astype(np.float32),
         orders,
     )
@@ -149,12 +150,14 @@ def _separated(rho: Floats, weights: Floats, power: Floats) -> tuple[NDArray[np.
     return np.array([term[1] for term in kept]), by_degree, functions
 
 
-def _lighting(radiance_map: Singles) -> Floats:
-    """Coefficients of a map; of a coarse one as smooth between its pixels as `PreparedMap` has it."""
-    if highest_degree(len(radiance_map)) >= _DEGREE:
-        return project_latlong(radiance_map, _DEGREE)
+def _lighting(light: LightElement) -> Floats:
+    """Coefficients of an element's map; of a coarse one as smooth between its pixels as `PreparedMap` has it."""
+    assert light.slow_map is not None
+    if highest_degree(len(light.slow_map)) >= _DEGREE:
+        return project_latlong(light.slow_map, _DEGREE)
+    assert light.prepared_map is not None
     directions = latlong_directions(2 * _DEGREE + 2).astype(np.float32)
-    return analyse_latlong(PreparedMap.of(radiance_map).seen(directions, 0), _DEGREE)
+    return analyse_latlong(light.prepared_map.seen(directions, 0), _DEGREE)
 
 
 @lru_cache(maxsize=8)
@@ -181,11 +184,4 @@ def _cubic(place: Floats) -> tuple[NDArray[np.int64], Floats]:
         ],
         axis=1,
     )
-    return below[:, None] + np.arange(-1, 3) + _PAD, weights
-
-
-def _padded(maps: Singles, across: Floats) -> Singles:
-    """Two pixels more on each side: around in azimuth; across the poles, where frames are turned by 180 degrees."""
-    turned = np.roll(maps, maps.shape[1] // 2, axis=1) * across.astype(np.float32)
-    rows = np.concatenate([turned[:_PAD][::-1], maps, turned[-_PAD:][::-1]])
-    return np.pad(rows, ((0, 0), (_PAD, _PAD), (0, 0)), mode="wrap")
+    return below[:, None] + np.arange(-1, 3) + PAD, weights
