@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,7 +69,7 @@ def sample_body(
         clear &= ~_any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
     grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
     weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
-    return _gather(body, camera, image, rows, columns, geometry.turn[usable], weight, sources)
+    return _gather(body, camera, image, rows, columns, geometry.turn[usable], weight, sources)[0]
 
 
 def samples_at(
@@ -75,7 +77,20 @@ def samples_at(
 ) -> LightField:
     """The samples of given pixels that lie wholly on the body, usable for a fit or not; their weight is 1."""
     turn = body.pixel_geometry(camera, rows, columns).turn
-    return _gather(body, camera, image, rows, columns, turn, np.ones(len(rows)), sources)
+    return _gather(body, camera, image, rows, columns, turn, np.ones(len(rows)), sources)[0]
+
+
+def samples_around(
+    body: Body, camera: Camera, image: RadianceImage, places: Floats, across: bool = True
+) -> tuple[LightField, NDArray[np.bool_]]:
+    """What pixels around places (n, 2), pixels, would show, and which of them (n,) lie wholly on the body.
+
+    Radiance is that of the pixel which a place is in; no source's visibility is asked for. across : False takes the
+    places themselves, a ray each, for their pixels.
+    """
+    columns, rows = places.T - 0.5
+    turn = body.pixel_geometry(camera, rows, columns).turn if across else np.zeros(len(places))
+    return _gather(body, camera, image, rows, columns, turn, np.ones(len(places)), NO_SOURCES)
 
 
 def spread(normals: Floats, budget: int, rng: np.random.Generator) -> NDArray[np.int64]:
@@ -139,12 +154,13 @@ def _gather(
     body: Body,
     camera: Camera,
     image: RadianceImage,
-    rows: Ints,
-    columns: Ints,
+    rows: NDArray[Any],
+    columns: NDArray[Any],
     turn: Floats,
     weight: Floats,
     sources: Floats,
-) -> LightField:
+) -> tuple[LightField, NDArray[np.bool_]]:
+    """Samples of pixels whose centres are half a pixel right of and below (columns, rows), and which are complete."""
     limits = [limit for limit, _ in _RAYS_PER_SIDE]
     sides = [side for _, side in _RAYS_PER_SIDE]
     per_side = np.array(sides)[np.searchsorted(limits, turn)]
@@ -157,6 +173,7 @@ def _gather(
         nodes = _gauss_nodes(side)
         offsets[mine] = np.column_stack([nodes[which[mine] % side], nodes[which[mine] // side]])
     points = np.column_stack([columns, rows])[ray_sample] + 0.5 + offsets
+    rows, columns = (np.rint(of).astype(np.int64) for of in (rows, columns))
     hits = body.hits(camera, points)
     views = hits.views
     reflected = 2 * (hits.normals * views).sum(axis=1)[:, None] * hits.normals - views
@@ -182,7 +199,7 @@ def _gather(
     # A hole, or a sliver before the surface, may be smaller than the pixel.
     complete = np.ones(len(rows), bool)
     complete[ray_sample[~hits.hit]] = False
-    return field if complete.all() else field.where(complete)
+    return (field if complete.all() else field.where(complete)), complete
 
 
 def _footprints(camera: Camera, points: Floats, hits: SurfaceHits, widths: Floats) -> Floats | None:

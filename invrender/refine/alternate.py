@@ -14,9 +14,12 @@ from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.pipeline import Run, process
+from invrender.refine.followed import Followed, Lobe, followed_in
 from invrender.refine.photometric import RefinedPose, Sight, refine_pose
 from invrender.refine.rim import outline_in
+from invrender.refine.shared import refine_together
 from invrender.solve.noise import NoiseModel
+from invrender.texture.layout import SurfacePoints
 from recon.bodies import MeshBody
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, sample_body
@@ -26,10 +29,10 @@ Floats = NDArray[np.float64]
 _ROUNDS = 8
 # A round that leaves more than this share of the error has moved nothing that matters, and isn't kept.
 _STALLS = 0.98
-# Moves are not made more than so many times as long.
-_MOST_STRETCH = 3.0
 # Pixels of a photograph that its pose is read off, in patches of so many a side.
 _PIXELS, _PATCH = 8000, 24
+# Points of a texture that are followed through the photographs.
+_POINTS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,33 +47,6 @@ class Refined:
     sights: tuple[Sight, ...]
     poses: tuple[RefinedPose, ...]
     errors: tuple[float, ...]
-
-
-class Stretch:
-    """Longer moves for photographs that are fitted: these have put a part of themselves into what predicts them.
-
-    Such turns close in on their end by about the same share each time; from how much the moves asked for shrink follows
-    how much further to go [Irons and Tuck 1969, "A version of the Aitken accelerator for computer iteration"].
-    """
-
-    def __init__(self, fitted: NDArray[np.bool_]) -> None:
-        self._fitted, self._factor = fitted, 1.0
-        self._asked: Floats | None = None
-
-    def stretched(self, before: Sequence[RefinedPose], found: Sequence[RefinedPose]) -> list[RefinedPose]:
-        """Poses found in a round, further from where they were before it."""
-        moves = np.array([new.change - old.change for old, new in zip(before, found, strict=True)])
-        asked = moves[self._fitted].ravel()
-        if self._asked is not None:
-            less = asked - self._asked
-            factor = -self._factor * float(self._asked @ less) / max(float(less @ less), 1e-300)
-            self._factor = float(np.clip(factor, 1.0, _MOST_STRETCH))
-        self._asked = asked
-        factors = np.where(self._fitted, self._factor, 1.0)
-        return [
-            replace(new, change=old.change + factor * move)
-            for old, new, factor, move in zip(before, found, factors, moves, strict=True)
-        ]
 
 
 def refine_poses(
@@ -90,16 +66,16 @@ def refine_poses(
     poses = [RefinedPose(np.zeros(6), np.eye(6), np.nan, np.nan)] * len(photoset.photos)
     best: Refined | None = None
     sights: list[Sight] = []
-    stretch = Stretch(np.array([not photo.held_out for photo in photoset.photos]))
     for _ in range(_ROUNDS + 1):
         moved = photoset if best is None else _moved(photoset, sights, poses)
         run = process(moved, samples, track)
         error = run.result.model.error
         if best is not None and error > _STALLS * best.errors[-1]:
             break
-        sights = _sights(photoset, run, (turn_deg, shift_px))
+        seen = _seen(photoset, run, (turn_deg, shift_px))
+        sights = [sight for sight, _ in seen]
         best = Refined(moved, tuple(sights), tuple(poses), (*(best.errors if best else ()), error))
-        poses = stretch.stretched(poses, _round(sights, [pose.change for pose in poses], track))
+        poses = _round(seen, [pose.change for pose in poses], track)
     assert best is not None
     return best
 
@@ -112,12 +88,20 @@ def _moved(photoset: PhotoSet, sights: Sequence[Sight], poses: Sequence[RefinedP
     return replace(photoset, photos=tuple(photos))
 
 
-def _sights(given: PhotoSet, run: Run, off: tuple[float, float]) -> list[Sight]:
+def _seen(given: PhotoSet, run: Run, off: tuple[float, float]) -> list[tuple[Sight, Followed | None]]:
     """Photographs at the poses as given, and how a run predicts them at those that they now have."""
-    return list(parallel_map(partial(_sight, given, run, off), range(len(given.photos))))
+    points = None
+    if run.result.textures is not None:
+        textures = run.result.textures
+        known = np.flatnonzero(textures.known)
+        points = textures.layout.points.where(np.sort(np.random.default_rng(0).permutation(known)[:_POINTS]))
+    return list(parallel_map(partial(_looked_at, given, run, off, points), range(len(given.photos))))
 
 
-def _sight(given: PhotoSet, run: Run, off: tuple[float, float], index: int) -> Sight:
+def _looked_at(
+    given: PhotoSet, run: Run, off: tuple[float, float], points: SurfacePoints | None, index: int
+) -> tuple[Sight, Followed | None]:
+    """A photograph, and in it the points of a texture that it was fitted to."""
     photo, body = given.photos[index], run.specimen.body
     assert isinstance(body, MeshBody)
     vertices = body.mesh.vertices
@@ -140,7 +124,12 @@ def _sight(given: PhotoSet, run: Run, off: tuple[float, float], index: int) -> S
         noise=NoiseModel(run.result.noise_floor, run.result.noise_relative),
         outline=outline_in(photo.camera, mask),
     )
-    return replace(sight, units=np.repeat([np.radians(off[0]), off[1] / sight.px_per_metre], 3))
+    sight = replace(sight, units=np.repeat([np.radians(off[0]), off[1] / sight.px_per_metre], 3))
+    textures, transfers = run.result.textures, run.solved.transfers
+    if points is None or textures is None or transfers is None or photo.held_out:
+        return sight, None
+    lobe = Lobe(run.result.brdf.ks, textures.ks_varies)
+    return sight, followed_in(sight, now, field, points, partial(transfers, photo), lobe)
 
 
 def _patches(field: LightField, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -153,7 +142,18 @@ def _patches(field: LightField, rng: np.random.Generator) -> NDArray[np.bool_]:
     return np.isin(patch[1], order[before < _PIXELS])
 
 
-def _round(sights: Sequence[Sight], changes: Sequence[Floats], track: Track) -> list[RefinedPose]:
+def _round(
+    seen: Sequence[tuple[Sight, Followed | None]], changes: Sequence[Floats], track: Track
+) -> list[RefinedPose]:
+    """Poses of all photographs: of those that share a texture together, of others one by one."""
+    together = [k for k, (_, followed) in enumerate(seen) if followed is not None]
+    alone = [k for k in range(len(seen)) if k not in together]
+    poses: dict[int, RefinedPose] = {}
     with one_blas_thread():
-        work = parallel_map(lambda pair: refine_pose(*pair), zip(sights, changes, strict=True))
-        return [next(work) for _ in track(sights, "Refining poses")]
+        if together:
+            followed = [own for _, own in seen if own is not None]
+            start = np.array([changes[k] for k in together])
+            poses |= zip(together, refine_together(followed, start), strict=True)
+        work = parallel_map(lambda k: refine_pose(seen[k][0], changes[k]), alone)
+        poses |= {k: next(work) for k in track(alone, "Refining poses")}
+    return [poses[k] for k in range(len(seen))]

@@ -36,7 +36,7 @@ _STEPS, _HALVINGS = 4, 2
 # A step this small against what a pose may be off is the last.
 _SMALL = 1e-3
 # Blocks of pixels, this many a side, by turns make the steps and judge them.
-_BLOCK = 6
+BLOCK = 6
 _FEWEST = 100
 
 
@@ -165,7 +165,7 @@ class _Judge:
 
 def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
     """The change (6,) of a photograph's pose, in units, that its pixels and outline ask for, from a start on."""
-    makes = (sight.rows // _BLOCK + sight.columns // _BLOCK) % 2 == 0
+    makes = (sight.rows // BLOCK + sight.columns // BLOCK) % 2 == 0
     view = _viewed(sight, start)
     if view.whole.sum() < _FEWEST:
         return RefinedPose(start, np.eye(6), np.nan, np.nan)
@@ -197,7 +197,7 @@ def _judge(sight: Sight, view: _View, makes: NDArray[np.bool_]) -> _Judge:
     residual = np.where(whole[:, None], observed - view.predicted, 0)
     weight = np.zeros_like(observed)
     weight[whole] = photo_weights(sight.noise, view.predicted[whole], residual[whole]).weight
-    blocks = np.repeat((sight.rows // _BLOCK) * 100_000 + sight.columns // _BLOCK, 3)
+    blocks = np.repeat((sight.rows // BLOCK) * 100_000 + sight.columns // BLOCK, 3)
     slopes = np.where(whole[:, None, None], view.slopes, 0).reshape(-1, 6)
     pixels = block_equations(blocks, (weight * makes[:, None]).ravel(), slopes, residual.ravel())
     rim, std = Equations(np.zeros((6, 6)), np.zeros(6), 1.0), np.inf

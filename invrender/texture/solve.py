@@ -112,6 +112,10 @@ def solve_textured(
         ones = np.ones((len(elements[photo.lighting]), 3))
         return predict(own, elements[photo.lighting], ones, field, specimen.shadows)
 
+    def transfers(photo: Photo, field: LightField) -> tuple[Floats, Floats]:
+        d, s = _transfers(bench, photo, field, fit.brdf)
+        return d.astype(float), s.astype(float)
+
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = textured_solution(photoset, lightings, fit, textures, fields, residuals)
     warnings = [
@@ -119,7 +123,7 @@ def solve_textured(
         *_remarks([*faults, *dark], textures),
     ]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
-    return Solved(replace(result, textures=textures), fields, residuals, radiance)
+    return Solved(replace(result, textures=textures), fields, residuals, radiance, transfers)
 
 
 def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:
