@@ -1,4 +1,7 @@
-"""Fit and poses by turns: the fit predicts the photographs, these tell their poses, and the fit gets sharper."""
+"""Fit and poses by turns: the fit predicts the photographs, these tell their poses, and the fit gets sharper.
+
+Photographs that a texture was fitted to have their poses moved together, its values free; others one by one.
+"""
 
 from __future__ import annotations
 
@@ -153,7 +156,7 @@ def _round(
         if together:
             followed = [own for _, own in seen if own is not None]
             start = np.array([changes[k] for k in together])
-            poses |= zip(together, refine_together(followed, start), strict=True)
+            poses |= zip(together, refine_together(followed, start, track), strict=True)
         work = parallel_map(lambda k: refine_pose(seen[k][0], changes[k]), alone)
         poses |= {k: next(work) for k in track(alone, "Refining poses")}
     return [poses[k] for k in range(len(seen))]

@@ -33,8 +33,8 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
-# Of a view, radians, and of a change, in its unit: for slopes.
-_TURN = 1e-3
+# Of a view, radians, and of a change, in its unit: for slopes. Along the surface, pixels.
+_TURN, _STEP_PX = 1e-3, 0.01
 # How far a point's Ks is from the mean, as a share of it, standard deviation, where it varies.
 _KS_SPREAD = 0.5
 # Pixels around what is used that a picture is kept with.
@@ -91,8 +91,9 @@ class Followed:
     """Points of the surface that a photograph shows.
 
     points : (r,) their numbers. rays : one to each, from where the camera was. diffuse, specular : (r, 3), radiance of
-    Kd = 1, and of Ks = 1, mean over a pixel around it. gradient : (r, 3, 2), of the picture, to the right and down.
-    reflected : radiance of Ks = 1, of rays. trust : (r,), 0 to 1.
+    Kd = 1, and of Ks = 1, mean over a pixel around it. ways : (r, 2, 3) unit, along the surface, the same in all
+    photographs. expected : (r, 3, 2), gradient along them of the picture as it was predicted, per metre. reflected :
+    radiance of Ks = 1, of rays. trust : (r,), 0 to 1.
     """
 
     sight: Sight
@@ -101,20 +102,31 @@ class Followed:
     rays: LightField
     diffuse: Floats
     specular: Floats
-    gradient: Floats
+    ways: Floats
+    expected: Floats
     reflected: Callable[[LightField], Floats]
     lobe: Lobe
     trust: Floats
 
     def shown(self, change: Floats) -> Shown:
         """What the photograph shows of the points after a change (6,) of its pose."""
-        sight, at = self.sight, self.rays.positions
-        pixels = sight.at(change).project(at) - 0.5
+        sight, at, camera = self.sight, self.rays.positions, self.sight.at(change)
+        pixels = camera.project(at) - 0.5
+        along = _along(camera, at, self.ways, _STEP_PX / sight.px_per_metre)
         motion = image_motion(sight.camera, sight.centre, change * sight.units, sight.units, at)
+        uphill = np.stack(
+            [self.picture.at(pixels + way) - self.picture.at(pixels - way) for way in np.eye(2) / 2], axis=-1
+        )
         specular, slopes = self._specular(change)
-        slopes = np.einsum("rck,rkj->rcj", self.gradient, motion) - self.lobe.ks[:, None] * slopes
         whole = np.nan_to_num(pixels, nan=-1).astype(np.int64) // BLOCK
-        return Shown(self.picture.at(pixels), specular, slopes, whole[:, 1] * 100_000 + whole[:, 0])
+        return Shown(
+            radiance=self.picture.at(pixels),
+            specular=specular,
+            gradient=np.einsum("rcp,rpw->rcw", uphill, along),
+            moves=np.asarray(np.linalg.solve(along, motion), float),
+            highlight=self.lobe.ks[:, None] * slopes,
+            blocks=whole[:, 1] * 100_000 + whole[:, 0],
+        )
 
     def _specular(self, change: Floats) -> tuple[Floats, Floats]:
         """Radiance of Ks = 1 at the points after a change, (r, 3), and its slopes in it, (r, 3, 6): highlights move."""
@@ -150,13 +162,16 @@ class Followed:
 class Shown:
     """What a photograph shows of points: radiance, and that of Ks = 1, (r, 3); blocks (r,) of pixels.
 
-    slopes : (r, 3, 6), of radiance less the lobe of the mean Ks, in a change of the pose. NaN where a point has left
-    what can be used.
+    gradient : (r, 3, 2), of the radiance along the surface, per metre. moves : (r, 2, 6), by how much what a point's
+    place shows lies beside the point after a change of the pose, metres. highlight : (r, 3, 6), slopes of the lobe of
+    the mean Ks in that change. NaN where a point has left what can be used.
     """
 
     radiance: Floats
     specular: Floats
-    slopes: Floats
+    gradient: Floats
+    moves: Floats
+    highlight: Floats
     blocks: Ints
 
 
@@ -184,6 +199,8 @@ def followed_in(
     beside = around.mean_over_rays(around.positions) - rays.positions
     beside -= (beside * rays.normals).sum(axis=1, keepdims=True) * rays.normals
     diffuse, specular = transfers(around)
+    ways = tangents(points.normals[seen.points[chosen]])
+    along = _along(now, points.positions[seen.points[chosen]], ways, _STEP_PX / sight.px_per_metre)
     return Followed(
         sight=sight,
         picture=Picture.of(sight.image.radiance, usable),
@@ -191,32 +208,34 @@ def followed_in(
         rays=replace(rays, positions=rays.positions - beside),
         diffuse=diffuse,
         specular=specular,
-        gradient=_gradient(sight, field, places[chosen]),
+        ways=ways,
+        expected=np.einsum("rcp,rpw->rcw", _uphill(sight, field, places[chosen]), along),
         reflected=lambda rays: transfers(rays)[1],
         lobe=lobe,
         trust=np.maximum(seen.at_points(field.weight)[chosen], 0.01),
     )
 
 
-def _gradient(sight: Sight, field: LightField, places: Floats) -> Floats:
-    """Of the picture as it is predicted, (r, 3, 2), at places (r, 2), pixels; NaN where that isn't known.
+def _along(camera: Camera, positions: Floats, ways: Floats, step: float) -> Floats:
+    """How places of points (r, 3) in the picture move along ways (r, 2, 3), pixels per metre: (r, 2, 2), way last."""
+    ends = [camera.project(positions + step * way) for way in ways.transpose(1, 0, 2)]
+    return np.stack([(end - camera.project(positions)) / step for end in ends], axis=-1)
 
-    The photograph's own gradient has its noise: steps would be drawn to where that is smaller.
-    """
+
+def _uphill(sight: Sight, field: LightField, places: Floats) -> Floats:
+    """Gradient (r, 3, 2) of the picture as it is predicted, at places (r, 2), pixels; NaN where that isn't known."""
     height, width = sight.image.saturated.shape
     around = np.zeros((height, width), bool)
     columns, rows = np.floor(places - 0.5).astype(np.int64).T
-    for down, along in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        around[np.minimum(rows + down, height - 1), np.minimum(columns + along, width - 1)] = True
+    for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        around[np.minimum(rows + down, height - 1), np.minimum(columns + right, width - 1)] = True
     around = binary_dilation(around, structure=generate_binary_structure(2, 1))
     near = field.where(around[field.rows, field.columns])
     picture = np.full((height, width, 3), np.nan)
     picture[near.rows, near.columns] = sight.radiance(near)
+    at = places[:, ::-1].T - 0.5
     slopes = [
-        [
-            map_coordinates(way, places[:, ::-1].T - 0.5, order=1, cval=np.nan)
-            for way in np.gradient(channel)[::-1]
-        ]
+        [map_coordinates(way, at, order=1, cval=np.nan) for way in np.gradient(channel)[::-1]]
         for channel in picture.transpose(2, 0, 1)
     ]
     return np.array(slopes).transpose(2, 0, 1)

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from capture.parallel import parallel_map
+from capture.progress import Track, silent
 from invrender.refine.blocks import block_equations
 from invrender.refine.followed import Followed
 from invrender.refine.photometric import RefinedPose
@@ -65,6 +67,19 @@ class _Rows:
     def added(self, values: Floats) -> Floats:
         """Sums (count, 3) over the rows of each point of values (n, 3)."""
         return np.stack([np.bincount(self.point, channel, self.count) for channel in values.T], axis=1)
+
+    def of_others(self, weight: Floats, gradient: Floats) -> Floats:
+        """Gradients of each row's radiance, (n, 3, 2), as the point's rows in other photographs have them.
+
+        A photograph's own gradient has its noise, and poses would be drawn to where that is smaller.
+        """
+        own = (weight * self.diffuse)[..., None] * gradient
+        total = np.stack([self.added(way)[self.point] for way in own.transpose(2, 0, 1)], axis=-1)
+        heavy = weight * self.diffuse**2
+        others = self.added(heavy)[self.point] - heavy
+        known = others > _LEAST_OTHERS * heavy
+        share = np.where(known, self.diffuse / np.where(known, others, 1), 0)
+        return np.asarray(share[..., None] * (total - own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +130,9 @@ class _Paint:
 class _View:
     """The rows at some poses, (p, 6).
 
-    observed, specular : (n, 3), slopes : (n, 3, 6), blocks : (n,), as of `Shown`. off : (n, 3), what a surface of the
-    mean Ks alone shows, less observed. What isn't seen any more is zero, and not `seen`, (n,). rims : one a photograph.
+    observed, specular : (n, 3), blocks : (n,), as of `Shown`. off : (n, 3), what a surface of the mean Ks alone shows,
+    less observed; slopes : (n, 3, 6), by how much a change of the pose lowers it. What isn't seen any more is zero, and
+    not `seen`, (n,). rims : one a photograph.
     """
 
     change: Floats
@@ -156,16 +172,29 @@ class _Step:
         return float(left.sum() * lacking + rims + (view.change**2).sum())
 
 
-def refine_together(photos: Sequence[Followed], start: Floats) -> list[RefinedPose]:
+def refine_together(photos: Sequence[Followed], start: Floats, track: Track = silent) -> list[RefinedPose]:
     """Changes (6,) of the poses of all photographs, in units, from a start (p, 6) on."""
     rows = _Rows.of(photos)
-    view = _viewed(rows, start)
+    before = _step(rows, _viewed(rows, start, True)).errors
+    change = start
+    # From afar the picture as it was predicted leads there, nearby what the other photographs show leads further.
+    for from_afar in track((True, False), "Refining poses together"):
+        change, judge = _descended(rows, change, from_afar)
+    covariance = np.asarray(np.linalg.inv(judge.information), float)
+    return [
+        RefinedPose(change[k], covariance[_own(k), _own(k)], float(before[k]), float(judge.errors[k]))
+        for k in range(len(photos))
+    ]
+
+
+def _descended(rows: _Rows, start: Floats, from_afar: bool) -> tuple[Floats, _Step]:
+    """Where Gauss-Newton steps end, and the last of them; from_afar : as of `_viewed`."""
+    view = _viewed(rows, start, from_afar)
     judge = _step(rows, view)
-    before = judge.errors
     for _ in range(_STEPS):
         now = judge.deviance(rows, view)
         for halvings in range(_HALVINGS + 1):
-            there = _viewed(rows, view.change + judge.step / 2**halvings)
+            there = _viewed(rows, view.change + judge.step / 2**halvings, from_afar)
             if judge.deviance(rows, there) < now:
                 break
         else:
@@ -175,11 +204,7 @@ def refine_together(photos: Sequence[Followed], start: Floats) -> list[RefinedPo
         judge = _step(rows, view)
         if moved < _SMALL:
             break
-    covariance = np.asarray(np.linalg.inv(judge.information), float)
-    return [
-        RefinedPose(view.change[k], covariance[_own(k), _own(k)], float(before[k]), float(judge.errors[k]))
-        for k in range(len(photos))
-    ]
+    return view.change, judge
 
 
 def _own(photo: int) -> slice:
@@ -187,13 +212,27 @@ def _own(photo: int) -> slice:
     return slice(6 * photo, 6 * photo + 6)
 
 
-def _viewed(rows: _Rows, change: Floats) -> _View:
-    shown = [own.shown(its) for own, its in zip(rows.photos, change, strict=True)]
+def _viewed(rows: _Rows, change: Floats, from_afar: bool) -> _View:
+    """The rows after a change; from_afar : slopes are those of the predicted pictures, not of the other photographs."""
+    shown = list(parallel_map(lambda k: rows.photos[k].shown(change[k]), range(len(change))))
     observed = np.concatenate([its.radiance for its in shown])
     specular = np.concatenate([its.specular for its in shown])
     off = rows.photos[0].lobe.ks * specular - observed
-    slopes = np.concatenate([its.slopes for its in shown])
-    seen = np.isfinite(off).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
+    seen = np.isfinite(off).all(axis=1)
+    if from_afar:
+        gradient = np.concatenate([own.expected for own in rows.photos])
+    else:
+        noise = [
+            own.sight.noise.variance(np.maximum(its.radiance, 0))
+            for own, its in zip(rows.photos, shown, strict=True)
+        ]
+        gradient = np.concatenate([its.gradient for its in shown])
+        usable = seen & np.isfinite(gradient).all(axis=(1, 2))
+        weight = np.where(usable[:, None], rows.trust / np.concatenate(noise), 0)
+        gradient = rows.of_others(weight, np.where(usable[:, None, None], gradient, 0))
+    seen &= np.isfinite(gradient).all(axis=(1, 2))
+    slopes = np.einsum("ncw,nwj->ncj", gradient, np.concatenate([its.moves for its in shown]))
+    slopes = slopes - np.concatenate([its.highlight for its in shown])
     rims = [
         None if own.sight.outline is None else rim_of(own.sight.outline, own.sight.body, own.sight.at(its))
         for own, its in zip(rows.photos, change, strict=True)
@@ -231,7 +270,8 @@ def _step(rows: _Rows, view: _View) -> _Step:
         pixels[_own(k), _own(k)] += (slopes * heavy[:, None]).T @ slopes
         told[_own(k)] = slopes.T @ (heavy * left[mine].ravel())
         used = mine & (weight > 0).all(axis=1)
-        errors[k] = relative_rms(left[used], view.observed[used])
+        if used.any():
+            errors[k] = relative_rms(left[used], view.observed[used])
         if rim is None:
             rims.append((np.inf, 1.0))
             continue
