@@ -112,6 +112,14 @@ class Camera:
             pixels[ahead] = self._colmap.img_from_cam(local[ahead])
         return pixels
 
+    def views(self, points: ArrayLike) -> Floats:
+        """Directions (n, 3), unit, from world points (n, 3) towards the camera."""
+        points = np.asarray(points, float).reshape(-1, 3)
+        if self.is_orthographic:
+            return np.broadcast_to(-self.camera_to_world[:3, 2], points.shape)
+        towards = self.centre - points
+        return np.asarray(towards / np.linalg.norm(towards, axis=1, keepdims=True))
+
     def depth(self, points: ArrayLike) -> Floats:
         """Depth along the optical axis, (n,) metres, positive in front of the camera."""
         points = np.asarray(points, float).reshape(-1, 3)

@@ -93,9 +93,8 @@ def _moved(photoset: PhotoSet, sights: Sequence[Sight], poses: Sequence[RefinedP
 
 def _seen(given: PhotoSet, run: Run, off: tuple[float, float]) -> list[tuple[Sight, Followed | None]]:
     """Photographs at the poses as given, and how a run predicts them at those that they now have."""
-    points = None
-    if run.result.textures is not None:
-        textures = run.result.textures
+    points, textures = None, run.result.textures
+    if textures is not None:
         known = np.flatnonzero(textures.known)
         points = textures.layout.points.where(np.sort(np.random.default_rng(0).permutation(known)[:_POINTS]))
     return list(parallel_map(partial(_looked_at, given, run, off, points), range(len(given.photos))))
@@ -128,9 +127,11 @@ def _looked_at(
         outline=outline_in(photo.camera, mask),
     )
     sight = replace(sight, units=np.repeat([np.radians(off[0]), off[1] / sight.px_per_metre], 3))
-    textures, transfers = run.result.textures, run.solved.transfers
-    if points is None or textures is None or transfers is None or photo.held_out:
+    if points is None or photo.held_out:
         return sight, None
+    textures, transfers = run.result.textures, run.solved.transfers
+    assert textures is not None
+    assert transfers is not None
     lobe = Lobe(run.result.brdf.ks, textures.ks_varies)
     return sight, followed_in(sight, now, field, points, partial(transfers, photo), lobe)
 

@@ -22,7 +22,6 @@ from scipy.ndimage import (
 
 from capture.camera import Camera
 from invrender.refine.photometric import BLOCK, Sight
-from invrender.refine.posechange import image_motion
 from invrender.texture.layout import SurfacePoints
 from invrender.texture.observe import observe
 from recon.lightfield import LightField
@@ -113,7 +112,6 @@ class Followed:
         sight, at, camera = self.sight, self.rays.positions, self.sight.at(change)
         pixels = camera.project(at) - 0.5
         along = _along(camera, at, self.ways, _STEP_PX / sight.px_per_metre)
-        motion = image_motion(sight.camera, sight.centre, change * sight.units, sight.units, at)
         uphill = np.stack(
             [self.picture.at(pixels + way) - self.picture.at(pixels - way) for way in np.eye(2) / 2], axis=-1
         )
@@ -123,7 +121,7 @@ class Followed:
             radiance=self.picture.at(pixels),
             specular=specular,
             gradient=np.einsum("rcp,rpw->rcw", uphill, along),
-            moves=np.asarray(np.linalg.solve(along, motion), float),
+            moves=np.asarray(np.linalg.solve(along, sight.motion(change, at)), float),
             highlight=self.lobe.ks[:, None] * slopes,
             blocks=whole[:, 1] * 100_000 + whole[:, 0],
         )
@@ -151,11 +149,7 @@ class Followed:
         return self.reflected(self.rays)
 
     def _views(self, change: Floats) -> Floats:
-        camera, at = self.sight.at(change), self.rays.positions
-        if camera.is_orthographic:
-            return np.broadcast_to(-camera.camera_to_world[:3, 2], at.shape)
-        views = camera.centre - at
-        return np.asarray(views / np.linalg.norm(views, axis=1, keepdims=True))
+        return self.sight.at(change).views(self.rays.positions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +212,9 @@ def followed_in(
 
 def _along(camera: Camera, positions: Floats, ways: Floats, step: float) -> Floats:
     """How places of points (r, 3) in the picture move along ways (r, 2, 3), pixels per metre: (r, 2, 2), way last."""
+    start = camera.project(positions)
     ends = [camera.project(positions + step * way) for way in ways.transpose(1, 0, 2)]
-    return np.stack([(end - camera.project(positions)) / step for end in ends], axis=-1)
+    return np.stack([(end - start) / step for end in ends], axis=-1)
 
 
 def _uphill(sight: Sight, field: LightField, places: Floats) -> Floats:

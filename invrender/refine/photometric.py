@@ -75,6 +75,14 @@ class Sight:
         camera = self.camera
         return camera.focal_px / (1.0 if camera.is_orthographic else float(camera.depth(self.centre)[0]))
 
+    def motion(self, change: Floats, points: Floats) -> Floats:
+        """How image points (n, 2) of world points (n, 3) move per unit of a change's components, (n, 2, 6), pixels."""
+        return image_motion(self.camera, self.centre, change * self.units, self.units, points)
+
+    def rim(self, change: Floats) -> Rim | None:
+        """How the silhouette lies to the mask's outline after a change; None without one."""
+        return None if self.outline is None else rim_of(self.outline, self.body, self.at(change))
+
     def predicted(self, change: Floats, rows: Ints, columns: Ints) -> tuple[Floats, Floats]:
         """A picture (h, w, 3) of what some pixels show after a change, and where what they show lies, (h, w, 3).
 
@@ -101,8 +109,7 @@ class Sight:
         right, left = padded[1:-1, 2:], padded[1:-1, :-2]
         below, above = padded[2:, 1:-1], padded[:-2, 1:-1]
         gradient = np.stack([right - left, below - above], axis=-1)[self.rows, self.columns] / 2
-        at = positions[self.rows, self.columns]
-        motion = image_motion(self.camera, self.centre, change * self.units, self.units, at)
+        motion = self.motion(change, positions[self.rows, self.columns])
         return radiance[self.rows, self.columns], -np.einsum("nck,nkj->ncj", gradient, motion)
 
 
@@ -187,8 +194,7 @@ def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
 
 
 def _viewed(sight: Sight, change: Floats) -> _View:
-    rim = None if sight.outline is None else rim_of(sight.outline, sight.body, sight.at(change))
-    return _View(change, *sight.slopes(change), rim)
+    return _View(change, *sight.slopes(change), sight.rim(change))
 
 
 def _judge(sight: Sight, view: _View, makes: NDArray[np.bool_]) -> _Judge:
@@ -203,10 +209,7 @@ def _judge(sight: Sight, view: _View, makes: NDArray[np.bool_]) -> _Judge:
     rim, std = Equations(np.zeros((6, 6)), np.zeros(6), 1.0), np.inf
     if view.rim is not None:
         std = view.rim.std
-        motion = image_motion(
-            sight.camera, sight.centre, view.change * sight.units, sight.units, view.rim.points
-        )
-        rim = view.rim.equations(motion, std)
+        rim = view.rim.equations(sight.motion(view.change, view.rim.points), std)
     information = pixels.information + rim.information + np.eye(6)
     step = np.asarray(np.linalg.solve(information, pixels.pull + rim.pull - view.change), float)
     judging = weight * ~makes[:, None]

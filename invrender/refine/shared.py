@@ -22,8 +22,7 @@ from capture.progress import Track, silent
 from invrender.refine.blocks import block_equations
 from invrender.refine.followed import Followed
 from invrender.refine.photometric import RefinedPose
-from invrender.refine.posechange import image_motion
-from invrender.refine.rim import Rim, rim_of
+from invrender.refine.rim import Rim
 from invrender.solve.evidence import relative_rms
 from invrender.solve.linear import symmetric_pinv
 from invrender.solve.noise import photo_weights
@@ -67,6 +66,14 @@ class _Rows:
     def added(self, values: Floats) -> Floats:
         """Sums (count, 3) over the rows of each point of values (n, 3)."""
         return np.stack([np.bincount(self.point, channel, self.count) for channel in values.T], axis=1)
+
+    def weight(self, radiance: Floats, seen: NDArray[np.bool_]) -> Floats:
+        """Weights (n, 3) by the noise of a radiance (n, 3) that is observed; 0 of rows not `seen`, (n,)."""
+        found = np.zeros_like(radiance)
+        for k, own in enumerate(self.photos):
+            mine = (self.photo == k) & seen
+            found[mine] = self.trust[mine] / own.sight.noise.variance(np.maximum(radiance[mine], 0))
+        return found
 
     def of_others(self, weight: Floats, gradient: Floats) -> Floats:
         """Gradients of each row's radiance, (n, 3, 2), as the point's rows in other photographs have them.
@@ -175,22 +182,22 @@ class _Step:
 def refine_together(photos: Sequence[Followed], start: Floats, track: Track = silent) -> list[RefinedPose]:
     """Changes (6,) of the poses of all photographs, in units, from a start (p, 6) on."""
     rows = _Rows.of(photos)
-    before = _step(rows, _viewed(rows, start, True)).errors
-    change = start
+    change, begun = start, []
     # From afar the picture as it was predicted leads there, nearby what the other photographs show leads further.
     for from_afar in track((True, False), "Refining poses together"):
-        change, judge = _descended(rows, change, from_afar)
-    covariance = np.asarray(np.linalg.inv(judge.information), float)
+        change, first, last = _descended(rows, change, from_afar)
+        begun.append(first)
+    covariance = np.asarray(np.linalg.inv(last.information), float)
     return [
-        RefinedPose(change[k], covariance[_own(k), _own(k)], float(before[k]), float(judge.errors[k]))
+        RefinedPose(change[k], covariance[_own(k), _own(k)], float(begun[0].errors[k]), float(last.errors[k]))
         for k in range(len(photos))
     ]
 
 
-def _descended(rows: _Rows, start: Floats, from_afar: bool) -> tuple[Floats, _Step]:
-    """Where Gauss-Newton steps end, and the last of them; from_afar : as of `_viewed`."""
+def _descended(rows: _Rows, start: Floats, from_afar: bool) -> tuple[Floats, _Step, _Step]:
+    """Where Gauss-Newton steps end, (p, 6), and the first and the last of them; from_afar : as of `_viewed`."""
     view = _viewed(rows, start, from_afar)
-    judge = _step(rows, view)
+    first = judge = _step(rows, view)
     for _ in range(_STEPS):
         now = judge.deviance(rows, view)
         for halvings in range(_HALVINGS + 1):
@@ -204,7 +211,7 @@ def _descended(rows: _Rows, start: Floats, from_afar: bool) -> tuple[Floats, _St
         judge = _step(rows, view)
         if moved < _SMALL:
             break
-    return view.change, judge
+    return view.change, first, judge
 
 
 def _own(photo: int) -> slice:
@@ -222,21 +229,13 @@ def _viewed(rows: _Rows, change: Floats, from_afar: bool) -> _View:
     if from_afar:
         gradient = np.concatenate([own.expected for own in rows.photos])
     else:
-        noise = [
-            own.sight.noise.variance(np.maximum(its.radiance, 0))
-            for own, its in zip(rows.photos, shown, strict=True)
-        ]
         gradient = np.concatenate([its.gradient for its in shown])
         usable = seen & np.isfinite(gradient).all(axis=(1, 2))
-        weight = np.where(usable[:, None], rows.trust / np.concatenate(noise), 0)
-        gradient = rows.of_others(weight, np.where(usable[:, None, None], gradient, 0))
+        gradient = rows.of_others(rows.weight(observed, usable), np.where(usable[:, None, None], gradient, 0))
     seen &= np.isfinite(gradient).all(axis=(1, 2))
     slopes = np.einsum("ncw,nwj->ncj", gradient, np.concatenate([its.moves for its in shown]))
     slopes = slopes - np.concatenate([its.highlight for its in shown])
-    rims = [
-        None if own.sight.outline is None else rim_of(own.sight.outline, own.sight.body, own.sight.at(its))
-        for own, its in zip(rows.photos, change, strict=True)
-    ]
+    rims = [own.sight.rim(its) for own, its in zip(rows.photos, change, strict=True)]
     return _View(
         change,
         seen,
@@ -275,10 +274,7 @@ def _step(rows: _Rows, view: _View) -> _Step:
         if rim is None:
             rims.append((np.inf, 1.0))
             continue
-        motion = image_motion(
-            own.sight.camera, own.sight.centre, view.change[k] * own.sight.units, own.sight.units, rim.points
-        )
-        outline = rim.equations(motion, rim.std)
+        outline = rim.equations(own.sight.motion(view.change[k], rim.points), rim.std)
         others[_own(k), _own(k)] += outline.information
         pull[_own(k)] += outline.pull
         rims.append((rim.std, outline.together))
@@ -301,12 +297,9 @@ def _shared_turns(rows: _Rows) -> Floats:
 
 
 def _weighed(rows: _Rows, view: _View) -> tuple[Floats, Floats]:
-    """Weights (n, 3) of the rows, and what is left of them, (n, 3), when each point has the Kd that suits it best."""
+    """Weights (n, 3) of the rows, and what is left of them, (n, 3), when each point has the paint that suits it."""
     observed = np.maximum(view.observed, 0)
-    weight = np.zeros_like(view.off)
-    for k, own in enumerate(rows.photos):
-        mine = (rows.photo == k) & view.seen
-        weight[mine] = rows.trust[mine] / own.sight.noise.variance(observed[mine])
+    weight = rows.weight(observed, view.seen)
     for _ in range(2):
         paint = _Paint.under(rows, weight, view.specular)
         alone, left = 1 - paint.leverage, paint.less(view.off)

@@ -62,12 +62,7 @@ def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints
     """
     number = np.full((camera.height + 2, camera.width + 2), -1)
     number[field.rows, field.columns] = np.arange(len(field))
-    if camera.is_orthographic:
-        back = np.linalg.inv(camera.world_to_camera[:3, :3]) @ np.array([0.0, 0.0, -1.0])
-        views = np.broadcast_to(back / np.linalg.norm(back), points.positions.shape)
-    else:
-        views = camera.centre - points.positions
-        views = views / np.linalg.norm(views, axis=1, keepdims=True)
+    views = camera.views(points.positions)
     facing = (points.normals * views).sum(axis=1) >= MIN_COS_EXITANT
     seen = np.flatnonzero(facing & ((points.facets * views).sum(axis=1) > 0))
     pixels = camera.project(points.positions[seen]) - 0.5

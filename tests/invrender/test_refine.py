@@ -62,13 +62,18 @@ def grey(positions: Floats) -> Floats:
     return np.ones_like(positions)
 
 
-def ball_photo(camera: Camera, paint: Callable[[Floats], Floats], rng: np.random.Generator) -> RadianceImage:
-    """A painted ball as a camera shows it: its rays, 16 a pixel, meet the sphere itself, not a mesh."""
+def ball_picture(camera: Camera, paint: Callable[[Floats], Floats]) -> Floats:
+    """A painted ball as a camera shows it, (100, 120, 3): rays, 16 a pixel, meet the sphere itself, not a mesh."""
     rows, columns = np.mgrid[: 100 * SUB, : 120 * SUB]
     pixels = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) / SUB
     hit, normals = Sphere(CENTRE, RADIUS, np.zeros((4, 4))).hits(*camera.rays(pixels))
     picture = np.where(hit[:, None], paint(CENTRE + RADIUS * normals), 0)
-    picture = picture.reshape(100, SUB, 120, SUB, 3).mean(axis=(1, 3))
+    return np.asarray(picture.reshape(100, SUB, 120, SUB, 3).mean(axis=(1, 3)))
+
+
+def ball_photo(camera: Camera, paint: Callable[[Floats], Floats], rng: np.random.Generator) -> RadianceImage:
+    """The same with noise."""
+    picture = ball_picture(camera, paint)
     picture += np.sqrt(NOISE.variance(picture)) * rng.standard_normal(picture.shape)
     radiance = picture.astype(np.float32)
     return RadianceImage(radiance, np.zeros_like(radiance), np.zeros((100, 120), bool))
@@ -81,8 +86,8 @@ def ball_body() -> MeshBody:
     return MeshBody(TriangleMesh(CENTRE + radius * ball.vertices, ball.faces, ball.vertices))
 
 
-def camera_at(degrees: float) -> Camera:
-    pose = Arc(CENTRE, [0, 0, 1], 0.6, [1, 0, 0]).pose(np.radians(degrees))
+def camera_at(azimuth: float) -> Camera:
+    pose = Arc(CENTRE, [0, 0, 1], 0.6, [1, 0, 0]).pose(azimuth)
     return Camera("PINHOLE", np.array([900.0, 900.0, 60.0, 50.0]), 120, 100, pose)
 
 
@@ -90,7 +95,7 @@ def refined(
     paint: Callable[[Floats], Floats], change: Floats, rng: np.random.Generator, masked: bool = False
 ) -> RefinedPose:
     """What is found where a painted ball was photographed after a change (6,) in units of the pose."""
-    camera = camera_at(np.degrees(0.4))
+    camera = camera_at(0.4)
     seen_from = changed(camera, CENTRE, change * UNITS)
     image, body = ball_photo(seen_from, paint, rng), ball_body()
     field = sample_body(body, camera, image, None, NO_SOURCES, None, rng)
@@ -98,7 +103,7 @@ def refined(
     def seen(field: LightField) -> Floats:
         return np.asarray(field.mean_over_rays(paint(field.positions)))
 
-    coverage = (ball_photo(seen_from, grey, rng).radiance[..., 0] > 0.5).astype(np.float32)
+    coverage = ball_picture(seen_from, grey)[..., 0].astype(np.float32)
     outline = outline_in(camera, coverage if masked else None)
     sight = Sight(body, camera, image, CENTRE, UNITS, field.rows, field.columns, seen, NOISE, outline)
     return refine_pose(sight, np.zeros(6))
@@ -144,7 +149,7 @@ def test_an_outline_tells_the_shift_of_what_has_no_paint() -> None:
 
 
 def test_photographs_that_share_their_paint_come_back_together(rng: np.random.Generator) -> None:
-    given = [camera_at(degrees) for degrees in (-45, -15, 15, 45)]
+    given = [camera_at(azimuth) for azimuth in np.radians([-45, -15, 15, 45])]
     truth = rng.standard_normal((4, 6)) * [1.5, 1.5, 1.5, 0.7, 0.7, 0.1]
     body, photos = ball_body(), []
     at = body.mesh.vertices[::3]
@@ -180,13 +185,7 @@ def test_photographs_that_share_their_paint_come_back_together(rng: np.random.Ge
 
 
 def test_covariances_are_of_the_pose_as_it_is_written(rng: np.random.Generator) -> None:
-    camera = Camera(
-        "PINHOLE",
-        np.array([900.0, 900.0, 60.0, 50.0]),
-        120,
-        100,
-        Arc(CENTRE, [0, 0, 1], 0.6, [1, 0, 0]).pose(1.0),
-    )
+    camera = camera_at(1.0)
     half = 1e-4 * rng.standard_normal((6, 6))
     written, places = [], []
     for change in (half @ rng.standard_normal((6, 4000))).T:
