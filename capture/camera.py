@@ -79,6 +79,21 @@ class Camera:
         """The same camera at another pose."""
         return replace(self, world_to_camera=np.asarray(world_to_camera, float))
 
+    def binned(self, factor: int) -> Camera:
+        """The camera of pictures whose pixels are `factor` by `factor` of this one's; what fills none is cut off."""
+        width, height = self.width // factor, self.height // factor
+        if self.is_orthographic:
+            return replace(self, params=self.params / factor, width=width, height=height)
+        import pycolmap
+
+        # Lens distortion is a matter of directions, which stay.
+        whole = (width * factor, height * factor)
+        smaller = pycolmap.Camera(
+            model=self.model, width=whole[0], height=whole[1], params=self.params.tolist()
+        )
+        smaller.rescale(width, height)
+        return replace(self, params=np.asarray(smaller.params), width=width, height=height)
+
     def rays(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
         """Rays through image points, in the world.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,17 @@ class RadianceImage:
         view: Image = frozen_view(variance, np.float32)
         return view
 
+    def binned(self, factor: int) -> RadianceImage:
+        """Means over `factor` by `factor` pixels, saturated where one of them is; what fills none is cut off.
+
+        Noise counts as independent from pixel to pixel.
+        """
+        return RadianceImage(
+            _means(self.radiance, factor),
+            lambda: _means(self.variance, factor) / np.float32(factor**2),
+            np.asarray(_blocks(self.saturated, factor).any(axis=(1, 3))),
+        )
+
     def variance_at(self, rows: Places, columns: Places) -> Image:
         """The variance (n, 3) float32 of pixels by their rows and columns (n,)."""
         if self._variance_at is None or "variance" in self.__dict__:
@@ -65,3 +77,14 @@ class RadianceImage:
             raise ValueError(
                 f"radiance {self.radiance.shape} and variance {variance.shape} must both be (h, w, 3)"
             )
+
+
+def _means(values: Image, factor: int) -> Image:
+    return np.asarray(_blocks(values, factor).mean(axis=(1, 3)), np.float32)
+
+
+def _blocks(values: NDArray[Any], factor: int) -> NDArray[Any]:
+    """Pixels (h, w, ...) as (h / factor, factor, w / factor, factor, ...)."""
+    height, width = (side // factor for side in values.shape[:2])
+    whole = values[: height * factor, : width * factor]
+    return whole.reshape(height, factor, width, factor, *values.shape[2:])

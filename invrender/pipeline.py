@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,18 +23,24 @@ from invrender.solved import Solved
 from invrender.specimen import Specimen, find_specimen
 from invrender.texture.solve import solve_textured
 from invrender.unknownlight import solve_unknown_light
-from recon.bodies import body_pixels
+from recon.bodies import body_pixels, body_window
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, samples_at
 
 DEFAULT_SAMPLES = 60_000
 # Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
 _PIXELS_AT_A_TIME = 20_000
+# About how many pixels an object without texture has in predictions, what is around it included: one of 12 megapixels
+# would show no more, and take minutes.
+_PREDICTED = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One photograph beside its prediction: (h, w, 3) float32; `inside` (h, w) marks where it is predicted."""
+    """One photograph beside its prediction: (h, w, 3) float32; `inside` (h, w) marks where it is predicted.
+
+    observed, predicted : in pixels of the size that the run predicts.
+    """
 
     photo: Photo
     observed: RadianceImage
@@ -59,12 +66,24 @@ class Run:
         """The samples of each photograph, by label."""
         return self.solved.fields
 
+    @cached_property
+    def binning(self) -> int:
+        """So many pixels of a photograph, across and down, are one of its prediction; 1 for textures."""
+        if self.photoset.object.texture:
+            return 1
+        windows = [body_window(self.specimen.body, photo.camera) for photo in self.photoset.photos]
+        most = max((bottom - top) * (right - left) for top, left, bottom, right in windows)
+        return max(round(np.sqrt(most / _PREDICTED)), 1)
+
     def predictions(self) -> Iterator[Prediction]:
         """Predicted photographs in the set's order, a few at a time in memory."""
         return parallel_map(self._predict, self.photoset.photos)
 
     def _predict(self, photo: Photo) -> Prediction:
         observed = decode_photo(self.photoset, photo)
+        if self.binning > 1:
+            observed = observed.binned(self.binning)
+            photo = replace(photo, camera=photo.camera.binned(self.binning))
         body = self.specimen.body
         rows, columns = body_pixels(body, photo.camera)
         predicted = np.zeros_like(observed.radiance)

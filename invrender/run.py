@@ -80,7 +80,8 @@ def write_result(run: Run, folder: Path, more: Mapping[str, Any] | None = None) 
         assert run.photoset.mesh_to_world is not None
         result.textures.write(folder, run.photoset.mesh_to_world)
     (folder / "predicted").mkdir()
-    document = result_document(result, files, _input_hashes(run.photoset), run.seconds) | dict(more or {})
+    document = result_document(result, files, _input_hashes(run.photoset), run.seconds)
+    document |= {"predicted_binning": run.binning, **(more or {})}
     report = ReportWriter(run, document)
     names = _predicted_names([photo.label for photo in run.photoset.photos])
     for prediction in _with_progress(run):

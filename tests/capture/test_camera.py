@@ -168,3 +168,14 @@ def test_a_bad_camera_says_what_is_wrong(changes, message):
     }
     with pytest.raises(ValueError, match=message):
         Camera(**(given | changes))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_binned_camera_sees_the_same_where_pixels_are_as_many_times_larger(model: str):
+    camera = Camera(model, PARAMS[model], WIDTH, HEIGHT, POSE)
+    # 91 x 68, three columns and four rows being cut off.
+    binned = camera.binned(7)
+    assert (binned.width, binned.height) == (91, 68)
+    pixels = pixel_grid()
+    for ours, theirs in zip(binned.rays(pixels / 7), camera.rays(pixels), strict=True):
+        assert_allclose(ours, theirs, atol=1e-9)

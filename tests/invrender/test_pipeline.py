@@ -11,15 +11,39 @@ import numpy as np
 import pytest
 
 from capture.photoset import load_photoset
+from invrender import pipeline
 from invrender.factorization import Factorization
 from invrender.pipeline import process
 from invrender.result import result_document
+from recon.bodies import body_window
 
 
 def test_threads_and_repetition_change_nothing(lamp_set: Path) -> None:
     first, second = (process(load_photoset(lamp_set), samples=2000).result for _ in range(2))
     assert first.model.estimate.cost == second.model.estimate.cost
     assert first.model.photo_errors.tolist() == second.model.photo_errors.tolist()
+
+
+def test_large_photographs_are_predicted_in_means_over_several_pixels(
+    lamp_set: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = process(load_photoset(lamp_set), samples=2000)
+    assert run.binning == 1
+    fine = next(run.predictions())
+    top, left, bottom, right = body_window(run.specimen.body, fine.photo.camera)
+    monkeypatch.setattr(pipeline, "_PREDICTED", (bottom - top) * (right - left) / 9)
+    large = process(load_photoset(lamp_set), samples=2000)
+    assert large.binning == 3
+    coarse = next(large.predictions())
+    height, width = coarse.inside.shape
+
+    def means(radiance: np.ndarray) -> np.ndarray:
+        return radiance[: 3 * height, : 3 * width].reshape(height, 3, width, 3, 3).mean(axis=(1, 3))
+
+    np.testing.assert_allclose(coarse.observed.radiance, means(fine.observed.radiance), rtol=1e-5)
+    # What few rays a pixel leave of a highlight, in large pixels and in small ones.
+    error = (coarse.predicted - means(fine.predicted))[coarse.inside]
+    assert np.sqrt((error**2).mean() / (coarse.predicted[coarse.inside] ** 2).mean()) < 0.001
 
 
 def test_unmeasured_irradiance_and_ambient_are_recovered(small_set: Path) -> None:
