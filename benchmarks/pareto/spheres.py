@@ -29,7 +29,7 @@ DRAWS = 2
 _BUDGETS: tuple[int | None, ...] = (500, 2000, 8000, 32000, None)
 # As far as approximations and published procedures gain by more; RH01's map of the light takes two thousand.
 _LEVEL = (500, 2000, 8000)
-_ORDERS, _ORDER_BUDGET = (4, 6, 8, 12), 8000
+_ORDERS, _ORDER_BUDGET = (6, 8, 12), 8000
 # Of a coarse version; the last is what the default of `process` is in it.
 _QUICK_BUDGET, _QUICK_ORDERS, _QUICK_DEFAULT = 2000, (8,), 500
 
@@ -83,8 +83,9 @@ def _unknown(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
             yield f"Gauss-Newton, {transfer}, l* = 10", _label(budget), newton, False
     for level in (_QUICK_BUDGET,) if quick else _LEVEL[1:]:
         yield "simplex and map [RH01]", _label(level), partial(published_unknown, samples=level), False
-        if not quick:
-            yield "whole ladder (lightfactor)", _label(level), partial(whole_ladder, samples=level), False
+    if not quick:
+        middle = partial(whole_ladder, samples=_LEVEL[1])
+        yield "whole ladder (lightfactor)", _label(_LEVEL[1]), middle, False
     level = _QUICK_BUDGET if quick else _ORDER_BUDGET
     for order in _QUICK_ORDERS if quick else _ORDERS:
         newton = partial(gauss_newton, samples=level, orders=(order,))
