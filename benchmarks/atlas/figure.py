@@ -90,14 +90,15 @@ def _draw_statuses(axes: Axes, sweep: Sweep, q: int) -> None:
 
 
 def _draw_edge(axes: Axes, sweep: Sweep) -> None:
-    if sweep.boundary.log:
-        axes.set_xscale("log")
-        # In plain numbers, and few: less than a decade is swept at times.
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.xaxis.set_minor_formatter(NullFormatter())
     if sweep.boundary.edge is not None:
         axes.axvline(sweep.boundary.edge, color=GREY, linestyle=":", linewidth=1.5)
+    if sweep.boundary.log:
+        axes.set_xscale("log")
+        # In plain numbers, and few: less than a decade is swept at times, and nearly three.
+        first, last = axes.get_xlim()
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if last < 100 * first else (1, 3)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _edges(at: Floats) -> Floats:
