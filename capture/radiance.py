@@ -60,10 +60,19 @@ class RadianceImage:
 
         Noise counts as independent from pixel to pixel.
         """
+        steps = np.arange(factor)
+
+        def variance_at(rows: Places, columns: Places) -> Image:
+            down = np.repeat(rows[:, None] * factor + steps, factor)
+            across = np.tile(columns[:, None] * factor + steps, factor).ravel()
+            own = self.variance_at(down, across).reshape(len(rows), factor**2, 3)
+            return np.asarray(own.mean(axis=1) / factor**2, np.float32)
+
         return RadianceImage(
             _means(self.radiance, factor),
             lambda: _means(self.variance, factor) / np.float32(factor**2),
             np.asarray(_blocks(self.saturated, factor).any(axis=(1, 3))),
+            variance_at,
         )
 
     def variance_at(self, rows: Places, columns: Places) -> Image:

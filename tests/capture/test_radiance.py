@@ -19,5 +19,8 @@ def test_binned_pixels_are_means_and_their_noise_is_that_of_means():
     assert binned.radiance.shape == (75, 100, 3)
     assert_array_equal(np.argwhere(binned.saturated), [[1, 1], [2, 99]])
     assert_allclose(binned.radiance[1, 1], 5 + noise[4:8, 4:8].mean(axis=(0, 1)), rtol=1e-5)
+    rows, columns = rng.integers(0, 75, 40), rng.integers(0, 100, 40)
+    few = binned.variance_at(rows, columns)
+    assert_allclose(few, binned.variance[rows, columns], rtol=1e-5)
     # Of 22,500 draws: four standard errors of their variance are 4%.
     assert_allclose(((binned.radiance - 5) ** 2 / binned.variance).mean(), 1, rtol=0.04)
