@@ -87,10 +87,8 @@ class Camera:
         import pycolmap
 
         # Lens distortion is a matter of directions, which stay.
-        whole = (width * factor, height * factor)
-        smaller = pycolmap.Camera(
-            model=self.model, width=whole[0], height=whole[1], params=self.params.tolist()
-        )
+        whole = {"width": width * factor, "height": height * factor}
+        smaller = pycolmap.Camera(model=self.model, **whole, params=self.params.tolist())
         smaller.rescale(width, height)
         return replace(self, params=np.asarray(smaller.params), width=width, height=height)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_view
+from capture.blocks import blocks
 
 Image = NDArray[np.float32]
 Places = NDArray[np.integer]
@@ -60,19 +60,10 @@ class RadianceImage:
 
         Noise counts as independent from pixel to pixel.
         """
-        steps = np.arange(factor)
-
-        def variance_at(rows: Places, columns: Places) -> Image:
-            down = np.repeat(rows[:, None] * factor + steps, factor)
-            across = np.tile(columns[:, None] * factor + steps, factor).ravel()
-            own = self.variance_at(down, across).reshape(len(rows), factor**2, 3)
-            return np.asarray(own.mean(axis=1) / factor**2, np.float32)
-
         return RadianceImage(
             _means(self.radiance, factor),
             lambda: _means(self.variance, factor) / np.float32(factor**2),
-            np.asarray(_blocks(self.saturated, factor).any(axis=(1, 3))),
-            variance_at,
+            np.asarray(blocks(self.saturated, factor).any(axis=(1, 3))),
         )
 
     def variance_at(self, rows: Places, columns: Places) -> Image:
@@ -89,11 +80,4 @@ class RadianceImage:
 
 
 def _means(values: Image, factor: int) -> Image:
-    return np.asarray(_blocks(values, factor).mean(axis=(1, 3)), np.float32)
-
-
-def _blocks(values: NDArray[Any], factor: int) -> NDArray[Any]:
-    """Pixels (h, w, ...) as (h / factor, factor, w / factor, factor, ...)."""
-    height, width = (side // factor for side in values.shape[:2])
-    whole = values[: height * factor, : width * factor]
-    return whole.reshape(height, factor, width, factor, *values.shape[2:])
+    return np.asarray(blocks(values, factor).mean(axis=(1, 3)), np.float32)

@@ -56,8 +56,9 @@ _JUDGING = Effort(directions=8192, per_side=8)
 class CatPhotos:
     """A photo set on disk with its specimen, as it is and as if it cast no shadows on itself.
 
-    known, unknown : the set, its first lighting told or not. unseen : the photograph of a new view under it. held_out :
-    samples of that without noise, integrated more finely: at shadows' borders the photograph itself is off by 0.2%.
+    noise : of its photographs. known, unknown : the set, its first lighting told or not. unseen : the photograph of a
+    new view under it. held_out : samples of that without noise, integrated more finely: at shadows' borders the
+    photograph itself is off by 0.2%.
     """
 
     folder: TemporaryDirectory[str]
@@ -104,7 +105,7 @@ def photographed() -> CatPhotos:
 
 @cache
 def with_noise(seed: int) -> CatPhotos:
-    """The same with other noise in the photographs that are fitted."""
+    """The same with other noise."""
     cat = photographed()
     folder = Path(cat.folder.name)
     photos = []

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from capture.blocks import blocks
 from capture.radiance import RadianceImage
 from capture.sensor.flatfield import LEAST_ILLUMINATION, half_diagonal
 from capture.sensor.rounding import decode_with_rounding
@@ -117,7 +118,7 @@ def _reduce(path: Path, image: RadianceImage, side: int, down: int, across: int)
     height, width = image.saturated.shape
     top, left = (height - down * side) // 2, (width - across * side) // 2
     cut = image.radiance[top : top + down * side, left : left + across * side]
-    tiles = cut.reshape(down, side, across, side, 3).swapaxes(1, 2)
+    tiles = blocks(cut, side).swapaxes(1, 2)
     kept = np.ones(tiles.shape, bool)
     for _ in range(3):
         count = kept.sum(axis=(2, 3))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_view
+from capture.blocks import blocks
 from capture.sensor.repeats import Repeats
 
 Floats = NDArray[np.float64]
@@ -243,6 +244,4 @@ def _seen_slope(noise: Floats, quantisation: Floats) -> Floats:
 
 def _cut(image: NDArray[Any]) -> NDArray[Any]:
     """(n, 64): the pixels of each whole tile."""
-    height, width = (size // _TILE * _TILE for size in image.shape)
-    tiles = image[:height, :width].reshape(height // _TILE, _TILE, width // _TILE, _TILE)
-    return tiles.swapaxes(1, 2).reshape(-1, _TILE * _TILE)
+    return blocks(image, _TILE).swapaxes(1, 2).reshape(-1, _TILE * _TILE)
