@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from invrender.solve.blind.projection import Fit, predicted
 from invrender.solve.blind.sight import Sight, rows_of
-from invrender.solve.blind.sources import Found, Lamps, find_starts
+from invrender.solve.blind.sources import Found, Lamps, find_starts, likelier
 from invrender.solve.blind.start import NOTHING, Search
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
 
@@ -53,7 +53,8 @@ def find_among_nonsense(
             break
         fit = search.fit(fit.state, fit.l_max)
     search = judged(search, fit, noise)
-    return search, *find_starts(search, l_max, in_the_dark)
+    found, lamps = find_starts(search, l_max, in_the_dark)
+    return search, likelier(search, found, fit.state), lamps
 
 
 def judged(search: Search, fit: Fit, noise: NoiseModel) -> Search:

@@ -161,6 +161,12 @@ def _worth_it(search: Search, fit: Fit, simpler: Fit, lighting: int) -> bool:
     return bool(saves and inside and (fit.irradiances[own].sum(axis=1) > 0).all())
 
 
+def likelier(search: Search, found: Found, state: State) -> Found:
+    """What was found, or the best near another state if that explains more for its sources' price."""
+    fit = _likelier(search, found.fit, search.fit(state, found.fit.l_max))
+    return found if fit is found.fit else Found(fit, with_seconds(search, fit))
+
+
 def _likelier(search: Search, first: Fit, second: Fit) -> Fit:
     """The one of two fits of one degree that explains more for its sources' price."""
     best = min(first, second, key=lambda fit: fit.cost)
@@ -220,22 +226,33 @@ def find_starts(search: Search, l_max: int, in_the_dark: bool) -> tuple[Found, L
     in_the_dark : whether lamps are looked for; they always are at degree 0.
     """
     if not l_max:
-        alone = _find_lamps(search)
-        return Found(alone.glossy, with_seconds(search, alone.glossy)), alone
+        diffuse = _diffuse_lamps(search)
+        alone = search.fit(first_state(search, 0, diffuse.state), 0)
+        return Found(alone, with_seconds(search, alone)), Lamps(alone, diffuse)
     found = find_sources(search, first_state(search, l_max), l_max)
-    lamps = _find_lamps(search) if in_the_dark else None
-    if lamps is None or lamps.glossy.cost > _NOT_DARK * found.fit.cost:
+    lamps = _lamps_alone(search, found.fit) if in_the_dark else None
+    if lamps is None:
         return found, None
-    better = _likelier(search, found.fit, search.fit(lamps.glossy.state, l_max))
-    return (found if better is found.fit else Found(better, with_seconds(search, better))), lamps
+    return likelier(search, found, lamps.glossy.state), lamps
 
 
-def _find_lamps(search: Search) -> Lamps:
-    """Lamps in a dark room, looked for at the peaks of light of the search's degree."""
-    diffuse = find_sources(search, NOTHING, 0, peaks_at=search.sights[0].l_max).fit
+def _lamps_alone(search: Search, beside: Fit) -> Lamps | None:
+    """Lamps in a dark room, those that were found beside light among them; None if they are no explanation.
+
+    beside : the fit with light that they are measured against.
+    """
+    diffuse = _diffuse_lamps(search)
     # Lobes take time with the degree that they are prepared for.
     dark = of_degree(search, 0)
-    return Lamps(dark.fit(first_state(dark, 0, diffuse.state), 0), diffuse)
+    # Light of many degrees passes for a lamp or two; a lamp that only a lobe shows isn't found without one.
+    starts = (first_state(dark, 0, diffuse.state), beside.state)
+    glossy = min((dark.fit(start, 0, _FEW) for start in starts), key=lambda fit: fit.cost)
+    return Lamps(dark.fit(glossy.state, 0), diffuse) if glossy.cost < _NOT_DARK * beside.cost else None
+
+
+def _diffuse_lamps(search: Search) -> Fit:
+    """Lamps in the dark as a diffuse body shows them, looked for at the peaks of light of the search's degree."""
+    return find_sources(search, NOTHING, 0, peaks_at=search.sights[0].l_max).fit
 
 
 def sources_of_diffuse(search: Search, l_max: int, lamps: Lamps | None) -> State:
