@@ -131,7 +131,10 @@ def smooth_normals(vertices: Floats, faces: Ints) -> Floats:
     lengths = np.linalg.norm(normals, axis=1)
     # A vertex whose faces cancel, or that no face names, has no normal.
     if (lengths < 1e-9).any():
-        raise ValueError(f"vertex {int(lengths.argmin())} has no normal: its faces cancel, or it has none")
+        raise ValueError(
+            f"vertex {int(lengths.argmin())} has no normal: it has no faces, or these cancel, as where a mesh holds"
+            " each face a second time, turned over; remove what is double in a mesh editor"
+        )
     return normals / lengths[:, None]
 
 

@@ -66,6 +66,11 @@ def test_seams_whose_sides_differ_in_the_last_digits_are_closed() -> None:
     assert not is_watertight(_cube(seamed.faces, seamed.vertices + 200 * rounding))
 
 
+def test_faces_held_twice_turned_over_are_told() -> None:
+    with pytest.raises(ValueError, match=r"vertex \d+ has no normal: .* turned over; remove what is double"):
+        smooth_normals(_CORNERS, np.concatenate([_FACES, _FACES[:, ::-1]]))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
