@@ -8,12 +8,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from capture.arrays import frozen_array
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# Positions nearer than this share of a mesh's size are the same.
+_SAME = 1e-6
 # Normals are unit to this: single precision, in which files hold them, is good to 1e-7.
 _UNIT = 1e-6
 # Normals of a file whose length is off by more than this were not meant to be unit.
@@ -76,9 +81,18 @@ def volume(mesh: TriangleMesh) -> float:
 
 
 def merged_faces(vertices: Floats, faces: Ints) -> Ints:
-    """Faces (f, 3) as indices of distinct positions, so that seams of the texture close."""
-    _, position = np.unique(vertices, axis=0, return_inverse=True)
-    return np.asarray(position.reshape(-1)[faces], dtype=np.int64)
+    """Faces (f, 3) as indices of distinct positions, so that seams of the texture close.
+
+    Positions count as one up to a millionth of the mesh's size: what one modeller wrote for the two sides of a seam, or
+    in single precision for the corners of each face, often differs in the last digits.
+    """
+    distinct, position = np.unique(vertices, axis=0, return_inverse=True)
+    size = float(np.ptp(distinct, axis=0).max())
+    near = cKDTree(distinct).query_pairs(_SAME * size, output_type="ndarray")
+    count = len(distinct)
+    pairs = coo_array((np.ones(len(near), np.int8), (near[:, 0], near[:, 1])), shape=(count, count))
+    _, place = connected_components(pairs, directed=False)
+    return np.asarray(place[position.reshape(-1)][faces], dtype=np.int64)
 
 
 def is_watertight(mesh: TriangleMesh) -> bool:
@@ -117,7 +131,10 @@ def smooth_normals(vertices: Floats, faces: Ints) -> Floats:
     lengths = np.linalg.norm(normals, axis=1)
     # A vertex whose faces cancel, or that no face names, has no normal.
     if (lengths < 1e-9).any():
-        raise ValueError(f"vertex {int(lengths.argmin())} has no normal: its faces cancel, or it has none")
+        raise ValueError(
+            f"vertex {int(lengths.argmin())} has no normal: it has no faces, or these cancel, as where a mesh holds"
+            " each face a second time, turned over; remove what is double in a mesh editor"
+        )
     return normals / lengths[:, None]
 
 

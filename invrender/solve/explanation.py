@@ -64,7 +64,7 @@ def explain(
     noise, weights = weigh(photos, LADDER[-1])
     rungs = climb_ladder(photos, weights, on_step, _models(LADDER, photos))
     chosen = choose(rungs)
-    if not rungs[chosen].estimate.model.specular and not _shows_more(rungs):
+    if not rungs[chosen].estimate.model.specular and not shows_more(rungs):
         return Explanation(rungs, chosen, tuple(photos), tuple(weights), noise)
     elements = {lighting.name: light_elements(lighting) for lighting in lightings}
     trials = try_forms(photos, weights, elements, on_step)
@@ -88,7 +88,7 @@ def refitted(known: Explanation, less: Sequence[Floats]) -> Estimate:
     return fit(estimate.model, statistics, estimate)
 
 
-def _shows_more(rungs: Sequence[Rung]) -> bool:
+def shows_more(rungs: Sequence[Rung]) -> bool:
     """Whether a specular part explains more than chance would, though not what it takes to predict photographs."""
     plain = next(rung.estimate.cost for rung in rungs if not rung.estimate.model.specular)
     return plain > _NOTABLE * min(rung.estimate.cost for rung in rungs)

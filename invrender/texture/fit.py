@@ -1,12 +1,13 @@
 """mu, sigma and the model of a textured object, from a subset of its points: each has a Kd, and a Ks, of its own.
 
-Outside, a search over mu and sigma; inside, the tiny linear problems of all points [RH01, section 6.4]. Three questions
-are the photographs': whether there is a specular part, whether it has a Fresnel factor, and whether its Ks varies too.
+Outside, a search over mu and sigma; inside, the tiny linear problems of all points [RH01, section 6.4]. Four questions
+are the photographs': whether there is a specular part, whether it has a Fresnel factor, whether its Ks varies too, and
+of which form it is. Forms are tried on a share of the points, as `solve.forms` does on a share of the samples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,11 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.columns import specular_weights
+from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import Microfacet
-from invrender.solve.evidence import Rung, choose, relative_rms
+from invrender.solve.evidence import Rung, adequate, choose, relative_rms
+from invrender.solve.explanation import shows_more
+from invrender.solve.forms import beside
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
-from invrender.solve.search import bounds_of, searched, simplex
+from invrender.solve.search import OTHER_FORMS, bounds_of, models_of, searched, simplex
 from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd
 
 Floats = NDArray[np.float64]
@@ -36,6 +40,8 @@ _PATCHES = 60
 _NEAR = 1e-5
 # Step of the slopes, in log sigma and log(mu - 1).
 _STEP = 0.02
+# Observations of points that forms are tried on: each point takes up some of its own for its Kd and Ks.
+_TRIED = 6000
 
 
 @dataclass(frozen=True)
@@ -45,12 +51,17 @@ class TexturedModel(Model):
     ks_varies: bool = False
 
 
-LADDER = (
-    TexturedModel("lambertian, Kd varies", specular=False, fresnel=False),
-    TexturedModel("microfacet without Fresnel, Kd varies", specular=True, fresnel=False),
-    TexturedModel("microfacet, Kd varies", specular=True, fresnel=True),
-    TexturedModel("microfacet, Kd and Ks vary", specular=True, fresnel=True, ks_varies=True),
-)
+def textured_models(form: LobeForm) -> tuple[TexturedModel, ...]:
+    """The models with a specular part of this form, those with fewer parameters first; Ks varies in the last."""
+    even = tuple(
+        TexturedModel(f"{model.name}, Kd varies", True, model.fresnel, form) for model in models_of(form)
+    )
+    return *even, replace(even[-1], name=f"{form.name}, Kd and Ks vary", ks_varies=True)
+
+
+LADDER = (TexturedModel("lambertian, Kd varies", specular=False, fresnel=False), *textured_models(PRINTED))
+# How often `fit_textured` reports progress, at most.
+FIT_STEPS = len(LADDER) + len(OTHER_FORMS) + 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +79,10 @@ class Rows:
     brightness: Floats
     share: Floats
     tiles: Ints
+
+
+# Columns of some of the points (size,) in several forms: of each form the rows of all photographs.
+InForms = Callable[[Sequence[LobeForm], NDArray[np.bool_]], Mapping[LobeForm, Sequence[Rows]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,27 +114,144 @@ class TexturedFit:
 
 
 def fit_textured(
-    photos: Sequence[Rows], points: int, on_step: Callable[[], None] = lambda: None
+    photos: Sequence[Rows], points: int, in_forms: InForms, on_step: Callable[[], None] = lambda: None
 ) -> TexturedFit:
-    """Fit the ladder to what photographs say of some points; `on_step` is called after each of its rungs."""
-    scale = float(np.sqrt(np.mean(np.concatenate([rows.radiance for rows in photos]) ** 2)))
-    richest = LADDER[-1]
-    stack = _Stack.of(photos, points, NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative))
-    start = _search(richest, stack)
-    noise, stack = _weighed(richest, stack, len(photos), start)
-    fitted = [(model, _search(model, stack, start)) for model in LADDER]
-    judged = _judged(richest, stack, len(photos), fitted[-1][1])
-    rungs = []
-    for model, point in fitted:
-        rungs.append(_rung(model, stack, len(photos), point, judged))
+    """Fit the ladder to what photographs say of some points.
+
+    photos : rows in RH01's form. in_forms : asked for other forms only where a specular part shows; of forms that
+    explain as well RH01's is preferred. `on_step` is called `FIT_STEPS` times at most.
+    """
+    every = np.ones(points, bool)
+    climbed = _climb({PRINTED: photos}, points, on_step)
+    own = climbed.ladders[PRINTED]
+    rungs, chosen = own.rungs, choose(own.rungs)
+    apart: Floats | None = None
+    if rungs[chosen].estimate.model.specular or shows_more(rungs):
+        tried = _climb(in_forms((PRINTED, *OTHER_FORMS), _share(photos, points)), points)
         on_step()
-    chosen = choose(rungs)
-    model, point = fitted[chosen]
+        others = _others(own, PRINTED, tried, len(climbed.stacks[PRINTED].points))
+        chosen = choose((*rungs, *others))
+        form = (*rungs, *others)[chosen].estimate.model.form
+        if form is not PRINTED:
+            climbed = _climb(in_forms((form,), every), points, on_step, tried.ladders[form].points[-1])
+            mine = climbed.ladders[form]
+            rest = _others(mine, form, tried, len(climbed.stacks[form].points))
+            chosen = len(rungs) + choose(mine.rungs)
+            own = _Ladder((*own.models, *mine.models), (*own.points, *mine.points), (*rungs, *mine.rungs))
+            others = [rung for rung in rest if rung.estimate.model.form is not PRINTED]
+        rungs = (*own.rungs, *others)
+        apart = _apart(rungs, chosen, tried)
+    model, point = own.models[chosen], own.points[chosen]
+    stack = climbed.stacks[model.form]
     ks = ks_std = np.zeros(3)
     if model.specular and not model.ks_varies:
         ks, ks_std = common_ks(stack.sums(_numbers(model, point)))
     covariance, fragility = _uncertainty(model, stack, point)
-    return TexturedFit(tuple(rungs), chosen, noise, covariance, fragility, ks, ks_std)
+    if apart is not None:
+        covariance = covariance + np.diag(apart[: len(point)] ** 2)
+    return TexturedFit(rungs, chosen, climbed.noise, covariance, fragility, ks, ks_std)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ladder:
+    """Models of one form, where the search found each best, and their evidence."""
+
+    models: tuple[TexturedModel, ...]
+    points: tuple[Floats, ...]
+    rungs: tuple[Rung, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Climbed:
+    """Ladders of several forms on the same rows, weighed alike, and what was left of them taken for noise."""
+
+    ladders: Mapping[LobeForm, _Ladder]
+    stacks: Mapping[LobeForm, _Stack]
+    noise: NoiseModel
+
+
+def _climb(
+    photos: Mapping[LobeForm, Sequence[Rows]],
+    points: int,
+    on_step: Callable[[], None] = lambda: None,
+    near: Floats | None = None,
+) -> _Climbed:
+    """Ladders of forms, by the noise that the best of them leaves: what another misses is no noise.
+
+    near : where to begin the search instead of everywhere.
+    """
+    count = len(next(iter(photos.values())))
+    stacks, starts, costs = {}, {}, {}
+    for form, rows in photos.items():
+        scale = float(np.sqrt(np.mean(np.concatenate([own.radiance for own in rows]) ** 2)))
+        noise = NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative)
+        stacks[form], richest = _Stack.of(rows, points, noise, form), textured_models(form)[-1]
+        starts[form] = _search(richest, stacks[form], near)
+        costs[form] = _cost(richest, stacks[form], starts[form])
+        if len(photos) > 1:
+            on_step()
+    best = min(costs, key=lambda form: costs[form])
+    richest = textured_models(best)[-1]
+    noise, weighed = _weighed(richest, stacks[best], count, starts[best])
+    stacks = {
+        form: replace(stack, weight=weighed.weight, trust=weighed.trust) for form, stack in stacks.items()
+    }
+    judged = _judged(richest, stacks[best], count, starts[best])
+    ladders = {}
+    for form, stack in stacks.items():
+        models = LADDER if form is PRINTED else textured_models(form)
+        places = tuple(_search(model, stack, starts[form]) for model in models)
+        rungs = []
+        for model, point in zip(models, places, strict=True):
+            rungs.append(_rung(model, stack, count, point, judged))
+            if len(photos) == 1:
+                on_step()
+        ladders[form] = _Ladder(models, places, tuple(rungs))
+    return _Climbed(ladders, stacks, noise)
+
+
+def _share(photos: Sequence[Rows], points: int) -> NDArray[np.bool_]:
+    """Which points (size,) to try forms on."""
+    count = points * _TRIED / max(sum(len(rows.points) for rows in photos), 1)
+    return np.asarray(np.random.default_rng(0).permutation(points) < count)
+
+
+def _others(reference: _Ladder, form: LobeForm, tried: _Climbed, points: int) -> list[Rung]:
+    """Rungs of all forms but one, as they would be on all of so many points; the simple and the good first."""
+    own = tried.ladders[form].rungs[-1]
+    found = [
+        replace(beside(reference.rungs[-1], rung, own), parameters=_parameters(model, points))
+        for other, ladder in tried.ladders.items()
+        if other is not form
+        for model, rung in zip(ladder.models, ladder.rungs, strict=True)
+        if model.specular
+    ]
+    return sorted(found, key=lambda rung: (rung.parameters, rung.error))
+
+
+def _apart(rungs: Sequence[Rung], chosen: int, tried: _Climbed) -> Floats:
+    """By how much other forms that explain as well put log sigma and log(mu - 1) elsewhere, (2,).
+
+    On the points that forms were tried on, so that noise is in both alike.
+    """
+    model, apart = rungs[chosen].estimate.model, np.zeros(2)
+    if not model.specular:
+        return apart
+    here = _point_like(model, tried.ladders[model.form])
+    for rung, fits in zip(rungs, adequate(rungs), strict=True):
+        other = rung.estimate.model
+        if fits and other.specular and other.form is not model.form:
+            there = _point_like(model, tried.ladders[other.form])
+            both = min(len(here), len(there))
+            apart[:both] = np.maximum(apart[:both], np.abs(here[:both] - there[:both]))
+    return apart
+
+
+def _point_like(model: Model, ladder: _Ladder) -> Floats:
+    """Where the ladder's model with what this one has, as far as its form allows, is best."""
+    wanted = (model.fresnel, getattr(model, "ks_varies", False))
+    pairs = [pair for pair in zip(ladder.models, ladder.points, strict=True) if pair[0].specular]
+    return min(pairs, key=lambda pair: (pair[0].ks_varies != wanted[1], pair[0].fresnel != wanted[0]))[1]
 
 
 def solved(model: TexturedModel, sums: Sums, ks: Floats | None = None) -> PointValues:
@@ -141,11 +273,13 @@ def _numbers(model: Model, point: Floats) -> Numbers:
 class _Stack:
     """The rows of all photographs together, sorted by point.
 
-    points : (p,), those seen, of `size` in all; starts : (p,), their first rows. at, photo, tiles : (r,), point,
+    form : of the columns. points : (p,), those seen, of `size` in all; starts : (p,), their first rows.
+    at, photo, tiles : (r,), point,
     photograph and tile of each row. diffuse, radiance, weight : (r, 3). specular : (channels * r, q) columns.
     trust : (r, 3), as of `Weights`. share : as of `Rows`, (r, 1).
     """
 
+    form: LobeForm
     size: int
     points: Ints
     starts: Ints
@@ -160,7 +294,7 @@ class _Stack:
     share: Floats
 
     @classmethod
-    def of(cls, photos: Sequence[Rows], size: int, noise: NoiseModel) -> _Stack:
+    def of(cls, photos: Sequence[Rows], size: int, noise: NoiseModel, form: LobeForm) -> _Stack:
         photo = np.repeat(np.arange(len(photos)), [len(rows.points) for rows in photos])
         first = np.cumsum([0, *(rows.tiles.max(initial=-1) + 1 for rows in photos)])
         at = np.concatenate([rows.points for rows in photos])
@@ -171,6 +305,7 @@ class _Stack:
         tiles = np.concatenate([rows.tiles + start for rows, start in zip(photos, first, strict=False)])
         points, starts = np.unique(at[order], return_index=True)
         return cls(
+            form=form,
             size=size,
             points=points,
             starts=starts,
@@ -190,7 +325,7 @@ class _Stack:
         mu, sigma = numbers
         if sigma is None:
             return self.diffuse, np.zeros_like(self.diffuse)
-        flat = self.specular @ specular_weights(mu, sigma).astype(np.float32)
+        flat = self.specular @ specular_weights(mu, sigma, self.form).astype(np.float32)
         return self.diffuse, np.broadcast_to(flat.reshape(-1, len(self.at)).T, self.diffuse.shape).astype(
             float
         )
@@ -253,10 +388,14 @@ def _search(model: TexturedModel, stack: _Stack, near: Floats | None = None) -> 
     lower, upper = bounds_of(model)
 
     def cost(point: Floats) -> float:
-        return float(solved(model, stack.sums(_numbers(model, point))).cost.sum())
+        return _cost(model, stack, point)
 
     start = searched(cost, lower, upper) if near is None else np.clip(near[: len(lower)], lower, upper)
     return simplex(cost, start, lower, upper, size=0.02, near=_NEAR)
+
+
+def _cost(model: TexturedModel, stack: _Stack, point: Floats) -> float:
+    return float(solved(model, stack.sums(_numbers(model, point))).cost.sum())
 
 
 def _weighed(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> tuple[NoiseModel, _Stack]:
@@ -310,7 +449,7 @@ def _rung(model: TexturedModel, stack: _Stack, photos: int, point: Floats, judge
     total = stack.sums(numbers)
     values = solved(model, total)
     seen = total.count > 0
-    brdf = Microfacet(values.kd[seen].mean(axis=0), values.ks[seen].mean(axis=0), *numbers)
+    brdf = Microfacet(values.kd[seen].mean(axis=0), values.ks[seen].mean(axis=0), *numbers, model.form)
     errors, energy = np.full(photos, np.nan), np.zeros(_PATCHES)
     for photo in range(photos):
         use = judged & (stack.photo == photo)
@@ -329,9 +468,14 @@ def _rung(model: TexturedModel, stack: _Stack, photos: int, point: Floats, judge
         )
     # A photograph that shares no points with others has no say.
     errors = np.where(np.isnan(errors), np.nanmean(errors), errors)
-    count = int(seen.sum()) * 3 * (1 + model.ks_varies) + 3 * (model.specular and not model.ks_varies)
     estimate = Estimate(model, brdf, {}, float(values.cost.sum()))
-    return Rung(estimate, errors, energy, count + model.specular + model.fresnel)
+    return Rung(estimate, errors, energy, _parameters(model, int(seen.sum())))
+
+
+def _parameters(model: TexturedModel, points: int) -> int:
+    """Count of the numbers of a model of so many points."""
+    common = model.specular and not model.ks_varies
+    return 3 * points * (1 + model.ks_varies) + 3 * common + model.specular + model.fresnel
 
 
 def _uncertainty(model: TexturedModel, stack: _Stack, point: Floats) -> tuple[Floats, Floats]:

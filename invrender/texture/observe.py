@@ -49,6 +49,10 @@ class Observations:
         used[self.samples] = True
         return used
 
+    def where(self, keep: NDArray[np.bool_]) -> Observations:
+        """Those of points that are marked (r,)."""
+        return Observations(self.points[keep], self.samples[keep], self.weights[keep])
+
     def renumbered(self, used: NDArray[np.bool_]) -> Observations:
         """The same, of a field of which only the used samples are kept."""
         return Observations(self.points, (np.cumsum(used) - 1)[self.samples], self.weights)

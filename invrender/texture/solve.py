@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,8 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
 from invrender.findings import find_warnings
-from invrender.model.columns import photo_columns
+from invrender.model.columns import columns_of_forms
+from invrender.model.lobes import PRINTED, LobeForm, Smith
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict, reflected
 from invrender.model.transfer import LightElement, light_elements
@@ -29,7 +31,7 @@ from invrender.solve.clusters import tile_of
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.texture.cover import cover
-from invrender.texture.fit import LADDER, Rows, TexturedFit, fit_textured, solved
+from invrender.texture.fit import FIT_STEPS, Rows, TexturedFit, fit_textured, solved
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
@@ -160,11 +162,14 @@ def _first_pass(
     subset = points.where(chosen)
     budget = max(samples // len(fitted), 100)
 
-    def read(index: int) -> tuple[LightField, Rows | None]:
+    def read(index: int) -> tuple[LightField, tuple[_Seen, Rows] | None]:
         photo = photos[index]
         field = bench.pixels(photo)
         with bench.clock.on("invrender"):
-            rows = None if photo.held_out else _rows(bench, photo, field, subset)
+            rows = None
+            if not photo.held_out:
+                seen = _Seen.of(photo.lighting, observe(bench.body, photo.camera, field, subset), field)
+                rows = seen, _rows(bench, seen, (PRINTED,))[PRINTED]
         keep = np.zeros(len(field), bool)
         keep[np.random.default_rng(index).permutation(len(field))[:budget]] = True
         return field.where(keep), rows
@@ -177,32 +182,62 @@ def _first_pass(
         fields[photo.label] = field
         if rows is not None:
             found.append(rows)
+
+    def in_forms(forms: Sequence[LobeForm], some: NDArray[np.bool_]) -> dict[LobeForm, list[Rows]]:
+        shown = [seen.of_points(some) for seen, _ in found]
+        result: dict[LobeForm, list[Rows]] = {form: [] for form in forms}
+        # Facets of any form reflect the same rays, which are followed once.
+        facets = tuple(form for form in forms if isinstance(form, Smith))
+        for group in (facets, *((form,) for form in forms if form not in facets)):
+            for rows in parallel_map(partial(_rows, bench, forms=group), shown if group else ()):
+                for form, own in rows.items():
+                    result[form].append(own)
+        return result
+
     with bench.clock.on("invrender"):
-        steps = iter(track(range(len(LADDER) + 1), "Fitting and cross-validating"))
+        steps = iter(track(range(FIT_STEPS), "Fitting and cross-validating"))
         next(steps)
-        fit = fit_textured(found, count, lambda: next(steps, None))
+        fit = fit_textured([rows for _, rows in found], count, in_forms, lambda: next(steps, None))
         for _ in steps:
             pass
     return fit, fields
 
 
-def _rows(bench: _Bench, photo: Photo, field: LightField, points: SurfacePoints) -> Rows:
-    """What a photograph says of points, as columns that hold neither mu nor sigma."""
-    seen = observe(bench.body, photo.camera, field, points)
-    used = seen.of_samples(len(field))
-    seen, pixels = seen.renumbered(used), field.where(used)
-    entry = photo_columns(
-        photo.lighting, bench.elements[photo.lighting], pixels, shadows=bench.specimen.shadows
-    )
-    columns = np.stack([seen.at_points(channel) for channel in entry.columns[:, :, 0]])
-    return Rows(
-        seen.points,
-        columns.astype(np.float32),
-        seen.at_points(pixels.radiance),
-        _brightness(seen, pixels),
-        _share(seen, pixels),
-        np.unique(tile_of(pixels)[seen.samples[:, 0]], return_inverse=True)[1],
-    )
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What a photograph shows of points: the samples around them, and the light that it was under."""
+
+    lighting: str
+    points: Observations
+    pixels: LightField
+
+    @classmethod
+    def of(cls, lighting: str, points: Observations, field: LightField) -> _Seen:
+        """With those samples only that are used."""
+        used = points.of_samples(len(field))
+        return cls(lighting, points.renumbered(used), field.where(used))
+
+    def of_points(self, some: NDArray[np.bool_]) -> _Seen:
+        """Of the points that are marked."""
+        return _Seen.of(self.lighting, self.points.where(some[self.points.points]), self.pixels)
+
+
+def _rows(bench: _Bench, shown: _Seen, forms: Sequence[LobeForm]) -> dict[LobeForm, Rows]:
+    """What a photograph says of points, as columns that hold neither mu nor sigma; forms as of `columns_of_forms`."""
+    seen, pixels, name = shown.points, shown.pixels, shown.lighting
+    entries = columns_of_forms([name], bench.elements, [pixels], forms, bench.specimen.shadows)
+    result = {}
+    for form, (entry,) in entries.items():
+        columns = np.stack([seen.at_points(channel) for channel in entry.columns[:, :, 0]])
+        result[form] = Rows(
+            seen.points,
+            columns.astype(np.float32),
+            seen.at_points(pixels.radiance),
+            _brightness(seen, pixels),
+            _share(seen, pixels),
+            np.unique(tile_of(pixels)[seen.samples[:, 0]], return_inverse=True)[1],
+        )
+    return result
 
 
 def _brightness(seen: Observations, field: LightField) -> Floats:

@@ -240,6 +240,28 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
         assert 0.86 < (np.abs(z) < 1.96).mean() < 0.995
 
 
+def test_a_painted_dolls_lobe_may_be_of_another_form(lightfactor: Command, tmp_path: Path) -> None:
+    scene = tmp_path / "doll.toml"
+    scene.write_text(DOLL + '\n[material]\nmodel = "ggx"\nmu = 2.2\nalpha = 0.12\n')
+    write_photoset(read_staging(scene), tmp_path / "set")
+    path = tmp_path / "set" / "photoset.toml"
+    text = path.read_text()
+    if "texture = true" not in text:
+        path.write_text(text.replace('shape = "mesh"', 'shape = "mesh"\ntexture = true'))
+    out = tmp_path / "out"
+    code, _, err = lightfactor("process", tmp_path / "set", "-o", out, "--samples", 5000)
+    assert (code, err) == (0, "")
+    result = json.loads((out / "result.json").read_text())
+    assert result["brdf"]["model"] == "GGX"
+    sigma = result["brdf"]["sigma"]
+    # RH01's lobe in its place is off by 20% or so.
+    assert sigma["value"] == pytest.approx(0.12, rel=0.05)
+    assert abs(sigma["value"] - 0.12) < 3 * sigma["std"]
+    names = [model["name"] for model in result["models"]]
+    assert "microfacet, Kd and Ks vary" in names
+    assert "Phong, Kd varies" in names
+
+
 @pytest.mark.parametrize(
     ("pattern", "replacement", "words"),
     [

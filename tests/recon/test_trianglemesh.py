@@ -53,6 +53,24 @@ def test_watertight_means_every_edge_once_each_way() -> None:
     assert not is_watertight(_cube(np.concatenate([_FACES, [[0, 1, 0]]])))
 
 
+def test_seams_whose_sides_differ_in_the_last_digits_are_closed() -> None:
+    seamed = _seamed()
+    # What single precision leaves, at each corner of each face for itself.
+    rounding = 6e-8 * np.random.default_rng(2).uniform(-1, 1, seamed.vertices.shape)
+    for size, place in ((1.0, 0.0), (1e-3, 0.0), (1.0, 100.0)):
+        moved = size * (seamed.vertices + rounding) + place
+        assert is_watertight(_cube(seamed.faces, moved))
+        expected = (seamed.vertices - 0.5) * 2 / np.sqrt(3)
+        np.testing.assert_allclose(smooth_normals(moved, seamed.faces), expected, atol=1e-6)
+    # A hundred-thousandth of the size is a gap.
+    assert not is_watertight(_cube(seamed.faces, seamed.vertices + 200 * rounding))
+
+
+def test_faces_held_twice_turned_over_are_told() -> None:
+    with pytest.raises(ValueError, match=r"vertex \d+ has no normal: .* turned over; remove what is double"):
+        smooth_normals(_CORNERS, np.concatenate([_FACES, _FACES[:, ::-1]]))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
