@@ -23,7 +23,7 @@ from invrender.solved import Solved
 from invrender.specimen import Specimen, find_specimen
 from invrender.texture.solve import solve_textured
 from invrender.unknownlight import solve_unknown_light
-from recon.bodies import body_pixels, body_window
+from recon.bodies import body_pixels, larger_pixels
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, samples_at
 
@@ -71,9 +71,8 @@ class Run:
         """So many pixels of a photograph, across and down, are one of its prediction; 1 for textures."""
         if self.photoset.object.texture:
             return 1
-        windows = [body_window(self.specimen.body, photo.camera) for photo in self.photoset.photos]
-        most = max((bottom - top) * (right - left) for top, left, bottom, right in windows)
-        return max(round(np.sqrt(most / _PREDICTED)), 1)
+        photos, body = self.photoset.photos, self.specimen.body
+        return max(larger_pixels(body, photo.camera, _PREDICTED) for photo in photos)
 
     def predictions(self) -> Iterator[Prediction]:
         """Predicted photographs in the set's order, a few at a time in memory."""

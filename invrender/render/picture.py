@@ -72,8 +72,7 @@ def take_picture(
     )
     top, left, bottom, right = body_window(subject.body, camera)
     count = (bottom - top) * (right - left)
-    black = np.zeros((*shape, 3), np.float32)
-    image = RadianceImage(black, black, np.zeros(shape, bool))
+    image = RadianceImage.black(*shape)
     reflected = None if with_std or count < _MANY_PIXELS else _reflected(reflectance.brdf, element)
     seen = False
     for start in range(0, count, _PIXELS_AT_A_TIME):
