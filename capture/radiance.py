@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_view
-from capture.blocks import blocks
+from capture.blocks import block_means, blocks
 
 Image = NDArray[np.float32]
 Places = NDArray[np.integer]
@@ -48,6 +48,12 @@ class RadianceImage:
         if not callable(variance):
             self._check(variance)
 
+    @classmethod
+    def black(cls, height: int, width: int) -> RadianceImage:
+        """A photograph that nobody has taken, without noise; it takes no memory."""
+        nothing = np.broadcast_to(np.float32(0), (height, width, 3))
+        return cls(nothing, nothing, np.broadcast_to(np.False_, (height, width)))
+
     @cached_property
     def variance(self) -> Image:
         variance = self._variance() if callable(self._variance) else self._variance
@@ -61,8 +67,8 @@ class RadianceImage:
         Noise counts as independent from pixel to pixel.
         """
         return RadianceImage(
-            _means(self.radiance, factor),
-            lambda: _means(self.variance, factor) / np.float32(factor**2),
+            block_means(self.radiance, factor),
+            lambda: block_means(self.variance, factor) / np.float32(factor**2),
             np.asarray(blocks(self.saturated, factor).any(axis=(1, 3))),
         )
 
@@ -77,7 +83,3 @@ class RadianceImage:
             raise ValueError(
                 f"radiance {self.radiance.shape} and variance {variance.shape} must both be (h, w, 3)"
             )
-
-
-def _means(values: Image, factor: int) -> Image:
-    return np.asarray(blocks(values, factor).mean(axis=(1, 3)), np.float32)

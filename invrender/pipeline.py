@@ -23,15 +23,15 @@ from invrender.solved import Solved
 from invrender.specimen import Specimen, find_specimen
 from invrender.texture.solve import solve_textured
 from invrender.unknownlight import solve_unknown_light
-from recon.bodies import body_pixels, body_window
+from recon.bodies import MeshBody, body_pixels, larger_pixels
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, samples_at
 
 DEFAULT_SAMPLES = 60_000
 # Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
 _PIXELS_AT_A_TIME = 20_000
-# About how many pixels an object without texture has in predictions, what is around it included: one of 12 megapixels
-# would show no more, and take minutes.
+# About how many pixels an object has in predictions, what is around it included: one of 12 megapixels would show no
+# more on a page, and take minutes.
 _PREDICTED = 200_000
 
 
@@ -68,12 +68,9 @@ class Run:
 
     @cached_property
     def binning(self) -> int:
-        """So many pixels of a photograph, across and down, are one of its prediction; 1 for textures."""
-        if self.photoset.object.texture:
-            return 1
-        windows = [body_window(self.specimen.body, photo.camera) for photo in self.photoset.photos]
-        most = max((bottom - top) * (right - left) for top, left, bottom, right in windows)
-        return max(round(np.sqrt(most / _PREDICTED)), 1)
+        """So many pixels of a photograph, across and down, are one of its prediction."""
+        photos, body = self.photoset.photos, self.specimen.body
+        return max(larger_pixels(body, photo.camera, _PREDICTED) for photo in photos)
 
     def predictions(self) -> Iterator[Prediction]:
         """Predicted photographs in the set's order, a few at a time in memory."""
@@ -91,12 +88,22 @@ class Run:
         for part in np.array_split(np.arange(len(rows)), len(rows) // _PIXELS_AT_A_TIME + 1):
             pixels = rows[part], columns[part]
             samples = facing(samples_at(body, photo.camera, observed, *pixels, NO_SOURCES))
-            radiance = self.solved.radiance(photo, samples)
+            radiance = self._radiance(photo, samples)
             # Pixels with a hole, and where a texture isn't known, are left out.
             known = np.isfinite(radiance).all(axis=1)
             predicted[samples.rows[known], samples.columns[known]] = radiance[known]
             inside[samples.rows[known], samples.columns[known]] = True
         return Prediction(photo, observed, predicted, inside)
+
+    def _radiance(self, photo: Photo, samples: LightField) -> NDArray[np.float64]:
+        """Radiance (n, 3) of samples; paint is the mean around each ray, across which light varies little."""
+        textures, shaded, body = self.result.textures, self.solved.shaded, self.specimen.body
+        if textures is None:
+            return self.solved.radiance(photo, samples)
+        assert shaded is not None
+        assert isinstance(body, MeshBody)
+        # Paint may be as fine as the photograph's own pixels: a ray to each across, and one more.
+        return shaded(photo, samples, *textures.around(body, photo.camera, samples, self.binning + 1))
 
 
 def process(

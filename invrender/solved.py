@@ -23,8 +23,8 @@ class Solved:
     """A result with its samples.
 
     fields : samples of each photograph, by label. residuals : (n, 3) each, photograph less prediction. radiance : of
-    samples (n, 3) in a photograph, as predicted. transfers : what Kd = 1 and Ks = 1 would show there, (n, 3) each;
-    None where Kd doesn't vary.
+    samples (n, 3) in a photograph, as predicted. transfers : what Kd = 1 and Ks = 1 would show there, (n, 3) each.
+    shaded : what rays of given Kd and Ks, (m, 3) each, would show, (n, 3), for many; both None where Kd doesn't vary.
     """
 
     result: Factorization
@@ -32,6 +32,7 @@ class Solved:
     residuals: Mapping[str, Floats]
     radiance: Callable[[Photo, LightField], Floats]
     transfers: Callable[[Photo, LightField], tuple[Floats, Floats]] | None = None
+    shaded: Callable[[Photo, LightField, Floats, Floats], Floats] | None = None
 
 
 def factorization(

@@ -208,6 +208,12 @@ def body_window(body: Body, camera: Camera) -> tuple[int, int, int, int]:
     return int(top), int(left), int(bottom), int(right)
 
 
+def larger_pixels(body: Body, camera: Camera, count: int) -> int:
+    """So many pixels across and down, taken for one, leave about `count` around a body; 1 where there are fewer."""
+    top, left, bottom, right = body_window(body, camera)
+    return max(round(np.sqrt((bottom - top) * (right - left) / count)), 1)
+
+
 def body_coverage(body: Body, camera: Camera, stride: int = 1) -> NDArray[np.bool_]:
     """Whether rays through the centres of pixels, every stride-th row and column of them, meet the body."""
     covered = np.zeros((camera.height, camera.width), bool)[::stride, ::stride]

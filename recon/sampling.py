@@ -93,6 +93,15 @@ def samples_around(
     return _gather(body, camera, image, rows, columns, turn, np.ones(len(places)), NO_SOURCES)
 
 
+def ray_squares(field: LightField) -> tuple[Floats, Floats]:
+    """What of its pixel each ray of a field stands for: squares' upper left corners (m, 2) and widths (m,), pixels."""
+    counts = np.bincount(field.ray_sample, minlength=len(field))
+    side = np.sqrt(counts)[field.ray_sample].round().astype(np.int64)
+    which = np.arange(len(side)) - (np.cumsum(counts) - counts)[field.ray_sample]
+    within = np.column_stack([which % side, which // side]) / side[:, None]
+    return np.column_stack([field.columns, field.rows])[field.ray_sample] + within, 1 / side
+
+
 def spread(normals: Floats, budget: int, rng: np.random.Generator) -> NDArray[np.int64]:
     """Which `budget` of n samples to take, ascending, so that all normals (n, 3) count as evenly as can be.
 

@@ -12,18 +12,22 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.blocks import block_means
+from capture.camera import Camera
 from capture.decode import decode_photo
 from capture.parallel import one_blas_thread, parallel_map
-from capture.photoset import PhotoSet
+from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
+from capture.radiance import RadianceImage
 from invrender.pipeline import Run, process
 from invrender.refine.followed import Followed, Lobe, followed_in
 from invrender.refine.photometric import RefinedPose, Sight, refine_pose
+from invrender.refine.posechange import LoosePose
 from invrender.refine.rim import outline_in
 from invrender.refine.shared import refine_together
 from invrender.solve.noise import NoiseModel
 from invrender.texture.layout import SurfacePoints
-from recon.bodies import MeshBody
+from recon.bodies import Body, MeshBody, body_coverage, larger_pixels
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, sample_body
 
@@ -36,18 +40,23 @@ _STALLS = 0.98
 _PIXELS, _PATCH = 8000, 24
 # Points of a texture that are followed through the photographs.
 _POINTS = 20_000
+# About how many pixels a photograph is kept in that points are followed through, what is around the object included: no
+# texture, of at most 1024 texels a side, shows more.
+_PAINTED = 1_500_000
+# Patches of a large photograph are chosen before it is looked at, so many times the pixels that are wanted.
+_SPARE = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Refined:
     """Refined poses of a set.
 
-    photoset : with them. sights, poses : per photograph of the set, what its pose was read off, and what was found.
+    photoset : with them. given, poses : per photograph of the set, its pose as it was, and what was found.
     errors : relative RMS on unseen photographs, at the poses as given and after each round that was kept.
     """
 
     photoset: PhotoSet
-    sights: tuple[Sight, ...]
+    given: tuple[LoosePose, ...]
     poses: tuple[RefinedPose, ...]
     errors: tuple[float, ...]
 
@@ -66,74 +75,108 @@ def refine_poses(
             f"{photoset.manifest}: [object] shape is {photoset.object.shape!r}; only poses of meshes"
             " are refined: a sphere looks the same however it is turned, and its place is read off the masks"
         )
-    poses = [RefinedPose(np.zeros(6), np.eye(6), np.nan, np.nan)] * len(photoset.photos)
+    poses = [RefinedPose(np.zeros(6), np.eye(6), 0, np.nan, np.nan)] * len(photoset.photos)
     best: Refined | None = None
-    sights: list[Sight] = []
     for _ in range(_ROUNDS + 1):
-        moved = photoset if best is None else _moved(photoset, sights, poses)
+        moved = photoset if best is None else _moved(photoset, best.given, poses)
         run = process(moved, samples, track)
         error = run.result.model.error
         if best is not None and error > _STALLS * best.errors[-1]:
             break
-        seen = _seen(photoset, run, (turn_deg, shift_px))
-        sights = [sight for sight, _ in seen]
-        best = Refined(moved, tuple(sights), tuple(poses), (*(best.errors if best else ()), error))
-        poses = _round(seen, [pose.change for pose in poses], track)
+        centre = _middle(run.specimen.body)
+        given = [
+            LoosePose.of(photo.camera, centre, np.radians(turn_deg), shift_px) for photo in photoset.photos
+        ]
+        best = Refined(moved, tuple(given), tuple(poses), (*(best.errors if best else ()), error))
+        poses = _round(_seen(photoset, run, given), [pose.change for pose in poses], track)
+        # The next one's memory would come on top.
+        del run
     assert best is not None
     return best
 
 
-def _moved(photoset: PhotoSet, sights: Sequence[Sight], poses: Sequence[RefinedPose]) -> PhotoSet:
+def _middle(body: Body) -> Floats:
+    assert isinstance(body, MeshBody)
+    return (body.mesh.vertices.min(axis=0) + body.mesh.vertices.max(axis=0)) / 2
+
+
+def _moved(photoset: PhotoSet, given: Sequence[LoosePose], poses: Sequence[RefinedPose]) -> PhotoSet:
     photos = [
-        replace(photo, camera=sight.at(pose.change))
-        for photo, sight, pose in zip(photoset.photos, sights, poses, strict=True)
+        replace(photo, camera=own.at(pose.change))
+        for photo, own, pose in zip(photoset.photos, given, poses, strict=True)
     ]
     return replace(photoset, photos=tuple(photos))
 
 
-def _seen(given: PhotoSet, run: Run, off: tuple[float, float]) -> list[tuple[Sight, Followed | None]]:
+def _seen(photoset: PhotoSet, run: Run, given: Sequence[LoosePose]) -> list[tuple[Sight, Followed | None]]:
     """Photographs at the poses as given, and how a run predicts them at those that they now have."""
     points, textures = None, run.result.textures
     if textures is not None:
         known = np.flatnonzero(textures.known)
         points = textures.layout.points.where(np.sort(np.random.default_rng(0).permutation(known)[:_POINTS]))
-    return list(parallel_map(partial(_looked_at, given, run, off, points), range(len(given.photos))))
+    return list(parallel_map(partial(_looked_at, photoset, run, given, points), range(len(given))))
 
 
 def _looked_at(
-    given: PhotoSet, run: Run, off: tuple[float, float], points: SurfacePoints | None, index: int
+    photoset: PhotoSet, run: Run, given: Sequence[LoosePose], points: SurfacePoints | None, index: int
 ) -> tuple[Sight, Followed | None]:
-    """A photograph, and in it the points of a texture that it was fitted to."""
-    photo, body = given.photos[index], run.specimen.body
+    """A photograph, and in it the points of a texture that it was fitted to, these as larger pixels would show them."""
+    photo, body = photoset.photos[index], run.specimen.body
     assert isinstance(body, MeshBody)
-    vertices = body.mesh.vertices
-    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    image = decode_photo(given, photo)
+    followed = points is not None and not photo.held_out
+    binning = larger_pixels(body, photo.camera, _PAINTED) if followed else 1
+    camera, now = (own.photos[index].camera.binned(binning) for own in (photoset, run.photoset))
+    image, mask = _decoded(photoset, run, photo, binning)
     rng = np.random.default_rng(index)
-    mask = run.specimen.found.mask_of(photo)
-    now = run.photoset.photos[index].camera
+    if not followed:
+        image = _in_patches(image, body, now, rng)
     field = sample_body(body, now, image, mask, NO_SOURCES, None, rng)
     chosen = _patches(field, rng)
     sight = Sight(
+        camera=camera,
+        centre=given[index].centre,
+        units=given[index].units,
         body=body,
-        camera=photo.camera,
-        image=image,
-        centre=centre,
-        units=np.ones(6),
         rows=field.rows[chosen],
         columns=field.columns[chosen],
+        observed=field.radiance[chosen],
         radiance=lambda field: run.solved.radiance(photo, field),
-        noise=NoiseModel(run.result.noise_floor, run.result.noise_relative),
-        outline=outline_in(photo.camera, mask),
+        noise=NoiseModel(run.result.noise_floor / binning, run.result.noise_relative / binning),
+        outline=outline_in(camera, mask),
     )
-    sight = replace(sight, units=np.repeat([np.radians(off[0]), off[1] / sight.px_per_metre], 3))
-    if points is None or photo.held_out:
+    if points is None or not followed:
         return sight, None
     textures, transfers = run.result.textures, run.solved.transfers
     assert textures is not None
     assert transfers is not None
     lobe = Lobe(run.result.brdf.ks, textures.ks_varies)
-    return sight, followed_in(sight, now, field, points, partial(transfers, photo), lobe)
+    return sight, followed_in(sight, image, now, field, points, partial(transfers, photo), lobe)
+
+
+def _decoded(
+    photoset: PhotoSet, run: Run, photo: Photo, binning: int
+) -> tuple[RadianceImage, NDArray[np.float32] | None]:
+    """A photograph and its mask in larger pixels. Its noise is left out: what a fit leaves says more of it."""
+    image, mask = decode_photo(photoset, photo), run.specimen.found.mask_of(photo)
+    noiseless = RadianceImage.black(*image.saturated.shape).variance
+    image = RadianceImage(image.radiance, noiseless, image.saturated)
+    if binning == 1:
+        return image, mask
+    return image.binned(binning), None if mask is None else block_means(mask, binning)
+
+
+def _in_patches(
+    image: RadianceImage, body: MeshBody, camera: Camera, rng: np.random.Generator
+) -> RadianceImage:
+    """A photograph; of a large one only patches on the body, chosen at random: all else counts as saturated."""
+    starts = _PATCH * np.argwhere(body_coverage(body, camera, _PATCH))
+    count = _SPARE * _PIXELS // _PATCH**2
+    if len(starts) <= count:
+        return image
+    passed_over = np.ones_like(image.saturated)
+    for row, column in rng.permutation(starts)[:count]:
+        passed_over[row : row + _PATCH, column : column + _PATCH] = False
+    return RadianceImage(image.radiance, image.variance, image.saturated | passed_over)
 
 
 def _patches(field: LightField, rng: np.random.Generator) -> NDArray[np.bool_]:

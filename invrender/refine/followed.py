@@ -21,6 +21,7 @@ from scipy.ndimage import (
 )
 
 from capture.camera import Camera
+from capture.radiance import RadianceImage
 from invrender.refine.photometric import BLOCK, Sight
 from invrender.texture.layout import SurfacePoints
 from invrender.texture.observe import observe
@@ -171,6 +172,7 @@ class Shown:
 
 def followed_in(
     sight: Sight,
+    image: RadianceImage,
     now: Camera,
     field: LightField,
     points: SurfacePoints,
@@ -179,14 +181,14 @@ def followed_in(
 ) -> Followed:
     """The points that a photograph shows from where its camera is now.
 
-    field : all its usable pixels. transfers : radiance of Kd = 1, and of Ks = 1, of samples.
+    image : the photograph; field : all its usable pixels. transfers : radiance of Kd = 1, and of Ks = 1, of samples.
     """
-    usable = np.zeros(sight.image.saturated.shape, bool)
+    usable = np.zeros(image.saturated.shape, bool)
     usable[field.rows, field.columns] = True
     seen = observe(sight.body, now, field, points)
     places = now.project(points.positions[seen.points])
-    rays, hit = samples_around(sight.body, now, sight.image, places, across=False)
-    around, whole = samples_around(sight.body, now, sight.image, places[hit])
+    rays, hit = samples_around(sight.body, now, image, places, across=False)
+    around, whole = samples_around(sight.body, now, image, places[hit])
     chosen = np.flatnonzero(hit)[whole]
     rays = rays.where(whole)
     # Where the surface bends, a pixel's mean lies beside what its middle shows: looked for as much to the other side.
@@ -197,7 +199,7 @@ def followed_in(
     along = _along(now, points.positions[seen.points[chosen]], ways, _STEP_PX / sight.px_per_metre)
     return Followed(
         sight=sight,
-        picture=Picture.of(sight.image.radiance, usable),
+        picture=Picture.of(image.radiance, usable),
         points=seen.points[chosen],
         rays=replace(rays, positions=rays.positions - beside),
         diffuse=diffuse,
@@ -219,7 +221,7 @@ def _along(camera: Camera, positions: Floats, ways: Floats, step: float) -> Floa
 
 def _uphill(sight: Sight, field: LightField, places: Floats) -> Floats:
     """Gradient (r, 3, 2) of the picture as it is predicted, at places (r, 2), pixels; NaN where that isn't known."""
-    height, width = sight.image.saturated.shape
+    height, width = sight.camera.height, sight.camera.width
     around = np.zeros((height, width), bool)
     columns, rows = np.floor(places - 0.5).astype(np.int64).T
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):

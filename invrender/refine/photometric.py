@@ -11,23 +11,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, generate_binary_structure
 
-from capture.camera import Camera
 from capture.radiance import RadianceImage
 from invrender.model.visibility import facing
 from invrender.refine.blocks import Equations, block_equations
-from invrender.refine.posechange import changed, image_motion
+from invrender.refine.posechange import LoosePose
 from invrender.refine.rim import Rim, rim_of
 from invrender.solve.evidence import relative_rms
 from invrender.solve.noise import NoiseModel, photo_weights
 from recon.align.outlines import Outline
 from recon.bodies import MeshBody
 from recon.lightfield import LightField
-from recon.sampling import NO_SOURCES, samples_at
+from recon.sampling import samples_around
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,58 +40,41 @@ _FEWEST = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """A photograph, and what is needed to predict it from elsewhere.
+class Sight(LoosePose):
+    """What a photograph shows, and what is needed to predict it from elsewhere.
 
-    camera : at the pose that was given. centre : (3,) of the object. units : (6,), how far off the pose may be, radians
-    and metres: standard deviations. rows, columns : (n,) of the pixels that are compared. radiance : of samples.
+    rows, columns : (n,) of the pixels that are compared; observed : (n, 3), what they show. radiance : of samples.
     outline : of the mask, None without one.
     """
 
     body: MeshBody
-    camera: Camera
-    image: RadianceImage
-    centre: Floats
-    units: Floats
     rows: Ints
     columns: Ints
+    observed: Floats
     radiance: Callable[[LightField], Floats]
     noise: NoiseModel
     outline: Outline | None = None
-
-    def at(self, change: Floats) -> Camera:
-        """The camera after a change (6,) in units."""
-        return changed(self.camera, self.centre, change * self.units)
-
-    @property
-    def observed(self) -> Floats:
-        """What the pixels show, (n, 3)."""
-        return self.image.radiance[self.rows, self.columns].astype(float)
-
-    @property
-    def px_per_metre(self) -> float:
-        """What a shift of the object across the view moves its middle in the picture."""
-        camera = self.camera
-        return camera.focal_px / (1.0 if camera.is_orthographic else float(camera.depth(self.centre)[0]))
-
-    def motion(self, change: Floats, points: Floats) -> Floats:
-        """How image points (n, 2) of world points (n, 3) move per unit of a change's components, (n, 2, 6), pixels."""
-        return image_motion(self.camera, self.centre, change * self.units, self.units, points)
 
     def rim(self, change: Floats) -> Rim | None:
         """How the silhouette lies to the mask's outline after a change; None without one."""
         return None if self.outline is None else rim_of(self.outline, self.body, self.at(change))
 
     def predicted(self, change: Floats, rows: Ints, columns: Ints) -> tuple[Floats, Floats]:
-        """A picture (h, w, 3) of what some pixels show after a change, and where what they show lies, (h, w, 3).
+        """What pixels (k,) show after a change, (k, 3), and where what they show lies, (k, 3).
 
-        NaN in other pixels, and where no whole pixel of the object is seen.
+        NaN where no whole pixel of the object is seen, and outside the photograph.
         """
-        height, width = self.image.saturated.shape
-        radiance, positions = np.full((2, height, width, 3), np.nan)
-        field = facing(samples_at(self.body, self.at(change), self.image, rows, columns, NO_SOURCES))
-        radiance[field.rows, field.columns] = self.radiance(field)
-        positions[field.rows, field.columns] = field.mean_over_rays(field.positions)
+        camera = self.at(change)
+        radiance, positions = np.full((2, len(rows), 3), np.nan)
+        inside = np.flatnonzero(
+            (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)
+        )
+        black = RadianceImage.black(camera.height, camera.width)
+        places = np.column_stack([columns[inside], rows[inside]]).astype(float) + 0.5
+        field, whole = samples_around(self.body, camera, black, places)
+        field = facing(field)
+        radiance[inside[whole]] = self.radiance(field)
+        positions[inside[whole]] = field.mean_over_rays(field.positions)
         return radiance, positions
 
     def slopes(self, change: Floats) -> tuple[Floats, Floats]:
@@ -100,29 +82,34 @@ class Sight:
 
         NaN where a pixel or one beside it isn't predicted.
         """
-        height, width = self.image.saturated.shape
-        around = np.zeros((height, width), bool)
-        around[self.rows, self.columns] = True
-        around = binary_dilation(around, structure=generate_binary_structure(2, 1))
-        radiance, positions = self.predicted(change, *np.nonzero(around))
-        padded = np.pad(radiance, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
-        right, left = padded[1:-1, 2:], padded[1:-1, :-2]
-        below, above = padded[2:, 1:-1], padded[:-2, 1:-1]
-        gradient = np.stack([right - left, below - above], axis=-1)[self.rows, self.columns] / 2
-        motion = self.motion(change, positions[self.rows, self.columns])
-        return radiance[self.rows, self.columns], -np.einsum("nck,nkj->ncj", gradient, motion)
+        pixels, places = self._around
+        radiance, positions = self.predicted(change, *pixels)
+        here, right, left, below, above = radiance[places]
+        gradient = np.stack([right - left, below - above], axis=-1) / 2
+        motion = self.motion(change, positions[places[0]])
+        return here, -np.einsum("nck,nkj->ncj", gradient, motion)
+
+    @cached_property
+    def _around(self) -> tuple[Ints, Ints]:
+        """Rows and columns (2, k) of the pixels and those beside them, and where each and its four are among these."""
+        steps = np.array([(0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)])
+        pixels = np.stack([self.rows, self.columns]) + steps[:, :, None]  # (5, 2, n)
+        each, places = np.unique(pixels.swapaxes(0, 1).reshape(2, -1), axis=1, return_inverse=True)
+        return each, places.reshape(len(steps), -1)
 
 
 @dataclass(frozen=True, eq=False)
 class RefinedPose:
     """What a photograph says of its pose.
 
-    change : (6,) in units, zero where nothing is said. covariance : (6, 6), in units.
+    change : (6,) in units, zero where nothing is said. covariance : (6, 6), in units. observations : pixels, or points
+    of the surface, that it was read off.
     error_before, error_after : relative RMS of pixels that made no step.
     """
 
     change: Floats
     covariance: Floats
+    observations: int
     error_before: float
     error_after: float
 
@@ -175,7 +162,7 @@ def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
     makes = (sight.rows // BLOCK + sight.columns // BLOCK) % 2 == 0
     view = _viewed(sight, start)
     if view.whole.sum() < _FEWEST:
-        return RefinedPose(start, np.eye(6), np.nan, np.nan)
+        return RefinedPose(start, np.eye(6), 0, np.nan, np.nan)
     before = _error(sight, view, ~makes)
     for _ in range(_STEPS):
         judge = _judge(sight, view, makes)
@@ -190,7 +177,7 @@ def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
         if np.abs(judge.step).max() < _SMALL:
             break
     covariance = np.asarray(np.linalg.inv(judge.information), float)
-    return RefinedPose(view.change, covariance, before, _error(sight, view, ~makes))
+    return RefinedPose(view.change, covariance, len(sight.rows), before, _error(sight, view, ~makes))
 
 
 def _viewed(sight: Sight, change: Floats) -> _View:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -13,6 +15,39 @@ Floats = NDArray[np.float64]
 
 # Of a change, in its unit, for slopes.
 _STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class LoosePose:
+    """A pose as it was given, and how far off it may be.
+
+    camera : at that pose. centre : (3,) metres, of the object, in the world. units : (6,), of a change of the pose,
+    radians and metres: standard deviations.
+    """
+
+    camera: Camera
+    centre: Floats
+    units: Floats
+
+    @classmethod
+    def of(cls, camera: Camera, centre: Floats, turn: float, shift: float) -> LoosePose:
+        """Of a camera that may be off by turns about each axis (radians), and shifts in the picture (pixels)."""
+        known = cls(camera, centre, np.ones(6))
+        return replace(known, units=np.repeat([turn, shift / known.px_per_metre], 3))
+
+    def at(self, change: Floats) -> Camera:
+        """The camera after a change (6,) in units."""
+        return changed(self.camera, self.centre, change * self.units)
+
+    def motion(self, change: Floats, points: Floats) -> Floats:
+        """How image points (n, 2) of world points (n, 3) move per unit of a change's components, (n, 2, 6), pixels."""
+        return image_motion(self.camera, self.centre, change * self.units, self.units, points)
+
+    @property
+    def px_per_metre(self) -> float:
+        """What a shift of the object across the view moves its middle in the picture."""
+        camera = self.camera
+        return camera.focal_px / (1.0 if camera.is_orthographic else float(camera.depth(self.centre)[0]))
 
 
 def changed(camera: Camera, centre: Floats, change: Floats) -> Camera:

@@ -57,15 +57,15 @@ def _report(found: Refined) -> None:
     table = Table(box=None, header_style="bold")
     for heading in ("photo", "turned (degrees)", "shifted (px)", "± degrees", "± shift (px)"):
         table.add_column(heading, justify="left" if heading == "photo" else "right")
-    for photo, sight, pose in zip(found.photoset.photos, found.sights, found.poses, strict=True):
-        change, std = (values * sight.units for values in (pose.change, np.sqrt(np.diag(pose.covariance))))
-        moved = photo.camera.project(sight.centre) - sight.camera.project(sight.centre)
+    for photo, given, pose in zip(found.photoset.photos, found.given, found.poses, strict=True):
+        change, std = (values * given.units for values in (pose.change, np.sqrt(np.diag(pose.covariance))))
+        moved = photo.camera.project(given.centre) - given.camera.project(given.centre)
         table.add_row(
             escape(photo.label),
             f"{np.degrees(np.linalg.norm(change[:3])):.2f}",
             f"{np.linalg.norm(moved):.2f}",
             f"{np.degrees(np.linalg.norm(std[:3])):.2f}",
-            f"{np.linalg.norm(std[3:5]) * sight.px_per_metre:.2f}",
+            f"{np.linalg.norm(std[3:5]) * given.px_per_metre:.2f}",
         )
     console.print(table)
     errors = ", ".join(f"{error:.2%}" for error in found.errors)
@@ -78,9 +78,9 @@ def _report(found: Refined) -> None:
 def _document(found: Refined) -> dict[str, Any]:
     """What the file holds but for inputs and software: a poses.json."""
     photos = []
-    for photo, sight, pose in zip(found.photoset.photos, found.sights, found.poses, strict=True):
-        own = pose.covariance * np.outer(sight.units, sight.units)
-        covariance = pose_covariance(photo.camera, sight.centre, own)
+    for photo, given, pose in zip(found.photoset.photos, found.given, found.poses, strict=True):
+        own = pose.covariance * np.outer(given.units, given.units)
+        covariance = pose_covariance(photo.camera, given.centre, own)
         photos.append(
             {
                 "file": photo.name,
@@ -91,7 +91,7 @@ def _document(found: Refined) -> dict[str, Any]:
                     "position": position_std(photo.camera, covariance),
                 },
                 "rms_px": None,
-                "observations": len(sight.rows),
+                "observations": pose.observations,
             }
         )
     return {

@@ -189,8 +189,14 @@ def refine_together(photos: Sequence[Followed], start: Floats, track: Track = si
         begun.append(first)
     covariance = np.asarray(np.linalg.inv(last.information), float)
     return [
-        RefinedPose(change[k], covariance[_own(k), _own(k)], float(begun[0].errors[k]), float(last.errors[k]))
-        for k in range(len(photos))
+        RefinedPose(
+            change[k],
+            covariance[_own(k), _own(k)],
+            len(own.points),
+            float(begun[0].errors[k]),
+            float(last.errors[k]),
+        )
+        for k, own in enumerate(photos)
     ]
 
 

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
 from invrender.render.reflectance import Reflectance
-from invrender.render.reflected import LEAST_SIGMA, ReflectedMap, reflected_map
+from invrender.render.reflected import ReflectedMap, prepared_map
 from invrender.render.shading import shade
 from invrender.render.subject import Subject
 from invrender.render.textures import Textures
@@ -72,9 +71,8 @@ def take_picture(
     )
     top, left, bottom, right = body_window(subject.body, camera)
     count = (bottom - top) * (right - left)
-    black = np.zeros((*shape, 3), np.float32)
-    image = RadianceImage(black, black, np.zeros(shape, bool))
-    reflected = None if with_std or count < _MANY_PIXELS else _reflected(reflectance.brdf, element)
+    image = RadianceImage.black(*shape)
+    reflected = None if with_std or count < _MANY_PIXELS else prepared_map(reflectance.brdf, element)
     seen = False
     for start in range(0, count, _PIXELS_AT_A_TIME):
         rows, columns = np.divmod(np.arange(start, min(start + _PIXELS_AT_A_TIME, count)), right - left)
@@ -98,13 +96,6 @@ def take_picture(
             " past it"
         )
     return picture
-
-
-def _reflected(brdf: Microfacet, element: LightElement) -> ReflectedMap | None:
-    """What the BRDF's lobe reflects of an element's map, if it has both and the lobe is wide enough."""
-    if brdf.sigma is None or brdf.sigma < LEAST_SIGMA or element.slow_map is None:
-        return None
-    return reflected_map(brdf.form, brdf.mu, brdf.sigma, element)
 
 
 def _enter(

@@ -27,6 +27,7 @@ from scipy.sparse import csr_array
 from capture.lighting import latlong_directions, latlong_pixels
 from invrender.model.half_vectors import PAD, padded
 from invrender.model.lobes import Angles, LobeForm
+from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
 from invrender.theory.energy import power_per_degree
 from invrender.theory.latlong import analyse_latlong, highest_degree, project_latlong
@@ -98,6 +99,13 @@ class ReflectedMap:
         starts = np.arange(len(directions) + 1) * 16
         shape = len(directions), self.maps.shape[0] * width
         return np.asarray(csr_array((weights, places, starts), shape) @ self.maps.reshape(shape[1], -1))
+
+
+def prepared_map(brdf: Microfacet, light: LightElement) -> ReflectedMap | None:
+    """What a BRDF's lobe reflects of an element's map, if it has both and the lobe is wide enough."""
+    if brdf.sigma is None or brdf.sigma < LEAST_SIGMA or light.slow_map is None:
+        return None
+    return reflected_map(brdf.form, brdf.mu, brdf.sigma, light)
 
 
 @lru_cache(maxsize=1)

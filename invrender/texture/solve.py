@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict, reflected
 from invrender.model.transfer import LightElement, light_elements
 from invrender.reading import check_usable
+from invrender.render.reflected import ReflectedMap, prepared_map
+from invrender.render.shading import shade
 from invrender.solve.clusters import tile_of
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
@@ -118,6 +120,16 @@ def solve_textured(
         d, s = _transfers(bench, photo, field, fit.brdf)
         return d.astype(float), s.astype(float)
 
+    @cache
+    def prepared(lighting: str) -> ReflectedMap | None:
+        return prepared_map(fit.brdf, elements[lighting][0])
+
+    def shaded(photo: Photo, field: LightField, kd: Floats, ks: Floats) -> Floats:
+        own = replace(fit.brdf, kd=kd, ks=ks)
+        # All that is known of a lighting is one element. Its map integrated pixel by pixel takes twenty times as long.
+        element, light = elements[photo.lighting][0], prepared(photo.lighting)
+        return shade(own, element, field, specimen.shadows, reflected=light)[0]
+
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = textured_solution(photoset, lightings, fit, textures, fields, residuals)
     warnings = [
@@ -125,7 +137,7 @@ def solve_textured(
         *_remarks([*faults, *dark], textures),
     ]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
-    return Solved(replace(result, textures=textures), fields, residuals, radiance, transfers)
+    return Solved(replace(result, textures=textures), fields, residuals, radiance, transfers, shaded)
 
 
 def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:

@@ -9,15 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from capture.camera import Camera
 from capture.files.imagefile import write_exr
 from invrender.texture.joint import determined
 from invrender.texture.layout import Layout, TexelLayout
 from invrender.texture.sums import PointValues
+from recon.bodies import MeshBody
 from recon.lightfield import LightField
+from recon.sampling import ray_squares
 from recon.shape import placed
 from recon.trianglemesh import write_mesh
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 KD_NAME, KS_NAME = "texture_kd.exr", "texture_ks.exr"
@@ -59,7 +63,30 @@ class Textures:
         """Kd and Ks (m, 3) at each ray of a field, NaN where none of the points around it is known."""
         assert field.faces is not None
         assert field.corner_weights is not None
-        places, weights = self.layout.places(field.faces, field.corner_weights)
+        return self._at(field.faces, field.corner_weights)
+
+    def around(self, body: MeshBody, camera: Camera, field: LightField, side: int) -> tuple[Floats, Floats]:
+        """Kd and Ks (m, 3), for each ray of a field their means over its part of the pixel; NaN where one isn't known.
+
+        side : at least so many places are looked at across a pixel.
+        """
+        corners, widths = ray_squares(field)
+        kd, ks = np.empty((2, len(widths), 3))
+        for width in np.unique(widths):
+            mine = widths == width
+            steps = width * (np.arange(np.ceil(side * width)) + 0.5) / np.ceil(side * width)
+            places = corners[mine, None] + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+            hits = body.hits(camera, places.reshape(-1, 2))
+            assert hits.faces is not None
+            assert hits.weights is not None
+            for means, values in zip((kd, ks), self._at(hits.faces, hits.weights), strict=True):
+                known = np.where(hits.hit[:, None], values, np.nan)
+                means[mine] = known.reshape(*places.shape[:2], 3).mean(axis=1)
+        return kd, ks
+
+    def _at(self, faces: Ints, corner_weights: Floats) -> tuple[Floats, Floats]:
+        """Kd and Ks (m, 3) at places in faces, NaN where none of the points around it is known."""
+        places, weights = self.layout.places(faces, corner_weights)
         weights = weights * np.where(places >= 0, self.known[places], 0.0)
         total = weights.sum(axis=1)
         with np.errstate(invalid="ignore"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.photoset import load_photoset
 from capture.radiance import RadianceImage
+from invrender.refine.alternate import _in_patches
 from invrender.refine.followed import Lobe, followed_in
 from invrender.refine.photometric import RefinedPose, Sight, refine_pose
 from invrender.refine.posechange import changed, pose_covariance, position_std
@@ -105,7 +107,9 @@ def refined(
 
     coverage = ball_picture(seen_from, grey)[..., 0].astype(np.float32)
     outline = outline_in(camera, coverage if masked else None)
-    sight = Sight(body, camera, image, CENTRE, UNITS, field.rows, field.columns, seen, NOISE, outline)
+    sight = Sight(
+        camera, CENTRE, UNITS, body, field.rows, field.columns, field.radiance, seen, NOISE, outline
+    )
     return refine_pose(sight, np.zeros(6))
 
 
@@ -164,8 +168,9 @@ def test_photographs_that_share_their_paint_come_back_together(rng: np.random.Ge
         def matte(field: LightField) -> tuple[Floats, Floats]:
             return np.ones((len(field), 3)), np.zeros((len(field), 3))
 
-        sight = Sight(body, camera, image, CENTRE, UNITS, field.rows, field.columns, predicted, NOISE)
-        photos.append(followed_in(sight, camera, field, points, matte, Lobe(np.zeros(3), False)))
+        pixels = field.rows, field.columns, field.radiance
+        sight = Sight(camera, CENTRE, UNITS, body, *pixels, predicted, NOISE)
+        photos.append(followed_in(sight, image, camera, field, points, matte, Lobe(np.zeros(3), False)))
     found = refine_together(photos, np.zeros((4, 6)))
 
     def turns(changes: Floats) -> Floats:
@@ -203,6 +208,46 @@ def test_covariances_are_of_the_pose_as_it_is_written(rng: np.random.Generator) 
     assert position_std(camera, covariance) == pytest.approx(
         np.sqrt(np.square(places).sum(axis=1).mean()), rel=0.05
     )
+
+
+def test_poses_of_large_photographs_take_little_memory() -> None:
+    camera = Camera(
+        "PINHOLE", np.array([30_000.0, 30_000.0, 2000.0, 1500.0]), 4000, 3000, camera_at(0).world_to_camera
+    )
+    rows, columns = (part.ravel() for part in np.mgrid[1400:1430, 1900:1930])
+    observed = np.ones((len(rows), 3))
+
+    def seen(field: LightField) -> Floats:
+        return np.asarray(field.mean_over_rays(stripes(field.positions)))
+
+    sight = Sight(camera, CENTRE, UNITS, ball_body(), rows, columns, observed, seen, NOISE)
+    tracemalloc.start()
+    shown, slopes = sight.slopes(np.zeros(6))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert np.isfinite(shown).all()
+    assert np.isfinite(slopes).all()
+    # A picture of the photograph's size, in single precision, takes 144.
+    assert peak < 10e6
+
+
+def test_of_a_large_photograph_patches_on_the_body_are_looked_at(rng: np.random.Generator) -> None:
+    pose = camera_at(0).world_to_camera
+    body, params = ball_body(), np.array([30_000.0, 30_000.0, 2000.0, 1500.0])
+    small, large = camera_at(0), Camera("PINHOLE", params, 4000, 3000, pose)
+    black = RadianceImage.black(100, 120)
+    assert _in_patches(black, body, small, rng) is black
+    seen = ~_in_patches(RadianceImage.black(3000, 4000), body, large, rng).saturated
+    rows, columns = np.nonzero(seen)
+    # Eight times what is compared, where the ball is: 1500 pixels in radius, less than a patch beyond.
+    assert len(rows) == pytest.approx(8 * 8000, rel=0.01)
+    assert (
+        np.hypot(*(large.project(CENTRE[None])[0] - np.column_stack([columns, rows])).T).max()
+        < 1500 + 24 * 2**0.5
+    )
+    # All over it.
+    assert np.ptp(rows) > 2000
+    assert np.ptp(columns) > 2000
 
 
 EGG = """
