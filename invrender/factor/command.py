@@ -29,8 +29,9 @@ def factor(
         str | None,
         typer.Option(
             metavar="DEGREES",
-            help="Degrees of the light's spherical harmonics that are tried, 1 to 20, as 4,8,12; the simplest that"
-            " explains the photographs is taken.  [default: lamps in the dark, and 4,6,8,10,12]",
+            help="Degrees of the light's spherical harmonics that are tried, 1 to 20, as 4,8,12; those above 10 as long"
+            " as it takes the one before; the simplest that explains the photographs is taken.  [default: lamps in the"
+            " dark, and 4,6,8,10,12,16]",
             show_default=False,
         ),
     ] = None,

@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 
 # What the lighting is called where all photographs are under one.
 ONLY_LIGHT = "light"
-ORDERS = (0, 4, 6, 8, 10, 12)
+ORDERS = (0, 4, 6, 8, 10, 12, 16)
 # Sources are looked for under light of up to this degree, in a part of the samples.
 _SEARCH_DEGREE, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING = 10, 3000, 600
 # Samples that the ladder of models is climbed with.
@@ -61,12 +61,12 @@ def factorize_blind(
     """Lightings and BRDF from light-field samples of a homogeneous body under unknown light.
 
     photos : two or more, normals and views in one frame. lighting_of : which lighting each is under, by name; all under
-    one if None. orders : degrees of the lightings that are tried, one for all of them. source_region : where sources
-    may be; None for anywhere. ladder : whether other forms of the lobe and simpler models are tried; False fits RH01's
-    microfacet model at the highest order up to 10. `on_step` is called after each model. transfer : what the lobe makes
-    of the light, of RH01's form alone unless `exact`; sources have closed forms in any case [eq. 23]. shadows : of a
-    mesh on itself; None of a convex body. Raises ValueError
-    for photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
+    one if None. orders : degrees of the lightings that are tried, one for all of them; those above 10 as long as it
+    takes the one before. source_region : where sources may be; None for anywhere. ladder : whether other forms of the
+    lobe and simpler models are tried; False fits RH01's microfacet model at the highest order up to 10. `on_step` is
+    called after each model. transfer : what the lobe makes of the light, of RH01's form alone unless `exact`; sources
+    have closed forms in any case [eq. 23]. shadows : of a mesh on itself; None of a convex body. Raises ValueError for
+    photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
     finite or mostly negative.
     """
     orders = sorted(set(orders))
@@ -92,7 +92,7 @@ def factorize_blind(
             formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
         found = formed.found
         # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
-        few = thinned(search, orders[-1] if ladder else degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
+        few = thinned(search, degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
         if strays:
             few = judged(few, found.fit, assumed)
         fit = few.fit(found.fit.state, degree)

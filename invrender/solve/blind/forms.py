@@ -13,7 +13,7 @@ import numpy as np
 from invrender.model.lobes import FORMS, PRINTED
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import as_good, cross_validate
-from invrender.solve.blind.sources import Found, find_sources, off_borders, with_seconds
+from invrender.solve.blind.sources import Found, examined, find_sources, off_borders
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import State
 
@@ -45,10 +45,9 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     others = tuple(fit.state for index, fit in enumerate(fits) if index != chosen)
     if chosen and not l_max:
         # Light of degree 0 has no peaks to look for lamps at: those that were found stay.
-        fit = whole.fit(fits[chosen].state, l_max)
-        found = Found(fit, with_seconds(whole, fit))
+        found = examined(whole, whole.fit(fits[chosen].state, l_max))
     elif chosen:
-        found = find_sources(whole, _brightest_source(fits[chosen]), l_max)
+        found = examined(whole, find_sources(whole, _brightest_source(fits[chosen]), l_max))
     return Formed(found, others)
 
 

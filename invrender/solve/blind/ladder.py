@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
-from invrender.solve.blind.sources import Lamps, bright, sources_of_diffuse
+from invrender.solve.blind.sources import Lamps, bright, find_sources, sources_of_diffuse
 from invrender.solve.blind.start import Search, of_degree
 from invrender.solve.blind.state import State
 
@@ -27,20 +27,30 @@ def climb(
 ) -> list[BlindRung]:
     """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
 
-    others : states with lobes of other forms, as good as their best.
+    Orders above the first rung's are tried one after the other, as long as it takes the last. others : states with
+    lobes of other forms, as good as their best.
     """
     rungs, fit = [first], first.fit
-    in_the_dark = of_degree(search, 0)
+    prepared = {0: of_degree(search, 0), fit.l_max: search}
 
     def add(state: State, l_max: int, fitted: bool = False) -> None:
-        own = search if l_max else in_the_dark
+        degree = max(l_max, fit.l_max) if l_max else 0
+        if degree not in prepared:
+            prepared[degree] = of_degree(search, degree)
+        own = prepared[degree]
         tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max, _ENOUGH))
         rungs.append(without_rows(cross_validate(model_name(tried), own, tried)))
         on_step()
 
     for order in orders:
-        if order != fit.l_max and (order or lamps is not None):
+        if order < fit.l_max and (order or lamps is not None):
             add(fit.state, order)
+    for order in orders:
+        if order > fit.l_max and _takes_the_highest(rungs):
+            state = rungs[simplest(rungs)].fit.state
+            # Beside finer light lamps show that coarser light took up.
+            finer = find_sources(of_degree(thin, order), state, order).state
+            add(finer if len(finer.directions) > len(state.directions) else state, order)
     if lamps is not None:
         if fit.l_max:
             add(lamps.glossy.state.with_form(fit.state.form), 0)
@@ -49,15 +59,23 @@ def climb(
     if best.state.sigma is not None and best.state.form.has_fresnel:
         add(replace(best.state, mu=_FIRST_MU if best.state.mu is None else None), best.l_max)
     for other in others:
+        if len(best.state.directions) > len(other.directions):
+            other = replace(other, directions=best.state.directions, owners=best.state.owners)
         add(other, best.l_max, fitted=True)
     if len(best.state.directions):
         weakest = int(best.irradiances.sum(axis=1).argmin())
         add(best.state.without_source(weakest), best.l_max)
     # What a purely diffuse body would need of light is another matter: its sources are looked for anew.
-    diffuse = sources_of_diffuse(thin, fit.l_max, lamps)
-    for order in sorted({min(2, orders[-1]), *orders} - {0}):
-        add(diffuse, order)
+    diffuse, glossy = sources_of_diffuse(thin, fit.l_max, lamps), len(rungs)
+    for order in sorted({min(2, orders[-1]), *(rung.fit.l_max for rung in rungs)} - {0}):
+        if len(rungs) == glossy or _takes_the_highest(rungs[glossy:]):
+            add(diffuse, order)
     return rungs
+
+
+def _takes_the_highest(rungs: Sequence[BlindRung]) -> bool:
+    """Whether no light of a lower degree than the highest that was tried suffices."""
+    return rungs[simplest(rungs)].fit.l_max == max(rung.fit.l_max for rung in rungs)
 
 
 def neighbours(rungs: Sequence[BlindRung], chosen: int) -> list[int]:

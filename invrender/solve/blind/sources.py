@@ -38,7 +38,7 @@ class Found:
     split: Fit | None
 
 
-def find_sources(search: Search, start: State, l_max: int, peaks_at: int | None = None) -> Found:
+def find_sources(search: Search, start: State, l_max: int, peaks_at: int | None = None) -> Fit:
     """Sources entered one at a time in each lighting, refined with all else and kept where photographs ask for them.
 
     l_max : of the light beside them. peaks_at : degree of the light whose peaks they are looked for at; l_max if None.
@@ -62,8 +62,7 @@ def find_sources(search: Search, start: State, l_max: int, peaks_at: int | None 
                 state = _with_sources_of(state, fit.state, lighting)
             better = search.fit(state, l_max, _FEW)
         fit = better if open_to else fit
-    fit = _without_needless(search, _fresnel_again(search, fit, start.mu), start)
-    return Found(fit, with_seconds(search, fit))
+    return _without_needless(search, _fresnel_again(search, fit, start.mu), start)
 
 
 def _best_peak(search: Search, fit: Fit, lighting: int, degree: int) -> Floats | None:
@@ -115,7 +114,12 @@ def _without_needless(search: Search, fit: Fit, start: State) -> Fit:
     return search.fit(fit.state.without_source(np.array(needless)), fit.l_max, _FEW) if needless else fit
 
 
-def with_seconds(search: Search, fit: Fit) -> Fit | None:
+def examined(search: Search, fit: Fit) -> Found:
+    """A fit, and what explains more with one of its sources as two."""
+    return Found(fit, _with_seconds(search, fit))
+
+
+def _with_seconds(search: Search, fit: Fit) -> Fit | None:
     """The best fit with a source as two, in each lighting in which that is worth it."""
     if fit.state.sigma is None:
         return None
@@ -164,7 +168,7 @@ def _worth_it(search: Search, fit: Fit, simpler: Fit, lighting: int) -> bool:
 def likelier(search: Search, found: Found, state: State) -> Found:
     """What was found, or the best near another state if that explains more for its sources' price."""
     fit = _likelier(search, found.fit, search.fit(state, found.fit.l_max))
-    return found if fit is found.fit else Found(fit, with_seconds(search, fit))
+    return found if fit is found.fit else examined(search, fit)
 
 
 def _likelier(search: Search, first: Fit, second: Fit) -> Fit:
@@ -228,8 +232,8 @@ def find_starts(search: Search, l_max: int, in_the_dark: bool) -> tuple[Found, L
     if not l_max:
         diffuse = _diffuse_lamps(search)
         alone = search.fit(first_state(search, 0, diffuse.state), 0)
-        return Found(alone, with_seconds(search, alone)), Lamps(alone, diffuse)
-    found = find_sources(search, first_state(search, l_max), l_max)
+        return examined(search, alone), Lamps(alone, diffuse)
+    found = examined(search, find_sources(search, first_state(search, l_max), l_max))
     lamps = _lamps_alone(search, found.fit) if in_the_dark else None
     if lamps is None:
         return found, None
@@ -252,14 +256,14 @@ def _lamps_alone(search: Search, beside: Fit) -> Lamps | None:
 
 def _diffuse_lamps(search: Search) -> Fit:
     """Lamps in the dark as a diffuse body shows them, looked for at the peaks of light of the search's degree."""
-    return find_sources(search, NOTHING, 0, peaks_at=search.sights[0].l_max).fit
+    return find_sources(search, NOTHING, 0, peaks_at=search.sights[0].l_max)
 
 
 def sources_of_diffuse(search: Search, l_max: int, lamps: Lamps | None) -> State:
     """Sources beside light of degree l_max, as a diffuse body shows them; those of lamps where they are likelier."""
     if lamps is not None and not l_max:
         return lamps.diffuse.state
-    found = find_sources(search, NOTHING, l_max).fit
+    found = find_sources(search, NOTHING, l_max)
     return (
         found if lamps is None else _likelier(search, found, search.fit(lamps.diffuse.state, l_max))
     ).state
