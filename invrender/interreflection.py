@@ -32,7 +32,9 @@ Floats = NDArray[np.float64]
 # Of the radiance (RMS), what bounced light must be to matter: as good as our quadratures are.
 _MATTERS = 5e-4
 # Rounds of fit and prediction at most; a change of the radiance (RMS), relative, that is the last.
-_ROUNDS, _STILL = 6, 1e-5
+_ROUNDS, _STILL = 20, 1e-5
+# Of what lacks, the least and the most that is taken in a round.
+_SHARES = 0.05, 1.0
 # The albedo at which its size is told where none is known.
 _SUPPOSED = 0.5
 _LABELS = {"Kd": "kd", "Ks": "ks", "mu": "mu", "sigma": "sigma"}
@@ -133,15 +135,19 @@ def account_for_bounces(
     """
     first = estimate = known.rungs[known.chosen].estimate
     scale = _rms([photo.radiance for photo in photos])
-    less = [np.zeros_like(photo.radiance) for photo in photos]
+    less, lacking, share = [np.zeros_like(photo.radiance) for photo in photos], None, np.ones(3)
     for _ in range(_ROUNDS):
-        before = less
         bounced = _bounced(parts, estimate, elements)
-        less = [bounced[photo.lighting].radiance(photo.field) for photo in photos]
-        if _rms(less) < _MATTERS * scale:
+        predicted = [bounced[photo.lighting].radiance(photo.field) for photo in photos]
+        before, lacking = lacking, np.concatenate(predicted) - np.concatenate(less)
+        if before is not None:
+            share = _relaxed(share, before, lacking)
+        elif _rms(predicted) < _MATTERS * scale:
+            # Nothing was taken off as yet, so that no albedo is higher.
             return None
+        less = [old + share * (new - old) for new, old in zip(predicted, less, strict=True)]
         estimate = refitted(known, less)
-        if _rms([new - old for new, old in zip(less, before, strict=True)]) < _STILL * scale:
+        if _rms([lacking]) < _STILL * scale:
             break
     found = _judged(known.photos, known.weights, less, first, estimate)
     if found.taken_off:
@@ -156,6 +162,16 @@ def account_for_bounces(
             known = replace(better, rungs=rungs)
     doubts = [found.doubt * radiance for radiance in less]
     return Accounted(parts, known, found, doubts, bounced if found.taken_off else {})
+
+
+def _relaxed(share: Floats, before: Floats, lacking: Floats) -> Floats:
+    """Which share (3,) of what lacks (n, 3) to take next, by what the last share left of it [Irons and Tuck 1969].
+
+    In deep folds of bright objects all of it is too much by far, and too much and too little would take turns for ever.
+    """
+    moved = lacking - before
+    product, square = (before * moved).sum(axis=0), (moved**2).sum(axis=0)
+    return np.clip(np.divide(-share * product, square, out=share.copy(), where=square > 0), *_SHARES)
 
 
 def unknown_scale(

@@ -95,15 +95,22 @@ def merged_faces(vertices: Floats, faces: Ints) -> Ints:
     return np.asarray(place[position.reshape(-1)][faces], dtype=np.int64)
 
 
+def _collapsed(faces: Ints) -> NDArray[np.bool_]:
+    """Which faces (f,) have a corner twice."""
+    return np.asarray((faces == np.roll(faces, -1, axis=1)).any(axis=1))
+
+
 def is_watertight(mesh: TriangleMesh) -> bool:
     """Whether the surface is closed and consistently oriented, vertices at one position counting as one.
 
-    It is if every edge of a face is run through once in either direction.
+    It is if every edge of a face is run through once in either direction. Faces so small that their corners count as
+    one position are left out; one that names a vertex twice is none.
     """
-    faces = merged_faces(mesh.vertices, mesh.faces)
-    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    if (start == end).any():
+    if _collapsed(mesh.faces).any():
         return False
+    faces = merged_faces(mesh.vertices, mesh.faces)
+    faces = faces[~_collapsed(faces)]
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     size = int(faces.max()) + 1
     forward, backward = np.sort(start * size + end), np.sort(end * size + start)
     return bool((np.diff(forward) > 0).all() and np.array_equal(forward, backward))
