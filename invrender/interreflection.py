@@ -141,7 +141,7 @@ def account_for_bounces(
         predicted = [bounced[photo.lighting].radiance(photo.field) for photo in photos]
         before, lacking = lacking, np.concatenate(predicted) - np.concatenate(less)
         if before is not None:
-            share = _relaxed(share, before, lacking)
+            share = relaxed(share, before, lacking)
         elif _rms(predicted) < _MATTERS * scale:
             # Nothing was taken off as yet, so that no albedo is higher.
             return None
@@ -164,10 +164,11 @@ def account_for_bounces(
     return Accounted(parts, known, found, doubts, bounced if found.taken_off else {})
 
 
-def _relaxed(share: Floats, before: Floats, lacking: Floats) -> Floats:
-    """Which share (3,) of what lacks (n, 3) to take next, by what the last share left of it [Irons and Tuck 1969].
+def relaxed(share: Floats, before: Floats, lacking: Floats) -> Floats:
+    """Which share (3,) of what lacks to take next, by what the last share left of it [Irons and Tuck 1969].
 
-    In deep folds of bright objects all of it is too much by far, and too much and too little would take turns for ever.
+    before, lacking : (n, 3), what lacked before a share (3,) of it was taken, and what does since. In deep folds of
+    bright objects all of it is too much by far, and too much and too little would take turns for ever.
     """
     moved = lacking - before
     product, square = (before * moved).sum(axis=0), (moved**2).sum(axis=0)

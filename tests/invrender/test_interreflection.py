@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from capture.files.imagefile import read_pixels
 from capture.lighting import Lighting
 from capture.photoset import load_photoset
+from invrender.interreflection import relaxed
 from invrender.model.bounce import Parts, albedo
 from invrender.model.lobes import PRINTED
 from invrender.model.microfacet import Microfacet
@@ -165,6 +166,18 @@ def test_without_light_of_known_strength_its_size_is_told(cup: Path, tmp_path: P
     share = re.search(r"it would be ([\d.]+)% of the radiance", warning)
     assert share is not None
     assert 2 < float(share[1]) < 5
+
+
+def test_relaxation_finds_where_overshooting_answers_agree() -> None:
+    # Predictions a - b x of x taken off agree at a / (1 + b); in turns they run away for b > 1.
+    a, b = np.array([[1.0, 2.0, 0.5]]), np.array([0.3, 1.5, 6.0])
+    taken, share = np.zeros_like(a), np.ones(3)
+    lacking = a - taken
+    for _ in range(2):
+        taken = taken + share * lacking
+        before, lacking = lacking, a - b * taken - taken
+        share = relaxed(share, before, lacking)
+    assert_allclose(taken + share * lacking, a / (1 + b), rtol=1e-12)
 
 
 def test_light_that_mostly_bounces_is_taken_off_too(tmp_path: Path) -> None:
