@@ -9,12 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import specular_weights
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import Rung, adequate, choose, relative_rms
@@ -23,12 +21,11 @@ from invrender.solve.forms import beside
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
 from invrender.solve.search import OTHER_FORMS, bounds_of, models_of, searched, simplex
+from invrender.texture.stack import Numbers, Rows, Stack
 from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-# mu and sigma, as far as a model has them.
-Numbers = tuple[float | None, float | None]
 
 # Noise that the first fit takes for granted, relative and of the RMS radiance: it only has to weigh dark and bright.
 _FIRST_NOISE = NoiseModel(0.01, 0.01)
@@ -62,23 +59,6 @@ def textured_models(form: LobeForm) -> tuple[TexturedModel, ...]:
 LADDER = (TexturedModel("lambertian, Kd varies", specular=False, fresnel=False), *textured_models(PRINTED))
 # How often `fit_textured` reports progress, at most.
 FIT_STEPS = len(LADDER) + len(OTHER_FORMS) + 2
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """What a photograph says of the points that it sees.
-
-    points : (r,), each once. columns : (channels, r, q), as of `PhotoColumns`. radiance : (r, 3); brightness : (r, 3),
-    about the same, by which noise is judged. share : (r,), the variance of these interpolated numbers over that of a
-    pixel, divided by how far its geometry is trusted. tiles : (r,), from 0, the tile of the photograph that each is in.
-    """
-
-    points: Ints
-    columns: NDArray[np.float32]
-    radiance: Floats
-    brightness: Floats
-    share: Floats
-    tiles: Ints
 
 
 # Columns of some of the points (size,) in several forms: of each form the rows of all photographs.
@@ -166,7 +146,7 @@ class _Climbed:
     """Ladders of several forms on the same rows, weighed alike, and what was left of them taken for noise."""
 
     ladders: Mapping[LobeForm, _Ladder]
-    stacks: Mapping[LobeForm, _Stack]
+    stacks: Mapping[LobeForm, Stack]
     noise: NoiseModel
 
 
@@ -185,7 +165,7 @@ def _climb(
     for form, rows in photos.items():
         scale = float(np.sqrt(np.mean(np.concatenate([own.radiance for own in rows]) ** 2)))
         noise = NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative)
-        stacks[form], richest = _Stack.of(rows, points, noise, form), textured_models(form)[-1]
+        stacks[form], richest = Stack.of(rows, points, noise, form), textured_models(form)[-1]
         starts[form] = _search(richest, stacks[form], near)
         costs[form] = _cost(richest, stacks[form], starts[form])
         if len(photos) > 1:
@@ -269,120 +249,7 @@ def _numbers(model: Model, point: Floats) -> Numbers:
     return (1 + float(np.exp(point[1])) if model.fresnel else None), sigma
 
 
-@dataclass(frozen=True, eq=False)
-class _Stack:
-    """The rows of all photographs together, sorted by point.
-
-    form : of the columns. points : (p,), those seen, of `size` in all; starts : (p,), their first rows.
-    at, photo, tiles : (r,), point,
-    photograph and tile of each row. diffuse, radiance, weight : (r, 3). specular : (channels * r, q) columns.
-    trust : (r, 3), as of `Weights`. share : as of `Rows`, (r, 1).
-    """
-
-    form: LobeForm
-    size: int
-    points: Ints
-    starts: Ints
-    at: Ints
-    photo: Ints
-    tiles: Ints
-    diffuse: Floats
-    specular: NDArray[np.float32]
-    radiance: Floats
-    weight: Floats
-    trust: Floats
-    share: Floats
-
-    @classmethod
-    def of(cls, photos: Sequence[Rows], size: int, noise: NoiseModel, form: LobeForm) -> _Stack:
-        photo = np.repeat(np.arange(len(photos)), [len(rows.points) for rows in photos])
-        first = np.cumsum([0, *(rows.tiles.max(initial=-1) + 1 for rows in photos)])
-        at = np.concatenate([rows.points for rows in photos])
-        order = np.argsort(at, kind="stable")
-        columns = np.concatenate([rows.columns for rows in photos], axis=1)[:, order]
-        brightness = np.concatenate([rows.brightness for rows in photos])[order]
-        share = np.concatenate([rows.share for rows in photos])[order, None]
-        tiles = np.concatenate([rows.tiles + start for rows, start in zip(photos, first, strict=False)])
-        points, starts = np.unique(at[order], return_index=True)
-        return cls(
-            form=form,
-            size=size,
-            points=points,
-            starts=starts,
-            at=at[order],
-            photo=photo[order],
-            tiles=tiles[order],
-            diffuse=np.broadcast_to(columns[..., 0].T, brightness.shape).astype(float),
-            specular=np.ascontiguousarray(columns[..., 1:]).reshape(-1, columns.shape[2] - 1),
-            radiance=np.concatenate([rows.radiance for rows in photos])[order],
-            weight=1 / (noise.variance(brightness) * share),
-            trust=np.ones_like(brightness),
-            share=share,
-        )
-
-    def transfers(self, numbers: Numbers) -> tuple[Floats, Floats]:
-        """Diffuse and specular transfers (r, 3) at mu and sigma."""
-        mu, sigma = numbers
-        if sigma is None:
-            return self.diffuse, np.zeros_like(self.diffuse)
-        flat = self.specular @ specular_weights(mu, sigma, self.form).astype(np.float32)
-        return self.diffuse, np.broadcast_to(flat.reshape(-1, len(self.at)).T, self.diffuse.shape).astype(
-            float
-        )
-
-    def sums(self, numbers: Numbers, photo: int | None = None) -> Sums:
-        """Normal equations of all points at mu and sigma, of all photographs or of one."""
-        if photo is not None:
-            return self._of_photo(photo).sums(numbers)
-        d, s = self.transfers(numbers)
-        y, weighted = self.radiance, self.weight * s
-        with_s = np.concatenate([weighted * d, weighted * s, weighted * y], axis=1)
-        ds, ss, sy = np.split(self._added(with_s), 3, axis=1)
-        dd, dy, yy, count = self._without_s
-        return Sums(dd, ds, ss, dy, sy, yy, count)
-
-    @cached_property
-    def _without_s(self) -> tuple[Floats, Floats, Floats, Floats]:
-        d, y = self.diffuse, self.radiance
-        parts = [part * self.weight for part in (d * d, d * y, y * y)]
-        dd, dy, yy, count = np.split(
-            self._added(np.concatenate([*parts, np.ones((len(d), 1))], axis=1)), [3, 6, 9], axis=1
-        )
-        return dd, dy, yy, count[:, 0]
-
-    def _added(self, values: Floats) -> Floats:
-        """Sums (size, k) over the rows of each point of values (r, k)."""
-        total = np.zeros((self.size, values.shape[1]))
-        if len(self.starts):
-            total[self.points] = np.add.reduceat(values, self.starts)
-        return total
-
-    def _of_photo(self, photo: int) -> _Stack:
-        own = self.photo == photo
-        points, starts = np.unique(self.at[own], return_index=True)
-        channels = len(self.specular) // len(self.at)
-        return replace(
-            self,
-            points=points,
-            starts=starts,
-            at=self.at[own],
-            photo=self.photo[own],
-            tiles=self.tiles[own],
-            diffuse=self.diffuse[own],
-            specular=self.specular[np.tile(own, channels)],
-            radiance=self.radiance[own],
-            weight=self.weight[own],
-            trust=self.trust[own],
-            share=self.share[own],
-        )
-
-    def predicted(self, values: PointValues, numbers: Numbers) -> Floats:
-        """Radiance (r, 3) of the rows, of points with given values."""
-        d, s = self.transfers(numbers)
-        return values.kd[self.at] * d + values.ks[self.at] * s
-
-
-def _search(model: TexturedModel, stack: _Stack, near: Floats | None = None) -> Floats:
+def _search(model: TexturedModel, stack: Stack, near: Floats | None = None) -> Floats:
     if not model.specular:
         return np.zeros(0)
     lower, upper = bounds_of(model)
@@ -394,11 +261,11 @@ def _search(model: TexturedModel, stack: _Stack, near: Floats | None = None) -> 
     return simplex(cost, start, lower, upper, size=0.02, near=_NEAR)
 
 
-def _cost(model: TexturedModel, stack: _Stack, point: Floats) -> float:
+def _cost(model: TexturedModel, stack: Stack, point: Floats) -> float:
     return float(solved(model, stack.sums(_numbers(model, point))).cost.sum())
 
 
-def _weighed(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> tuple[NoiseModel, _Stack]:
+def _weighed(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> tuple[NoiseModel, Stack]:
     """The noise of a pixel, and the rows weighed by it, from what a fit leaves.
 
     Residuals are taken for larger by what each point's own numbers take up of them. Where paint changes within a pixel
@@ -422,7 +289,7 @@ def _weighed(model: TexturedModel, stack: _Stack, photos: int, point: Floats) ->
     return noise, replace(stack, weight=weight / share, trust=trust)
 
 
-def _judged(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> NDArray[np.bool_]:
+def _judged(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> NDArray[np.bool_]:
     """Which rows (r,) the richest model predicts well enough from the other photographs to be judged by."""
     numbers = _numbers(model, point)
     total = stack.sums(numbers)
@@ -440,7 +307,7 @@ def _judged(model: TexturedModel, stack: _Stack, photos: int, point: Floats) -> 
     return judged
 
 
-def _rung(model: TexturedModel, stack: _Stack, photos: int, point: Floats, judged: NDArray[np.bool_]) -> Rung:
+def _rung(model: TexturedModel, stack: Stack, photos: int, point: Floats, judged: NDArray[np.bool_]) -> Rung:
     """A rung with its evidence: each photograph predicted from Kd and Ks that the others give.
 
     mu and sigma are those of all photographs: two numbers that one of them moves but little.
@@ -478,7 +345,7 @@ def _parameters(model: TexturedModel, points: int) -> int:
     return 3 * points * (1 + model.ks_varies) + 3 * common + model.specular + model.fresnel
 
 
-def _uncertainty(model: TexturedModel, stack: _Stack, point: Floats) -> tuple[Floats, Floats]:
+def _uncertainty(model: TexturedModel, stack: Stack, point: Floats) -> tuple[Floats, Floats]:
     """Covariance (k, k) and fragility (k,) of the search's coordinates, as `uncertainty.uncertainty_of` has them.
 
     All points' own numbers are solved for anew as the coordinates move: what is left of the residuals' slopes is what

@@ -33,11 +33,12 @@ from invrender.solve.clusters import tile_of
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.texture.cover import cover
-from invrender.texture.fit import FIT_STEPS, Rows, TexturedFit, fit_textured, solved
+from invrender.texture.fit import FIT_STEPS, TexturedFit, fit_textured, solved
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import Observations, observe
 from invrender.texture.solution import textured_solution
+from invrender.texture.stack import Rows
 from invrender.texture.textures import Textures
 from invrender.wording import sentences
 from recon.bodies import MeshBody
