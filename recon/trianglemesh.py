@@ -110,6 +110,8 @@ def is_watertight(mesh: TriangleMesh) -> bool:
         return False
     faces = merged_faces(mesh.vertices, mesh.faces)
     faces = faces[~_collapsed(faces)]
+    if not len(faces):
+        return False
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     size = int(faces.max()) + 1
     forward, backward = np.sort(start * size + end), np.sort(end * size + start)

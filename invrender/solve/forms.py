@@ -27,9 +27,6 @@ from invrender.solve.weighing import weigh
 _SAMPLES = 1500
 # Photographs with fewer are not worth their part.
 _FEWEST = 20
-# Facets of any form reflect the same rays, which are followed once.
-_FACETS = tuple(form for form in OTHER_FORMS if isinstance(form, Smith))
-_TOGETHER = (_FACETS, *((form,) for form in OTHER_FORMS if form not in _FACETS))
 
 Elements = Mapping[str, Sequence[LightElement]]
 
@@ -64,8 +61,8 @@ def try_forms(
     kept = [_share(photo, sum(len(p.field) for p in photos)) for photo in photos]
     share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
     columns: dict[LobeForm, list[PhotoColumns]] = {PRINTED: share}
-    for together in _TOGETHER:
-        columns |= columns_of(together, share, elements)
+    for group in together(OTHER_FORMS):
+        columns |= columns_of(group, share, elements)
         on_step()
     first = [Weights(w.trust[keep], w.weight[keep]) for w, keep in zip(weights, kept, strict=True)]
     costs = {form: _cost(models_of(form)[-1], part, first) for form, part in columns.items()}
@@ -80,6 +77,13 @@ def try_forms(
 
 def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:
     return fit(model, total_statistics(photos, [w.weight for w in weights])).cost
+
+
+def together(forms: Sequence[LobeForm]) -> list[tuple[LobeForm, ...]]:
+    """Forms in groups whose columns are made at once: those of facets, which reflect the same rays; each other one."""
+    facets = tuple(form for form in forms if isinstance(form, Smith))
+    others: list[tuple[LobeForm, ...]] = [(form,) for form in forms if form not in facets]
+    return [facets, *others] if facets else others
 
 
 def columns_of(

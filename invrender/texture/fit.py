@@ -25,7 +25,6 @@ from invrender.texture.stack import Numbers, Rows, Stack
 from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Noise that the first fit takes for granted, relative and of the RMS radiance: it only has to weigh dark and bright.
 _FIRST_NOISE = NoiseModel(0.01, 0.01)
@@ -57,9 +56,8 @@ def textured_models(form: LobeForm) -> tuple[TexturedModel, ...]:
 
 
 LADDER = (TexturedModel("lambertian, Kd varies", specular=False, fresnel=False), *textured_models(PRINTED))
-# How often `fit_textured` reports progress, at most.
-FIT_STEPS = len(LADDER) + len(OTHER_FORMS) + 2
-
+# How often `fit_textured` reports progress, at most: RH01's ladder, all forms' on a share, and that which they choose.
+FIT_STEPS = (len(OTHER_FORMS) + 3) * len(LADDER)
 
 # Columns of some of the points (size,) in several forms: of each form the rows of all photographs.
 InForms = Callable[[Sequence[LobeForm], NDArray[np.bool_]], Mapping[LobeForm, Sequence[Rows]]]
@@ -101,19 +99,18 @@ def fit_textured(
     photos : rows in RH01's form. in_forms : asked for other forms only where a specular part shows; of forms that
     explain as well RH01's is preferred. `on_step` is called `FIT_STEPS` times at most.
     """
-    every = np.ones(points, bool)
     climbed = _climb({PRINTED: photos}, points, on_step)
     own = climbed.ladders[PRINTED]
     rungs, chosen = own.rungs, choose(own.rungs)
     apart: Floats | None = None
     if rungs[chosen].estimate.model.specular or shows_more(rungs):
-        tried = _climb(in_forms((PRINTED, *OTHER_FORMS), _share(photos, points)), points)
-        on_step()
+        tried = _climb(in_forms((PRINTED, *OTHER_FORMS), _share(photos, points)), points, on_step)
         others = _others(own, PRINTED, tried, len(climbed.stacks[PRINTED].points))
         chosen = choose((*rungs, *others))
         form = (*rungs, *others)[chosen].estimate.model.form
         if form is not PRINTED:
-            climbed = _climb(in_forms((form,), every), points, on_step, tried.ladders[form].points[-1])
+            whole = in_forms((form,), np.ones(points, bool))
+            climbed = _climb(whole, points, on_step, tried.ladders[form].points[-1])
             mine = climbed.ladders[form]
             rest = _others(mine, form, tried, len(climbed.stacks[form].points))
             chosen = len(rungs) + choose(mine.rungs)
@@ -160,16 +157,14 @@ def _climb(
 
     near : where to begin the search instead of everywhere.
     """
-    count = len(next(iter(photos.values())))
+    shown = [rows.radiance for rows in next(iter(photos.values()))]
+    count, scale = len(shown), float(np.sqrt(np.mean(np.concatenate(shown) ** 2)))
+    noise = NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative)
     stacks, starts, costs = {}, {}, {}
     for form, rows in photos.items():
-        scale = float(np.sqrt(np.mean(np.concatenate([own.radiance for own in rows]) ** 2)))
-        noise = NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative)
         stacks[form], richest = Stack.of(rows, points, noise, form), textured_models(form)[-1]
         starts[form] = _search(richest, stacks[form], near)
         costs[form] = _cost(richest, stacks[form], starts[form])
-        if len(photos) > 1:
-            on_step()
     best = min(costs, key=lambda form: costs[form])
     richest = textured_models(best)[-1]
     noise, weighed = _weighed(richest, stacks[best], count, starts[best])
@@ -184,8 +179,7 @@ def _climb(
         rungs = []
         for model, point in zip(models, places, strict=True):
             rungs.append(_rung(model, stack, count, point, judged))
-            if len(photos) == 1:
-                on_step()
+            on_step()
         ladders[form] = _Ladder(models, places, tuple(rungs))
     return _Climbed(ladders, stacks, noise)
 

@@ -22,7 +22,7 @@ from capture.progress import Track
 from invrender.clock import Clock
 from invrender.findings import find_warnings
 from invrender.model.columns import columns_of_forms
-from invrender.model.lobes import PRINTED, LobeForm, Smith
+from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict, reflected
 from invrender.model.transfer import LightElement, light_elements
@@ -30,6 +30,7 @@ from invrender.reading import check_usable
 from invrender.render.reflected import ReflectedMap, prepared_map
 from invrender.render.shading import shade
 from invrender.solve.clusters import tile_of
+from invrender.solve.forms import together
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.texture.cover import cover
@@ -199,10 +200,8 @@ def _first_pass(
     def in_forms(forms: Sequence[LobeForm], some: NDArray[np.bool_]) -> dict[LobeForm, list[Rows]]:
         shown = [seen.of_points(some) for seen, _ in found]
         result: dict[LobeForm, list[Rows]] = {form: [] for form in forms}
-        # Facets of any form reflect the same rays, which are followed once.
-        facets = tuple(form for form in forms if isinstance(form, Smith))
-        for group in (facets, *((form,) for form in forms if form not in facets)):
-            for rows in parallel_map(partial(_rows, bench, forms=group), shown if group else ()):
+        for group in together(forms):
+            for rows in parallel_map(partial(_rows, bench, forms=group), shown):
                 for form, own in rows.items():
                     result[form].append(own)
         return result

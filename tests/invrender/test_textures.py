@@ -198,17 +198,21 @@ def test_overlapping_coordinates_are_replaced_and_without_xatlas_vertices_serve(
     )
 
 
-@pytest.fixture(scope="module")
-def doll(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """RH01's doll (section 6.4), smaller: six photographs at 1% noise, a pixel 1.25 mm wide."""
-    folder = tmp_path_factory.mktemp("doll")
-    (folder / "doll.toml").write_text(DOLL)
+def write_doll_set(folder: Path, scene: str) -> Path:
+    (folder / "doll.toml").write_text(scene)
     write_photoset(read_staging(folder / "doll.toml"), folder / "set")
     path = folder / "set" / "photoset.toml"
     text = path.read_text()
     if "texture = true" not in text:
         path.write_text(text.replace('shape = "mesh"', 'shape = "mesh"\ntexture = true'))
     return folder / "set"
+
+
+@pytest.fixture(scope="module")
+def doll(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """RH01's doll (section 6.4), smaller: six photographs at 1% noise, a pixel 1.25 mm wide."""
+    folder = tmp_path_factory.mktemp("doll")
+    return write_doll_set(folder, DOLL)
 
 
 def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
@@ -245,15 +249,9 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
 
 
 def test_a_painted_dolls_lobe_may_be_of_another_form(lightfactor: Command, tmp_path: Path) -> None:
-    scene = tmp_path / "doll.toml"
-    scene.write_text(DOLL + '\n[material]\nmodel = "ggx"\nmu = 2.2\nalpha = 0.12\n')
-    write_photoset(read_staging(scene), tmp_path / "set")
-    path = tmp_path / "set" / "photoset.toml"
-    text = path.read_text()
-    if "texture = true" not in text:
-        path.write_text(text.replace('shape = "mesh"', 'shape = "mesh"\ntexture = true'))
+    glossy = DOLL + '\n[material]\nmodel = "ggx"\nmu = 2.2\nalpha = 0.12\n'
     out = tmp_path / "out"
-    code, _, err = lightfactor("process", tmp_path / "set", "-o", out, "--samples", 5000)
+    code, _, err = lightfactor("process", write_doll_set(tmp_path, glossy), "-o", out, "--samples", 5000)
     assert (code, err) == (0, "")
     result = json.loads((out / "result.json").read_text())
     assert result["brdf"]["model"] == "GGX"

@@ -51,6 +51,7 @@ def test_watertight_means_every_edge_once_each_way() -> None:
     assert not is_watertight(_cube(turned))
     assert not is_watertight(_cube(np.concatenate([_FACES, _FACES])))
     assert not is_watertight(_cube(np.concatenate([_FACES, [[0, 1, 0]]])))
+    assert not is_watertight(TriangleMesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.eye(3)))
 
 
 def test_seams_whose_sides_differ_in_the_last_digits_are_closed() -> None:

@@ -227,12 +227,13 @@ class Lamps:
 def find_starts(search: Search, l_max: int, in_the_dark: bool) -> tuple[Found, Lamps | None]:
     """Sources beside light of degree l_max, as a body with a lobe shows them, and lamps in the dark if that may be it.
 
+    Lamps alone are fitted to the search as prepared for degree 0: lobes take time with the degree that they are for.
     in_the_dark : whether lamps are looked for; they always are at degree 0.
     """
     if not l_max:
-        diffuse = _diffuse_lamps(search)
-        alone = search.fit(first_state(search, 0, diffuse.state), 0)
-        return examined(search, alone), Lamps(alone, diffuse)
+        diffuse, dark = _diffuse_lamps(search), of_degree(search, 0)
+        alone = dark.fit(first_state(dark, 0, diffuse.state), 0)
+        return examined(dark, alone), Lamps(alone, diffuse)
     found = examined(search, find_sources(search, first_state(search, l_max), l_max))
     lamps = _lamps_alone(search, found.fit) if in_the_dark else None
     if lamps is None:
@@ -245,9 +246,7 @@ def _lamps_alone(search: Search, beside: Fit) -> Lamps | None:
 
     beside : the fit with light that they are measured against.
     """
-    diffuse = _diffuse_lamps(search)
-    # Lobes take time with the degree that they are prepared for.
-    dark = of_degree(search, 0)
+    diffuse, dark = _diffuse_lamps(search), of_degree(search, 0)
     # Light of many degrees passes for a lamp or two; a lamp that only a lobe shows isn't found without one.
     starts = (first_state(dark, 0, diffuse.state), beside.state)
     glossy = min((dark.fit(start, 0, _FEW) for start in starts), key=lambda fit: fit.cost)
