@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 # Cosine to a source within which its disc may be cut by the horizon: a lamp of a degree's radius.
 _PENUMBRA = 0.02
 # Rays that are worked on at once: fewer take numpy as long.
-_POOL = 1500
+_POOL = 6000
 _INTEGERS = {"rows": np.int64, "columns": np.int64, "ray_sample": np.int64, "faces": np.int64}
 _BOOLEANS = {"reflected_visible": np.bool_, "sources_visible": np.bool_}
 # What belongs to samples; the rest belongs to rays.

@@ -18,14 +18,13 @@ from capture.arrays import frozen_array
 from invrender.model.formtable import form_rows
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
-from invrender.model.lobetable import TRANSFERS, Transfer, lobe_table, mirrored_harmonics
+from invrender.model.lobetable import TRANSFERS, Transfer, lobe_rows, lobe_table, mirrored_harmonics
 from invrender.model.microfacet import Microfacet
-from invrender.theory.operator import irradiance_operator, view_frames
+from invrender.theory.operator import irradiance_operator
 from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import microfacet_gaussian, microfacet_transfer
 from recon.harmonics import degree_of, degrees
 from recon.lightfield import LightField
-from recon.rotations import rotated_harmonics
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -96,16 +95,15 @@ def photo_rows(field: LightField, brdf: Microfacet, l_max: int, rung: Rung = "ex
     if brdf.sigma is None or not brdf.ks.any():
         return PhotoRows(field, diffuse.astype(np.float32), None)
     cos = np.einsum("nk,nk->n", field.normals, field.views)
-    fresnel = normalised_fresnel(brdf.mu, cos)[:, None]
+    fresnel = normalised_fresnel(brdf.mu, cos)
     rays: Floats | Singles
     if rung == "exact" and brdf.form is not PRINTED:
         rays, _, _ = form_rows(field, l_max, brdf.form, brdf.mu, brdf.sigma)
     elif rung == "exact":
-        local = (fresnel * lobe_table(l_max).coefficients(cos, brdf.sigma)).astype(np.float32)
-        rays = rotated_harmonics(local, view_frames(field.normals, field.views))
+        rays = lobe_rows(field, lobe_table(l_max).at_angles(brdf.sigma)[:, :1], fresnel)[0]
     else:
         blurred = lobe_blur(brdf, l_max, rung)[degrees(l_max)]
-        rays = fresnel * blurred * mirrored_harmonics(field, l_max)
+        rays = fresnel[:, None] * blurred * mirrored_harmonics(field, l_max)
     return PhotoRows(field, diffuse.astype(np.float32), field.mean_over_rays(rays).astype(np.float32))
 
 

@@ -20,11 +20,9 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import Angles, LobeForm
-from invrender.model.lobetable import between_angles, exitant_angles, half_vectors, viewer
-from invrender.theory.operator import view_frames
+from invrender.model.lobetable import exitant_angles, half_vectors, lobe_radiance, lobe_rows, viewer
 from recon.harmonics import degree_of, evaluate_harmonics, orders
 from recon.lightfield import LightField
-from recon.rotations import rotated_harmonics
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -54,7 +52,7 @@ def form_rows(
     Per unit of Ks, Fresnel's factor included, single precision, of unshadowed surfaces. Slopes are zero in what the
     form lacks.
     """
-    rows, by_sigma, by_mu = _turned(field, _local(l_max, form, mu, sigma), mu)
+    rows, by_sigma, by_mu = lobe_rows(field, _local(l_max, form, mu, sigma), _rise(field, l_max, mu))
     return rows, by_sigma, by_mu
 
 
@@ -62,23 +60,25 @@ def form_radiance(
     field: LightField, lighting: Floats, form: LobeForm, mu: float | None, sigma: float
 ) -> Floats:
     """What each ray (m, c) sees of lighting ((l_max + 1)^2, c) in the lobe, per unit of Ks with Fresnel's factor."""
-    rows = _turned(field, _local(degree_of(len(lighting)), form, mu, sigma)[:, :1], mu)[0]
-    return np.asarray(rows @ lighting, float)
+    l_max = degree_of(len(lighting))
+    return lobe_radiance(field, _local(l_max, form, mu, sigma)[:, 0], lighting, _rise(field, l_max, mu))
 
 
-def _turned(field: LightField, at_angles: Floats, mu: float | None) -> Singles:
-    """Local coefficients (J, p, (l_max + 1)^2) at the table's angles as those of rays in the world, (p, m, ...)."""
-    angles = exitant_angles(degree_of(at_angles.shape[-1]))
+def _rise(field: LightField, l_max: int, mu: float | None) -> Floats:
+    """By how much Fresnel's factor (m,) is above the table's steepest angle's; it rises too fast to be left at that.
+
+    Some rays of a sample may be so steep.
+    """
     cos = np.einsum("nk,nk->n", field.normals, field.views)
-    # Some rays of a sample may be steeper than the table, where Fresnel's factor rises too fast to be left at that.
-    rise = normalised_fresnel(mu, cos) / normalised_fresnel(mu, np.maximum(cos, np.cos(angles[-1])))
-    local = between_angles(angles, at_angles, cos) * rise[:, None, None]
-    local = np.moveaxis(local.astype(np.float32), 1, 0)
-    return rotated_harmonics(local, view_frames(field.normals, field.views)).astype(np.float32)
+    steepest = np.cos(exitant_angles(l_max)[-1])
+    return np.asarray(normalised_fresnel(mu, cos) / normalised_fresnel(mu, np.maximum(cos, steepest)))
 
 
 def _local(l_max: int, form: LobeForm, mu: float | None, sigma: float) -> Floats:
-    """Coefficients (J, 3, (l_max + 1)^2) at the table's angles of a viewer in the local xz plane, and both slopes."""
+    """Coefficients (J, 3, k) at the table's angles of a viewer in the local xz plane, and both slopes.
+
+    Of orders m >= 0: of what is odd in azimuth both sides of the plane cancel.
+    """
     # Who needs the same for another photograph waits for it.
     with _ONE_AT_A_TIME:
         return _computed(l_max, form, mu, sigma)
@@ -86,16 +86,11 @@ def _local(l_max: int, form: LobeForm, mu: float | None, sigma: float) -> Floats
 
 @lru_cache(maxsize=4)
 def _computed(l_max: int, form: LobeForm, mu: float | None, sigma: float) -> Floats:
-    even = orders(l_max) >= 0
-
-    def at_angle(nodes: _Nodes) -> Floats:
+    def at_angle(nodes: _Nodes) -> Singles:
         values = nodes.measure * _with_slopes(nodes.angles, form, mu, sigma)
-        # Of what is odd in azimuth both sides of the xz plane cancel.
-        result = np.zeros((len(values), len(even)))
-        result[:, even] = values.astype(np.float32) @ nodes.harmonics
-        return result
+        return np.asarray(values.astype(np.float32) @ nodes.harmonics)
 
-    return np.stack(list(parallel_map(at_angle, _nodes(l_max))))
+    return np.stack(list(parallel_map(at_angle, _nodes(l_max)))).astype(float)
 
 
 def _with_slopes(angles: Angles, form: LobeForm, mu: float | None, sigma: float) -> Floats:

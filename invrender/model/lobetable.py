@@ -14,20 +14,21 @@ That is the transfer `exact`. Two coarser rungs are RH01's own: light looked up 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebpts2, chebvander
 from numpy.typing import NDArray
-from scipy.interpolate import BarycentricInterpolator
 
 from invrender.theory.operator import view_frames
 from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import lobe, microfacet_gaussian
 from recon.harmonics import degree_of, degrees, evaluate_harmonics, orders
 from recon.lightfield import LightField
-from recon.rotations import rotated_harmonics
+from recon.rotations import Orders, rotated_orders
 from recon.sampling import MIN_COS_EXITANT
 
 Floats = NDArray[np.float64]
@@ -39,58 +40,97 @@ TRANSFERS: tuple[Transfer, ...] = get_args(Transfer)
 # to cut a ring and where it has cut all of it.
 _EDGES = (0.0, 0.03, 0.08, 0.2, 0.5, 1.0, np.pi / 2)
 _NODES_PER_PANEL = 16
-# Exitant angles of the table, beyond as many as there are degrees.
+# Exitant angles of the table, beyond as many as there are degrees, and the steepest of them.
 _SPARE_ANGLES = 17
+_STEEPEST = float(np.arccos(MIN_COS_EXITANT)) + 0.02
+# Coefficients that are turned at a time: some megabytes of all that is needed for them.
+_AT_A_TIME = 2**18
 
 
 @dataclass(frozen=True, eq=False)
 class LobeTable:
     """Ring sums of the harmonics of degree up to l_max, seen at J exitant angles.
 
-    angles : (J,) radians. rings : (J, R), theta_h. sums : (J, R, (l_max + 1)^2), of a viewer in the local xz plane,
-    times the measure: what S at a ring multiplies.
+    rings : (J, R), theta_h. sums : (J, R, k), of a viewer in the local xz plane, times the measure: what S at a ring
+    multiplies; of orders m >= 0 only, since those of -m are zero.
     """
 
-    angles: Floats
     rings: Floats
     sums: Floats
 
-    def coefficients(self, cos_exitant: Floats, sigma: float) -> Floats:
-        """Local transfer (n, (l_max + 1)^2) at exitant cosines (n,), per unit of Ks F, of roughness sigma (radians)."""
-        return between_angles(self.angles, self._at_angles(lobe(self.rings, sigma)), cos_exitant)
-
-    def with_slopes(self, cos_exitant: Floats, sigma: float) -> Singles:
-        """`coefficients`, and their derivatives in log sigma: (n, 2, (l_max + 1)^2), single precision."""
+    def at_angles(self, sigma: float) -> Floats:
+        """Local transfer of roughness sigma (radians), per unit of Ks F, and its slope in log sigma, (J, 2, k)."""
         weights = lobe(self.rings, sigma)
-        slopes = weights * (2 * (self.rings / sigma) ** 2 - 2)
-        both = np.stack([self._at_angles(weights), self._at_angles(slopes)], axis=1)
-        return between_angles(self.angles, both.astype(np.float32), cos_exitant).astype(np.float32)
-
-    def _at_angles(self, weights: Floats) -> Floats:
-        return np.asarray((weights[:, None] @ self.sums)[:, 0])
+        both = np.stack([weights, weights * (2 * (self.rings / sigma) ** 2 - 2)], axis=1)
+        return np.asarray(both @ self.sums)
 
 
 @lru_cache(maxsize=4)
 def lobe_table(l_max: int) -> LobeTable:
     """The table for lighting of degree l_max and all exitant angles that samples may have."""
-    angles = exitant_angles(l_max)
-    rings, sums = zip(*(_rings(float(angle), l_max) for angle in angles), strict=True)
-    return LobeTable(angles, np.stack(rings), np.stack(sums))
+    rings, sums = zip(*(_rings(float(angle), l_max) for angle in exitant_angles(l_max)), strict=True)
+    return LobeTable(np.stack(rings), np.stack(sums))
 
 
 def exitant_angles(l_max: int) -> Floats:
     """Angles (J,) between which coefficients of degree up to l_max are interpolated, to beyond what samples have."""
-    steepest = np.arccos(MIN_COS_EXITANT) + 0.02
-    count = l_max + _SPARE_ANGLES
-    return np.asarray(steepest / 2 * (1 - np.cos(np.pi * np.arange(count) / (count - 1))))
+    return np.asarray(_STEEPEST / 2 * (1 - chebpts2(l_max + _SPARE_ANGLES)[::-1]))
 
 
-def between_angles(angles: Floats, at_angles: Floats, cos_exitant: Floats) -> Floats:
-    """Values (n, ...) at exitant cosines (n,) by the polynomial through those (J, ...) at `exitant_angles`."""
+def over_angles(at_angles: Floats) -> Floats:
+    """Chebyshev series (k, f, J) in the exitant angle through values (J, f, k) at `exitant_angles`."""
+    count = len(at_angles)
+    at_nodes = chebvander(chebpts2(count)[::-1], count - 1)
+    series = np.linalg.solve(at_nodes, at_angles.reshape(count, -1)).reshape(at_angles.shape)
+    return np.ascontiguousarray(series.transpose(2, 1, 0))
+
+
+def at_cosines(series: NDArray[np.floating], cos_exitant: Floats) -> NDArray[np.floating]:
+    """Values (k, f, n) at exitant cosines (n,) of `over_angles`' series (k, f, J), in the series' precision."""
     # Polynomials run wild beyond their nodes: steeper views see what the steepest of the table does.
-    seen = np.minimum(np.arccos(np.minimum(cos_exitant, 1)), angles[-1])
-    share = BarycentricInterpolator(angles, np.eye(len(angles)))(seen).astype(at_angles.dtype)
-    return np.asarray(share @ at_angles.reshape(len(angles), -1)).reshape(len(seen), *at_angles.shape[1:])
+    seen = np.minimum(np.arccos(np.minimum(cos_exitant, 1)), _STEEPEST)
+    functions = chebvander(1 - 2 * seen / _STEEPEST, series.shape[-1] - 1).T.astype(series.dtype)
+    values = series.reshape(-1, len(functions)) @ functions
+    return np.asarray(values.reshape(*series.shape[:-1], -1))
+
+
+def turned_lobes(
+    field: LightField, series: Singles, factor: Floats | None = None
+) -> Iterator[tuple[slice, Orders]]:
+    """Lobes of an `over_angles` series (k, f, J) as rays see them in the world, some rays at a time.
+
+    factor : (m,), what each ray's are multiplied by. Yields which rays, and their lobes' coefficients.
+    """
+    k, f, _ = series.shape
+    count = max(1, _AT_A_TIME // (k * f))
+    for start in range(0, len(field.normals), count):
+        here = slice(start, start + count)
+        normals, views = field.normals[here], field.views[here]
+        local = at_cosines(series, np.einsum("nk,nk->n", normals, views))
+        if factor is not None:
+            local *= factor[here].astype(local.dtype)
+        yield here, rotated_orders(local, view_frames(normals, views))
+
+
+def lobe_rows(field: LightField, at_angles: Floats, factor: Floats | None = None) -> Singles:
+    """Rows (f, m, (l_max + 1)^2) of rays over lighting coefficients, single precision, of lobes (J, f, k)."""
+    series = over_angles(at_angles).astype(np.float32)
+    l_max = len(at_angles) - _SPARE_ANGLES
+    rows = np.empty((series.shape[1], len(field.normals), (l_max + 1) ** 2), np.float32)
+    for here, turned in turned_lobes(field, series, factor):
+        turned.write(rows[:, here])
+    return rows
+
+
+def lobe_radiance(
+    field: LightField, at_angles: Floats, lighting: Floats, factor: Floats | None = None
+) -> Floats:
+    """What each ray sees (m, c) of lighting ((l_max + 1)^2, c) in a lobe (J, k)."""
+    series, single = over_angles(at_angles[:, None]).astype(np.float32), lighting.astype(np.float32)
+    radiance = np.empty((len(field.normals), lighting.shape[1]))
+    for here, turned in turned_lobes(field, series, factor):
+        radiance[here] = turned.dot(single)[0]
+    return radiance
 
 
 def specular_rows(
@@ -101,9 +141,7 @@ def specular_rows(
     Per unit of Ks F, single precision, of unshadowed surfaces; a row is the mean over its sample's rays.
     """
     if transfer == "exact":
-        cos = np.einsum("nk,nk->n", field.normals, field.views)
-        local = lobe_table(l_max).with_slopes(cos, sigma)
-        rows, slopes = rotated_harmonics(local.swapaxes(0, 1), view_frames(field.normals, field.views))
+        rows, slopes = lobe_rows(field, lobe_table(l_max).at_angles(sigma))
     else:
         at_mirror = mirrored_harmonics(field, l_max)
         rows, slopes = (
@@ -121,10 +159,7 @@ def specular_radiance(
     if transfer != "exact":
         blurred = lighting * _blur(sigma, l_max, transfer)[0][degrees(l_max), None]
         return np.asarray(mirrored_harmonics(field, l_max) @ blurred)
-    table = lobe_table(l_max)
-    local = table.coefficients(np.einsum("nk,nk->n", field.normals, field.views), sigma).astype(np.float32)
-    rows = rotated_harmonics(local, view_frames(field.normals, field.views))
-    return np.asarray(rows @ lighting, float)
+    return lobe_radiance(field, lobe_table(l_max).at_angles(sigma)[:, 0], lighting)
 
 
 def mirrored_harmonics(field: LightField, l_max: int) -> Floats:
@@ -177,10 +212,8 @@ def _rings(theta_o: float, l_max: int) -> tuple[Floats, Floats]:
     incident = 2 * toward[..., None] * half - view
     harmonics = evaluate_harmonics(incident, l_max).reshape(*toward.shape, -1)
     measure = around * np.maximum(toward, 0) / np.cos(theta_o)
-    sums = (measure[:, None] @ harmonics)[:, 0] * across[:, None]
     # Both sides of the xz plane were counted on one: what is odd in azimuth cancels.
-    sums[:, orders(l_max) < 0] = 0
-    return theta, sums
+    return theta, ((measure[:, None] @ harmonics)[:, 0] * across[:, None])[:, orders(l_max) >= 0]
 
 
 def _panels(theta_o: float) -> tuple[Floats, Floats]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from recon.harmonics import degree_of, evaluate_harmonics
-from recon.rotations import complex_from_real
+from recon.wigner import complex_from_real
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -26,7 +26,7 @@ from invrender.theory.energy import degrees_reaching, isotropic_fraction
 from invrender.theory.latlong import project_latlong, theta_factors
 from invrender.theory.refinement import interval_rule
 from recon.harmonics import check_degree, degree_of, degrees, evaluate_harmonics, finite, orders
-from recon.rotations import wigner_d
+from recon.wigner import wigner_d
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

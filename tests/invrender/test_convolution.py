@@ -26,7 +26,8 @@ from invrender.theory.convolution import (
 )
 from invrender.theory.harmonics import to_complex
 from recon.harmonics import clamped_cosine_transfer, degrees, orders
-from recon.rotations import euler_angles, wigner_D
+from recon.rotations import euler_angles
+from recon.wigner import wigner_D
 
 from .quadrature import hemisphere_grid, reflected, scipy_complex, scipy_harmonics, sphere_grid
 from .test_brdfcoefficients import brushed, glossy, rh01

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
 from recon.harmonics import evaluate_harmonics, sphere_directions
-from recon.rotations import euler_angles, rotated_harmonics, wigner_D, wigner_d
+from recon.rotations import euler_angles, rotated_harmonics
+from recon.wigner import wigner_D, wigner_d
 
 
 def harmonics_of_degree(l: int, directions: np.ndarray) -> np.ndarray:
