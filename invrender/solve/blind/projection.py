@@ -194,18 +194,22 @@ class Reduced:
 
 def joint_rows(sight: Sight, fit: Fit, rows: Rows) -> tuple[Floats, Floats]:
     """Jacobian of a sight's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
+    lit = np.stack([rows.of_channel(kappa) for kappa in fit.state.kappa])
+    return lit, _shared_rows(sight, fit, rows)
+
+
+def _shared_rows(sight: Sight, fit: Fit, rows: Rows) -> Floats:
     state = fit.state
     slopes = slopes_of(sight, state.under(sight.lighting), rows, fit.light[sight.lighting])
     shared = np.zeros((3, len(sight.field), len(state.names)))
     for c in range(3):
         shared[c][:, state.own(c, sight.lighting)] = slopes[:, c]
-    return np.stack([rows.of_channel(kappa) for kappa in state.kappa]), shared
+    return shared
 
 
 def predicted(sight: Sight, fit: Fit, rows: Rows) -> Floats:
     """Radiance (n, 3) of a sight's rows."""
-    light = fit.light[sight.lighting]
-    return np.stack([rows.of_channel(fit.state.kappa[c]) @ light[:, c] for c in range(3)], axis=-1)
+    return rows.radiance(fit.state.kappa, fit.light[sight.lighting])
 
 
 def _border(sights: Sequence[Sight], weights: Sequence[Floats], fit: Fit) -> Reduced:
@@ -214,10 +218,10 @@ def _border(sights: Sequence[Sight], weights: Sequence[Floats], fit: Fit) -> Red
     def equations(item: tuple[Sight, Floats, Rows]) -> tuple[Floats, Floats, Floats]:
         sight, weight, rows = item
         residual = sight.field.radiance - predicted(sight, fit, rows)
-        lit, shared = joint_rows(sight, fit, rows)
+        shared = _shared_rows(sight, fit, rows)
         weighted = shared * weight.T[:, :, None]
         return (
-            lit.transpose(0, 2, 1) @ weighted,
+            rows.sums(fit.state.kappa, weighted),
             np.einsum("cnt,cnu->tu", shared, weighted, optimize=True),
             np.einsum("cnt,nc->t", weighted, residual),
         )

@@ -34,8 +34,8 @@ Mask = NDArray[np.bool_]
 
 # Between roughnesses this far apart in log sigma, rows are interpolated by cubics through values and slopes.
 _SPACING = 0.1
-# Steps of the differences that stand for derivatives: sources' directions and log sigma, radians; log(mu - 1).
-_STEP = 1e-4
+# Steps of the differences that stand for derivatives: sources' directions, radians; log sigma; log(mu - 1).
+_STEP = 1e-6
 # Turn of a source, radians, after which what sees it must still see it to count as clear of its shadows' borders; and
 # less than that, within which sources cast the same shadows. These are kept of so many directions: a search goes back
 # and forth.
@@ -120,7 +120,7 @@ class Sight:
         if state.form is not PRINTED:
             return self._form(state, l_max)[0]
         nodes, weights, _ = self._printed(state.roughness)
-        rows = np.einsum("j,jmk->mk", weights, nodes[:, :, : (l_max + 1) ** 2])
+        rows = np.tensordot(weights, nodes, 1)[:, : (l_max + 1) ** 2]
         return np.asarray(rows * normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32))
 
     def lobe_slopes(self, state: State, light: Floats) -> tuple[Floats, Floats]:
@@ -204,7 +204,8 @@ class Sight:
 class Rows:
     """Rows of samples over the coefficients and then the sources, (n, k + j) each.
 
-    per_diffuse : what a diffuse body of unit Kd sends. per_specular : a specular one of unit Ks; zero without.
+    per_diffuse : what a diffuse body of unit Kd sends. per_specular : a specular one of unit Ks; one row of zeros
+    without, where kappa is zero.
     """
 
     per_diffuse: Floats
@@ -214,24 +215,32 @@ class Rows:
         """Rows (n, k + j) of one channel."""
         return (1 - kappa) * self.per_diffuse + kappa * self.per_specular
 
+    def radiance(self, kappa: Floats, light: Floats) -> Floats:
+        """What samples (n, 3) see of light (k + j, 3)."""
+        return (1 - kappa) * (self.per_diffuse @ light) + kappa * (self.per_specular @ light)
+
+    def sums(self, kappa: Floats, values: Floats) -> Floats:
+        """Sums (3, k + j, t) over samples of channels' rows times values (3, n, t)."""
+        abreast = np.hstack(list(values))
+        split = (-1, *values.shape[::2])
+        diffuse, specular = (
+            np.moveaxis((of.T @ abreast).reshape(split), 1, 0) if len(of) == len(abreast) else np.zeros(1)
+            for of in (self.per_diffuse, self.per_specular)
+        )
+        share = kappa[:, None, None]
+        return np.asarray((1 - share) * diffuse + share * specular)
+
 
 def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     """Rows at a state, over lighting of degree l_max <= the sight's."""
     size = (l_max + 1) ** 2
-    rays, mean = sight.field, sight.field.mean_over_rays
-    free = sight.free(state.directions)
-    cosines = mean(np.maximum(rays.normals @ state.directions.T, 0) * free)
+    mean, free = sight.field.mean_over_rays, sight.free(state.directions)
+    cosines = mean(np.maximum(sight.field.normals @ state.directions.T, 0) * free)
     diffuse = np.hstack([sight.diffuse[:, :size], cosines])
     if state.sigma is None:
-        return Rows(diffuse, np.zeros((1, 1)))
-    sources = [
-        _highlight(sight, direction, state) * seen
-        for direction, seen in zip(state.directions, free.T, strict=True)
-    ]
-    specular = np.hstack(
-        [mean(sight.lobe_rows(state, l_max)), *(mean(source)[:, None] for source in sources)]
-    )
-    return Rows(diffuse, specular.astype(float))
+        return Rows(diffuse, np.zeros((1, diffuse.shape[1])))
+    highlights = mean(_highlights(sight, state.directions, state) * free)
+    return Rows(diffuse, np.hstack([mean(sight.lobe_rows(state, l_max)), highlights]))
 
 
 def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
@@ -240,56 +249,53 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     light : (k + j, 3), coefficients and the sources' irradiances. What sees a source is taken to see it after a small
     turn, too.
     """
-    rays, mean, kappa = sight.field, sight.field.mean_over_rays, state.kappa
+    normals, mean, kappa = sight.field.normals, sight.field.mean_over_rays, state.kappa
     free = sight.free(state.directions)
-    size = len(light) - len(state.directions)
+    coefficients, irradiances = np.split(light, [len(light) - len(state.directions)])
+    ends = turns(state.directions, _STEP).reshape(2 * len(state.directions), 3)
+    cosines, turned = normals @ state.directions.T, (normals @ ends.T).reshape(*free.shape, 2)
+    slopes = (np.maximum(turned, 0) - np.maximum(cosines, 0)[..., None]) / _STEP * free[..., None]
+    by_turn = (1 - kappa) * mean(slopes)[..., None]
     columns = []
     if state.sigma is not None:
-        columns.append((rows.per_specular - rows.per_diffuse) @ light)
-        by_sigma, by_mu = sight.lobe_slopes(state, light[:size])
-        for direction, irradiance, seen in zip(state.directions, light[size:], free.T, strict=True):
-            of_sigma, of_mu = _highlight_slopes(sight, direction, state)
-            by_sigma += (of_sigma * seen)[:, None] * irradiance
-            by_mu += (of_mu * seen)[:, None] * irradiance
+        columns.append(rows.per_specular @ light - rows.per_diffuse @ light)
+        by_sigma, by_mu = sight.lobe_slopes(state, coefficients)
+        highlights, of_sigma, of_mu = _with_slopes(sight, state)
+        by_sigma += (of_sigma * free) @ irradiances
+        by_mu += (of_mu * free) @ irradiances
         columns += [] if state.mu is None else [kappa * mean(by_mu)]
         columns.append(kappa * mean(by_sigma))
-    turned = turns(state.directions, _STEP)
-    for both_ways, irradiance, seen in zip(turned, light[size:], free.T, strict=True):
-        for ends in both_ways:
-            cosines = [rays.normals @ end for end in ends]
-            slope = (np.maximum(cosines[1], 0) - np.maximum(cosines[0], 0)) / (2 * _STEP)
-            column = (1 - kappa) * mean(slope * seen)[:, None]
-            if state.sigma is not None:
-                first, last = (_highlight(sight, end, state) for end in ends)
-                # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
-                same_side = seen & ((cosines[0] > 0) == (cosines[1] > 0))
-                slope = np.where(same_side, (last - first) / (2 * _STEP), 0)
-                column = column + kappa * mean(slope)[:, None]
-            columns.append(column * irradiance)
-    return np.stack(columns, axis=-1) if columns else np.zeros((len(sight.field), 3, 0))
+        slopes = (_highlights(sight, ends, state).reshape(turned.shape) - highlights[..., None]) / _STEP
+        # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
+        same_side = free[..., None] & ((turned > 0) == (cosines > 0)[..., None])
+        by_turn = by_turn + kappa * mean(np.where(same_side, slopes, 0))[..., None]
+    of_sources = np.moveaxis(by_turn * irradiances[:, None], -1, 1).reshape(len(sight.field), 3, len(ends))
+    return np.concatenate([*(column[..., None] for column in columns), of_sources], axis=-1)
 
 
-def _highlight(sight: Sight, direction: Floats, state: State) -> Floats:
-    """Radiance (m,) of rays from a source of unit irradiance, per unit of Ks."""
-    angles = Angles.between(sight.rays.normals, direction, sight.rays.views)
-    return state.form.reflected(angles, state.mu, state.roughness)
+def _highlights(sight: Sight, directions: Floats, state: State) -> Floats:
+    """Radiance (m, j) of rays from sources of unit irradiance in directions (j, 3), per unit of Ks."""
+    return state.form.reflected(_angles(sight, directions), state.mu, state.roughness)
 
 
-def _highlight_slopes(sight: Sight, direction: Floats, state: State) -> tuple[Floats, Floats]:
-    """Derivatives (m,) of `_highlight` by log sigma and by log(mu - 1)."""
-    angles = Angles.between(sight.rays.normals, direction, sight.rays.views)
-    shape = state.form.shape(angles, state.roughness)
-    narrow, wide = (state.form.shape(angles, state.roughness * np.exp(way)) for way in (-_STEP, _STEP))
+def _with_slopes(sight: Sight, state: State) -> tuple[Floats, Floats, Floats]:
+    """`_highlights` (m, j) of a state's sources, and their derivatives by log sigma and by log(mu - 1)."""
+    angles = _angles(sight, state.directions)
+    shape, wider = (state.form.shape(angles, state.roughness * np.exp(way)) for way in (0, _STEP))
     fresnel, by_mu = _fresnel(state.mu, np.clip(state.form.fresnel_cosine(angles), 0, 1))
-    return fresnel * (wide - narrow) / (2 * _STEP), by_mu * shape
+    return fresnel * shape, fresnel * (wider - shape) / _STEP, by_mu * shape
+
+
+def _angles(sight: Sight, directions: Floats) -> Angles:
+    return Angles.between(sight.rays.normals[:, None], directions, sight.rays.views[:, None])
 
 
 def _fresnel(mu: float | None, cos: Floats) -> tuple[Floats, Floats]:
     """Fresnel's factor at cosines (m,), and its slope in log(mu - 1)."""
     if mu is None:
         return np.ones_like(cos), np.zeros_like(cos)
-    less, at, more = (normalised_fresnel(1 + (mu - 1) * np.exp(way), cos) for way in (-_STEP, 0, _STEP))
-    return at, (more - less) / (2 * _STEP)
+    at, more = (normalised_fresnel(1 + (mu - 1) * np.exp(way), cos) for way in (0, _STEP))
+    return at, (more - at) / _STEP
 
 
 def _one_sample_per_ray(samples: LightField) -> LightField:

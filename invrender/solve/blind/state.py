@@ -120,10 +120,8 @@ class State:
 
 
 def turns(directions: Floats, angle: float) -> Floats:
-    """Directions (k, 3) turned by an angle, radians, along each of their tangents, back and forth: (k, 2, 2, 3)."""
-    moved = directions[:, None, None] + angle * np.stack(
-        [-tangents(directions), tangents(directions)], axis=2
-    )
+    """Directions (k, 3) turned by an angle, radians, along each of their tangents: (k, 2, 3)."""
+    moved = directions[:, None] + angle * tangents(directions)
     return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
 
 
