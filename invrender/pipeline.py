@@ -74,7 +74,8 @@ class Run:
 
     def predictions(self) -> Iterator[Prediction]:
         """Predicted photographs in the set's order, a few at a time in memory."""
-        return parallel_map(self._predict, self.photoset.photos)
+        with one_blas_thread():
+            yield from parallel_map(self._predict, self.photoset.photos)
 
     def _predict(self, photo: Photo) -> Prediction:
         observed = decode_photo(self.photoset, photo)
