@@ -100,7 +100,7 @@ class Run:
         """Radiance (n, 3) of samples; paint is the mean around each ray, across which light varies little."""
         textures, shaded, body = self.result.textures, self.solved.shaded, self.specimen.body
         if textures is None:
-            return self.solved.radiance(photo, samples)
+            return (self.solved.pictured or self.solved.radiance)(photo, samples)
         assert shaded is not None
         assert isinstance(body, MeshBody)
         # Paint may be as fine as the photograph's own pixels: a ray to each across, and one more.

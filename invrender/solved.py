@@ -25,6 +25,7 @@ class Solved:
     fields : samples of each photograph, by label. residuals : (n, 3) each, photograph less prediction. radiance : of
     samples (n, 3) in a photograph, as predicted. transfers : what Kd = 1 and Ks = 1 would show there, (n, 3) each.
     shaded : what rays of given Kd and Ks, (m, 3) each, would show, (n, 3), for many; both None where Kd doesn't vary.
+    pictured : `radiance` of many samples, off by less than shows; None where that itself is quick.
     """
 
     result: Factorization
@@ -33,6 +34,7 @@ class Solved:
     radiance: Callable[[Photo, LightField], Floats]
     transfers: Callable[[Photo, LightField], tuple[Floats, Floats]] | None = None
     shaded: Callable[[Photo, LightField, Floats, Floats], Floats] | None = None
+    pictured: Callable[[Photo, LightField], Floats] | None = None
 
 
 def factorization(

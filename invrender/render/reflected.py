@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,7 @@ _LEFT_OUT = 1.5e-3
 # Rows of the maps: five to the shortest wave, which is the weakest.
 _HEIGHT = 160
 _LOOKUP, _PIXELS_AT_A_TIME = 2048, 8192
+_ONE_AT_A_TIME = Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +107,16 @@ def prepared_map(brdf: Microfacet, light: LightElement) -> ReflectedMap | None:
     """What a BRDF's lobe reflects of an element's map, if it has both and the lobe is wide enough."""
     if brdf.sigma is None or brdf.sigma < LEAST_SIGMA or light.slow_map is None:
         return None
-    return reflected_map(brdf.form, brdf.mu, brdf.sigma, light)
+    # Who needs the same for another photograph waits for it.
+    with _ONE_AT_A_TIME:
+        return reflected_map(brdf.form, brdf.mu, brdf.sigma, light)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=2)
 def reflected_map(form: LobeForm, mu: float | None, sigma: float, light: LightElement) -> ReflectedMap:
     """What a lobe reflects of an element's map; mu None without Fresnel's factor, sigma in radians, 0.1 or more.
 
-    The last one is kept. Raises ValueError for a narrower lobe, whose degrees are too many, and without a map.
+    The last two are kept. Raises ValueError for a narrower lobe, whose degrees are too many, and without a map.
     """
     if not sigma >= LEAST_SIGMA:
         raise ValueError(f"sigma is {sigma:g}; reflected maps carry lobes of {LEAST_SIGMA} radians and more")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,11 @@ from capture.camera import Camera
 from capture.lighting import Lighting
 from invrender.model.lobes import FORMS, Angles
 from invrender.model.microfacet import Microfacet
+from invrender.model.predict import predict
+from invrender.model.transfer import light_elements
 from invrender.render import picture
 from invrender.render.light import light_element
+from invrender.render.manypixels import ManyPixels
 from invrender.render.reflectance import Reflectance
 from invrender.render.reflected import reflected_map
 from invrender.render.subject import sphere_subject
@@ -92,3 +97,25 @@ def test_narrow_lobes_and_light_without_a_map_are_refused() -> None:
     lamp = light_element(Lighting("lamp", None, np.array([[0.0, 0, 1]]), np.ones((1, 3))))
     with pytest.raises(ValueError, match="has no map"):
         reflected_map(form, None, 0.2, lamp)
+
+
+def test_pictures_look_lobes_up_only_as_far_as_that_is_as_good(bench: SimpleNamespace) -> None:
+    lighting = Lighting(
+        "room", latlong_map(LAMPS, 128), np.array([[0.0, 0.6, 0.8]]), np.array([[1.0, 0.8, 0.6]])
+    )
+    brdf = Microfacet(np.full(3, 0.1), np.array([0.2, 0.1, 0.1]), 1.6, 0.2)
+    elements, strengths = light_elements(lighting), np.array([[2.0, 1.0, 0.5]])
+    field = bench.sphere_field(40.0, samples=300)
+    exact = predict(brdf, elements, strengths, field)
+
+    def pictured(tolerance: float, photos: int = 100_000) -> np.ndarray:
+        counts = {"room": photos}
+        many = ManyPixels(brdf, {"room": elements}, {"room": field}, counts, None, tolerance)
+        return many.radiance("room", strengths, field)
+
+    near = pictured(0.01)
+    # As far off as the tests above allow what is prepared, of which the lobe's is a part.
+    assert 0 < np.sqrt(np.sum((near - exact) ** 2) / np.sum(exact**2)) < 0.005
+    # A tolerance that it misses; and too few pixels for it to pay.
+    np.testing.assert_array_equal(pictured(1e-9), exact)
+    np.testing.assert_array_equal(pictured(0.01, photos=1), exact)
