@@ -44,16 +44,13 @@ class _Nodes:
     harmonics: Singles
 
 
-def form_rows(
-    field: LightField, l_max: int, form: LobeForm, mu: float | None, sigma: float
-) -> tuple[Singles, Singles, Singles]:
-    """Rows (m, (l_max + 1)^2) of rays over lighting coefficients, and their slopes in log sigma and log(mu - 1).
+def form_rows(field: LightField, l_max: int, form: LobeForm, mu: float | None, sigma: float) -> Singles:
+    """Rows of rays over lighting coefficients, and their slopes in log sigma and log(mu - 1), (3, m, (l_max + 1)^2).
 
     Per unit of Ks, Fresnel's factor included, single precision, of unshadowed surfaces. Slopes are zero in what the
     form lacks.
     """
-    rows, by_sigma, by_mu = lobe_rows(field, _local(l_max, form, mu, sigma), _rise(field, l_max, mu))
-    return rows, by_sigma, by_mu
+    return lobe_rows(field, _local(l_max, form, mu, sigma), _rise(field, l_max, mu))
 
 
 def form_radiance(

@@ -34,6 +34,8 @@ Mask = NDArray[np.bool_]
 
 # Between roughnesses this far apart in log sigma, rows are interpolated by cubics through values and slopes.
 _SPACING = 0.1
+# So far along log sigma and log(mu - 1), rows of other forms follow their slopes: to about 1e-6 of the largest.
+_ALONG = 1e-3
 # Steps of the differences that stand for derivatives: sources' directions, radians; log sigma; log(mu - 1).
 _STEP = 1e-6
 # Turn of a source, radians, after which what sees it must still see it to count as clear of its shadows' borders; and
@@ -44,8 +46,8 @@ _PENUMBRA, _ALIKE, _KEPT_DIRECTIONS = 0.02, 0.01, 100
 _LOBE, _WIDEST = (1.0, 2.5), 0.8
 
 
-# Form, mu, sigma and degree that rows of other forms belong to.
-_Shape = tuple[LobeForm, float | None, float, int]
+# Form, degree, mu and sigma that rows of other forms belong to.
+_Shape = tuple[LobeForm, int, float | None, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class Sight:
     lighting: int = 0
     shadows: Shadows | None = None
     _nodes: dict[int, Singles] = defaulted(default_factory=dict, repr=False)
-    _last: dict[_Shape, tuple[Singles, Singles, Singles]] = defaulted(default_factory=dict, repr=False)
+    _last: dict[_Shape, Singles] = defaulted(default_factory=dict, repr=False)
     _free: dict[bytes, Mask] = defaulted(default_factory=dict, repr=False)
 
     @staticmethod
@@ -118,7 +120,8 @@ class Sight:
     def lobe_rows(self, state: State, l_max: int) -> Singles:
         """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""
         if state.form is not PRINTED:
-            return self._form(state, l_max)[0]
+            lobes, *way = self._form(state, l_max)
+            return np.tensordot(np.array([1, *way], np.float32), lobes, 1)
         nodes, weights, _ = self._printed(state.roughness)
         rows = np.tensordot(weights, nodes, 1)[:, : (l_max + 1) ** 2]
         return np.asarray(rows * normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32))
@@ -127,7 +130,7 @@ class Sight:
         """Derivatives (m, c) of what rays see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
         single = light.astype(np.float32)
         if state.form is not PRINTED:
-            _, by_sigma, by_mu = self._form(state, degree_of(len(light)))
+            (_, by_sigma, by_mu), *_ = self._form(state, degree_of(len(light)))
             return (by_sigma @ single).astype(float), (by_mu @ single).astype(float)
         nodes, *weights = self._printed(state.roughness)
         parts = nodes[:, :, : len(light)] @ single
@@ -153,14 +156,22 @@ class Sight:
                     clear &= (seen == self.field.reflected_visible) | ~rises
         return np.asarray(self.field.mean_over_rays(clear.astype(float)) == 1)
 
-    def _form(self, state: State, l_max: int) -> tuple[Singles, Singles, Singles]:
-        """Rows of rays and their slopes; the last are kept, for whoever solves at a state asks for slopes there."""
-        key = (state.form, state.mu, state.roughness, l_max)
-        if key not in self._last:
-            self._last.clear()
-            rows, *slopes = form_rows(self.rays, l_max, state.form, state.mu, state.roughness)
-            self._last[key] = self._mirrored(rows), self._mirrored(slopes[0]), self._mirrored(slopes[1])
-        return self._last[key]
+    def _form(self, state: State, l_max: int) -> tuple[Singles, float, float]:
+        """Rows of rays and their slopes, (3, m, k), near a state, and the way to it in log sigma and in log(mu - 1).
+
+        The last are kept: who solves at a state asks for slopes there, and most steps of a search are its last, tiny
+        ones.
+        """
+        for (form, degree, mu, sigma), lobes in self._last.items():
+            if (form, degree) == (state.form, l_max) and (mu is None) == (state.mu is None):
+                wider = np.log(state.roughness / sigma)
+                denser = 0.0 if mu is None or state.mu is None else np.log((state.mu - 1) / (mu - 1))
+                if max(abs(wider), abs(denser)) <= _ALONG:
+                    return lobes, float(wider), float(denser)
+        self._last.clear()
+        lobes = self._mirrored(form_rows(self.rays, l_max, state.form, state.mu, state.roughness))
+        self._last[state.form, l_max, state.mu, state.roughness] = lobes
+        return lobes, 0.0, 0.0
 
     def _printed(self, sigma: float) -> tuple[Singles, Singles, Singles]:
         """RH01's lobe at the two roughnesses around sigma, and weights that make of them rows and slopes at sigma.
@@ -191,10 +202,10 @@ class Sight:
             if node in (low, low + 1):
                 return both[2 * (node - low) :][:2]
         rows = specular_rows(self.rays, self.l_max, float(np.exp(node * _SPACING)), self.transfer)
-        return np.stack([self._mirrored(of) for of in rows])
+        return self._mirrored(np.stack(rows))
 
     def _mirrored(self, rows: Singles) -> Singles:
-        """Rows (m, k) of the lobe, zero where a mesh stands in the mirror direction of the view."""
+        """Rows (..., m, k) of the lobe, zero where a mesh stands in the mirror direction of the view."""
         if self.shadows is None:
             return rows
         return rows * self.rays.reflected_visible[:, None]
