@@ -99,7 +99,8 @@ class Smith(LobeForm):
 
     def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
         lit = (angles.cos_i > 0) & (angles.cos_o > 0)
-        cos_i, cos_o = (np.where(lit, cos, 1.0) for cos in (angles.cos_i, angles.cos_o))
+        # Each by itself: many lamps share an exitant angle.
+        cos_i, cos_o = (np.where(cos > 0, cos, 1.0) for cos in (angles.cos_i, angles.cos_o))
         # cos_i cos_o / G2, finite at grazing.
         lost_i, lost_o = self.hidden(cos_i, sigma), self.hidden(cos_o, sigma)
         shown = cos_i * cos_o + cos_o * lost_i + cos_i * lost_o
