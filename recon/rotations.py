@@ -48,7 +48,8 @@ def _euler_turns(rotation: Floats) -> tuple[Complexes, Complexes, Complexes]:
     known = np.where(north, a + d + 1j * (c - b), d - a - 1j * (b + c))
     known = known / np.abs(known)
     gamma = np.where(north, known * beta.conj(), beta * known.conj())
-    return np.asarray(z + 1j * beside), np.asarray(beta), np.asarray(gamma)
+    alpha = (z + 1j * beside) / np.hypot(z, beside)
+    return np.asarray(alpha), np.asarray(beta), np.asarray(gamma)
 
 
 def check_rotation(rotation: Floats) -> None:
