@@ -92,10 +92,12 @@ def solve_known_light(
         )
         return shown + bounced[photo.lighting].radiance(field) if bounced else shown
 
+    by_samples = sorted(photoset.photos, key=lambda photo: len(fields[photo.label]))
     many = ManyPixels(
         result.brdf,
         elements,
-        {photo.lighting: fields[photo.label] for photo in photoset.photos},
+        # The last is kept, which is the photograph with the most samples.
+        {photo.lighting: fields[photo.label] for photo in by_samples},
         Counter(photo.lighting for photo in photoset.photos),
         specimen.shadows,
         _PICTURES_OFF * (result.rms(held_out=False) or 0.0),
