@@ -86,11 +86,12 @@ def solve_known_light(
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
     result = replace(result, interreflection=None if bounces is None else bounces.found)
 
-    def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
-        shown = predict(
-            result.brdf, elements[photo.lighting], strengths[photo.label], field, specimen.shadows
-        )
+    def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
         return shown + bounced[photo.lighting].radiance(field) if bounced else shown
+
+    def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
+        light = elements[photo.lighting], strengths[photo.label]
+        return with_bounces(photo, field, predict(result.brdf, *light, field, specimen.shadows))
 
     by_samples = sorted(photoset.photos, key=lambda photo: len(fields[photo.label]))
     many = ManyPixels(
@@ -105,7 +106,7 @@ def solve_known_light(
 
     def pictured(photo: Photo, field: LightField) -> NDArray[np.float64]:
         shown = many.radiance(photo.lighting, strengths[photo.label], field)
-        return shown + bounced[photo.lighting].radiance(field) if bounced else shown
+        return with_bounces(photo, field, shown)
 
     return Solved(result, fields, residuals, radiance, pictured=pictured)
 

@@ -79,7 +79,7 @@ class LightField:
         if len(values) == len(self):
             return values
         own = values.shape[1:]
-        means = self._means.astype(values.dtype) @ values.reshape(len(values), prod(own))
+        means = self._means.astype(values.dtype, copy=False) @ values.reshape(len(values), prod(own))
         return np.asarray(means.reshape(len(self), *own))
 
     @cached_property
