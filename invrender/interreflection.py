@@ -138,7 +138,7 @@ def account_for_bounces(
     less, lacking, share = [np.zeros_like(photo.radiance) for photo in photos], None, np.ones(3)
     for _ in range(_ROUNDS):
         bounced = _bounced(parts, estimate, elements)
-        predicted = [bounced[photo.lighting].radiance(photo.field) for photo in photos]
+        predicted = [bounced[photo.lighting].radiance(photo.field, estimate.brdf) for photo in photos]
         before, lacking = lacking, np.concatenate(predicted) - np.concatenate(less)
         if before is not None:
             share = relaxed(share, before, lacking)
@@ -183,7 +183,7 @@ def unknown_scale(
     scale = _SUPPOSED / float(albedo(estimate.brdf).mean())
     brdf = replace(estimate.brdf, kd=scale * estimate.brdf.kd, ks=scale * estimate.brdf.ks)
     bounced = _bounced(parts, replace(estimate, brdf=brdf), elements)
-    less = [bounced[photo.lighting].radiance(photo.field) for photo in known.photos]
+    less = [bounced[photo.lighting].radiance(photo.field, brdf) for photo in known.photos]
     relative = _rms(less) / (scale * _rms([photo.radiance for photo in known.photos]))
     if relative < _MATTERS:
         return []

@@ -87,7 +87,7 @@ def solve_known_light(
     result = replace(result, interreflection=None if bounces is None else bounces.found)
 
     def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
-        return shown + bounced[photo.lighting].radiance(field) if bounced else shown
+        return shown + bounced[photo.lighting].radiance(field, result.brdf) if bounced else shown
 
     def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
         light = elements[photo.lighting], strengths[photo.label]
@@ -159,7 +159,7 @@ def _less_bounced(
             guess = _strengths(solution, own, held_out=True)
             light = elements[photo.lighting], guess, solution.estimate.brdf
             bounced[photo.lighting] = bounces.parts.bounced(*light)
-        columns[photo.label] = own.less(bounced[photo.lighting].radiance(own.field))
+        columns[photo.label] = own.less(bounced[photo.lighting].radiance(own.field, solution.estimate.brdf))
     return columns, bounced
 
 

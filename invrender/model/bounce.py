@@ -58,7 +58,7 @@ class Parts:
         return self.shadows.body
 
     def bounced(self, elements: Sequence[LightElement], strengths: Floats, brdf: Microfacet) -> Bounced:
-        """What bounces under a lighting; strengths : (elements, 3)."""
+        """What bounces under a lighting; strengths : (elements, 3). brdf : its kd and ks may be each face's, (f, 3)."""
         mesh = self.body.mesh
         direct = np.zeros((len(mesh.vertices), 3))
         for element, strength in zip(elements, strengths, strict=True):
@@ -72,30 +72,35 @@ class Parts:
             before, exchanged = exchanged, self.exchange @ sent
             if np.abs(exchanged - before).max() <= _NEGLIGIBLE * direct.max():
                 break
-        return Bounced(self, brdf, exchanged, sent)
+        return Bounced(self, exchanged, sent)
 
 
 @dataclass(frozen=True, eq=False)
 class Bounced:
-    """What parts of an object of a BRDF send each other under a lighting.
+    """What parts of an object send each other under a lighting.
 
     irradiance : (v, 3) of vertices by the mesh. sent : (f, 3), radiance of faces by all light.
     """
 
     parts: Parts
-    brdf: Microfacet
     irradiance: Floats
     sent: Floats
 
-    def radiance(self, field: LightField) -> Floats:
-        """Radiance (n, 3) of samples by light that other parts sent."""
-        rays = self.brdf.kd * self.parts.shadows.at_rays(self.irradiance, field)
-        if self.brdf.sigma is not None and self.brdf.ks.any():
-            blocked = np.flatnonzero(~field.reflected_visible)
-            rays[blocked] += self.brdf.ks * self._mirrored(field, blocked)
-        return np.asarray(field.mean_over_rays(rays))
+    def radiance(self, field: LightField, brdf: Microfacet) -> Floats:
+        """Radiance (n, 3) of samples by light that other parts sent; kd and ks may be those of each ray, (m, 3)."""
+        diffuse, specular = self.reflected(field, brdf)
+        return np.asarray(field.mean_over_rays(brdf.kd * diffuse + brdf.ks * specular))
 
-    def _mirrored(self, field: LightField, rays: NDArray[np.int64]) -> Floats:
+    def reflected(self, field: LightField, brdf: Microfacet) -> tuple[Floats, Floats]:
+        """What rays (m, 3) reflect of it per unit of Kd, and of Ks: zero where `brdf` has no specular part."""
+        diffuse = self.parts.shadows.at_rays(self.irradiance, field)
+        specular = np.zeros_like(diffuse)
+        if brdf.sigma is not None and brdf.ks.any():
+            blocked = np.flatnonzero(~field.reflected_visible)
+            specular[blocked] = self._mirrored(field, blocked, brdf)
+        return diffuse, specular
+
+    def _mirrored(self, field: LightField, rays: NDArray[np.int64], brdf: Microfacet) -> Floats:
         """What the lobe gathers per unit of Ks (r, 3), along mirrored rays that aren't free."""
         assert field.faces is not None
         normals, views = field.normals[rays], field.views[rays]
@@ -103,11 +108,11 @@ class Bounced:
         towards = 2 * (normals * views).sum(axis=1)[:, None] * normals - views
         met = body.tracer.first_hits(field.positions[rays], towards, body.facets[field.faces[rays]]).faces
         front = (met >= 0) & ((body.facets[met] * towards).sum(axis=1) < 0)
-        return np.where(front[:, None], self.sent[met], 0) * _lobe_albedo(self.brdf, normals, views)[:, None]
+        return np.where(front[:, None], self.sent[met], 0) * _lobe_albedo(brdf, normals, views)[:, None]
 
 
 def albedo(brdf: Microfacet) -> Floats:
-    """Share (3,) that a surface reflects of light from all around; more than 1 for BRDFs that aren't physical."""
+    """Share, as of kd and ks, reflected of light from all around; more than 1 for BRDFs that aren't physical."""
     total = np.pi * brdf.kd
     if brdf.sigma is None:
         return total

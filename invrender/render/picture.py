@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
+from invrender.model.bounce import Bounced
 from invrender.model.transfer import LightElement
 from invrender.render.reflectance import Reflectance
 from invrender.render.reflected import ReflectedMap, prepared_map
@@ -57,11 +58,17 @@ class Picture:
 
 
 def take_picture(
-    subject: Subject, camera: Camera, reflectance: Reflectance, element: LightElement, with_std: bool = False
+    subject: Subject,
+    camera: Camera,
+    reflectance: Reflectance,
+    element: LightElement,
+    with_std: bool = False,
+    bounced: Bounced | None = None,
 ) -> Picture:
     """Predict what a camera sees of a body under an element of light; ValueError where it sees nothing of it.
 
-    with_std : propagate the BRDF's covariance by first order.
+    with_std : propagate the BRDF's covariance by first order. bounced : what the body sends itself under the element,
+    if that is to be added.
     """
     shape = (camera.height, camera.width)
     picture = Picture(
@@ -89,7 +96,7 @@ def take_picture(
         for field, cover, prepared in ((inner, np.ones(len(inner)), reflected), (outer, alpha, None)):
             if len(field):
                 seen = True
-                _enter(picture, subject, camera, reflectance, element, field, cover, prepared)
+                _enter(picture, subject, camera, reflectance, element, field, cover, prepared, bounced)
     if not seen:
         raise ValueError(
             f"the camera at {camera.centre.round(4).tolist()} m sees nothing of the object: it is inside it, or looks"
@@ -107,13 +114,16 @@ def _enter(
     field: LightField,
     alpha: Floats,
     reflected: ReflectedMap | None,
+    bounced: Bounced | None,
 ) -> None:
     """Enter samples, of which the body covers `alpha` (n,), into a picture."""
     brdf, weights = reflectance.brdf, None
     if reflectance.textures is not None:
         weights = _paint(subject, camera, reflectance.textures, field, alpha)
         brdf = replace(brdf, kd=weights.kd[field.ray_sample], ks=weights.ks[field.ray_sample])
-    radiance, slopes = shade(brdf, element, field, subject.shadows, picture.std is not None, reflected)
+    radiance, slopes = shade(
+        brdf, element, field, subject.shadows, picture.std is not None, reflected, bounced
+    )
     pixels = field.rows, field.columns
     picture.radiance[pixels] = radiance * alpha[:, None]
     picture.alpha[pixels] = alpha

@@ -12,6 +12,7 @@ from capture.files.outfolder import result_files, result_folder
 from capture.photoset import PhotoSet
 from capture.terminal import console, leave_cleanly_when_stopped
 from invrender.model.transfer import LightElement
+from invrender.render.bounces import bounces_of
 from invrender.render.files import automatic_exposure, exposure_note, write_picture, write_png
 from invrender.render.frames import Frame, light_frames, view_frames
 from invrender.render.light import chosen_lighting, light_element, turned
@@ -41,7 +42,7 @@ def run_render(options: RenderOptions) -> None:
     frames, notes = _frames(result, photoset, options, subject)
     notes = [*material.notes, *assumption_notes(material, lighting), *subject.warnings, *notes]
     inputs = [result.path, *(path for path in (options.light, options.mesh, options.mesh_to_world) if path)]
-    take = _photographer(subject, material, element, options.std)
+    take = _photographer(subject, material, element, options.std, result.bounces)
     if options.turntable is None:
         (frame,) = frames
         with result_files(options.out, inputs=inputs) as folder:
@@ -138,14 +139,17 @@ def _frames(
 
 
 def _photographer(
-    subject: Subject, material: Reflectance, element: LightElement, with_std: bool
+    subject: Subject, material: Reflectance, element: LightElement, with_std: bool, with_bounces: bool
 ) -> Callable[[Frame], Picture]:
     """What takes a frame's picture."""
     # Frames in which the light rests share what is prepared of it.
     under = lru_cache(maxsize=1)(partial(turned, element))
+    bounces = bounces_of(subject, material) if with_bounces else None
 
     def take(frame: Frame) -> Picture:
-        return take_picture(subject, frame.camera, material, under(frame.light_turn), with_std)
+        light = under(frame.light_turn)
+        bounced = None if bounces is None else bounces(light)
+        return take_picture(subject, frame.camera, material, light, with_std, bounced)
 
     return take
 

@@ -91,6 +91,12 @@ class _Texture(_Lenient):
     mesh: str | None = None
 
 
+class _Bounces(_Lenient):
+    """Light that bounces between the object's parts. taken_off : whether Kd and Ks are without it."""
+
+    taken_off: bool
+
+
 class _Source(_Lenient):
     direction: _Triple
     irradiance: _Triple
@@ -134,6 +140,7 @@ class _Result(_Lenient):
     object: _Object
     texture: _Texture | None = None
     lighting: tuple[SavedLighting, ...]
+    interreflection: _Bounces | None = None
     photos: tuple[SavedPhoto, ...]
     identifiability: tuple[SavedFinding, ...]
     inputs: dict[str, str]
@@ -154,6 +161,15 @@ class SavedResult:
     def is_absolute(self) -> bool:
         """Whether Kd and Ks are in the lighting's own scale, not up to a factor per channel."""
         return self.content.gauge.startswith("absolute")
+
+    @property
+    def bounces(self) -> bool:
+        """Whether light that parts of an object send each other adds to what Kd and Ks predict.
+
+        Not where they are known up to a factor only, nor where photographs spoke against taking it off: they hold it.
+        """
+        found = self.content.interreflection
+        return self.is_absolute and (found is None or found.taken_off)
 
     @property
     def label(self) -> str:

@@ -5,7 +5,7 @@ As `invrender.model.predict` [RH01, eq. 24], its parts kept apart:
     B = Kd E + Ks S(mu, sigma)
 
 E is the irradiance, S what the lobe gathers, Fresnel's factor included, both of them as far as a mesh doesn't hide the
-light from itself (`invrender.model.visibility`).
+light from itself (`invrender.model.visibility`), and with what it sends itself (`invrender.model.bounce`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.model.bounce import Bounced
 from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Rays, Shadows, facing, seen_diffuse, seen_specular
@@ -39,15 +40,21 @@ def shade(
     shadows: Shadows | None = None,
     slopes: bool = False,
     reflected: ReflectedMap | None = None,
+    bounced: Bounced | None = None,
 ) -> tuple[Floats, Floats | None]:
     """Radiance (n, 3) of samples and, if asked for, its slopes (n, 4, 3) in kd, ks, mu and sigma.
 
     brdf : its kd and ks may be those of each ray, (m, 3). element : of known strength. shadows : of a mesh,
-    if it has any. reflected : of the element's map, in place of an integral for each ray; not with slopes.
+    if it has any. reflected : of the element's map, in place of an integral for each ray; not with slopes. bounced :
+    what the mesh sends itself under the element, if that is to be added; what it hangs on isn't in the slopes.
     """
     field = facing(field)
     sight = None if shadows is None else shadows.sight(element, field)
     diffuse = seen_diffuse(element, field.normals, sight)
+    mirrored: Floats | float = 0.0
+    if bounced is not None:
+        by_mesh, mirrored = bounced.reflected(field, brdf)
+        diffuse = diffuse + by_mesh
     gradient = np.zeros((len(diffuse), SLOPES, 3)) if slopes else None
     if gradient is not None:
         gradient[:, 0] = diffuse
@@ -66,9 +73,10 @@ def shade(
             return rest
 
         specular = seen_specular(element, sight, gather)
-        total = total + brdf.ks * specular[:, 0]
+        seen = specular[:, 0] + mirrored
+        total = total + brdf.ks * seen
         if gradient is not None:
-            gradient[:, 1] = specular[:, 0]
+            gradient[:, 1] = seen
             gradient[:, 3] = brdf.ks * (specular[:, 2] - specular[:, 1]) / (2 * _STEP * brdf.sigma)
             if brdf.mu is not None:
                 gradient[:, 2] = brdf.ks * (specular[:, 4] - specular[:, 3]) / (2 * _STEP * brdf.mu)

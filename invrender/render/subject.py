@@ -25,6 +25,7 @@ from recon.transfercache import cached_transfer
 from recon.trianglemesh import TriangleMesh, read_mesh
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _Row = tuple[float, float, float, float]
 
@@ -64,13 +65,20 @@ class Subject:
         hits = self.body.hits(camera, pixels)
         assert hits.faces is not None
         assert hits.weights is not None
-        corners = self.body.mesh.faces[hits.faces]
+        return self._painted(textures, self.body.mesh.faces[hits.faces], hits.weights).where(hits.hit)
+
+    def painted_faces(self, textures: Textures) -> Weights:
+        """Kd and Ks in the middle of each face of a mesh that the textures go with."""
+        assert isinstance(self.body, MeshBody)
+        corners = self.body.mesh.faces
+        return self._painted(textures, corners, np.full(corners.shape, 1 / 3))
+
+    def _painted(self, textures: Textures, corners: Ints, weights: Floats) -> Weights:
+        assert isinstance(self.body, MeshBody)
         if textures.at_vertices:
-            found = textures.between(corners, hits.weights)
-        else:
-            assert self.body.mesh.uv is not None
-            found = textures.at(np.einsum("mk,mkc->mc", hits.weights, self.body.mesh.uv[corners]))
-        return found.where(hits.hit)
+            return textures.between(corners, weights)
+        assert self.body.mesh.uv is not None
+        return textures.at(np.einsum("mk,mkc->mc", weights, self.body.mesh.uv[corners]))
 
 
 def sphere_subject(centre: Floats, radius: float) -> Subject:

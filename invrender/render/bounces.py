@@ -1,0 +1,36 @@
+"""Light that the parts of what is rendered send each other, under light that may turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial
+
+import numpy as np
+
+from invrender.model.bounce import Bounced, Parts
+from invrender.model.microfacet import Microfacet
+from invrender.model.transfer import LightElement
+from invrender.render.reflectance import Reflectance
+from invrender.render.subject import Subject
+
+
+def bounces_of(subject: Subject, reflectance: Reflectance) -> Callable[[LightElement], Bounced | None]:
+    """What bounces under an element of known strength, the last one's kept; nothing on a body that doesn't see itself.
+
+    Where the photographs left Kd and Ks open, their means are taken: what is there sends light, too.
+    """
+    parts = None if subject.shadows is None else Parts.of(subject.shadows)
+    if parts is None:
+        return lambda element: None
+    brdf = reflectance.brdf
+    if reflectance.textures is not None:
+        paint = subject.painted_faces(reflectance.textures)
+        known = paint.known[:, None]
+        brdf = replace(brdf, kd=np.where(known, paint.kd, brdf.kd), ks=np.where(known, paint.ks, brdf.ks))
+
+    return lru_cache(maxsize=1)(partial(_under, parts, brdf))
+
+
+def _under(parts: Parts, brdf: Microfacet, element: LightElement) -> Bounced:
+    return parts.bounced([element], np.ones((1, 3)), brdf)
