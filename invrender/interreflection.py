@@ -28,11 +28,12 @@ from invrender.solve.models import Estimate
 from invrender.solve.noise import Weights
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 # Of the radiance (RMS), what bounced light must be to matter: as good as our quadratures are.
-_MATTERS = 5e-4
+MATTERS = 5e-4
 # Rounds of fit and prediction at most; a change of the radiance (RMS), relative, that is the last.
-_ROUNDS, _STILL = 20, 1e-5
+ROUNDS, STILL = 20, 1e-5
 # Of what lacks, the least and the most that is taken in a round.
 _SHARES = 0.05, 1.0
 # The albedo at which its size is told where none is known.
@@ -134,20 +135,20 @@ def account_for_bounces(
     `on_step` is called `explanation.EXPLANATION_STEPS` times at most.
     """
     first = estimate = known.rungs[known.chosen].estimate
-    scale = _rms([photo.radiance for photo in photos])
+    scale = rms([photo.radiance for photo in photos])
     less, lacking, share = [np.zeros_like(photo.radiance) for photo in photos], None, np.ones(3)
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         bounced = _bounced(parts, estimate, elements)
         predicted = [bounced[photo.lighting].radiance(photo.field, estimate.brdf) for photo in photos]
         before, lacking = lacking, np.concatenate(predicted) - np.concatenate(less)
         if before is not None:
             share = relaxed(share, before, lacking)
-        elif _rms(predicted) < _MATTERS * scale:
+        elif rms(predicted) < MATTERS * scale:
             # Nothing was taken off as yet, so that no albedo is higher.
             return None
         less = [old + share * (new - old) for new, old in zip(predicted, less, strict=True)]
         estimate = refitted(known, less)
-        if _rms([lacking]) < _STILL * scale:
+        if rms([lacking]) < STILL * scale:
             break
     found = _judged(known.photos, known.weights, less, first, estimate)
     if found.taken_off:
@@ -184,8 +185,8 @@ def unknown_scale(
     brdf = replace(estimate.brdf, kd=scale * estimate.brdf.kd, ks=scale * estimate.brdf.ks)
     bounced = _bounced(parts, replace(estimate, brdf=brdf), elements)
     less = [bounced[photo.lighting].radiance(photo.field, brdf) for photo in known.photos]
-    relative = _rms(less) / (scale * _rms([photo.radiance for photo in known.photos]))
-    if relative < _MATTERS:
+    relative = rms(less) / (scale * rms([photo.radiance for photo in known.photos]))
+    if relative < MATTERS:
         return []
     return [
         "Light that bounces between the object's parts isn't taken off: no light of known strength tells the albedo. At"
@@ -212,17 +213,19 @@ def _judged(
 ) -> Interreflection:
     """What photographs as they are say of bounced light (n, 3); estimates are of one model, fitted without and with."""
     taken = [photo.less(radiance) for photo, radiance in zip(photos, less, strict=True)]
-    asked, asked_std = _asked(photos, weights, _residuals(photos, without), _residuals(taken, corrected))
+    asked, asked_std = asked_for(
+        [np.unique(tile_of(photo.field), return_inverse=True)[1] for photo in photos],
+        [own.weight for own in weights],
+        _residuals(photos, without),
+        _residuals(taken, corrected),
+    )
     (as_they_are,) = climb_ladder(photos, weights, models=[without.model])
     (better,) = climb_ladder(taken, weights, models=[corrected.model])
     error = float((better.photo_errors * _left(photos, weights, less)).mean())
-    shares = [
-        radiance.mean(axis=1) / np.maximum(photo.radiance.mean(axis=1), 1e-300)
-        for radiance, photo in zip(less, photos, strict=True)
-    ]
+    shown = [photo.radiance for photo in photos]
     return Interreflection(
-        relative=_rms(less) / _rms([photo.radiance for photo in photos]),
-        highest=float(np.quantile(np.concatenate(shares), _HIGHEST)),
+        relative=rms(less) / rms(shown),
+        highest=highest_share(less, shown),
         taken_off=error < as_they_are.error,
         asked=asked,
         asked_std=asked_std,
@@ -250,30 +253,40 @@ def _residuals(photos: Sequence[PhotoColumns], estimate: Estimate) -> list[Float
     ]
 
 
-def _asked(
-    photos: Sequence[PhotoColumns],
-    weights: Sequence[Weights],
+def asked_for(
+    tiles: Sequence[Ints],
+    weights: Sequence[Floats],
     without: Sequence[Floats],
     taken_off: Sequence[Floats],
 ) -> tuple[float, float]:
     """How many times the bounced light the photographs ask for, and its standard deviation, from residuals (n, 3).
 
-    Errors may hang together within tiles of a photograph. They are those that are left at the answer: where nothing
-    bounces, what taking it off would leave is no error of the photographs.
+    Errors may hang together within tiles (n,) of a photograph. They are those that are left at the answer: where
+    nothing bounces, what taking it off would leave is no error of the photographs.
     """
     changes = [r0 - r1 for r0, r1 in zip(without, taken_off, strict=True)]
     slope = max(sum(_product(*each) for each in zip(weights, changes, changes, strict=True)), 1e-300)
     asked = sum(_product(*each) for each in zip(weights, changes, without, strict=True)) / slope
-    scores = []
-    for photo, own, change, r0 in zip(photos, weights, changes, without, strict=True):
-        index = np.unique(tile_of(photo.field), return_inverse=True)[1]
-        scores.append(np.bincount(index, (own.weight * change * (r0 - asked * change)).sum(axis=1)))
+    scores = [
+        np.bincount(tile, (weight * change * (r0 - asked * change)).sum(axis=1))
+        for tile, weight, change, r0 in zip(tiles, weights, changes, without, strict=True)
+    ]
     return asked, float(np.linalg.norm(np.concatenate(scores))) / slope
 
 
-def _product(own: Weights, one: Floats, other: Floats) -> float:
-    return float((own.weight * one * other).sum())
+def highest_share(less: Sequence[Floats], radiance: Sequence[Floats]) -> float:
+    """Bounced light's (n, 3) largest share of the radiance (n, 3) of a sample, but for one percent of them."""
+    shares = [
+        off.mean(axis=1) / np.maximum(whole.mean(axis=1), 1e-300)
+        for off, whole in zip(less, radiance, strict=True)
+    ]
+    return float(np.quantile(np.concatenate(shares), _HIGHEST))
 
 
-def _rms(values: Sequence[Floats]) -> float:
+def _product(weight: Floats, one: Floats, other: Floats) -> float:
+    return float((weight * one * other).sum())
+
+
+def rms(values: Sequence[Floats]) -> float:
+    """Root mean square of all arrays' numbers together."""
     return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))

@@ -72,17 +72,17 @@ class Parts:
             before, exchanged = exchanged, self.exchange @ sent
             if np.abs(exchanged - before).max() <= _NEGLIGIBLE * direct.max():
                 break
-        return Bounced(self, exchanged, sent)
+        return Bounced(self.shadows, exchanged, sent)
 
 
 @dataclass(frozen=True, eq=False)
 class Bounced:
-    """What parts of an object send each other under a lighting.
+    """What parts of a mesh send each other under a lighting.
 
     irradiance : (v, 3) of vertices by the mesh. sent : (f, 3), radiance of faces by all light.
     """
 
-    parts: Parts
+    shadows: Shadows
     irradiance: Floats
     sent: Floats
 
@@ -93,7 +93,7 @@ class Bounced:
 
     def reflected(self, field: LightField, brdf: Microfacet) -> tuple[Floats, Floats]:
         """What rays (m, 3) reflect of it per unit of Kd, and of Ks: zero where `brdf` has no specular part."""
-        diffuse = self.parts.shadows.at_rays(self.irradiance, field)
+        diffuse = self.shadows.at_rays(self.irradiance, field)
         specular = np.zeros_like(diffuse)
         if brdf.sigma is not None and brdf.ks.any():
             blocked = np.flatnonzero(~field.reflected_visible)
@@ -104,7 +104,7 @@ class Bounced:
         """What the lobe gathers per unit of Ks (r, 3), along mirrored rays that aren't free."""
         assert field.faces is not None
         normals, views = field.normals[rays], field.views[rays]
-        body = self.parts.body
+        body = self.shadows.body
         towards = 2 * (normals * views).sum(axis=1)[:, None] * normals - views
         met = body.tracer.first_hits(field.positions[rays], towards, body.facets[field.faces[rays]]).faces
         front = (met >= 0) & ((body.facets[met] * towards).sum(axis=1) < 0)

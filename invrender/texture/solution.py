@@ -33,10 +33,12 @@ def textured_solution(
     textures: Textures,
     fields: Mapping[str, LightField],
     residuals: Mapping[str, Floats],
+    unsure: Floats,
 ) -> Solution:
     """The solution in the terms of those of one BRDF: Kd and Ks are means over the surface.
 
     fields, residuals : of each photograph by its label, samples where the texture is known, and what is left of them.
+    unsure : (6,), the shares of themselves by which Kd and Ks are uncertain all over, besides.
     """
     labels = [photo.label for photo in photoset.photos if not photo.held_out]
     left = [residuals[label] for label in labels]
@@ -51,7 +53,7 @@ def textured_solution(
     kd, ks = (values[textures.known].mean(axis=0) for values in (textures.kd, textures.ks))
     estimate = replace(rung.estimate, brdf=replace(fit.brdf, kd=kd, ks=ks))
     rungs = tuple(replace(r, estimate=estimate) if k == fit.chosen else r for k, r in enumerate(fit.rungs))
-    quantities, names, std = _quantities(lightings, fit, textures, fields, estimate.brdf, structured)
+    quantities, names, std = _quantities(lightings, fit, textures, fields, estimate.brdf, structured, unsure)
     return Solution(
         estimate=estimate,
         rungs=rungs,
@@ -77,6 +79,7 @@ def _quantities(
     fields: Mapping[str, LightField],
     mean: Microfacet,
     structured: float,
+    unsure: Floats,
 ) -> tuple[dict[str, Quantity], tuple[str, ...], Floats]:
     """What is reported, and names and standard deviations of the BRDF's numbers.
 
@@ -90,12 +93,13 @@ def _quantities(
         spread = np.sqrt((deviations[textures.known] ** 2).mean(axis=0) / count)
         return np.hypot(spread, share * scale)
 
-    kd_std = of_mean(textures.kd_std)
+    kd_std = np.hypot(of_mean(textures.kd_std), unsure[:3] * mean.kd)
     quantities = {"kd": assess_linear(mean.kd, kd_std, scale, "Kd")}
     quantities["albedo"] = scaled(quantities["kd"], np.pi)
     if not fit.model.specular:
         return quantities, ("kd.r", "kd.g", "kd.b"), kd_std
     ks_std = of_mean(textures.ks_std) if textures.ks_varies else np.hypot(fit.common_ks_std, share * scale)
+    ks_std = np.hypot(ks_std, unsure[3:] * mean.ks)
     quantities["ks"] = assess_linear(mean.ks, ks_std, scale, "Ks")
     total = np.where(scale > 0, scale, 1)
     shares_std = np.hypot(mean.kd * ks_std, mean.ks * kd_std) / total**2

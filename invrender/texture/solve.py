@@ -21,23 +21,24 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
 from invrender.findings import find_warnings
-from invrender.model.columns import columns_of_forms
+from invrender.model.bounce import Bounced, Parts
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict, reflected
+from invrender.model.predict import predict
 from invrender.model.transfer import LightElement, light_elements
 from invrender.reading import check_usable
 from invrender.render.reflected import ReflectedMap, prepared_map
 from invrender.render.shading import shade
-from invrender.solve.clusters import tile_of
 from invrender.solve.forms import together
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
+from invrender.texture.bounces import Accounted, account_for_bounces
 from invrender.texture.cover import cover
 from invrender.texture.fit import FIT_STEPS, TexturedFit, fit_textured, solved
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
-from invrender.texture.observe import Observations, observe
+from invrender.texture.observe import observe
+from invrender.texture.seen import Seen, rows_of, transfers_of
 from invrender.texture.solution import textured_solution
 from invrender.texture.stack import Rows
 from invrender.texture.textures import Textures
@@ -48,9 +49,8 @@ from recon.lightfield import LightField, off_terminators
 from recon.sampling import sample_body
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 
-# Pixels whose transfers are computed together: harmonics of a high degree take 10 kilobytes a pixel.
-_PIXELS_AT_A_TIME = 20_000
 # Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
 _SEEN_SHARE = 0.25
 # Pixels of all photographs that the texture is solved from, evenly taken of more: 200 bytes each.
@@ -61,7 +61,7 @@ _UNKNOWN = 0.02
 
 @dataclass(frozen=True, eq=False)
 class _Bench:
-    """What both passes need."""
+    """What both passes need. bounced : per lighting, what parts of the mesh send each other, once that is known."""
 
     photoset: PhotoSet
     specimen: Specimen
@@ -69,6 +69,7 @@ class _Bench:
     lightings: Mapping[str, Lighting]
     elements: Mapping[str, Sequence[LightElement]]
     clock: Clock
+    bounced: Mapping[str, Bounced]
 
     def pixels(self, photo: Photo) -> LightField:
         """All usable pixels of a photograph."""
@@ -83,6 +84,15 @@ class _Bench:
             drawn = off_terminators(drawn, directions)
             check_usable(photo, image, drawn, mask)
         return drawn
+
+    def transfers(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
+        """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
+        found = transfers_of(self.elements[photo.lighting], pixels, brdf, self.specimen.shadows)
+        if photo.lighting in self.bounced:
+            rays = self.bounced[photo.lighting].reflected(pixels, brdf)
+            by_mesh = (pixels.mean_over_rays(one).astype(np.float32) for one in rays)
+            return found[0] + next(by_mesh), found[1] + next(by_mesh)
+        return found
 
 
 def solve_textured(
@@ -99,10 +109,15 @@ def solve_textured(
         lightings = {t.name: read_lighting(photoset, t) for t in photoset.lightings if t.name in used}
     _check_known(photoset, lightings)
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-    bench = _Bench(photoset, specimen, specimen.body, lightings, elements, clock)
+    bench = _Bench(photoset, specimen, specimen.body, lightings, elements, clock, {})
     with clock.on("recon"):
         layout, faults = find_layout(specimen.body, _footprint(photoset, specimen.body))
-    fit, fields = _first_pass(bench, layout.points, samples, track)
+    subset = _first_pass(bench, layout.points, samples, track)
+    fit, accounted = _fit(bench, subset, track)
+    if accounted is not None:
+        bench = replace(bench, bounced=accounted.bounced)
+    fields = subset.fields
+    del subset
     release_memory()
     textures, dark = _second_pass(bench, layout, fit, track)
     if not textures.known.any():
@@ -111,15 +126,22 @@ def solve_textured(
             " take more, from sides that overlap, or leave texture out"
         )
 
+    unsure = np.zeros(6)
+    if accounted is not None:
+        shares = accounted.unsure_at(layout.points)
+        textures, unsure = textures.less_sure(shares), shares[textures.known].mean(axis=0)
+
     def radiance(photo: Photo, field: LightField) -> Floats:
         brdf = fit.brdf
         kd, ks = textures.at(field)
         own = replace(brdf, kd=kd, ks=ks)
         ones = np.ones((len(elements[photo.lighting]), 3))
-        return predict(own, elements[photo.lighting], ones, field, specimen.shadows)
+        shown = predict(own, elements[photo.lighting], ones, field, specimen.shadows)
+        bounced = bench.bounced.get(photo.lighting)
+        return shown if bounced is None else shown + bounced.radiance(field, own)
 
     def transfers(photo: Photo, field: LightField) -> tuple[Floats, Floats]:
-        d, s = _transfers(bench, photo, field, fit.brdf)
+        d, s = bench.transfers(photo, field, fit.brdf)
         return d.astype(float), s.astype(float)
 
     @cache
@@ -130,16 +152,20 @@ def solve_textured(
         own = replace(fit.brdf, kd=kd, ks=ks)
         # All that is known of a lighting is one element. Its map integrated pixel by pixel takes twenty times as long.
         element, light = elements[photo.lighting][0], prepared(photo.lighting)
-        return shade(own, element, field, specimen.shadows, reflected=light)[0]
+        bounced = bench.bounced.get(photo.lighting)
+        return shade(own, element, field, specimen.shadows, reflected=light, bounced=bounced)[0]
 
     fields, residuals = _residuals(photoset, fields, radiance)
-    solution = textured_solution(photoset, lightings, fit, textures, fields, residuals)
+    solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure)
     warnings = [
         *find_warnings(photoset, solution, specimen, lightings),
         *_remarks([*faults, *dark], textures),
     ]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings)
-    return Solved(replace(result, textures=textures), fields, residuals, radiance, transfers, shaded)
+    result = replace(
+        result, textures=textures, interreflection=None if accounted is None else accounted.found
+    )
+    return Solved(result, fields, residuals, radiance, transfers, shaded)
 
 
 def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:
@@ -164,10 +190,18 @@ def _footprint(photoset: PhotoSet, body: MeshBody) -> float:
     return float(np.median(spans))
 
 
-def _first_pass(
-    bench: _Bench, points: SurfacePoints, samples: int, track: Track
-) -> tuple[TexturedFit, dict[str, LightField]]:
-    """Model, mu and sigma from a subset of the points, and some pixels of each photograph to report residuals of."""
+@dataclass(frozen=True, eq=False)
+class _Subset:
+    """What photographs show of some of the points, and of each some pixels to report residuals of, by its label."""
+
+    points: SurfacePoints
+    shown: Sequence[Seen]
+    rows: Sequence[Rows]
+    fields: Mapping[str, LightField]
+
+
+def _first_pass(bench: _Bench, points: SurfacePoints, samples: int, track: Track) -> _Subset:
+    """A subset of the points, about as many as are seen in so many samples."""
     photos = bench.photoset.photos
     fitted = [photo for photo in photos if not photo.held_out]
     rng = np.random.default_rng(0)
@@ -176,89 +210,65 @@ def _first_pass(
     subset = points.where(chosen)
     budget = max(samples // len(fitted), 100)
 
-    def read(index: int) -> tuple[LightField, tuple[_Seen, Rows] | None]:
+    def read(index: int) -> tuple[LightField, tuple[Seen, Rows] | None]:
         photo = photos[index]
         field = bench.pixels(photo)
         with bench.clock.on("invrender"):
-            rows = None
+            found = None
             if not photo.held_out:
-                seen = _Seen.of(photo.lighting, observe(bench.body, photo.camera, field, subset), field)
-                rows = seen, _rows(bench, seen, (PRINTED,))[PRINTED]
+                seen = Seen.of(photo.lighting, observe(bench.body, photo.camera, field, subset), field)
+                found = seen, rows_of(seen, bench.elements, (PRINTED,), bench.specimen.shadows)[PRINTED]
         keep = np.zeros(len(field), bool)
         keep[np.random.default_rng(index).permutation(len(field))[:budget]] = True
-        return field.where(keep), rows
+        return field.where(keep), found
 
     work = parallel_map(read, range(len(photos)))
     fields: dict[str, LightField] = {}
-    found = []
+    shown, rows = [], []
     for photo in track(photos, "Reading photographs"):
-        field, rows = next(work)
-        fields[photo.label] = field
-        if rows is not None:
-            found.append(rows)
+        fields[photo.label], found = next(work)
+        if found is not None:
+            shown.append(found[0])
+            rows.append(found[1])
+    return _Subset(subset, shown, rows, fields)
 
-    def in_forms(forms: Sequence[LobeForm], some: NDArray[np.bool_]) -> dict[LobeForm, list[Rows]]:
-        shown = [seen.of_points(some) for seen, _ in found]
-        result: dict[LobeForm, list[Rows]] = {form: [] for form in forms}
-        for group in together(forms):
-            for rows in parallel_map(partial(_rows, bench, forms=group), shown):
-                for form, own in rows.items():
-                    result[form].append(own)
-        return result
 
-    with bench.clock.on("invrender"):
-        steps = iter(track(range(FIT_STEPS), "Fitting and cross-validating"))
+def _fit(bench: _Bench, subset: _Subset, track: Track) -> tuple[TexturedFit, Accounted | None]:
+    """Model, mu and sigma from a subset of the points, and what bounced light changes in them."""
+    shadows = bench.specimen.shadows
+    # What photographs show may change by what bounces; what they would show of a BRDF doesn't.
+    made: dict[tuple[Sequence[LobeForm], bytes], list[dict[LobeForm, Rows]]] = {}
+
+    def fitted(shown: Sequence[Seen], doing: str) -> TexturedFit:
+        def in_forms(forms: Sequence[LobeForm], some: NDArray[np.bool_]) -> dict[LobeForm, list[Rows]]:
+            fewer = [seen.of_points(some) for seen in shown]
+            result: dict[LobeForm, list[Rows]] = {form: [] for form in forms}
+            for group in together(forms):
+                key = (group, some.tobytes())
+                if key not in made:
+                    make = partial(rows_of, elements=bench.elements, forms=group, shadows=shadows)
+                    made[key] = list(parallel_map(make, fewer))
+                for seen, rows in zip(fewer, made[key], strict=True):
+                    for form, own in rows.items():
+                        result[form].append(replace(own, radiance=seen.radiance))
+            return result
+
+        steps = iter(track(range(FIT_STEPS), doing))
         next(steps)
-        fit = fit_textured([rows for _, rows in found], count, in_forms, lambda: next(steps, None))
+        given = [replace(own, radiance=seen.radiance) for own, seen in zip(subset.rows, shown, strict=True)]
+        fit = fit_textured(given, len(subset.points), in_forms, lambda: next(steps, None))
         for _ in steps:
             pass
-    return fit, fields
+        return fit
 
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """What a photograph shows of points: the samples around them, and the light that it was under."""
-
-    lighting: str
-    points: Observations
-    pixels: LightField
-
-    @classmethod
-    def of(cls, lighting: str, points: Observations, field: LightField) -> _Seen:
-        """With those samples only that are used."""
-        used = points.of_samples(len(field))
-        return cls(lighting, points.renumbered(used), field.where(used))
-
-    def of_points(self, some: NDArray[np.bool_]) -> _Seen:
-        """Of the points that are marked."""
-        return _Seen.of(self.lighting, self.points.where(some[self.points.points]), self.pixels)
-
-
-def _rows(bench: _Bench, shown: _Seen, forms: Sequence[LobeForm]) -> dict[LobeForm, Rows]:
-    """What a photograph says of points, as columns that hold neither mu nor sigma; forms as of `columns_of_forms`."""
-    seen, pixels, name = shown.points, shown.pixels, shown.lighting
-    entries = columns_of_forms([name], bench.elements, [pixels], forms, bench.specimen.shadows)
-    result = {}
-    for form, (entry,) in entries.items():
-        columns = np.stack([seen.at_points(channel) for channel in entry.columns[:, :, 0]])
-        result[form] = Rows(
-            seen.points,
-            columns.astype(np.float32),
-            seen.at_points(pixels.radiance),
-            _brightness(seen, pixels),
-            _share(seen, pixels),
-            np.unique(tile_of(pixels)[seen.samples[:, 0]], return_inverse=True)[1],
-        )
-    return result
-
-
-def _brightness(seen: Observations, field: LightField) -> Floats:
-    return np.maximum(field.radiance[seen.samples].mean(axis=1), 0)
-
-
-def _share(seen: Observations, field: LightField) -> Floats:
-    """Variance of interpolated numbers over a pixel's, more where its geometry is trusted less."""
-    return seen.variance_share() / np.maximum(seen.at_points(field.weight), 0.01)
+    with bench.clock.on("invrender"):
+        fit = fitted(subset.shown, "Fitting and cross-validating")
+        parts = None if shadows is None else Parts.of(shadows)
+        if parts is None:
+            return fit, None
+        again = partial(fitted, doing="Judging light that bounces")
+        accounted = account_for_bounces(parts, subset.shown, subset.points, bench.elements, fit, again)
+    return (fit, None) if accounted is None else (accounted.fit, accounted)
 
 
 def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) -> tuple[Textures, list[str]]:
@@ -273,7 +283,7 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
             if len(field) > most:
                 field = field.where(np.random.default_rng(0).permutation(len(field)) < most)
             trust = np.maximum(field.weight, 0.01)[:, None].astype(np.float32)
-            d, s = _transfers(bench, photo, field, brdf)
+            d, s = bench.transfers(photo, field, brdf)
             covered = cover(bench.body, photo.camera, field, finer)
             return View(covered, d, s, field.radiance.astype(np.float32), trust, trust)
 
@@ -302,22 +312,6 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
         if shaded
     ]
     return Textures.of(layout, values, fit.model.ks_varies), dark
-
-
-def _transfers(
-    bench: _Bench, photo: Photo, field: LightField, brdf: Microfacet
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
-    elements = bench.elements[photo.lighting]
-    strengths = np.ones((len(elements), 3))
-    found = np.empty((2, len(field), 3), np.float32)
-    for part in np.array_split(np.arange(len(field)), len(field) // _PIXELS_AT_A_TIME + 1):
-        keep = np.zeros(len(field), bool)
-        keep[part] = True
-        some = field.where(keep)
-        rays = reflected(brdf, elements, strengths, some, bench.specimen.shadows)
-        found[:, part] = [some.mean_over_rays(one) for one in rays]
-    return found[0], found[1]
 
 
 def _residuals(

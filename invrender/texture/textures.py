@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +58,15 @@ class Textures:
             np.where(known[:, None], of, 0.0) for of in (values.kd, values.ks, values.kd_std, values.ks_std)
         )
         return cls(layout, kd, ks, kd_std, ks_std, known, ks_varies)
+
+    def less_sure(self, shares: Floats) -> Textures:
+        """The same with Kd and Ks uncertain by shares (n, 6) of themselves, besides."""
+        of_kd, of_ks = np.split(shares, 2, axis=1)
+        return replace(
+            self,
+            kd_std=np.hypot(self.kd_std, of_kd * self.kd),
+            ks_std=np.hypot(self.ks_std, of_ks * self.ks),
+        )
 
     def at(self, field: LightField) -> tuple[Floats, Floats]:
         """Kd and Ks (m, 3) at each ray of a field, NaN where none of the points around it is known."""
