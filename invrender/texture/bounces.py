@@ -212,10 +212,12 @@ def _judged(
         [one.residual(own, of) for one, of in zip(shown, each, strict=True)]
         for own, each in zip(values, by_mesh, strict=True)
     ]
-    asked, asked_std = asked_for([one.seen.tiles for one in shown], [one.weight for one in shown], *residuals)
+    # What has a Kd and Ks only with bounced light, or only without it, is evidence for neither.
+    known = determined(values[0]) & determined(values[1])
+    weights = [one.weight * known[one.seen.points.points, None] for one in shown]
+    asked, asked_std = asked_for([one.seen.tiles for one in shown], weights, *residuals)
     whole = [one.seen.radiance for one in shown]
     errors = [fit.rungs[fit.chosen].error for fit in fits]
-    known = determined(values[0])
     before, after = (
         replace(fits[1].brdf, kd=of.kd[known].mean(axis=0), ks=of.ks[known].mean(axis=0)) for of in values
     )

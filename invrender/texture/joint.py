@@ -45,13 +45,15 @@ _BEYOND_NOISE = 2.0
 class View:
     """What a photograph says of n pixels: cover (n, points), as of `cover.cover`; the others (n, 3) float32.
 
-    diffuse, specular : transfers. trust : how far pixels are trusted, (n, 1) or (n, 3). weight : trust over the
-    variance of radiance; before `solve_joint` knows that, anything.
+    diffuse, specular : transfers. lit : (n,) float32, the largest channel of the diffuse one by the lighting itself,
+    without what other parts of the object send. trust : how far pixels are trusted, (n, 1) or (n, 3). weight : trust
+    over the variance of radiance; before `solve_joint` knows that, anything.
     """
 
     cover: csr_array
     diffuse: Singles
     specular: Singles
+    lit: Singles
     radiance: Singles
     trust: Singles
     weight: Singles
@@ -213,17 +215,17 @@ def _drawn(view: View, rng: np.random.Generator) -> Singles:
 
 def in_shadow(views: Sequence[View]) -> list[bool]:
     """Which photographs show nothing that light reaches: all is below what visibility is exact to."""
-    brightest = [float(max(view.diffuse.max(), view.specular.max())) for view in views]
+    brightest = [float(max(view.lit.max(), view.specular.max())) for view in views]
     return [bright <= _SHADOW * max(brightest) for bright in brightest]
 
 
 def _weighed(views: Sequence[View], noise: NoiseModel) -> list[View]:
     """The views weighed by noise, pixels in shadow only as far as visibility is exact."""
-    bright = float(np.quantile(np.concatenate([view.diffuse.max(axis=1) for view in views]), 0.99))
+    bright = float(np.quantile(np.concatenate([view.lit for view in views]), 0.99))
     result = []
     for view in views:
         brightness = np.maximum(view.radiance, 0)
-        off = _SHADOW * bright / np.maximum(view.diffuse, 1e-6 * bright) * brightness
+        off = _SHADOW * bright / np.maximum(view.lit, 1e-6 * bright)[:, None] * brightness
         variance = noise.variance(brightness)
         trust = view.trust * variance / (variance + off**2)
         result.append(

@@ -85,14 +85,18 @@ class _Bench:
             check_usable(photo, image, drawn, mask)
         return drawn
 
-    def transfers(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
+    def direct(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
-        found = transfers_of(self.elements[photo.lighting], pixels, brdf, self.specimen.shadows)
-        if photo.lighting in self.bounced:
-            rays = self.bounced[photo.lighting].reflected(pixels, brdf)
-            by_mesh = (pixels.mean_over_rays(one).astype(np.float32) for one in rays)
-            return found[0] + next(by_mesh), found[1] + next(by_mesh)
-        return found
+        return transfers_of(self.elements[photo.lighting], pixels, brdf, self.specimen.shadows)
+
+    def by_mesh(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
+        """The same by light that other parts of the mesh send."""
+        if photo.lighting not in self.bounced:
+            nothing = np.zeros((len(pixels), 3), np.float32)
+            return nothing, nothing
+        diffuse, specular = self.bounced[photo.lighting].reflected(pixels, brdf)
+        means = [pixels.mean_over_rays(rays).astype(np.float32) for rays in (diffuse, specular)]
+        return means[0], means[1]
 
 
 def solve_textured(
@@ -141,8 +145,8 @@ def solve_textured(
         return shown if bounced is None else shown + bounced.radiance(field, own)
 
     def transfers(photo: Photo, field: LightField) -> tuple[Floats, Floats]:
-        d, s = bench.transfers(photo, field, fit.brdf)
-        return d.astype(float), s.astype(float)
+        (d, s), (more_d, more_s) = (of(photo, field, fit.brdf) for of in (bench.direct, bench.by_mesh))
+        return (d + more_d).astype(float), (s + more_s).astype(float)
 
     @cache
     def prepared(lighting: str) -> ReflectedMap | None:
@@ -282,10 +286,14 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
         with bench.clock.on("invrender"):
             if len(field) > most:
                 field = field.where(np.random.default_rng(0).permutation(len(field)) < most)
-            trust = np.maximum(field.weight, 0.01)[:, None].astype(np.float32)
-            d, s = bench.transfers(photo, field, brdf)
+            (d, s), (more_d, more_s) = (of(photo, field, brdf) for of in (bench.direct, bench.by_mesh))
+            lit = d.max(axis=1)
+            # What other parts send makes paint brighter, but nobody surer of it.
+            direct = lit / np.maximum((d + more_d).max(axis=1), np.float32(1e-30))
+            trust = (np.maximum(field.weight, 0.01) * direct**2)[:, None].astype(np.float32)
             covered = cover(bench.body, photo.camera, field, finer)
-            return View(covered, d, s, field.radiance.astype(np.float32), trust, trust)
+            radiance = field.radiance.astype(np.float32)
+            return View(covered, d + more_d, s + more_s, lit, radiance, trust, trust)
 
     work = parallel_map(read, fitted)
     found = [next(work) for _ in track(fitted, "Gathering the texture")]
