@@ -60,8 +60,9 @@ def find_warnings(
     outlines = body.sphere.residual_px if isinstance(body, SphereBody) else ()
     if max(outlines, default=0) > 0.6:
         warnings.append(
-            f"The masks' outlines stray up to {max(outlines):.1f} px from the fitted sphere;"
-            " normals near the rim are uncertain by as much."
+            f"The masks' outlines stray up to {max(outlines):.1f} px from the sphere; normals near the rim are"
+            " uncertain by as much. If masks are better than that, check the poses, the camera's focal length, and"
+            " [object] centre and radius where they are given."
         )
     for table in photoset.lightings:
         lighting = lightings.get(table.name)

@@ -83,11 +83,14 @@ def check_placement(body: MeshBody, mesh_to_world: Floats, views: Iterable[Maske
     warnings = []
     if poor:
         looks = [look for look, _ in poor[:_WITNESSES]]
-        larger = None if fine else wrong_size(body, mesh_to_world, looks, GOOD_OVERLAP)
+        advice = None if fine else wrong_size(body, mesh_to_world, looks, GOOD_OVERLAP)
+        if advice is None:
+            few = len(poor) < len(fine)
+            advice = "check their masks and poses" if few else "`lightfactor align` may help"
         named = ", ".join(f"{look.label} {share:.0%}" for look, share in poor[:3])
         warnings.append(
             f"mesh and mask overlap by less than {GOOD_OVERLAP:.0%} in {len(poor)} of the photographs"
-            f" ({named}{', ...' if len(poor) > 3 else ''}): {larger or '`lightfactor align` may help'}"
+            f" ({named}{', ...' if len(poor) > 3 else ''}): {advice}"
         )
     if all(share is None for share in overlaps):
         warnings.append(

@@ -59,6 +59,9 @@ def test_a_mesh_somewhat_off_is_warned_of():
     found = check(to_world=shifted)
     assert all(0.8 < overlap < 0.95 for overlap in found.overlaps)
     assert "overlap by less than 95% in 3 of the photographs (0.png 8" in found.warnings[0]
+    assert "align" in found.warnings[0]
+    one = check(masks=[MASKS[0], MASKS[1], np.roll(MASKS[2], 3, axis=1)]).warnings[0]
+    assert re.search(r"in 1 of the photographs \(2\.png \d\d%\): check their masks and poses", one)
 
 
 @pytest.mark.parametrize(
