@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
@@ -13,8 +14,12 @@ from invrender.solve.factorize import Solution
 from invrender.specimen import Specimen
 from recon.bodies import SphereBody
 
+Floats = NDArray[np.float64]
+
 # Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
 _POOR = 0.12
+# Share of what is left unexplained (RMS) that own factors of brightness must leave at most to be worth a warning.
+_MENDED = 0.5
 # Structured residual, and share of stray samples, above which a warning is due.
 _STRUCTURED, _STRAYS = 0.005, 0.02
 
@@ -93,3 +98,33 @@ def find_warnings(
             " the same unit of radiance, so only the ratios of Kd and Ks are meaningful."
         )
     return tuple(warnings)
+
+
+def brightness_warning(
+    exposure: str, observed: Mapping[str, Floats], residuals: Mapping[str, Floats]
+) -> str | None:
+    """A sentence if most of what is left unexplained is that photographs as a whole are too bright or too dark.
+
+    exposure : how the set says its photographs were exposed. observed, residuals : (n, 3) of each fitted photograph's
+    samples, by its label.
+    """
+    factors, left, before = {}, [], []
+    for label, radiance in observed.items():
+        predicted = radiance - residuals[label]
+        power = float((predicted**2).sum())
+        factors[label] = float((radiance * predicted).sum()) / power if power > 0 else 1.0
+        before.append(_relative_rms(residuals[label], radiance))
+        left.append(_relative_rms(radiance - factors[label] * predicted, radiance))
+    if np.mean(left) > _MENDED * np.mean(before):
+        return None
+    least, most = (choose(factors, key=factors.__getitem__) for choose in (min, max))
+    return (
+        f"Most of what is left unexplained is brightness: photographs are {factors[least]:.2f} ({least}) to"
+        f" {factors[most]:.2f} ({most}) times as bright as the fit has them, and with these factors"
+        f" {np.mean(left):.1%} of the radiance (RMS) would be left instead of {np.mean(before):.1%}. Check [radiometry]"
+        f" exposure (now {exposure!r}), the photographs' exposures, and the strengths of their lights."
+    )
+
+
+def _relative_rms(residual: Floats, radiance: Floats) -> float:
+    return float(np.sqrt((residual**2).sum() / (radiance**2).sum()))

@@ -84,7 +84,18 @@ def test_a_wrong_photograph_is_named_and_does_little_harm(demo_set: Path) -> Non
     result = run(demo_set)
     (warning,) = [text for text in result.warnings if "far worse than the others" in text]
     assert warning.startswith("007.exr")
+    assert not any("is brightness" in text for text in result.warnings)
     assert result.model.estimate.model.name == "neutral microfacet"
+    assert_truth_is_covered(result)
+
+
+def test_photographs_of_another_exposure_are_named_with_their_brightness(demo_set: Path) -> None:
+    for name, factor in (("003.exr", 1.2), ("005.exr", 0.9)):
+        write_exr(demo_set / name, read_pixels(demo_set / name).astype(np.float32) * np.float32(factor))
+    result = run(demo_set)
+    (warning,) = [text for text in result.warnings if "is brightness" in text]
+    assert "are 0.90 (005.exr) to 1.20 (003.exr) times as bright as the fit has them" in warning
+    assert "exposure (now 'equal')" in warning
     assert_truth_is_covered(result)
 
 
