@@ -38,6 +38,13 @@ _UNIT_FACTORS = {
     25.4: "inches taken for millimetres",
     2.54: "inches taken for centimetres",
 }
+_MASK_FAULTS: Mapping[str, Callable[[Mask], Mask]] = {
+    "the mask is inverted: it must be white where the object is, and black around it": lambda inside: ~inside,
+    "the mask looks mirrored, right and left exchanged: are the photographs, too?": lambda inside: inside[
+        :, ::-1
+    ],
+    "the mask looks stored from the bottom up: are the photographs, too?": lambda inside: inside[::-1],
+}
 _ELSE = "check world_to_camera, mesh_to_world, unit and the mask, or let `lightfactor align` place the mesh"
 
 
@@ -146,13 +153,14 @@ def _least_overlap(
 
 
 def _mask_fault(body: MeshBody, looks: Sequence[Look]) -> str | None:
-    """What is wrong with masks that would fit if they were inverted, or that say nothing."""
+    """What is wrong with masks that would fit if they were inverted or mirrored, or that say nothing."""
     masks = [look.inside for look in looks if look.inside is not None]
     if all(inside.all() for inside in masks):
         return "its mask is white all over; it must be zero where the object isn't"
-    inverted = [replace(look, inside=~inside) for look, inside in zip(looks, masks, strict=True)]
-    if _least_overlap(body, inverted) >= MIN_OVERLAP:
-        return "the mask is inverted: it must be white where the object is, and black around it"
+    for fault, mended in _MASK_FAULTS.items():
+        meant = [replace(look, inside=mended(inside)) for look, inside in zip(looks, masks, strict=True)]
+        if _least_overlap(body, meant) >= MIN_OVERLAP:
+            return fault
     return None
 
 
@@ -194,7 +202,8 @@ def _turns(mesh_to_world: Floats) -> Iterator[tuple[str, Mend]]:
         rows = ", ".join(f"[{', '.join(f'{value:.6g}' for value in row)}]" for row in place.round(9) + 0.0)
         why = " (+Y is up in its file, as in most GLB)" if turn[2, 1] == 1 else ""
         yield (
-            f"its axes were turned{why}: write mesh_to_world = [{rows}] into [object]",
+            f"its axes were turned{why}: write mesh_to_world = [{rows}] into [object]; lights must be given"
+            " in the axes of the cameras",
             partial(_as_if_placed, mesh_to_world, place),
         )
 

@@ -136,7 +136,10 @@ def test_axes_and_poses_of_another_program_are_named_together():
         check(turned, cameras=[camera.posed(flip @ camera.world_to_camera) for camera in CAMERAS])
 
 
-def test_masks_that_are_inverted_or_white_all_over_are_named():
+def test_masks_that_are_inverted_mirrored_or_white_all_over_are_named():
+    for flip, said in ((np.fliplr, "mirrored, right and left"), (np.flipud, "from the bottom up")):
+        with pytest.raises(ValueError, match=r"\d\.png: .*; the mask looks .*" + said):
+            check(masks=[flip(mask) for mask in MASKS])
     with pytest.raises(
         ValueError, match=r"0\.png: .*; the mask is inverted: it must be white where the object is"
     ):
