@@ -17,7 +17,7 @@ from recon.bodies import SphereBody
 Floats = NDArray[np.float64]
 
 # Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
-_POOR = 0.12
+POOR = 0.12
 # Share of what is left unexplained (RMS) that own factors of brightness must leave at most to be worth a warning.
 _MENDED = 0.5
 # Structured residual, and share of stray samples, above which a warning is due.
@@ -30,7 +30,7 @@ def find_warnings(
     """Sentences on all that a user should know before using the numbers; empty if there is nothing."""
     warnings = list(specimen.warnings)
     rung = solution.rungs[solution.chosen]
-    if rung.error > _POOR:
+    if rung.error > POOR:
         warnings.append(
             f"No model explains these photographs well: {rung.error:.0%} of the radiance (RMS) is left on unseen"
             f" photographs. Before using any number, {MISFIT_REMEDY}."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -128,10 +129,26 @@ def test_a_light_from_the_wrong_side_gives_no_numbers(demo_set: Path) -> None:
     assert result.misfits
     assert all(quantity.value is None for quantity in result.quantities.values())
     assert any("No model explains" in text for text in result.warnings)
+    assert any("if its lamps were pointing the other way" in text for text in result.warnings)
     for row in identifiability(result):
         assert row["status"] == "undetermined"
         assert "need no" not in row["reason"]
         assert "direction" in row["remedy"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda sky: np.roll(sky, sky.shape[1] // 4, axis=1), "its map were turned by -90 degrees about +Z"),
+        (lambda sky: sky[::-1], "its map were upside down"),
+    ],
+)
+def test_a_map_in_other_axes_is_named(
+    demo_set: Path, change: Callable[[np.ndarray], np.ndarray], said: str
+) -> None:
+    path = demo_set / "lighting.exr"
+    write_exr(path, np.ascontiguousarray(change(read_pixels(path).astype(np.float32))))
+    assert any(said in text for text in run(demo_set).warnings)
 
 
 def test_floats_that_were_cut_off_are_left_out_and_told(demo_set: Path) -> None:
