@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from capture.decode import decode_photo
 from capture.parallel import one_blas_thread, parallel_map
-from capture.photoset import UNTOLD, Photo, PhotoSet
+from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from capture.radiance import RadianceImage
 from invrender.clock import Clock
@@ -134,11 +134,6 @@ def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) ->
     return Run(photoset, specimen, solved, {**clock.seconds, "total": time.perf_counter() - begun})
 
 
-def _named(photoset: PhotoSet, unknown: str) -> str:
-    """What is unknown, as the manifest has it."""
-    return "it has no [[lighting]]" if unknown == UNTOLD else f'[[lighting]] "{unknown}" is unknown'
-
-
 def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
     where = photoset.manifest
     unknown = [table.name for table in photoset.lightings if table.unknown]
@@ -149,9 +144,10 @@ def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
         )
     if photoset.object.texture and unknown:
         raise ValueError(
-            f"{where}: [object] texture = true, but {_named(photoset, unknown[0])}: light and texture can't be told apart"
-            " (RH01, section 6.4), since paint may be darker wherever light is brighter. Measure the light, with a mirror"
-            " ball say, or remove texture: light and one BRDF of the whole surface are then recovered together"
+            f'{where}: [object] texture = true, but light "{unknown[0]}" is unknown, as no [[lighting]] table gives it:'
+            " light and texture can't be told apart (RH01, section 6.4), since paint may be darker wherever light is"
+            " brighter. Measure the light, with a mirror ball say, or remove texture: light and one BRDF of the whole"
+            " surface are then recovered together"
         )
     if len(fitted) < 2:
         raise ValueError(
