@@ -38,7 +38,11 @@ def other_frame(fields: Sequence[LightField], lightings: Sequence[Lighting]) -> 
 
     lightings : the known one of each photograph.
     """
-    fields = [_thinned(field) for field in fields]
+    thinned = [_thinned(field) for field in fields]
+    lightings = [light for field, light in zip(thinned, lightings, strict=True) if len(field)]
+    fields = [field for field in thinned if len(field)]
+    if not fields:
+        return None
     radiance = np.concatenate([field.radiance for field in fields])
     parts = {
         "its map": [_map_light(each) for each in lightings],
