@@ -67,9 +67,11 @@ def run_export(options: ExportOptions) -> None:
     material = material_of(result, parse_assumed(options.assume), options.albedo)
     photoset = find_photoset(result, options.photoset)
     shape = result_shape(result, photoset)
-    if material.textures is not None and shape.mesh.uv is None:
+    if material.textures is not None and (material.textures.at_vertices or shape.mesh.uv is None):
+        how = "from vertex to vertex of" if material.textures.at_vertices else "by the texture coordinates of"
         raise ValueError(
-            f"{result.path}: Kd and Ks vary over the mesh by its texture coordinates, and {shape.file} has none"
+            f"{result.path}: Kd and Ks vary {how} {shape.file}, and exported textures need coordinates without overlap:"
+            " unwrap the mesh in another program, and run `lightfactor process` again with that mesh"
         )
     lighting = _lighting(result, material, options)
     camera = _camera(shape, options)

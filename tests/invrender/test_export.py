@@ -456,6 +456,9 @@ def test_what_cannot_be_exported_is_refused_in_words(
     make_mesh(result, np.full((4, 8, 3), 0.1), np.full((4, 4, 3), 0.02))
     assert "8x4 and 4x4" in refused()
     (result / "texture_ks.exr").unlink()
+    # The ball has coordinates, but the texture isn't by them: it came out as one row of a map.
+    change(result, lambda document: document.update(texture={"at": "vertices"}))
+    assert "from vertex to vertex" in refused()
     (tmp_path / "set" / "ball.obj").unlink()
     assert "ball.obj" in refused()
     shutil.rmtree(tmp_path / "set")
