@@ -248,6 +248,7 @@ def _rows(bench: _Bench, shown: _Seen, forms: Sequence[LobeForm]) -> dict[LobeFo
             _brightness(seen, pixels),
             _share(seen, pixels),
             np.unique(tile_of(pixels)[seen.samples[:, 0]], return_inverse=True)[1],
+            seen.at_points(pixels.cos_exitant),
         )
     return result
 

@@ -21,10 +21,14 @@ from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
 from capture.photoset import load_photoset
 from invrender import pipeline
+from invrender.model.columns import specular_weights
+from invrender.model.lobes import PRINTED
 from invrender.pipeline import process
 from invrender.solve.noise import NoiseModel
+from invrender.texture.fit import behind_interface, search_point, textured_models
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
 from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
+from invrender.texture.stack import Rows, Stack
 from invrender.texture.sums import Sums, common_ks, solve_both, solve_kd
 from recon import atlas
 from recon.bodies import MeshBody
@@ -141,6 +145,50 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
     # The tiny systems alone blur the paint's edges.
     blurred = solve_both(tiny_sums(views, grid.count, grid.parents))
     assert np.abs(blurred.kd - expected).max() > 3 * np.abs(found.kd - expected).max()
+
+
+@pytest.mark.parametrize("plastic", [True, False])
+def test_paint_under_an_interface_is_a_doubt_of_mu(rng: np.random.Generator, plastic: bool) -> None:
+    photos, points, mu, sigma = 6, 300, 1.5, 0.15
+    # Lobes that brighten towards grazing views by the basis that columns have, whatever their width.
+    weights = specular_weights(mu, sigma)
+    rows = []
+    kd = rng.uniform(0.1, 0.3, (points, 3))
+    for _ in range(photos):
+        cos = rng.uniform(0.2, 1, points)
+        # Fresnel's equations once more [Born and Wolf 1999, 1.5.2], over their mean that integration finds: 0.908.
+        inner = np.sqrt(1 - (1 - cos**2) / mu**2)
+        reflected = (
+            ((cos - mu * inner) / (cos + mu * inner)) ** 2 + ((mu * cos - inner) / (mu * cos + inner)) ** 2
+        ) / 2
+        passed = (1 - reflected) / 0.908 if plastic else np.ones(points)
+        columns = np.concatenate(
+            [rng.uniform(0.2, 1, (points, 1)), rng.uniform(0, 1, (points, len(weights)))], axis=1
+        )
+        seen = kd * (columns[:, :1] * passed[:, None]) + 0.05 * (columns[:, 1:] @ weights)[:, None]
+        seen += 1e-3 * rng.standard_normal(seen.shape)
+        rows.append(
+            Rows(
+                np.arange(points),
+                columns[None].astype(np.float32),
+                seen,
+                np.full_like(seen, 0.1),
+                np.ones(points),
+                np.zeros(points, int),
+                cos,
+            )
+        )
+    stack = Stack.of(rows, points, NoiseModel(1e-3, 0.0), PRINTED)
+    model = textured_models(PRINTED)[1]
+    plain = search_point(model, stack)
+    there = behind_interface(model, stack, plain)
+    truth = np.log([sigma, mu - 1])
+    if plastic:
+        assert there is not None
+        assert np.abs(there - truth).max() < 0.5 * np.abs(plain - truth).max()
+    else:
+        assert there is None
+        assert_allclose(plain, truth, atol=0.05)
 
 
 def test_a_photograph_of_shadow_alone_is_told() -> None:
