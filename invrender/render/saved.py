@@ -82,9 +82,9 @@ class _Object(_Lenient):
 class _Texture(_Lenient):
     """Where Kd and Ks vary.
 
-    kd, kd_std, ks, ks_std : the files beside result.json, None for what doesn't vary. known : the share of points where
-    the photographs determine them. mesh : beside result.json, too, the object with the texture coordinates that were
-    made for it.
+    kd, kd_std, ks, ks_std : the files beside result.json, None for what doesn't vary. known : the share of the surface
+    where the photographs determine them. mesh : beside result.json, too, the object with the texture coordinates that
+    were made for it.
     """
 
     kd: str | None = None

@@ -21,6 +21,7 @@ from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
 from capture.photoset import load_photoset
 from invrender import pipeline
+from invrender.export.shape import tessellated
 from invrender.model.columns import specular_weights
 from invrender.model.lobes import PRINTED
 from invrender.pipeline import process
@@ -30,6 +31,7 @@ from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked,
 from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
 from invrender.texture.stack import Rows, Stack
 from invrender.texture.sums import Sums, common_ks, solve_both, solve_kd
+from invrender.texture.textures import Textures
 from recon import atlas
 from recon.bodies import MeshBody
 from recon.trianglemesh import TriangleMesh, smooth_normals
@@ -217,6 +219,22 @@ def test_texels_lie_on_the_surface_where_their_coordinates_say() -> None:
     assert np.sqrt(area.sum() / 2 / len(layout.rows)) == pytest.approx(0.001, rel=0.02)
 
 
+def test_means_are_over_the_surface_however_its_map_is_stretched() -> None:
+    body = MeshBody(tessellated(np.zeros(3), 1.0, 48))
+    layout, _ = find_layout(body, 0.03)
+    edge = np.cos(np.radians(15.5 * 180 / 48))  # half-way between rings of vertices
+    for each in (layout, VertexLayout(body)):
+        z = each.points.positions[:, 2:].repeat(3, axis=1)
+        known = z[:, 0] > edge
+        textures = Textures(each, z, z, 0 * z + 0.1, z, known, ks_varies=False)
+        # Archimedes: zones of a sphere are as large as they are high. A row of texels more or less is 0.011 of it; a
+        # third of the rows are above.
+        assert textures.share_known == pytest.approx((1 - edge) / 2, abs=0.012)
+        assert_allclose(textures.mean(z), (1 + edge) / 2, atol=0.01)
+        # Of even weights 0.1 / sqrt(n); they are sines here, from 0 to 0.85: a little more.
+        assert 1 < textures.mean_std(textures.kd_std)[0] / (0.1 / np.sqrt(known.sum())) < 1.2
+
+
 def mirrored_uv(mesh: TriangleMesh) -> TriangleMesh:
     """One half of the texture for both halves of the doll, as artists do."""
     assert mesh.uv is not None
@@ -276,8 +294,8 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
     found, std = (read_pixels(out / result["texture"][name]).astype(float) for name in ("kd", "kd_std"))
     known = read_exr_layers(out / "texture_kd.exr")["A"] > 0
     side = result["texture"]["side"]
-    assert known.mean() == pytest.approx(result["texture"]["known"], abs=0.02)
     assert 0.2 < known.mean() < 0.7  # the side that the light reaches
+    assert 0.2 < result["texture"]["known"] < 0.7
     # Browsers show no EXR: the page has pictures of the maps.
     assert 'alt="Textures"' in (out / "report.html").read_text()
     # A texel is the mean of the paint within it.
