@@ -122,9 +122,10 @@ class SavedLighting(_Lenient):
 
 
 class SavedPhoto(_Lenient):
-    """A photograph and how well it is explained, relative RMS."""
+    """A photograph, the name of its lighting, and how well it is explained, relative RMS."""
 
     file: str
+    lighting: str | None = None
     held_out: bool
     rms_relative: float
 
