@@ -152,7 +152,7 @@ def _print_summary(result: Factorization) -> None:
     if result.textures is not None:
         console.print(
             f"Kd{' and Ks vary' if result.textures.ks_varies else ' varies'} over the surface: these are means over the"
-            f" {result.textures.known.mean():.0%} of it that the photographs determine; the maps lie beside the report."
+            f" {result.textures.share_known:.0%} of it that the photographs determine; the maps lie beside the report."
         )
     held_out = result.rms(held_out=True)
     console.print(

@@ -248,6 +248,7 @@ def _rows(bench: _Bench, shown: _Seen, forms: Sequence[LobeForm]) -> dict[LobeFo
             _brightness(seen, pixels),
             _share(seen, pixels),
             np.unique(tile_of(pixels)[seen.samples[:, 0]], return_inverse=True)[1],
+            seen.at_points(pixels.cos_exitant),
         )
     return result
 
@@ -342,11 +343,11 @@ def _residuals(
 def _remarks(faults: Sequence[str], textures: Textures) -> list[str]:
     """What a user should know of the texture before using it."""
     remarks = sentences(faults)
-    unknown = 1 - float(textures.known.mean())
+    unknown = 1 - textures.share_known
     if unknown > _UNKNOWN:
         remarks.append(
             f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't tell its Kd from"
-            " its Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides would fill"
-            " it."
+            " its Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides, or under"
+            " light from elsewhere, would fill it."
         )
     return remarks
