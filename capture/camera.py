@@ -79,6 +79,12 @@ class Camera:
         """The same camera at another pose."""
         return replace(self, world_to_camera=np.asarray(world_to_camera, float))
 
+    def zoomed(self, factor: float) -> Camera:
+        """The same camera with `factor` times the focal length (orthographic: the scale)."""
+        params = self.params.copy()
+        params[[0, 1] if self.is_orthographic else list(self._colmap.focal_length_idxs())] *= factor
+        return replace(self, params=params)
+
     def binned(self, factor: int) -> Camera:
         """The camera of pictures whose pixels are `factor` by `factor` of this one's; what fills none is cut off."""
         width, height = self.width // factor, self.height // factor

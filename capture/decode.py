@@ -15,7 +15,7 @@ from capture.arrays import reused_empty
 from capture.bracket.response import Response
 from capture.clipping import cut_off
 from capture.exposure import ExposureSettings, relative_exposure
-from capture.files.imagefile import read_exr_layers, read_file, read_image, read_pixels, rgbe_step
+from capture.files.imagefile import read_cover, read_exr_layers, read_file, read_image, rgbe_step
 from capture.files.imageheader import Header, is_raw
 from capture.files.jpegtables import JpegTables, jpeg_tables
 from capture.files.rawfile import read_raw
@@ -96,11 +96,12 @@ def decode_in_set(
 
 
 def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
-    """A mask as coverage, (h, w) float32 in 0 to 1; nonzero is the object, grey levels are partial cover."""
-    channels = read_pixels(path)
-    check_size(path, channels, size)
-    # Channel by channel: numpy's maximum over three neighbours takes ten times as long.
-    pixels = np.maximum(np.maximum(channels[..., 0], channels[..., 1]), channels[..., 2])
+    """A mask as coverage, (h, w) float32 in 0 to 1; nonzero is the object, grey levels are partial cover.
+
+    Of a file with an alpha channel this is the mask, unless it is the same everywhere.
+    """
+    pixels = read_cover(path)
+    check_size(path, pixels, size, "give the mask of this photo, drawn at its size")
     peak = float(pixels.max())
     if not np.isfinite(pixels.sum(dtype=np.float64)):
         bad = int((~np.isfinite(pixels)).sum())
@@ -110,12 +111,16 @@ def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
     return np.divide(pixels, np.float32(peak), dtype=np.float32)
 
 
-def check_size(path: Path, pixels: NDArray[np.generic], size: tuple[int, int]) -> None:
-    """ValueError unless an image is as large as its camera says, (height, width)."""
+def check_size(
+    path: Path,
+    pixels: NDArray[np.generic],
+    size: tuple[int, int],
+    remedy: str = "give the camera of this photo, or the photo that belongs to this camera",
+) -> None:
+    """ValueError unless an image is as large as its camera says, (height, width). remedy : what to do then."""
     if pixels.shape[:2] != size:
         raise ValueError(
-            f"{path}: is {pixels.shape[1]}x{pixels.shape[0]} pixels, but its camera is {size[1]}x{size[0]};"
-            " give the camera of this photo, or the photo that belongs to this camera"
+            f"{path}: is {pixels.shape[1]}x{pixels.shape[0]} pixels, but its camera is {size[1]}x{size[0]}; {remedy}"
         )
 
 

@@ -43,9 +43,10 @@ def leave_cleanly_when_stopped() -> None:
 
 def _stop(number: int, frame: object) -> None:
     # Not by an exception: raised within an import or a callback of a library, it may be swallowed.
-    if not discard_unfinished():
+    left = discard_unfinished()
+    if left is None:
         return
     console.show_cursor()
-    print("\nlightfactor: stopped; nothing was written, an earlier result is untouched", file=sys.stderr)  # noqa: T201
+    print(f"\nlightfactor: stopped; {left}", file=sys.stderr)  # noqa: T201
     sys.stderr.flush()
     os._exit(128 + number)

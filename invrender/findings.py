@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
@@ -13,8 +14,12 @@ from invrender.solve.factorize import Solution
 from invrender.specimen import Specimen
 from recon.bodies import SphereBody
 
+Floats = NDArray[np.float64]
+
 # Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
-_POOR = 0.12
+POOR = 0.12
+# Share of what is left unexplained (RMS) that own factors of brightness must leave at most to be worth a warning.
+_MENDED = 0.5
 # Structured residual, and share of stray samples, above which a warning is due.
 _STRUCTURED, _STRAYS = 0.005, 0.02
 
@@ -25,7 +30,7 @@ def find_warnings(
     """Sentences on all that a user should know before using the numbers; empty if there is nothing."""
     warnings = list(specimen.warnings)
     rung = solution.rungs[solution.chosen]
-    if rung.error > _POOR:
+    if rung.error > POOR:
         warnings.append(
             f"No model explains these photographs well: {rung.error:.0%} of the radiance (RMS) is left on unseen"
             f" photographs. Before using any number, {MISFIT_REMEDY}."
@@ -60,8 +65,9 @@ def find_warnings(
     outlines = body.sphere.residual_px if isinstance(body, SphereBody) else ()
     if max(outlines, default=0) > 0.6:
         warnings.append(
-            f"The masks' outlines stray up to {max(outlines):.1f} px from the fitted sphere;"
-            " normals near the rim are uncertain by as much."
+            f"The masks' outlines stray up to {max(outlines):.1f} px from the sphere; normals near the rim are"
+            " uncertain by as much. If masks are better than that, check the poses, the camera's focal length, and"
+            " [object] centre and radius where they are given."
         )
     for table in photoset.lightings:
         lighting = lightings.get(table.name)
@@ -92,3 +98,33 @@ def find_warnings(
             " the same unit of radiance, so only the ratios of Kd and Ks are meaningful."
         )
     return tuple(warnings)
+
+
+def brightness_warning(
+    exposure: str, observed: Mapping[str, Floats], residuals: Mapping[str, Floats]
+) -> str | None:
+    """A sentence if most of what is left unexplained is that photographs as a whole are too bright or too dark.
+
+    exposure : how the set says its photographs were exposed. observed, residuals : (n, 3) of each fitted photograph's
+    samples, by its label.
+    """
+    factors, left, before = {}, [], []
+    for label, radiance in observed.items():
+        predicted = radiance - residuals[label]
+        power = float((predicted**2).sum())
+        factors[label] = float((radiance * predicted).sum()) / power if power > 0 else 1.0
+        before.append(_relative_rms(residuals[label], radiance))
+        left.append(_relative_rms(radiance - factors[label] * predicted, radiance))
+    if np.mean(left) > _MENDED * np.mean(before):
+        return None
+    least, most = (choose(factors, key=factors.__getitem__) for choose in (min, max))
+    return (
+        f"Most of what is left unexplained is brightness: photographs are {factors[least]:.2f} ({least}) to"
+        f" {factors[most]:.2f} ({most}) times as bright as the fit has them, and with these factors"
+        f" {np.mean(left):.1%} of the radiance (RMS) would be left instead of {np.mean(before):.1%}. Check [radiometry]"
+        f" exposure (now {exposure!r}), the photographs' exposures, and the strengths of their lights."
+    )
+
+
+def _relative_rms(residual: Floats, radiance: Floats) -> float:
+    return float(np.sqrt((residual**2).sum() / (radiance**2).sum()))

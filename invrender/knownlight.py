@@ -13,8 +13,9 @@ from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
-from invrender.findings import find_warnings
+from invrender.findings import POOR, brightness_warning, find_warnings
 from invrender.interreflection import Accounted, account_for_bounces, unknown_scale
+from invrender.lightframe import other_frame
 from invrender.model.bounce import Bounced, Parts
 from invrender.model.columns import PhotoColumns, all_columns, photo_columns
 from invrender.model.predict import predict, predict_columns
@@ -82,7 +83,13 @@ def solve_known_light(
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
         }
+    observed = {photo.label: columns[photo.label].radiance for photo in fitted}
+    brightness = brightness_warning(photoset.radiometry.exposure, observed, residuals)
     warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings), *remarks]
+    warnings += [brightness] if brightness else []
+    if solution.rungs[solution.chosen].error > POOR and not any(light.recovers for light in used):
+        elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
+        warnings += [elsewhere] if elsewhere else []
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
     result = replace(result, interreflection=None if bounces is None else bounces.found)
 

@@ -144,8 +144,10 @@ def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
         )
     if photoset.object.texture and unknown:
         raise ValueError(
-            f'{where}: [object] texture = true, but [[lighting]] "{unknown[0]}" is unknown: light and texture can\'t be'
-            " told apart (RH01, section 6.4). Measure the light, with a mirror ball say, or remove texture"
+            f'{where}: [object] texture = true, but light "{unknown[0]}" is unknown, as no [[lighting]] table gives it:'
+            " light and texture can't be told apart (RH01, section 6.4), since paint may be darker wherever light is"
+            " brighter. Measure the light, with a mirror ball say, or remove texture: light and one BRDF of the whole"
+            " surface are then recovered together"
         )
     if len(fitted) < 2:
         raise ValueError(

@@ -113,7 +113,7 @@ def _texture(textures: Textures) -> dict[str, Any]:
         "ks_std": KS_STD_NAME if textures.ks_varies else None,
         "at": "texels" if isinstance(layout, TexelLayout) else "vertices",
         "side": layout.side if isinstance(layout, TexelLayout) else None,
-        "known": float(textures.known.mean()),
+        "known": textures.share_known,
         # The set's own mesh has the texture coordinates, unless they were made.
         "mesh": MESH_NAME if layout.made is not None else None,
     }

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from capture.files.documents import file_hash, write_json
 from capture.files.imagefile import write_exr
-from capture.files.outfolder import result_folder
+from capture.files.outfolder import added_files, result_folder
 from capture.photoset import PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.factorization import Factorization, Quantity
@@ -22,6 +22,7 @@ from invrender.result import identifiability, lighting_map, result_document
 from invrender.texture.textures import TEXTURE_FILES
 
 RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEXTURE_FILES)
+PICTURES = "predicted photographs and report"
 
 
 def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
@@ -30,8 +31,11 @@ def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
     photoset = load_photoset(source)
     with result_folder(out, RESULT_FILES) as folder:
         run = process(photoset, samples, track)
-        write_result(run, folder)
+        document = write_fit(run, folder)
     _print_summary(run.result)
+    # What was found is safe now, whatever becomes of the pictures.
+    with added_files(out, PICTURES) as folder:
+        write_pictures(run, folder, document)
     console.print(
         f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True
     )
@@ -67,8 +71,11 @@ def run_demo(out: Path) -> None:
     console.print(f"Photo set: {photos}", soft_wrap=True)
 
 
-def write_result(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> None:
-    """Write everything that a run found into a folder. more : further keys of result.json."""
+def write_fit(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Write everything that a run found into a folder, but for its pictures; what stands in result.json.
+
+    more : further keys of it.
+    """
     result = run.result
     files = {}
     several = len(result.lightings) > 1
@@ -79,16 +86,23 @@ def write_result(run: Run, folder: Path, more: Mapping[str, Any] | None = None) 
     if result.textures is not None:
         assert run.photoset.mesh_to_world is not None
         result.textures.write(folder, run.photoset.mesh_to_world)
-    (folder / "predicted").mkdir()
     document = result_document(result, files, _input_hashes(run.photoset), run.seconds)
-    document |= {"predicted_binning": run.binning, **(more or {})}
+    document |= {"predicted_binning": None, **(more or {})}
+    write_json(folder / "result.json", document)
+    return document
+
+
+def write_pictures(run: Run, folder: Path, document: Mapping[str, Any]) -> None:
+    """Write a run's predicted photographs, its report, and its result.json with what it says of these."""
+    (folder / "predicted").mkdir()
+    document = {**document, "predicted_binning": run.binning}
     report = ReportWriter(run, document)
     names = _predicted_names([photo.label for photo in run.photoset.photos])
     for prediction in _with_progress(run):
         write_exr(folder / "predicted" / names[prediction.photo.label], prediction.predicted)
         report.add(prediction)
-    write_json(folder / "result.json", document)
     report.write(folder / "report.html")
+    write_json(folder / "result.json", document)
 
 
 def _with_progress(run: Run) -> Iterator[Prediction]:
@@ -138,7 +152,7 @@ def _print_summary(result: Factorization) -> None:
     if result.textures is not None:
         console.print(
             f"Kd{' and Ks vary' if result.textures.ks_varies else ' varies'} over the surface: these are means over the"
-            f" {result.textures.known.mean():.0%} of it that the photographs determine; the maps lie beside the report."
+            f" {result.textures.share_known:.0%} of it that the photographs determine; the maps lie beside the report."
         )
     held_out = result.rms(held_out=True)
     console.print(

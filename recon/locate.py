@@ -21,6 +21,8 @@ _MAX_RESIDUAL_PX = 1.5
 _MAX_RESIDUAL_SHARE = 0.03
 # Overlap (intersection over union) below which a given sphere and a mask are not the same thing.
 _MIN_OVERLAP = 0.8
+# Points without which an outline tells nothing.
+_LEAST_POINTS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,10 @@ def locate_sphere(
     if centre is not None and radius is not None:
         sphere = Sphere(np.asarray(centre, float), radius, np.zeros((4, 4)))
         _check_given(sphere, views)
-        return sphere
+        outlined = [
+            v for v in views if v.silhouette is not None and len(v.silhouette.points) >= _LEAST_POINTS
+        ]
+        return _fit(outlined, [v.camera for v in outlined], centre, radius) if outlined else sphere
     seen = [view for view in views if view.silhouette is not None]
     if not seen:
         raise ValueError(
@@ -63,9 +68,10 @@ def _check_silhouette(view: View) -> None:
         raise ValueError(f"{view.label}: its mask covers the image's border; is it inverted?")
     if covered.sum() < 50:
         raise ValueError(f"{view.label}: its mask marks fewer than 50 pixels; is it the right mask?")
-    if len(view.silhouette.points) < 12:
+    if len(view.silhouette.points) < _LEAST_POINTS:
         raise ValueError(
-            f"{view.label}: its mask's outline has fewer than 12 points; the object is too small or fills the image"
+            f"{view.label}: its mask's outline has fewer than {_LEAST_POINTS} points; the object is too small or fills"
+            " the image"
         )
 
 
@@ -129,6 +135,9 @@ def _check_given(sphere: Sphere, views: Sequence[View]) -> None:
 
 
 def _suspect(sphere: Sphere, view: View) -> str:
+    inside = None if view.silhouette is None else view.silhouette.covered
+    if inside is not None and _iou(body_coverage(SphereBody(sphere), view.camera), ~inside) >= _MIN_OVERLAP:
+        return "the mask is inverted: it must be white where the object is, and black around it"
     for name, convert in other_conventions().items():
         camera = view.camera.posed(convert(view.camera.world_to_camera))
         if camera.is_orthographic or camera.depth(sphere.centre)[0] > sphere.radius:
@@ -142,7 +151,10 @@ def _suspect(sphere: Sphere, view: View) -> str:
 def _overlap(disk: NDArray[np.bool_], view: View) -> float | None:
     """Intersection over union of a disk and a view's mask; None without a mask."""
     inside = None if view.silhouette is None else view.silhouette.covered
-    if inside is None:
-        return None
-    union = (disk | inside).sum()
-    return float((disk & inside).sum() / union) if union else 0.0
+    return None if inside is None else _iou(disk, inside)
+
+
+def _iou(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> float:
+    """Intersection over union, 0 where both are empty."""
+    union = (one | other).sum()
+    return float((one & other).sum() / union) if union else 0.0

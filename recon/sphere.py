@@ -21,7 +21,7 @@ class Sphere:
     covariance : (4, 4) of (centre, radius), metres^2, from how the outlines disagree with it; zero where given.
         From one viewpoint the distance (and with it the size) is free: it is a gauge that no distant
         light can reveal, and its variance counts as zero here.
-    residual_px : per photo, robust RMS distance of the outline from the sphere's; empty where given.
+    residual_px : per photo with an outline, robust RMS distance of that from the sphere's.
     """
 
     centre: Floats

@@ -11,9 +11,11 @@ from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
 
-# Folders under their temporary names, and whether one is taking its place just now.
-_unfinished: set[Path] = set()
+# Folders under their temporary names, with what is so if they are thrown away; and whether one is taking its place
+# just now.
+_unfinished: dict[Path, str] = {}
 _placing = threading.Lock()
+_NOTHING = "nothing was written, an earlier result is untouched"
 
 
 @contextmanager
@@ -29,6 +31,25 @@ def result_folder(out: Path, own: Sequence[str]) -> Iterator[Path]:
         yield temporary
         with _placing:
             _place(temporary, out)
+
+
+@contextmanager
+def added_files(out: Path, what: str) -> Iterator[Path]:
+    """A temporary folder whose content joins the finished result in the folder `out` when the block ends.
+
+    what : is added, in words, for who is told that it isn't there. An error leaves the result as it is; where it is one
+    of the input or the disk (ValueError, OSError) it then says so, as ValueError. What is there already under a name is
+    replaced, in the order of the names.
+    """
+    left = f"{out} holds the finished result but for {what}"
+    with _temporary_folder(out, left) as temporary:
+        try:
+            yield temporary
+            with _placing:
+                for path in sorted(temporary.iterdir()):
+                    os.replace(path, out / path.name)
+        except (ValueError, OSError) as error:
+            raise ValueError(f"{left}: {error}") from error
 
 
 @contextmanager
@@ -53,22 +74,23 @@ def result_files(out: Path, beside: Sequence[str] = (), inputs: Iterable[Path] =
                 os.replace(temporary / name, out.with_name(name))
 
 
-def discard_unfinished() -> bool:
-    """Remove the folders that are being written, as a program that is about to be stopped must.
+def discard_unfinished() -> str | None:
+    """Remove the folders that are being written, as a program that is about to be stopped must: what is left, in words.
 
-    False, and nothing removed, while a finished one is taking its place: that is over in a moment.
+    None, and nothing removed, while a finished one is taking its place: that is over in a moment.
     """
     if not _placing.acquire(blocking=False):
-        return False
+        return None
     for folder in list(_unfinished):
         shutil.rmtree(folder, ignore_errors=True)
-    return True
+    return next(iter(_unfinished.values()), _NOTHING)
 
 
 @contextmanager
-def _temporary_folder(out: Path) -> Iterator[Path]:
+def _temporary_folder(out: Path, without: str = _NOTHING) -> Iterator[Path]:
+    """A folder beside `out` for the time of the block. without : what is so if it is thrown away, in words."""
     temporary = out.absolute().with_name(f".{out.name}-{secrets.token_hex(4)}")
-    _unfinished.add(temporary)
+    _unfinished[temporary] = without
     try:
         try:
             temporary.mkdir(parents=True)
@@ -79,7 +101,7 @@ def _temporary_folder(out: Path) -> Iterator[Path]:
         yield temporary
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        _unfinished.discard(temporary)
+        _unfinished.pop(temporary, None)
 
 
 def _place(temporary: Path, out: Path) -> None:

@@ -40,9 +40,9 @@ class MetallicRoughness(Target):
         factor = min(float(brdf.ks.max()) / f0, 1.0)
         return Numbers(brdf.sigma, factor, np.pi * brdf.kd, brdf.ks / factor)
 
-    def bounds(self, brdf: Microfacet) -> tuple[Numbers, Numbers]:
+    def bounds(self, brdf: Microfacet, strongest: float = 1.0) -> tuple[Numbers, Numbers]:
         most = np.full(3, _MOST_F0)
-        return Numbers(LEAST_ALPHA, 0, np.zeros(3), np.zeros(3)), Numbers(1, 1, np.ones(3), most)
+        return Numbers(LEAST_ALPHA, 0, np.zeros(3), np.zeros(3)), Numbers(1, 1 / strongest, np.ones(3), most)
 
     def matte(self, base: Floats) -> Numbers:
         return Numbers(1.0, 0.0, np.minimum(base, 1), np.full(3, 0.04))

@@ -63,25 +63,29 @@ def reflectance_cosine(brdf: Microfacet, pairs: Pairs) -> Floats:
     return np.asarray(total)
 
 
-def map_brdf(brdf: Microfacet, targets: Sequence[Target]) -> Mapping:
+def map_brdf(brdf: Microfacet, targets: Sequence[Target], strongest: float = 1.0) -> Mapping:
     """The target of several that differs least from a BRDF, with its numbers.
+
+    strongest : how many times as strong as here the lobe must become in texels, with the same numbers but one.
 
     Minimised are differences of square roots, near to what differences look like on a screen: radiance itself would let
     the peak of the highlight decide everything else.
     """
     pairs = direction_pairs(brdf.sigma or _NO_LOBE_WIDTH)
     ours = reflectance_cosine(brdf, pairs)
-    mappings = [_judged(target, _fitted(target, brdf, ours, pairs), ours, pairs) for target in targets]
+    mappings = [
+        _judged(target, _fitted(target, brdf, ours, pairs, strongest), ours, pairs) for target in targets
+    ]
     return min(mappings, key=lambda mapping: mapping.relative_rms)
 
 
-def _fitted(target: Target, brdf: Microfacet, ours: Floats, pairs: Pairs) -> Numbers:
+def _fitted(target: Target, brdf: Microfacet, ours: Floats, pairs: Pairs, strongest: float) -> Numbers:
     if brdf.sigma is None or not brdf.ks.any():
         return target.matte(np.pi * brdf.kd)
     root_weights = np.sqrt(pairs.weights)[:, None]
     floor = _FLOOR * np.sqrt(np.average((ours**2).mean(axis=1), weights=pairs.weights))
 
-    low, high = (numbers.vector for numbers in target.bounds(brdf))
+    low, high = (numbers.vector for numbers in target.bounds(brdf, strongest))
     vector = np.clip(target.start(brdf).vector, low, high)
     # A neutral highlight stays neutral. Besides, what targets take off the base is told by the strongest channel: where
     # all are alike no slope shows how they would change together.

@@ -12,8 +12,9 @@ from capture.lighting import Lighting
 from invrender.model.microfacet import Microfacet
 from invrender.render.numbers import numbers
 from invrender.render.reflectance import reflectance
-from invrender.render.saved import SavedResult
+from invrender.render.saved import SavedQuantity, SavedResult
 from invrender.render.textures import Textures
+from invrender.report.page import with_error
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def material_of(result: SavedResult, assumed: Mapping[str, float], albedo: str |
         for name, value in found.assumed.items()
     ]
     notes += [
-        f"{name} is only weakly determined ({quantity.value} +- {quantity.std}); the export takes the value."
+        _weakness(result, name, quantity)
         for name in ("kd", "ks", "mu", "sigma")
         if (quantity := getattr(result.content.brdf, name)) is not None and quantity.status == "weak"
     ]
@@ -68,6 +69,16 @@ def material_of(result: SavedResult, assumed: Mapping[str, float], albedo: str |
     scale, note = _scale(result, found.brdf, found.textures, albedo)
     brdf = replace(found.brdf, kd=found.brdf.kd * scale, ks=found.brdf.ks * scale)
     return Material(brdf, _scaled(found.textures, scale), scale, found.assumed, (*notes, *note))
+
+
+def _weakness(result: SavedResult, name: str, quantity: SavedQuantity) -> str:
+    """What is said of a weak number that is exported, with the reason: a metal's mu has a small error."""
+    values, deviations = (
+        np.atleast_1d(np.array(of, float)).tolist() for of in (quantity.value, quantity.std)
+    )
+    text = ", ".join(with_error(value, std) for value, std in zip(values, deviations, strict=True))
+    reason = result.finding(name).reason
+    return f"{name} is only weakly determined ({text}){reason and f': {reason}'}; the export takes the value."
 
 
 def _scale(

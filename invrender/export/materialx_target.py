@@ -40,9 +40,10 @@ class StandardSurface(Target):
         mu = 5.0 if brdf.mu is None else brdf.mu
         return Numbers(brdf.sigma, mu, np.pi * brdf.kd, brdf.ks / fresnel_reflectance(mu, 1.0))
 
-    def bounds(self, brdf: Microfacet) -> tuple[Numbers, Numbers]:
+    def bounds(self, brdf: Microfacet, strongest: float = 1.0) -> tuple[Numbers, Numbers]:
         low, high = _INDEX_RANGE
-        return Numbers(LEAST_ALPHA, low, np.zeros(3), np.zeros(3)), Numbers(1, high, np.ones(3), np.ones(3))
+        most = np.full(3, 1 / strongest)
+        return Numbers(LEAST_ALPHA, low, np.zeros(3), np.zeros(3)), Numbers(1, high, np.ones(3), most)
 
     def matte(self, base: Floats) -> Numbers:
         return Numbers(1.0, 1.5, np.minimum(base, 1), np.zeros(3))

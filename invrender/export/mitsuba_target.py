@@ -44,7 +44,7 @@ class MitsubaBlend(Target):
         at_normal = fresnel_reflectance(brdf.mu, 1.0)
         return Numbers(brdf.sigma, brdf.mu, np.pi * brdf.kd, brdf.ks / at_normal)
 
-    def bounds(self, brdf: Microfacet) -> tuple[Numbers, Numbers]:
+    def bounds(self, brdf: Microfacet, strongest: float = 1.0) -> tuple[Numbers, Numbers]:
         low, high = (NO_INDEX, NO_INDEX) if brdf.mu is None else _INDEX_RANGE
         most = np.full(3, np.inf)
         return Numbers(LEAST_ALPHA, low, np.zeros(3), np.zeros(3)), Numbers(1, high, most, most)

@@ -22,6 +22,7 @@ from invrender.export.mitsuba import write_mitsuba
 from invrender.export.mitsuba_target import MITSUBA
 from invrender.export.shape import Shape, result_shape
 from invrender.export.target import Target
+from invrender.export.texels import strongest, texels_of
 from invrender.render.run import parse_assumed
 from invrender.render.saved import SavedResult, nearest, read_result
 from invrender.render.source_set import find_photoset
@@ -66,13 +67,17 @@ def run_export(options: ExportOptions) -> None:
     material = material_of(result, parse_assumed(options.assume), options.albedo)
     photoset = find_photoset(result, options.photoset)
     shape = result_shape(result, photoset)
-    if material.textures is not None and shape.mesh.uv is None:
+    if material.textures is not None and (material.textures.at_vertices or shape.mesh.uv is None):
+        how = "from vertex to vertex of" if material.textures.at_vertices else "by the texture coordinates of"
         raise ValueError(
-            f"{result.path}: Kd and Ks vary over the mesh by its texture coordinates, and {shape.file} has none"
+            f"{result.path}: Kd and Ks vary {how} {shape.file}, and exported textures need coordinates without overlap:"
+            " unwrap the mesh in another program, and run `lightfactor process` again with that mesh"
         )
     lighting = _lighting(result, material, options)
     camera = _camera(shape, options)
-    mapping = map_brdf(material.brdf, TARGETS[options.form])
+    # Of metal in places, formats end before the mean's numbers, times so much.
+    most = 1.0 if material.textures is None else strongest(texels_of(material.textures, material.brdf.ks))
+    mapping = map_brdf(material.brdf, TARGETS[options.form], most)
     with result_folder(options.out, EXPORT_FILES) as folder:
         if options.form == "gltf":
             written = write_gltf(folder, result.content.name, shape, material, mapping, lighting)

@@ -68,8 +68,8 @@ class Target:
         """Where the search for a BRDF with a lobe starts."""
 
     @abstractmethod
-    def bounds(self, brdf: Microfacet) -> tuple[Numbers, Numbers]:
-        """The least and the largest numbers that it takes."""
+    def bounds(self, brdf: Microfacet, strongest: float = 1.0) -> tuple[Numbers, Numbers]:
+        """The least and the largest numbers that it takes, where a texture makes the lobe so many times as strong."""
 
     @abstractmethod
     def matte(self, base: Floats) -> Numbers:

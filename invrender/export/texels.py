@@ -18,6 +18,8 @@ from invrender.render.textures import Textures
 
 Floats = NDArray[np.float64]
 
+_STRONG_PERCENTILE = 95.0
+
 
 @dataclass(frozen=True, eq=False)
 class Texels:
@@ -31,6 +33,11 @@ class Texels:
     def brightest(self) -> Floats:
         """The strongest channel of each texel's lobe, (h, w)."""
         return np.asarray(self.strength.max(axis=2))
+
+
+def strongest(texels: Texels) -> float:
+    """How many times as strong as the mean the lobe becomes, a twentieth of the texels aside: noise is among them."""
+    return max(float(np.percentile(texels.brightest, _STRONG_PERCENTILE)), 1.0)
 
 
 def texels_of(textures: Textures, ks: Floats) -> Texels:

@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from capture.files.outfolder import result_folder
+from capture.files.outfolder import added_files, result_folder
 from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.factor.choices import Choices
@@ -20,7 +20,7 @@ from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import Run
 from invrender.report.page import with_error
 from invrender.result import identifiability
-from invrender.run import RESULT_FILES, write_result
+from invrender.run import PICTURES, RESULT_FILES, write_fit, write_pictures
 
 OWN_FILES = (*RESULT_FILES, "factor.png")
 _LABELS = {
@@ -41,7 +41,9 @@ def run_factor(source: Path, out: Path, choices: Choices) -> Run:
         run = factor(photoset, choices, track)
         error = light_error(given, run.result)
         more = {"choices": choices.document(), "given": given_document(given, error)}
-        write_result(run, folder, more)
+        document = write_fit(run, folder, more)
+    with added_files(out, PICTURES) as folder:
+        write_pictures(run, folder, document)
         factor_figure(run.result, given, _pictured(run)).savefig(folder / "factor.png")
     _print_numbers(run.result, given)
     _print_light(run.result, given, error)

@@ -68,7 +68,9 @@ def render(
     ] = None,
     photo: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="The camera of a photograph of the set, by its file's name."),
+        typer.Option(
+            metavar="NAME", help="The camera of a photograph of the set, by its file's name, and its light."
+        ),
     ] = None,
     photoset: Annotated[
         Path | None,

@@ -96,7 +96,7 @@ def reflectance(result: SavedResult, assumed: Mapping[str, float], means: bool =
         notes.append("Kd and Ks vary over the object; the picture has their means.")
     if textures is not None and (table := result.content.texture) is not None and table.known < 1:
         notes.append(
-            f"The photographs leave Kd and Ks open on {1 - table.known:.2g} of the surface: it is transparent in the"
+            f"The photographs leave Kd and Ks open on {1 - table.known:.0%} of the surface: it is transparent in the"
             " picture; --mean shows all of it, with the means."
         )
     if textures is not None:

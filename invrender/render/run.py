@@ -34,7 +34,8 @@ def run_render(options: RenderOptions) -> None:
     leave_cleanly_when_stopped()
     result = read_result(options.result)
     material = reflectance(result, parse_assumed(options.assume), options.mean)
-    lighting = chosen_lighting(result, options.lighting, options.light, options.sources, options.panorama)
+    own = _own_lighting(result, options)
+    lighting = chosen_lighting(result, own, options.light, options.sources, options.panorama)
     element = light_element(lighting)
     photoset = find_photoset(result, options.photoset)
     subject = _subject(result, photoset, options)
@@ -81,6 +82,13 @@ def parse_assumed(texts: Sequence[str]) -> dict[str, float]:
         except ValueError:
             raise ValueError(f"--assume {text}: {value!r} is not a number; give {name}=VALUE") from None
     return assumed
+
+
+def _own_lighting(result: SavedResult, options: RenderOptions) -> str | None:
+    """Which of the result's lightings: the one that is named, or that of the photograph whose camera it is."""
+    if options.lighting is not None or options.light is not None or options.sources:
+        return options.lighting
+    return next((photo.lighting for photo in result.content.photos if photo.file == options.photo), None)
 
 
 def _subject(result: SavedResult, photoset: PhotoSet | None, options: RenderOptions) -> Subject:

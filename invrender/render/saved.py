@@ -82,13 +82,24 @@ class _Object(_Lenient):
 class _Texture(_Lenient):
     """Where Kd and Ks vary.
 
-    known : the share of points where the photographs determine them. mesh : beside result.json, the object with the
-    texture coordinates that were made for it.
+    kd, kd_std, ks, ks_std : the files beside result.json, None for what doesn't vary. known : the share of the surface
+    where the photographs determine them. mesh : beside result.json, too, the object with the texture coordinates that
+    were made for it.
     """
 
+    kd: str | None = None
+    kd_std: str | None = None
+    ks: str | None = None
+    ks_std: str | None = None
     at: Literal["texels", "vertices"] = "texels"
     known: float = 1.0
     mesh: str | None = None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All that it names."""
+        named = (self.kd, self.kd_std, self.ks, self.ks_std, self.mesh)
+        return tuple(name for name in named if name is not None)
 
 
 class _Bounces(_Lenient):
@@ -117,9 +128,10 @@ class SavedLighting(_Lenient):
 
 
 class SavedPhoto(_Lenient):
-    """A photograph and how well it is explained, relative RMS."""
+    """A photograph, the name of its lighting, and how well it is explained, relative RMS."""
 
     file: str
+    lighting: str | None = None
     held_out: bool
     rms_relative: float
 

@@ -88,13 +88,19 @@ class Textures:
 
 
 def read_textures(result: SavedResult, ks: Floats) -> Textures | None:
-    """The textures in a result's folder; None where it has none. ks : (3,), where only Kd varies."""
+    """The textures in a result's folder, None where it has none; ValueError where one that it names isn't there.
+
+    ks : (3,), where only Kd varies.
+    """
     folder, table = result.folder, result.content.texture
-    if not (folder / KD_NAME).is_file():
-        if table is not None:
+    # One Ks in place of a lost map, or no deviation in place of a lost one, would be made up.
+    for name in () if table is None else table.files:
+        if not (folder / name).is_file():
             raise ValueError(
-                f"{folder / KD_NAME}: is missing; {result.path} says that Kd varies over the object"
+                f"{folder / name}: is missing; {result.path} names it. Copy the whole folder that `lightfactor process`"
+                " wrote, or run it again"
             )
+    if not (folder / KD_NAME).is_file():
         return None
     kd_map = _read(folder / KD_NAME)
     ks_map = _read(folder / KS_NAME) if (folder / KS_NAME).is_file() else np.full((1, 1, 3), ks)

@@ -20,10 +20,12 @@ from invrender.report.pictures import (
     photo_error_figure,
     residual_figure,
     shrunk,
+    texture_figure,
     tone_mapped,
     white_level,
 )
 from invrender.result import identifiability
+from invrender.texture.layout import TexelLayout
 
 # Photographs beyond this many are listed with their errors, without pictures: the page stays small.
 _MAX_PICTURES = 24
@@ -78,6 +80,9 @@ class ReportWriter:
     def write(self, path: Path) -> None:
         """Write the page as one self-contained file."""
         result = self._run.result
+        textures = result.textures
+        # Values at vertices make no picture.
+        mapped = textures is not None and isinstance(textures.layout, TexelLayout)
         environment = Environment(
             loader=PackageLoader("invrender.report", "."),
             undefined=StrictUndefined,
@@ -105,6 +110,7 @@ class ReportWriter:
                 "residual": figure_url(residual_figure(self._run.fields, self._run.solved.residuals)),
                 "photos": figure_url(photo_error_figure(result.photos)),
                 "lighting": figure_url(lighting_figure(result.lightings)),
+                "texture": figure_url(texture_figure(textures)) if textures and mapped else None,
             },
         )
         path.write_text(page, encoding="utf-8")

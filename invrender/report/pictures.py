@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from capture.srgb import linear_to_srgb
 from invrender.factorization import FittedLighting, PhotoScore
 from invrender.result import lighting_map
+from invrender.texture.textures import Textures
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -23,6 +24,8 @@ Floats = NDArray[np.float64]
 # Pixels along the longer side: three pictures abreast on a wide screen, twice as fine for sharp displays.
 _PICTURE_PX = 640
 _INK, _ACCENT, _SOFT = "#24292f", "#0b6bcb", "#b9c4d0"
+# Of texels that the photographs leave open, 8 bits: neither black, which is paint, nor of a colour scale.
+_UNKNOWN = 200
 
 
 def tone_mapped(radiance: NDArray[np.floating], white: float) -> NDArray[np.uint8]:
@@ -141,6 +144,36 @@ def lighting_figure(entries: Sequence[FittedLighting]) -> Figure:
             axes.set_xlabel("azimuth from +X (degrees)", fontsize=8)
         if k % across == 0:
             axes.set_ylabel("polar angle\nfrom +Z (degrees)", fontsize=8)
+    figure.tight_layout()
+    return figure
+
+
+def texture_figure(textures: Textures) -> Figure:
+    """Maps of Kd, and of Ks where it varies, beside their standard deviations; grey where they aren't known."""
+    rows = [("$K_d$", textures.kd, textures.kd_std)]
+    if textures.ks_varies:
+        rows.append(("$K_s$", textures.ks, textures.ks_std))
+    unknown = textures.layout.image(textures.known.astype(float)) == 0
+    figure = Figure(figsize=(8.6, 3.9 * len(rows)))
+    panels = figure.subplots(len(rows), 2, squeeze=False)
+    for (name, values, std), (paint, doubt) in zip(rows, panels, strict=True):
+        picture = tone_mapped(textures.layout.image(values), white_level(values[textures.known]))
+        picture[unknown] = _UNKNOWN
+        paint.set_title(name, fontsize=10, color=_INK)
+        # Of the surface's mean: where paint is black, a share of its own value would say nothing.
+        mean = float(values[textures.known].mean())
+        share = 100 * textures.layout.image(std.mean(axis=1)) / max(mean, 1e-30)
+        most = float(np.percentile(share[~unknown], 98))
+        colours = matplotlib.colormaps["viridis"](np.clip(share / max(most, 1e-30), 0, 1))[..., :3]
+        codes = np.round(255 * colours).astype(np.uint8)
+        codes[unknown] = _UNKNOWN
+        doubt.set_title(f"standard deviation (% of the mean {name})", fontsize=10, color=_INK)
+        scale = matplotlib.cm.ScalarMappable(matplotlib.colors.Normalize(0, most), "viridis")
+        figure.colorbar(scale, ax=doubt, fraction=0.046, extend="max").ax.tick_params(labelsize=8)
+        for axes, shown in ((paint, picture), (doubt, codes)):
+            axes.imshow(shrunk(shown), extent=(0, 1, 0, 1), interpolation="none")
+            axes.set(xlabel="u", ylabel="v", xticks=[0, 0.5, 1], yticks=[0, 0.5, 1])
+            axes.tick_params(labelsize=8)
     figure.tight_layout()
     return figure
 

@@ -26,8 +26,8 @@ MAX_FOLDS = 20
 # Relative RMS on unseen photographs from which on no number is given; RH01 report 5 to 10% for real objects.
 HOPELESS = 0.3
 MISFIT_REMEDY = (
-    "check the light's direction, distance and frame, the poses, the shape (a visual hull's normals are rough), masks"
-    " and encoding, and if the model suits the object"
+    "check the light's direction, distance and frame, the poses, the shape (a visual hull's normals are rough), masks,"
+    " encoding and exposures, and if the model suits the object"
 )
 # Standard errors of a paired difference beyond which the simpler model is clearly worse.
 _CLEARLY_WORSE = 3.0

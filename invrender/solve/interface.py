@@ -23,7 +23,7 @@ from invrender.theory.refinement import interval_rule
 Floats = NDArray[np.float64]
 
 # Share of the cost that the interface must take away to be a doubt; rounds in which base and lobe come to one mu.
-_NOTABLE, _ROUNDS = 1.02, 4
+NOTABLE, ROUNDS = 1.02, 4
 
 
 def under_interface(trial: Trial, plain: Estimate) -> Estimate | None:
@@ -32,24 +32,24 @@ def under_interface(trial: Trial, plain: Estimate) -> Estimate | None:
     trial : the share of the samples that it is fitted to. plain : the estimate with a Lambertian base there.
     """
     found = plain
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         assert found.brdf.mu is not None
         photos = [_behind(photo, found.brdf.mu) for photo in trial.photos]
         weights = [w.weight for w in trial.weights]
         found = fit(plain.model, total_statistics(photos, weights), found)
-    return found if _NOTABLE * found.cost < plain.cost else None
+    return found if NOTABLE * found.cost < plain.cost else None
 
 
 def _behind(photo: PhotoColumns, mu: float) -> PhotoColumns:
     """Columns with a base behind an interface, that sends as much in all."""
-    passed = _passed(mu, photo.field.cos_exitant)
+    share = passed(mu, photo.field.cos_exitant)
     columns = photo.columns.copy()
-    columns[..., 0] *= passed[None, :, None].astype(np.float32)
+    columns[..., 0] *= share[None, :, None].astype(np.float32)
     return replace(photo, columns=columns)
 
 
-def _passed(mu: float, cos: Floats) -> Floats:
-    """1 - F over its mean over the hemisphere, per projected solid angle."""
+def passed(mu: float, cos: Floats) -> Floats:
+    """What an interface lets out at cosines of exitant angles: 1 - F over its mean, per projected solid angle."""
     nodes, weights = interval_rule(32, 0, 1)
     mean = 2 * (weights * nodes * (1 - fresnel_reflectance(mu, nodes))).sum()
     return np.asarray((1 - fresnel_reflectance(mu, cos)) / mean)

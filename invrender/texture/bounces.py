@@ -5,8 +5,10 @@ it, in turns, on a subset of the points. All parts send light as the seen point 
 model is fitted anew.
 
 Photographs say less of it here. Under one light, what bounces onto a matte point is the same in all of them and passes
-for paint. So the prediction stands unless they speak against it: how many times as much of it they ask for is weighed
-against what is known beforehand, that it is about right.
+for paint. So the prediction stands unless they speak against it, in two ways: by what the points leave unexplained,
+each with the Kd and Ks that suit it best; and by how bright paint would be where little but bounced light arrives,
+since paint knows of no shadows. How many times as much of it they ask for is then weighed against what is known
+beforehand, that it is about right.
 """
 
 from __future__ import annotations
@@ -43,8 +45,12 @@ Ints = NDArray[np.int64]
 
 # How many times the prediction there may be, before photographs were asked: 1, give or take this.
 _BEFOREHAND = 0.2
-# Of the prediction, what photographs must ask for less than, by more than two standard deviations, to refute it.
-_REFUTED = 0.5
+# How many times likelier photographs must make it that nothing bounces than the prediction, for it to be left in:
+# rendered without, as real ones never are.
+_ODDS = 10.0
+# Share of the irradiance by the lighting itself up to which a point lies in shadow. How near the paint there comes to
+# that elsewhere, in so many pieces of photographs at least.
+_SHADOW, _PAINT, _PIECES = 0.3, 0.1, 4
 # Points whose normals are opposite are as far apart as others at this share of the object's size: a thin wall's sides
 # may be painted differently.
 _SIDES = 0.1
@@ -215,7 +221,10 @@ def _judged(
     # What has a Kd and Ks only with bounced light, or only without it, is evidence for neither.
     known = determined(values[0]) & determined(values[1])
     weights = [one.weight * known[one.seen.points.points, None] for one in shown]
-    asked, asked_std = asked_for([one.seen.tiles for one in shown], weights, *residuals)
+    asked, asked_std = _together(
+        asked_for([one.seen.tiles for one in shown], weights, *residuals),
+        _asked_in_shadow(shown, by_mesh[1], values[0], known),
+    )
     whole = [one.seen.radiance for one in shown]
     errors = [fit.rungs[fit.chosen].error for fit in fits]
     before, after = (
@@ -225,7 +234,7 @@ def _judged(
     return Interreflection(
         relative=rms(less) / rms(whole),
         highest=highest_share(less, whole),
-        taken_off=asked + 2 * asked_std > _REFUTED,
+        taken_off=bool((asked - 1) ** 2 - asked**2 < 2 * np.log(_ODDS) * asked_std**2),
         asked=asked,
         asked_std=asked_std,
         error_with=errors[1],
@@ -241,3 +250,33 @@ def _doubt(found: Interreflection) -> float:
         return found.doubt
     variance = 1 / (1 / _BEFOREHAND**2 + 1 / max(found.asked_std, 1e-6) ** 2)
     return float(np.hypot(variance / max(found.asked_std, 1e-6) ** 2 * (found.asked - 1), np.sqrt(variance)))
+
+
+def _asked_in_shadow(
+    shown: Sequence[_Shown],
+    by_mesh: Sequence[tuple[Floats, Floats]],
+    without: PointValues,
+    known: NDArray[np.bool_],
+) -> tuple[float, float]:
+    """How many times the bounced light makes paint in shadow as bright as elsewhere, and its standard deviation.
+
+    Infinite where the photographs show too little of it: pieces are tiles of photographs.
+    """
+    kd, ks = (np.median(of[known], axis=0) for of in (without.kd, without.ks))
+    found = []
+    for one, (diffuse, specular) in zip(shown, by_mesh, strict=True):
+        dark = np.flatnonzero(one.diffuse.max(axis=1) < _SHADOW * (one.diffuse + diffuse).max(axis=1))
+        lacking = one.seen.radiance - kd * one.diffuse - ks * (one.specular + specular)
+        times = lacking[dark].sum(axis=1) / np.maximum((kd * diffuse)[dark].sum(axis=1), 1e-300)
+        tiles = one.seen.tiles[dark]
+        found += [float(np.median(times[tiles == tile])) for tile in np.unique(tiles)]
+    if len(found) < _PIECES:
+        return 1.0, np.inf
+    spread = float(np.std(found, ddof=1)) / np.sqrt(len(found))
+    return max(float(np.mean(found)), 0.0), float(np.hypot(spread, _PAINT))
+
+
+def _together(*answers: tuple[float, float]) -> tuple[float, float]:
+    """The mean of independent answers with their standard deviations, by these."""
+    weights = np.array([1 / max(std, 1e-6) ** 2 for _, std in answers])
+    return float(weights @ [value for value, _ in answers] / weights.sum()), float(weights.sum() ** -0.5)

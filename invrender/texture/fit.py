@@ -18,6 +18,7 @@ from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import Rung, adequate, choose, relative_rms
 from invrender.solve.explanation import shows_more
 from invrender.solve.forms import beside
+from invrender.solve.interface import NOTABLE, ROUNDS
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
 from invrender.solve.search import OTHER_FORMS, bounds_of, models_of, searched, simplex
@@ -69,7 +70,7 @@ class TexturedFit:
 
     rungs, chosen : the ladder; an estimate's Kd and Ks are means over the points. covariance, fragility : of the
     logarithms of sigma and mu - 1, as far as the chosen model has them; as of `uncertainty.Uncertainty`.
-    common_ks, common_ks_std : (3,), of all points where Ks doesn't vary.
+    common_ks, common_ks_std : (3,), of all points where Ks doesn't vary. interface_mu : as of `Solution`.
     """
 
     rungs: tuple[Rung, ...]
@@ -79,6 +80,7 @@ class TexturedFit:
     fragility: Floats
     common_ks: Floats
     common_ks_std: Floats
+    interface_mu: float | None
 
     @property
     def model(self) -> TexturedModel:
@@ -126,7 +128,13 @@ def fit_textured(
     covariance, fragility = _uncertainty(model, stack, point)
     if apart is not None:
         covariance = covariance + np.diag(apart[: len(point)] ** 2)
-    return TexturedFit(rungs, chosen, climbed.noise, covariance, fragility, ks, ks_std)
+    mu = None
+    if (there := behind_interface(model, stack, point)) is not None:
+        covariance = covariance + np.diag((there - point) ** 2)
+        mu, _ = numbers = _numbers(model, there)
+        if mu is not None and not model.ks_varies:
+            ks_std = np.hypot(ks_std, common_ks(stack.behind_interface(mu).sums(numbers))[0] - ks)
+    return TexturedFit(rungs, chosen, climbed.noise, covariance, fragility, ks, ks_std, mu)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +171,7 @@ def _climb(
     stacks, starts, costs = {}, {}, {}
     for form, rows in photos.items():
         stacks[form], richest = Stack.of(rows, points, noise, form), textured_models(form)[-1]
-        starts[form] = _search(richest, stacks[form], near)
+        starts[form] = search_point(richest, stacks[form], near)
         costs[form] = _cost(richest, stacks[form], starts[form])
     best = min(costs, key=lambda form: costs[form])
     richest = textured_models(best)[-1]
@@ -175,7 +183,7 @@ def _climb(
     ladders = {}
     for form, stack in stacks.items():
         models = LADDER if form is PRINTED else textured_models(form)
-        places = tuple(_search(model, stack, starts[form]) for model in models)
+        places = tuple(search_point(model, stack, starts[form]) for model in models)
         rungs = []
         for model, point in zip(models, places, strict=True):
             rungs.append(_rung(model, stack, count, point, judged))
@@ -243,7 +251,8 @@ def _numbers(model: Model, point: Floats) -> Numbers:
     return (1 + float(np.exp(point[1])) if model.fresnel else None), sigma
 
 
-def _search(model: TexturedModel, stack: Stack, near: Floats | None = None) -> Floats:
+def search_point(model: TexturedModel, stack: Stack, near: Floats | None = None) -> Floats:
+    """log sigma and log(mu - 1), as far as the model has them, at which the least is left; near : where to begin."""
     if not model.specular:
         return np.zeros(0)
     lower, upper = bounds_of(model)
@@ -337,6 +346,22 @@ def _parameters(model: TexturedModel, points: int) -> int:
     """Count of the numbers of a model of so many points."""
     common = model.specular and not model.ks_varies
     return 3 * points * (1 + model.ks_varies) + 3 * common + model.specular + model.fresnel
+
+
+def behind_interface(model: TexturedModel, stack: Stack, point: Floats) -> Floats | None:
+    """Where the search ends were the base under an interface, as of plastic; None if that explains no more.
+
+    As `interface.under_interface` has it of one BRDF.
+    """
+    if not model.fresnel:
+        return None
+    behind, found = stack, point
+    for _ in range(ROUNDS):
+        mu, _ = _numbers(model, found)
+        assert mu is not None
+        behind = stack.behind_interface(mu)
+        found = search_point(model, behind, found)
+    return found if NOTABLE * _cost(model, behind, found) < _cost(model, stack, point) else None
 
 
 def _uncertainty(model: TexturedModel, stack: Stack, point: Floats) -> tuple[Floats, Floats]:

@@ -59,6 +59,10 @@ class Layout(Protocol):
     def points(self) -> SurfacePoints:
         """The points, computed anew whenever they are asked for."""
 
+    @property
+    def areas(self) -> Floats:
+        """Of the surface, how much each point stands for, (n,), in any unit."""
+
     def places(self, faces: Ints, corner_weights: Floats) -> tuple[Ints, Floats]:
         """Points (m, k) around places in faces, (m,) and (m, 3), -1 where there is none, and their weights (m, k)."""
 
@@ -90,6 +94,11 @@ class VertexLayout:
     def points(self) -> SurfacePoints:
         mesh = self.body.mesh
         return SurfacePoints(mesh.vertices, mesh.normals, mesh.normals)
+
+    @property
+    def areas(self) -> Floats:
+        faces = self.body.mesh.faces
+        return np.asarray(np.bincount(faces.ravel(), np.repeat(_areas(self.body.mesh), 3), len(self)), float)
 
     def places(self, faces: Ints, corner_weights: Floats) -> tuple[Ints, Floats]:
         return self.body.mesh.faces[faces], corner_weights
@@ -134,6 +143,11 @@ class TexelLayout:
         normals = blended(mesh.normals, at, self.weights)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return SurfacePoints(blended(mesh.vertices, at, self.weights), normals, self.body.facets[self.faces])
+
+    @property
+    def areas(self) -> Floats:
+        charts = np.abs(_doubled(self.corners))[self.faces]
+        return np.asarray(_areas(self.body.mesh)[self.faces] / charts)
 
     def places(self, faces: Ints, corner_weights: Floats) -> tuple[Ints, Floats]:
         uv = np.einsum("mk,mkc->mc", corner_weights, self.corners[faces])
@@ -217,7 +231,7 @@ def _fault(mesh: TriangleMesh, corners: Floats) -> str:
     if corners.min() < -_EDGE or corners.max() > 1 + _EDGE:
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         return f"they run from {low.round(3).tolist()} to {high.round(3).tolist()}, beyond 0 to 1"
-    areas = np.linalg.norm(area_vectors(mesh.vertices, mesh.faces), axis=1)
+    areas = _areas(mesh)
     bare = float(areas[np.abs(_doubled(corners)) < 1e-12].sum() / areas.sum())
     if bare > _BARE:
         return f"{bare:.0%} of the surface has none of any area"
@@ -227,7 +241,7 @@ def _fault(mesh: TriangleMesh, corners: Floats) -> str:
 def _texels(body: MeshBody, corners: Floats, footprint: float) -> TexelLayout | str:
     """The layout of texture coordinates, or what is wrong with them."""
     mesh = body.mesh
-    surface = np.linalg.norm(area_vectors(mesh.vertices, mesh.faces), axis=1).sum()
+    surface = _areas(mesh).sum()
     chart = np.abs(_doubled(corners)).sum() / 2
     return _rastered(body, corners, int(np.clip(np.sqrt(surface / chart) / footprint, _SMALLEST, LARGEST)))
 
@@ -280,6 +294,11 @@ def _covered(corners: Floats, side: int) -> Iterator[tuple[Ints, Ints, Floats]]:
             ) / doubled[faces]
         within = weights.min(axis=1) >= -1e-9
         yield row[within] * side + column[within], faces[within], weights[within]
+
+
+def _areas(mesh: TriangleMesh) -> Floats:
+    """The areas (f,) of a mesh's faces."""
+    return np.linalg.norm(area_vectors(mesh.vertices, mesh.faces), axis=1)
 
 
 def _doubled(corners: Floats) -> Floats:

@@ -50,7 +50,7 @@ def textured_solution(
     energy = np.sqrt(np.mean([np.mean(fields[label].radiance ** 2) for label in labels]))
     structured = structured_rms([fields[label] for label in labels], trusted) / float(energy)
     rung = fit.rungs[fit.chosen]
-    kd, ks = (values[textures.known].mean(axis=0) for values in (textures.kd, textures.ks))
+    kd, ks = textures.mean(textures.kd), textures.mean(textures.ks)
     estimate = replace(rung.estimate, brdf=replace(fit.brdf, kd=kd, ks=ks))
     rungs = tuple(replace(r, estimate=estimate) if k == fit.chosen else r for k, r in enumerate(fit.rungs))
     quantities, names, std = _quantities(lightings, fit, textures, fields, estimate.brdf, structured, unsure)
@@ -69,6 +69,7 @@ def textured_solution(
         covariance=np.diag(std**2),
         covariance_names=names,
         gauge="absolute: the given lighting fixes the scale of Kd and Ks in each channel",
+        interface_mu=fit.interface_mu,
     )
 
 
@@ -85,13 +86,11 @@ def _quantities(
 
     Whatever is structured in the residuals counts as a share of each number, as of one BRDF.
     """
-    count = int(textures.known.sum())
     share = np.hypot(structured, NUMERICAL)
     scale = mean.kd + mean.ks
 
     def of_mean(deviations: Floats) -> Floats:
-        spread = np.sqrt((deviations[textures.known] ** 2).mean(axis=0) / count)
-        return np.hypot(spread, share * scale)
+        return np.hypot(textures.mean_std(deviations), share * scale)
 
     kd_std = np.hypot(of_mean(textures.kd_std), unsure[:3] * mean.kd)
     quantities = {"kd": assess_linear(mean.kd, kd_std, scale, "Kd")}

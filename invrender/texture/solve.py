@@ -133,7 +133,8 @@ def solve_textured(
     unsure = np.zeros(6)
     if accounted is not None:
         shares = accounted.unsure_at(layout.points)
-        textures, unsure = textures.less_sure(shares), shares[textures.known].mean(axis=0)
+        textures = textures.less_sure(shares)
+        unsure = np.concatenate([textures.mean(of) for of in np.split(shares, 2, axis=1)])
 
     def radiance(photo: Photo, field: LightField) -> Floats:
         brdf = fit.brdf
@@ -344,11 +345,11 @@ def _residuals(
 def _remarks(faults: Sequence[str], textures: Textures) -> list[str]:
     """What a user should know of the texture before using it."""
     remarks = sentences(faults)
-    unknown = 1 - float(textures.known.mean())
+    unknown = 1 - textures.share_known
     if unknown > _UNKNOWN:
         remarks.append(
             f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't tell its Kd from"
-            " its Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides would fill"
-            " it."
+            " its Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides, or under"
+            " light from elsewhere, would fill it."
         )
     return remarks

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from invrender.model.columns import specular_weights
 from invrender.model.lobes import LobeForm
+from invrender.solve.interface import passed
 from invrender.solve.noise import NoiseModel
 from invrender.texture.sums import PointValues, Sums
 
@@ -27,6 +28,7 @@ class Rows:
     points : (r,), each once. columns : (channels, r, q), as of `PhotoColumns`. radiance : (r, 3); brightness : (r, 3),
     about the same, by which noise is judged. share : (r,), the variance of these interpolated numbers over that of a
     pixel, divided by how far its geometry is trusted. tiles : (r,), from 0, the tile of the photograph that each is in.
+    cos_exitant : (r,).
     """
 
     points: Ints
@@ -35,6 +37,7 @@ class Rows:
     brightness: Floats
     share: Floats
     tiles: Ints
+    cos_exitant: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,7 @@ class Stack:
 
     form : of the columns. points : (p,), those seen, of `size` in all; starts : (p,), their first rows. at, photo,
     tiles : (r,), point, photograph and tile of each row. diffuse, radiance, weight : (r, 3). specular :
-    (channels * r, q) columns. trust : (r, 3), as of `Weights`. share : as of `Rows`, (r, 1).
+    (channels * r, q) columns. trust : (r, 3), as of `Weights`. share, cos_exitant : as of `Rows`, (r, 1).
     """
 
     form: LobeForm
@@ -59,6 +62,7 @@ class Stack:
     weight: Floats
     trust: Floats
     share: Floats
+    cos_exitant: Floats
 
     @classmethod
     def of(cls, photos: Sequence[Rows], size: int, noise: NoiseModel, form: LobeForm) -> Stack:
@@ -85,6 +89,7 @@ class Stack:
             weight=1 / (noise.variance(brightness) * share),
             trust=np.ones_like(brightness),
             share=share,
+            cos_exitant=np.concatenate([rows.cos_exitant for rows in photos])[order, None],
         )
 
     def transfers(self, numbers: Numbers) -> tuple[Floats, Floats]:
@@ -117,6 +122,10 @@ class Stack:
         )
         return dd, dy, yy, count[:, 0]
 
+    def behind_interface(self, mu: float) -> Stack:
+        """The same, the diffuse base behind a smooth interface that sends as much in all."""
+        return replace(self, diffuse=self.diffuse * passed(mu, self.cos_exitant))
+
     def _added(self, values: Floats) -> Floats:
         """Sums (size, k) over the rows of each point of values (r, k)."""
         total = np.zeros((self.size, values.shape[1]))
@@ -141,6 +150,7 @@ class Stack:
             weight=self.weight[own],
             trust=self.trust[own],
             share=self.share[own],
+            cos_exitant=self.cos_exitant[own],
         )
 
     def predicted(self, values: PointValues, numbers: Numbers) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,21 @@ class Textures:
             kd_std=np.hypot(self.kd_std, of_kd * self.kd),
             ks_std=np.hypot(self.ks_std, of_ks * self.ks),
         )
+
+    @cached_property
+    def share_known(self) -> float:
+        """The share of the surface that is known: texels of a map stand for more of it here than there."""
+        areas = self.layout.areas
+        return float(areas[self.known].sum() / areas.sum())
+
+    def mean(self, values: Floats) -> Floats:
+        """The mean (3,) of values (n, 3) over the surface that is known."""
+        return np.asarray(np.average(values[self.known], axis=0, weights=self.layout.areas[self.known]))
+
+    def mean_std(self, deviations: Floats) -> Floats:
+        """The standard deviation (3,) of a mean over the surface from the points' own (n, 3), as if independent."""
+        areas = self.layout.areas[self.known, None]
+        return np.asarray(np.sqrt(((areas * deviations[self.known]) ** 2).sum(axis=0)) / areas.sum())
 
     def at(self, field: LightField) -> tuple[Floats, Floats]:
         """Kd and Ks (m, 3) at each ray of a field, NaN where none of the points around it is known."""

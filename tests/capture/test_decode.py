@@ -321,12 +321,39 @@ def test_a_mask_is_coverage_and_any_nonzero_value_is_the_object(tmp_path):
     assert_array_equal(ones, mask > 0)
 
 
+@pytest.mark.parametrize("name", ["m.png", "m.tif", "m.exr"])
+def test_alpha_is_the_mask_whatever_the_picture_shows(tmp_path, name):
+    picture = np.random.default_rng(4).integers(0, 256, (4, 6, 3), np.uint8)
+    alpha = np.zeros((4, 6), np.uint8)
+    alpha[1:3, 2:4] = 255
+    alpha[1, 1] = 51
+
+    def written(alpha: np.ndarray) -> Path:
+        path = tmp_path / name
+        if path.suffix == ".exr":
+            write_exr(path, picture / 255, layers={"A": alpha / 255})
+        else:
+            Image.fromarray(np.dstack([picture, alpha])).save(path)
+        return path
+
+    assert_allclose(read_mask(written(alpha), (4, 6)), alpha / 255, rtol=FLOAT32, equal_nan=False)
+    # Opaque everywhere, it says nothing of the object: the channels do.
+    expected = picture.max(axis=2) / picture.max()
+    assert_allclose(
+        read_mask(written(np.full_like(alpha, 255)), (4, 6)), expected, rtol=FLOAT32, equal_nan=False
+    )
+
+
 def test_a_bad_mask_is_named(tmp_path):
     path = write(tmp_path / "m.png", np.zeros((4, 6), np.uint8))
     with pytest.raises(ValueError, match=r"m\.png: the mask is empty"):
         read_mask(path, (4, 6))
     with pytest.raises(ValueError, match=r"m\.png: is 6x4 pixels, but its camera is 4x6"):
         read_mask(path, (6, 4))
+    with pytest.raises(
+        ValueError, match=r"its camera is 7x5; give the mask of this photo, drawn at its size"
+    ):
+        read_mask(path, (5, 7))
     write_exr(tmp_path / "m.exr", np.full((4, 6, 3), np.nan))
     with pytest.raises(ValueError, match=r"m\.exr: the mask holds 24 values that are not finite"):
         read_mask(tmp_path / "m.exr", (4, 6))

@@ -277,6 +277,32 @@ def test_a_failed_run_leaves_the_earlier_result(
     assert (out / "result.json").read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("fate", "status", "said"),
+    [
+        ("raise OSError(28, 'No space left on device')", 1, "error: {}: [Errno 28] No space left on device"),
+        ("os.kill(os.getpid(), signal.SIGTERM); time.sleep(60)", 128 + signal.SIGTERM, "stopped; {}"),
+    ],
+    ids=["failed", "stopped"],
+)
+def test_a_finished_fit_outlives_its_predictions(
+    lamp_set: Path, tmp_path: Path, fate: str, status: int, said: str
+) -> None:
+    out = tmp_path / "out"
+    code = (
+        "import os, signal, time\nfrom invrender.cli import main\nfrom invrender.pipeline import Run\n"
+        f"def _predict(run, photo): {fate}\nRun._predict = _predict\nmain()"
+    )
+    command = [sys.executable, "-c", code, "process", str(lamp_set), "-o", str(out), "--samples", "1000"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    left = f"{out} holds the finished result but for predicted photographs and report"
+    assert (done.returncode, done.stderr.strip()) == (status, f"lightfactor: {said.format(left)}")
+    assert "Kd red" in done.stdout
+    assert json.loads((out / "result.json").read_text())["predicted_binning"] is None
+    assert sorted(path.name for path in out.iterdir()) == ["lighting.exr", "result.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set"]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_run_leaves_nothing_behind(small_set: Path, tmp_path: Path, number: signal.Signals) -> None:
     code = "from invrender.cli import main; main()"

@@ -343,6 +343,35 @@ def test_matte_results_are_exact(lightfactor: Command, result: Path, tmp_path: P
     assert surface["extensions"]["KHR_materials_specular"]["specularFactor"] == 0
 
 
+def test_metal_in_places_keeps_its_strength(lightfactor: Command, result: Path, tmp_path: Path) -> None:
+    gilt = np.where(np.arange(16) % 2, 0.55, 0.08)[None, :, None] * np.ones((8, 1, 3))
+    make_mesh(result, np.full((8, 16, 3), 0.03), gilt)
+
+    def edit(document: Any) -> None:
+        document["brdf"]["model"] = "GGX"
+        document["brdf"]["kd"]["value"] = [0.03] * 3
+        document["brdf"]["ks"]["value"] = [0.315] * 3
+        document["brdf"]["mu"] |= {"value": 3.4, "std": 0.006218, "status": "weak"}
+
+    change(result, edit)
+    code, said, _ = lightfactor("export", result, "--format", "gltf", "-o", tmp_path / "gltf")
+    assert code == 0
+    assert "(3.4000 ± 0.0062)" in said
+    extensions = glb_parts(tmp_path / "gltf" / "object.glb")[0]["materials"][0]["extensions"]
+    specular, index = extensions["KHR_materials_specular"], extensions["KHR_materials_ior"]["ior"]
+    factor = specular["specularFactor"] * glb_image(tmp_path / "gltf" / "object.glb", 1)[:, :, 3] / 255
+    f0 = factor * max(specular["specularColorFactor"]) * ((index - 1) / (index + 1)) ** 2
+    assert lightfactor("export", result, "--format", "materialx", "-o", tmp_path / "materialx")[0] == 0
+    layer = json.loads((tmp_path / "materialx" / "export.json").read_text())["material"]["parameters"]
+    colour = read_pixels(tmp_path / "materialx" / "specular_color.exr")[:, :, 1]
+    index = layer["specular_IOR"]
+    layer_f0 = layer["specular"] * colour * ((index - 1) / (index + 1)) ** 2
+    # The mapping of the mean puts F0 up to a tenth elsewhere, for the sake of grazing angles. Cut off at what the
+    # mean's index gives at most, the gilt texels' was too small by two fifths.
+    for theirs in (f0, layer_f0):
+        assert_allclose(theirs, gilt[:, :, 0], rtol=0.15)
+
+
 def test_materialx_is_one_document_with_what_it_names(
     lightfactor: Command, result: Path, tmp_path: Path
 ) -> None:
@@ -427,6 +456,9 @@ def test_what_cannot_be_exported_is_refused_in_words(
     make_mesh(result, np.full((4, 8, 3), 0.1), np.full((4, 4, 3), 0.02))
     assert "8x4 and 4x4" in refused()
     (result / "texture_ks.exr").unlink()
+    # The ball has coordinates, but the texture isn't by them: it came out as one row of a map.
+    change(result, lambda document: document.update(texture={"at": "vertices"}))
+    assert "from vertex to vertex" in refused()
     (tmp_path / "set" / "ball.obj").unlink()
     assert "ball.obj" in refused()
     shutil.rmtree(tmp_path / "set")

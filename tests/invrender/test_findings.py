@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +85,18 @@ def test_a_wrong_photograph_is_named_and_does_little_harm(demo_set: Path) -> Non
     result = run(demo_set)
     (warning,) = [text for text in result.warnings if "far worse than the others" in text]
     assert warning.startswith("007.exr")
+    assert not any("is brightness" in text for text in result.warnings)
     assert result.model.estimate.model.name == "neutral microfacet"
+    assert_truth_is_covered(result)
+
+
+def test_photographs_of_another_exposure_are_named_with_their_brightness(demo_set: Path) -> None:
+    for name, factor in (("003.exr", 1.2), ("005.exr", 0.9)):
+        write_exr(demo_set / name, read_pixels(demo_set / name).astype(np.float32) * np.float32(factor))
+    result = run(demo_set)
+    (warning,) = [text for text in result.warnings if "is brightness" in text]
+    assert "are 0.90 (005.exr) to 1.20 (003.exr) times as bright as the fit has them" in warning
+    assert "exposure (now 'equal')" in warning
     assert_truth_is_covered(result)
 
 
@@ -117,10 +129,26 @@ def test_a_light_from_the_wrong_side_gives_no_numbers(demo_set: Path) -> None:
     assert result.misfits
     assert all(quantity.value is None for quantity in result.quantities.values())
     assert any("No model explains" in text for text in result.warnings)
+    assert any("if its lamps were pointing the other way" in text for text in result.warnings)
     for row in identifiability(result):
         assert row["status"] == "undetermined"
         assert "need no" not in row["reason"]
         assert "direction" in row["remedy"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda sky: np.roll(sky, sky.shape[1] // 4, axis=1), "its map were turned by -90 degrees about +Z"),
+        (lambda sky: sky[::-1], "its map were upside down"),
+    ],
+)
+def test_a_map_in_other_axes_is_named(
+    demo_set: Path, change: Callable[[np.ndarray], np.ndarray], said: str
+) -> None:
+    path = demo_set / "lighting.exr"
+    write_exr(path, np.ascontiguousarray(change(read_pixels(path).astype(np.float32))))
+    assert any(said in text for text in run(demo_set).warnings)
 
 
 def test_floats_that_were_cut_off_are_left_out_and_told(demo_set: Path) -> None:

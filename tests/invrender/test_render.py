@@ -94,6 +94,15 @@ def test_the_picture_of_a_photograph_is_what_brute_force_integration_says(
     assert layers["A"].sum() == pytest.approx(mask.sum(), rel=2e-3)
     edge = (layers["A"] > 0) & ~inside
     assert radiance[edge].sum() == pytest.approx(truth[edge].sum(), rel=0.03)
+    # Of several lightings a photograph's camera comes with its own.
+    path = result / "result.json"
+    document = json.loads(path.read_text())
+    document["lighting"].insert(0, document["lighting"][0] | {"name": "other", "directional": []})
+    path.write_text(json.dumps(document))
+    code, said, _ = lightfactor("render", result, "--photo", "001.exr", "-o", tmp_path / "again.exr")
+    assert code == 0
+    assert f"under {document['lighting'][1]['name']}" in said
+    assert (read(tmp_path / "again.exr")[0] == radiance).all()
 
 
 def test_new_views_under_new_light_are_what_brute_force_integration_says(

@@ -162,6 +162,13 @@ def test_textures_without_coordinates_are_refused_or_averaged(lightfactor: Comma
     code, _, err = lightfactor(*common, *mesh)
     assert code == 1
     assert "texture_kd.exr: is [-1.0, -1.0, -1.0] at row 0, column 0" in err
+    # A map that is named and isn't there: neither one Ks in its place nor a deviation of zero.
+    document = json.loads((result / "result.json").read_text())
+    document["texture"] = {"kd": "texture_kd.exr", "kd_std": "texture_kd_std.exr", "ks": "texture_ks.exr"}
+    (result / "result.json").write_text(json.dumps(document))
+    code, _, err = lightfactor(*common, *mesh)
+    assert code == 1
+    assert "texture_ks.exr: is missing" in err
 
 
 SET = """
@@ -253,7 +260,7 @@ def test_what_of_a_texture_is_not_known_is_transparent(lightfactor: Command, tmp
     common = ("render", result, "--mesh", tmp_path / "tile.obj", "--view", "-90,90,3", "--fov", "15")
     code, out, _ = lightfactor(*common, "--size", "40x40", "-o", tmp_path / "x.exr")
     assert code == 0
-    assert "open on 0.5 of the surface" in out
+    assert "open on 50% of the surface" in out
     radiance, layers = read(tmp_path / "x.exr")
     # Up to half a texel on, 0.0625 of 0.79 m, neighbours that are known say what is there.
     assert (layers["A"][:, :16] == 0).all()

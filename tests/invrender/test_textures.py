@@ -21,11 +21,17 @@ from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
 from capture.photoset import load_photoset
 from invrender import pipeline
+from invrender.export.shape import tessellated
+from invrender.model.columns import specular_weights
+from invrender.model.lobes import PRINTED
 from invrender.pipeline import process
 from invrender.solve.noise import NoiseModel
+from invrender.texture.fit import behind_interface, search_point, textured_models
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
 from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
+from invrender.texture.stack import Rows, Stack
 from invrender.texture.sums import Sums, common_ks, solve_both, solve_kd
+from invrender.texture.textures import Textures
 from recon import atlas
 from recon.bodies import MeshBody
 from recon.trianglemesh import TriangleMesh, smooth_normals
@@ -143,6 +149,50 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
     assert np.abs(blurred.kd - expected).max() > 3 * np.abs(found.kd - expected).max()
 
 
+@pytest.mark.parametrize("plastic", [True, False])
+def test_paint_under_an_interface_is_a_doubt_of_mu(rng: np.random.Generator, plastic: bool) -> None:
+    photos, points, mu, sigma = 6, 300, 1.5, 0.15
+    # Lobes that brighten towards grazing views by the basis that columns have, whatever their width.
+    weights = specular_weights(mu, sigma)
+    rows = []
+    kd = rng.uniform(0.1, 0.3, (points, 3))
+    for _ in range(photos):
+        cos = rng.uniform(0.2, 1, points)
+        # Fresnel's equations once more [Born and Wolf 1999, 1.5.2], over their mean that integration finds: 0.908.
+        inner = np.sqrt(1 - (1 - cos**2) / mu**2)
+        reflected = (
+            ((cos - mu * inner) / (cos + mu * inner)) ** 2 + ((mu * cos - inner) / (mu * cos + inner)) ** 2
+        ) / 2
+        passed = (1 - reflected) / 0.908 if plastic else np.ones(points)
+        columns = np.concatenate(
+            [rng.uniform(0.2, 1, (points, 1)), rng.uniform(0, 1, (points, len(weights)))], axis=1
+        )
+        seen = kd * (columns[:, :1] * passed[:, None]) + 0.05 * (columns[:, 1:] @ weights)[:, None]
+        seen += 1e-3 * rng.standard_normal(seen.shape)
+        rows.append(
+            Rows(
+                np.arange(points),
+                columns[None].astype(np.float32),
+                seen,
+                np.full_like(seen, 0.1),
+                np.ones(points),
+                np.zeros(points, int),
+                cos,
+            )
+        )
+    stack = Stack.of(rows, points, NoiseModel(1e-3, 0.0), PRINTED)
+    model = textured_models(PRINTED)[1]
+    plain = search_point(model, stack)
+    there = behind_interface(model, stack, plain)
+    truth = np.log([sigma, mu - 1])
+    if plastic:
+        assert there is not None
+        assert np.abs(there - truth).max() < 0.5 * np.abs(plain - truth).max()
+    else:
+        assert there is None
+        assert_allclose(plain, truth, atol=0.05)
+
+
 def test_a_photograph_of_shadow_alone_is_told() -> None:
     one = np.ones((5, 3), np.float32)
     cover = csr_array(np.eye(5, dtype=np.float32))
@@ -167,6 +217,22 @@ def test_texels_lie_on_the_surface_where_their_coordinates_say() -> None:
         np.cross(*(mesh.vertices[mesh.faces[:, k]] - mesh.vertices[mesh.faces[:, 0]] for k in (1, 2))), axis=1
     )
     assert np.sqrt(area.sum() / 2 / len(layout.rows)) == pytest.approx(0.001, rel=0.02)
+
+
+def test_means_are_over_the_surface_however_its_map_is_stretched() -> None:
+    body = MeshBody(tessellated(np.zeros(3), 1.0, 48))
+    layout, _ = find_layout(body, 0.03)
+    edge = np.cos(np.radians(15.5 * 180 / 48))  # half-way between rings of vertices
+    for each in (layout, VertexLayout(body)):
+        z = each.points.positions[:, 2:].repeat(3, axis=1)
+        known = z[:, 0] > edge
+        textures = Textures(each, z, z, 0 * z + 0.1, z, known, ks_varies=False)
+        # Archimedes: zones of a sphere are as large as they are high. A row of texels more or less is 0.011 of it; a
+        # third of the rows are above.
+        assert textures.share_known == pytest.approx((1 - edge) / 2, abs=0.012)
+        assert_allclose(textures.mean(z), (1 + edge) / 2, atol=0.01)
+        # Of even weights 0.1 / sqrt(n); they are sines here, from 0 to 0.85: a little more.
+        assert 1 < textures.mean_std(textures.kd_std)[0] / (0.1 / np.sqrt(known.sum())) < 1.2
 
 
 def mirrored_uv(mesh: TriangleMesh) -> TriangleMesh:
@@ -228,8 +294,10 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
     found, std = (read_pixels(out / result["texture"][name]).astype(float) for name in ("kd", "kd_std"))
     known = read_exr_layers(out / "texture_kd.exr")["A"] > 0
     side = result["texture"]["side"]
-    assert known.mean() == pytest.approx(result["texture"]["known"], abs=0.02)
     assert 0.2 < known.mean() < 0.7  # the side that the light reaches
+    assert 0.2 < result["texture"]["known"] < 0.7
+    # Browsers show no EXR: the page has pictures of the maps.
+    assert 'alt="Textures"' in (out / "report.html").read_text()
     # A texel is the mean of the paint within it.
     paint = read_pixels(doll / truth["kd_map"]).astype(np.float32)
     expected = cv2.resize(paint, (side, side), interpolation=cv2.INTER_AREA)

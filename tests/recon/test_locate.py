@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -125,6 +127,14 @@ def test_a_given_sphere_of_the_wrong_size_or_place_is_named(views):
     around = tuple(views[0].camera.centre + 0.01)
     with pytest.raises(ValueError, match=r"^0\.png: .* lies behind the camera \(or around it\)"):
         locate_sphere(views, around, RADIUS)
+    # Too small for the masks by less than contradicts them: outlines tell, here to a third of a pixel's parts.
+    assert max(locate_sphere(views, CENTRE, RADIUS).residual_px) < 0.11
+    assert min(locate_sphere(views, CENTRE, 0.95 * RADIUS).residual_px) > 1
+    inverted = [
+        replace(view, silhouette=replace(view.silhouette, packed=~view.silhouette.packed)) for view in views
+    ]
+    with pytest.raises(ValueError, match=r"^0\.png: .* the mask is inverted"):
+        locate_sphere(inverted, CENTRE, RADIUS)
     # Millimetres where metres are meant: the sphere holds every camera.
     with pytest.raises(ValueError, match=r"^0\.png: .*centre and radius \(metres\)"):
         locate_sphere(views, CENTRE, 1000 * RADIUS)

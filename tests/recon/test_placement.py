@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -57,6 +59,9 @@ def test_a_mesh_somewhat_off_is_warned_of():
     found = check(to_world=shifted)
     assert all(0.8 < overlap < 0.95 for overlap in found.overlaps)
     assert "overlap by less than 95% in 3 of the photographs (0.png 8" in found.warnings[0]
+    assert "align" in found.warnings[0]
+    one = check(masks=[MASKS[0], MASKS[1], np.roll(MASKS[2], 3, axis=1)]).warnings[0]
+    assert re.search(r"in 1 of the photographs \(2\.png \d\d%\): check their masks and poses", one)
 
 
 @pytest.mark.parametrize(
@@ -102,6 +107,56 @@ def test_another_convention_of_poses_is_named(convert, said):
         check(cameras=cameras)
 
 
+@pytest.mark.parametrize(
+    ("factor", "also"), [(1, ""), (1000, "0.001 times as large: millimetres taken for metres")]
+)
+@pytest.mark.parametrize(
+    ("turn", "why"),
+    [
+        ([[1, 0, 0], [0, 0, 1], [0, -1, 0]], "+Y is up in its file"),  # as Blender writes GLB
+        ([[0, 1, 0], [0, 0, 1], [1, 0, 0]], ""),
+    ],
+)
+def test_turned_axes_are_named_with_the_place_that_mends_them(turn, why, factor, also):
+    vertices, normals = (values @ np.transpose(turn) for values in (BODY.vertices, BODY.normals))
+    turned = replace(BODY, vertices=vertices, normals=normals)
+    with pytest.raises(ValueError, match="its axes were turned") as error:
+        check(replace(turned, vertices=factor * turned.vertices))
+    said = str(error.value)
+    assert why in said
+    assert also in said
+    place = np.array(json.loads(said[said.index("mesh_to_world = ") + 16 : said.index(" into [object]")]))
+    assert min(check(turned, place).overlaps) == 1
+
+
+def test_axes_and_poses_of_another_program_are_named_together():
+    turned = replace(BODY, vertices=BODY.vertices[:, [1, 2, 0]], normals=BODY.normals[:, [1, 2, 0]])
+    flip = np.diag([1.0, -1, -1, 1])
+    with pytest.raises(ValueError, match=r"OpenGL axes .*; and its axes were turned"):
+        check(turned, cameras=[camera.posed(flip @ camera.world_to_camera) for camera in CAMERAS])
+
+
+def test_masks_that_are_inverted_mirrored_or_white_all_over_are_named():
+    for flip, said in ((np.fliplr, "mirrored, right and left"), (np.flipud, "from the bottom up")):
+        with pytest.raises(ValueError, match=r"\d\.png: .*; the mask looks .*" + said):
+            check(masks=[flip(mask) for mask in MASKS])
+    with pytest.raises(
+        ValueError, match=r"0\.png: .*; the mask is inverted: it must be white where the object is"
+    ):
+        check(masks=[1 - mask for mask in MASKS])
+    with pytest.raises(ValueError, match=r"2\.png: .*; the mask is inverted"):
+        check(masks=[MASKS[0], MASKS[1], 1 - MASKS[2]])
+    with pytest.raises(ValueError, match=r"0\.png: .*; its mask is white all over"):
+        check(masks=[np.ones_like(mask) for mask in MASKS])
+
+
+def test_a_wrong_focal_length_is_a_size_that_fits():
+    said = r"0\.92\d times as large: check .* the camera's focal length"
+    assert re.search(said, check(cameras=[camera.zoomed(1.08) for camera in CAMERAS]).warnings[0])
+    with pytest.raises(ValueError, match=said.replace("92", "80")):
+        check(cameras=[camera.zoomed(1.24) for camera in CAMERAS])
+
+
 def test_faces_inside_out_are_named():
     with pytest.raises(ValueError, match="turned over: the mesh is inside out"):
         check(replace(BODY, faces=BODY.faces[:, ::-1], normals=-BODY.normals))
@@ -115,8 +170,17 @@ def test_a_photo_that_does_not_show_the_object_is_named():
     with pytest.raises(ValueError, match=r"1\.png: the object isn't seen"):
         check(cameras=[CAMERAS[0], aside, CAMERAS[2]])
     # A mask of something else.
-    with pytest.raises(ValueError, match=r"2\.png: mesh and mask overlap by only \d+%; check"):
+    with pytest.raises(
+        ValueError, match=r"2\.png: .* by only \d+%; 2 other photographs show .* check this one's mask"
+    ):
         check(masks=[MASKS[0], MASKS[1], np.roll(MASKS[2], 30, axis=1)])
+    with pytest.raises(
+        ValueError, match=r"1\.png: .* its mask is what the camera of 0\.png sees: .* exchanged\?"
+    ):
+        check(masks=[MASKS[0], MASKS[0], MASKS[2]])
+    # Every photograph shows another than its mask says: that is no single one's fault.
+    with pytest.raises(ValueError, match=r"0\.png: .*; check world_to_camera, mesh_to_world"):
+        check(masks=MASKS[1:] + MASKS[:1])
 
 
 def test_a_camera_within_the_mesh_is_said():
