@@ -8,7 +8,6 @@ normal, light as it is given sends to that normal turned back.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from scipy.optimize import nnls
 from capture.lighting import Lighting
 from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import highest_degree, map_coefficients
+from recon.conventions import signed_axes
 from recon.harmonics import clamped_cosine_transfer, degrees, evaluate_harmonics, to_degree
 from recon.lightfield import LightField
 
@@ -89,18 +89,13 @@ def _lamps(lighting: Lighting) -> Floats:
 
 def _frames() -> list[Floats]:
     """The given axes, then all others (3, 3) that axes can be taken to, likelier ones before others."""
-    signed = [
-        np.diag(signs) @ np.eye(3)[list(order)]
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-    ]
 
     def unlikely(frame: Floats) -> tuple[float, ...]:
         upright = frame[2, 2] == 1
         plain = np.array_equal(frame, _OPPOSITE) or np.array_equal(frame, _UPSIDE_DOWN)
         return 0 if upright else 1 if plain else 2, -np.linalg.det(frame).round(), -np.trace(frame)
 
-    return sorted(signed, key=unlikely)
+    return sorted(signed_axes(), key=unlikely)
 
 
 def _shown(fields: Sequence[LightField], lights: Sequence[Floats], frame: Floats) -> Floats:

@@ -1,8 +1,9 @@
-"""Conventions of poses that are often mistaken for world_to_camera with OpenCV's axes."""
+"""Conventions of poses that are often mistaken for world_to_camera with OpenCV's axes, and of axes for each other."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,3 +29,12 @@ def other_conventions() -> Mapping[str, Callable[[Floats], Floats]]:
             lambda pose: np.asarray(np.linalg.inv(pose @ _FLIP))
         ),
     }
+
+
+def signed_axes() -> list[Floats]:
+    """The 48 matrices (3, 3) that take axes to axes, either way along: 24 turns and 24 mirrored ones."""
+    return [
+        np.diag(signs) @ np.eye(3)[list(order)]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]

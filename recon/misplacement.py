@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
 from recon.bodies import MeshBody, body_coverage
-from recon.conventions import other_conventions
+from recon.conventions import other_conventions, signed_axes
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -187,12 +187,7 @@ def _turns(mesh_to_world: Floats) -> Iterator[tuple[str, Mend]]:
 
     Those that take +Y to +Z come first: many formats have +Y up.
     """
-    signed = [
-        np.diag(signs) @ np.eye(3)[list(order)]
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-    ]
-    for turn in sorted(signed, key=lambda matrix: -matrix[2, 1]):
+    for turn in sorted(signed_axes(), key=lambda matrix: -matrix[2, 1]):
         if np.linalg.det(turn) < 0 or np.array_equal(turn, np.eye(3)):
             continue
         inner = np.eye(4)
