@@ -125,18 +125,24 @@ def _moved(known: Explanation, changes: Sequence[Floats]) -> Floats:
 def _behind_interface(known: Explanation) -> tuple[Floats, float] | None:
     """How reported numbers would differ were the base under an interface, and mu then; None if nothing asks for it."""
     model = known.rungs[known.chosen].estimate.model
-    if not model.fresnel or model.form not in known.trials:
+    if not model.specular or not model.form.has_fresnel or model.form not in known.trials:
         return None
     trial = known.trials[model.form]
     statistics = total_statistics(trial.photos, [w.weight for w in trial.weights])
-    plain = fit(model, statistics, trial.rung_like(model).estimate)
+    plain = bare = fit(model, statistics, trial.rung_like(model).estimate)
+    if not model.fresnel:
+        # What the interface keeps of grazing light hides by how much more the lobe sends.
+        plain = fit(replace(model, fresnel=True), statistics, trial.rungs[-1].estimate)
     other = under_interface(trial, plain)
     if other is None or other.brdf.mu is None:
         return None
+    mu = other.brdf.mu
+    if not model.fresnel:
+        other = replace(other, model=model, brdf=replace(other.brdf, mu=None))
     elements = {photo.lighting: photo.elements for photo in trial.photos}
-    ends = [pack(estimate, elements) for estimate in (plain, other)]
+    ends = [pack(estimate, elements) for estimate in (bare, other)]
     report = Report(ends[0], _has_known(trial.photos))
-    return report(ends[1].vector) - report(ends[0].vector), other.brdf.mu
+    return report(ends[1].vector) - report(ends[0].vector), mu
 
 
 def _has_known(photos: Sequence[PhotoColumns]) -> bool:

@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 
 # Share of the cost that the interface must take away to be a doubt; rounds in which base and lobe come to one mu.
 NOTABLE, ROUNDS = 1.02, 4
+# That of most plastics and varnishes.
+USUAL_MU = 1.5
 
 
 def under_interface(trial: Trial, plain: Estimate) -> Estimate | None:
@@ -31,13 +33,20 @@ def under_interface(trial: Trial, plain: Estimate) -> Estimate | None:
 
     trial : the share of the samples that it is fitted to. plain : the estimate with a Lambertian base there.
     """
-    found = plain
+    # A base that darkens towards grazing may have driven mu far off.
+    starts = (plain, replace(plain, brdf=replace(plain.brdf, mu=USUAL_MU)))
+    found = min((_agreed(trial, start) for start in starts), key=lambda estimate: estimate.cost)
+    return found if NOTABLE * found.cost < plain.cost else None
+
+
+def _agreed(trial: Trial, found: Estimate) -> Estimate:
+    """The estimate in which base and lobe come to one mu, from one nearby."""
     for _ in range(ROUNDS):
         assert found.brdf.mu is not None
         photos = [_behind(photo, found.brdf.mu) for photo in trial.photos]
         weights = [w.weight for w in trial.weights]
-        found = fit(plain.model, total_statistics(photos, weights), found)
-    return found if NOTABLE * found.cost < plain.cost else None
+        found = fit(found.model, total_statistics(photos, weights), found)
+    return found
 
 
 def _behind(photo: PhotoColumns, mu: float) -> PhotoColumns:

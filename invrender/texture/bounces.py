@@ -33,9 +33,10 @@ from invrender.interreflection import (
 from invrender.model.bounce import Bounced, Parts
 from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
-from invrender.texture.fit import TexturedFit, solved
+from invrender.texture.fit import TexturedFit
 from invrender.texture.joint import determined
 from invrender.texture.layout import SurfacePoints
+from invrender.texture.search import solved
 from invrender.texture.seen import Seen, transfers_of
 from invrender.texture.sums import PointValues, Sums
 from recon.bodies import MeshBody

@@ -18,12 +18,21 @@ from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import Rung, adequate, choose, relative_rms
 from invrender.solve.explanation import shows_more
 from invrender.solve.forms import beside
-from invrender.solve.interface import NOTABLE, ROUNDS
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
-from invrender.solve.search import OTHER_FORMS, bounds_of, models_of, searched, simplex
-from invrender.texture.stack import Numbers, Rows, Stack
-from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd
+from invrender.solve.search import OTHER_FORMS
+from invrender.texture.interface import behind_interface
+from invrender.texture.search import (
+    LADDER,
+    TexturedModel,
+    cost_at,
+    numbers_at,
+    search_point,
+    solved,
+    textured_models,
+)
+from invrender.texture.stack import Rows, Stack
+from invrender.texture.sums import common_ks
 
 Floats = NDArray[np.float64]
 
@@ -33,30 +42,12 @@ _FIRST_NOISE = NoiseModel(0.01, 0.01)
 _PREDICTED = 1.0
 # Patches of the surface by which models are compared.
 _PATCHES = 60
-# How near the search comes to mu - 1 and sigma, relative.
-_NEAR = 1e-5
 # Step of the slopes, in log sigma and log(mu - 1).
 _STEP = 0.02
 # Observations of points that forms are tried on: each point takes up some of its own for its Kd and Ks.
 _TRIED = 6000
 
 
-@dataclass(frozen=True)
-class TexturedModel(Model):
-    """A rung: what varies over the surface besides Kd."""
-
-    ks_varies: bool = False
-
-
-def textured_models(form: LobeForm) -> tuple[TexturedModel, ...]:
-    """The models with a specular part of this form, those with fewer parameters first; Ks varies in the last."""
-    even = tuple(
-        TexturedModel(f"{model.name}, Kd varies", True, model.fresnel, form) for model in models_of(form)
-    )
-    return *even, replace(even[-1], name=f"{form.name}, Kd and Ks vary", ks_varies=True)
-
-
-LADDER = (TexturedModel("lambertian, Kd varies", specular=False, fresnel=False), *textured_models(PRINTED))
 # How often `fit_textured` reports progress, at most: RH01's ladder, all forms' on a share, and that which they choose.
 FIT_STEPS = (len(OTHER_FORMS) + 3) * len(LADDER)
 
@@ -124,15 +115,16 @@ def fit_textured(
     stack = climbed.stacks[model.form]
     ks = ks_std = np.zeros(3)
     if model.specular and not model.ks_varies:
-        ks, ks_std = common_ks(stack.sums(_numbers(model, point)))
+        ks, ks_std = common_ks(stack.sums(numbers_at(model, point)))
     covariance, fragility = _uncertainty(model, stack, point)
     if apart is not None:
         covariance = covariance + np.diag(apart[: len(point)] ** 2)
     mu = None
     if (there := behind_interface(model, stack, point)) is not None:
-        covariance = covariance + np.diag((there - point) ** 2)
-        mu, _ = numbers = _numbers(model, there)
-        if mu is not None and not model.ks_varies:
+        covariance = covariance + np.diag((there[: len(point)] - point) ** 2)
+        mu = 1 + float(np.exp(there[1]))
+        if not model.ks_varies:
+            numbers = (mu, float(np.exp(there[0])))
             ks_std = np.hypot(ks_std, common_ks(stack.behind_interface(mu).sums(numbers))[0] - ks)
     return TexturedFit(rungs, chosen, climbed.noise, covariance, fragility, ks, ks_std, mu)
 
@@ -172,7 +164,7 @@ def _climb(
     for form, rows in photos.items():
         stacks[form], richest = Stack.of(rows, points, noise, form), textured_models(form)[-1]
         starts[form] = search_point(richest, stacks[form], near)
-        costs[form] = _cost(richest, stacks[form], starts[form])
+        costs[form] = cost_at(richest, stacks[form], starts[form])
     best = min(costs, key=lambda form: costs[form])
     richest = textured_models(best)[-1]
     noise, weighed = _weighed(richest, stacks[best], count, starts[best])
@@ -236,45 +228,13 @@ def _point_like(model: Model, ladder: _Ladder) -> Floats:
     return min(pairs, key=lambda pair: (pair[0].ks_varies != wanted[1], pair[0].fresnel != wanted[0]))[1]
 
 
-def solved(model: TexturedModel, sums: Sums, ks: Floats | None = None) -> PointValues:
-    """Kd and Ks of points under a model; ks : (3,), where it doesn't vary, as found by others."""
-    if model.ks_varies:
-        return solve_both(sums)
-    if not model.specular:
-        return solve_kd(sums, np.zeros(3))
-    return solve_kd(sums, common_ks(sums)[0] if ks is None else ks)
-
-
-def _numbers(model: Model, point: Floats) -> Numbers:
-    """mu and sigma at the search's coordinates, log sigma and log(mu - 1)."""
-    sigma = float(np.exp(point[0])) if model.specular else None
-    return (1 + float(np.exp(point[1])) if model.fresnel else None), sigma
-
-
-def search_point(model: TexturedModel, stack: Stack, near: Floats | None = None) -> Floats:
-    """log sigma and log(mu - 1), as far as the model has them, at which the least is left; near : where to begin."""
-    if not model.specular:
-        return np.zeros(0)
-    lower, upper = bounds_of(model)
-
-    def cost(point: Floats) -> float:
-        return _cost(model, stack, point)
-
-    start = searched(cost, lower, upper) if near is None else np.clip(near[: len(lower)], lower, upper)
-    return simplex(cost, start, lower, upper, size=0.02, near=_NEAR)
-
-
-def _cost(model: TexturedModel, stack: Stack, point: Floats) -> float:
-    return float(solved(model, stack.sums(_numbers(model, point))).cost.sum())
-
-
 def _weighed(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> tuple[NoiseModel, Stack]:
     """The noise of a pixel, and the rows weighed by it, from what a fit leaves.
 
     Residuals are taken for larger by what each point's own numbers take up of them. Where paint changes within a pixel
     they stray as noise does not, and count for less.
     """
-    numbers = _numbers(model, point)
+    numbers = numbers_at(model, point)
     total = stack.sums(numbers)
     values = solved(model, total)
     at, share = stack.at, stack.share
@@ -294,7 +254,7 @@ def _weighed(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> 
 
 def _judged(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> NDArray[np.bool_]:
     """Which rows (r,) the richest model predicts well enough from the other photographs to be judged by."""
-    numbers = _numbers(model, point)
+    numbers = numbers_at(model, point)
     total = stack.sums(numbers)
     d, s = stack.transfers(numbers)
     judged = np.zeros(len(d), bool)
@@ -315,7 +275,7 @@ def _rung(model: TexturedModel, stack: Stack, photos: int, point: Floats, judged
 
     mu and sigma are those of all photographs: two numbers that one of them moves but little.
     """
-    numbers = _numbers(model, point)
+    numbers = numbers_at(model, point)
     total = stack.sums(numbers)
     values = solved(model, total)
     seen = total.count > 0
@@ -348,22 +308,6 @@ def _parameters(model: TexturedModel, points: int) -> int:
     return 3 * points * (1 + model.ks_varies) + 3 * common + model.specular + model.fresnel
 
 
-def behind_interface(model: TexturedModel, stack: Stack, point: Floats) -> Floats | None:
-    """Where the search ends were the base under an interface, as of plastic; None if that explains no more.
-
-    As `interface.under_interface` has it of one BRDF.
-    """
-    if not model.fresnel:
-        return None
-    behind, found = stack, point
-    for _ in range(ROUNDS):
-        mu, _ = _numbers(model, found)
-        assert mu is not None
-        behind = stack.behind_interface(mu)
-        found = search_point(model, behind, found)
-    return found if NOTABLE * _cost(model, behind, found) < _cost(model, stack, point) else None
-
-
 def _uncertainty(model: TexturedModel, stack: Stack, point: Floats) -> tuple[Floats, Floats]:
     """Covariance (k, k) and fragility (k,) of the search's coordinates, as `uncertainty.uncertainty_of` has them.
 
@@ -376,7 +320,7 @@ def _uncertainty(model: TexturedModel, stack: Stack, point: Floats) -> tuple[Flo
     root = np.sqrt(stack.weight)
 
     def predicted(at: Floats) -> Floats:
-        numbers = _numbers(model, at)
+        numbers = numbers_at(model, at)
         return stack.predicted(solved(model, stack.sums(numbers)), numbers) * root
 
     centre = predicted(point)
@@ -386,7 +330,7 @@ def _uncertainty(model: TexturedModel, stack: Stack, point: Floats) -> tuple[Flo
         slopes.append((predicted(point + step) - predicted(point - step)) / (2 * _STEP))
     jacobian = np.stack(slopes, axis=-1)  # (rows, 3, k)
     residual = stack.radiance * root - centre
-    values = solved(model, stack.sums(_numbers(model, point)))
+    values = solved(model, stack.sums(numbers_at(model, point)))
     freedom = 3 * float(np.maximum(values.freedom, 0).sum())
     reduced = float((residual**2).sum()) / max(freedom, 1)
     # A prior: what the photographs don't touch would have an infinite variance, and drag the other with it.

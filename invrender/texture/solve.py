@@ -34,10 +34,11 @@ from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.texture.bounces import Accounted, account_for_bounces
 from invrender.texture.cover import cover
-from invrender.texture.fit import FIT_STEPS, TexturedFit, fit_textured, solved
+from invrender.texture.fit import FIT_STEPS, TexturedFit, fit_textured
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
 from invrender.texture.observe import observe
+from invrender.texture.search import solved
 from invrender.texture.seen import Seen, rows_of, transfers_of
 from invrender.texture.solution import textured_solution
 from invrender.texture.stack import Rows

@@ -26,9 +26,10 @@ from invrender.model.columns import specular_weights
 from invrender.model.lobes import PRINTED
 from invrender.pipeline import process
 from invrender.solve.noise import NoiseModel
-from invrender.texture.fit import behind_interface, search_point, textured_models
+from invrender.texture.interface import behind_interface
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
 from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
+from invrender.texture.search import search_point, textured_models
 from invrender.texture.stack import Rows, Stack
 from invrender.texture.sums import Sums, common_ks, solve_both, solve_kd
 from invrender.texture.textures import Textures
