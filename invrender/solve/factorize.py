@@ -25,7 +25,7 @@ from invrender.solve.identifiability import (
     assess_sigma,
     lighting_degree,
 )
-from invrender.solve.interface import under_interface
+from invrender.solve.interface import UnderInterface, under_interface
 from invrender.solve.models import Estimate
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.reported import Report
@@ -41,7 +41,7 @@ class Solution:
     """What the solve adds to what is known of a set; see `Factorization` for the fields.
 
     weights : of each photograph's samples, as they entered the fit. photos : columns of the chosen form; none where
-    the light was unknown. interface_mu : mu, were the diffuse base under an interface; None if that explains no more.
+    the light was unknown. interface : numbers were the diffuse base under an interface; None if that explains no more.
     """
 
     estimate: Estimate
@@ -56,7 +56,7 @@ class Solution:
     covariance_names: tuple[str, ...]
     gauge: str
     photos: tuple[PhotoColumns, ...] = ()
-    interface_mu: float | None = None
+    interface: UnderInterface | None = None
 
 
 def factorize(
@@ -110,7 +110,7 @@ def conclude(
         covariance_names=report.names,
         gauge=_gauge(report),
         photos=photos,
-        interface_mu=None if behind is None else behind[1],
+        interface=None if behind is None else behind[1],
     )
 
 
@@ -122,8 +122,8 @@ def _moved(known: Explanation, changes: Sequence[Floats]) -> Floats:
     return Report(parameters, _has_known(known.photos))(parameters.vector)
 
 
-def _behind_interface(known: Explanation) -> tuple[Floats, float] | None:
-    """How reported numbers would differ were the base under an interface, and mu then; None if nothing asks for it."""
+def _behind_interface(known: Explanation) -> tuple[Floats, UnderInterface] | None:
+    """By how much reported numbers would differ were the base under an interface; None if nothing asks for it."""
     model = known.rungs[known.chosen].estimate.model
     if not model.specular or not model.form.has_fresnel or model.form not in known.trials:
         return None
@@ -134,15 +134,17 @@ def _behind_interface(known: Explanation) -> tuple[Floats, float] | None:
         # What the interface keeps of grazing light hides by how much more the lobe sends.
         plain = fit(replace(model, fresnel=True), statistics, trial.rungs[-1].estimate)
     other = under_interface(trial, plain)
-    if other is None or other.brdf.mu is None:
+    if other is None:
         return None
-    mu = other.brdf.mu
+    assert other.brdf.mu is not None
+    assert other.brdf.sigma is not None
+    there = UnderInterface(other.brdf.mu, other.brdf.sigma, other.brdf.ks)
     if not model.fresnel:
         other = replace(other, model=model, brdf=replace(other.brdf, mu=None))
     elements = {photo.lighting: photo.elements for photo in trial.photos}
     ends = [pack(estimate, elements) for estimate in (bare, other)]
     report = Report(ends[0], _has_known(trial.photos))
-    return report(ends[1].vector) - report(ends[0].vector), mu
+    return report(ends[1].vector) - report(ends[0].vector), there
 
 
 def _has_known(photos: Sequence[PhotoColumns]) -> bool:

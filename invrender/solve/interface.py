@@ -7,7 +7,7 @@ a Lambertian base passes for another mu. No model of the ladder has it; where ph
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,19 @@ Floats = NDArray[np.float64]
 NOTABLE, ROUNDS = 1.02, 4
 # That of most plastics and varnishes.
 USUAL_MU = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class UnderInterface:
+    """What numbers would be were the base under an interface. ks : (3,), None where it varies."""
+
+    mu: float
+    sigma: float
+    ks: Floats | None
+
+    def __str__(self) -> str:
+        ks = "" if self.ks is None else f", Ks {self.ks.mean():.3g}"
+        return f"mu {self.mu:.2f}, sigma {self.sigma:.3g}{ks}"
 
 
 def under_interface(trial: Trial, plain: Estimate) -> Estimate | None:

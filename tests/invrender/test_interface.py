@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from invrender.model.columns import PhotoColumns
 from invrender.solve.factorize import factorize
@@ -42,10 +43,11 @@ def test_mu_is_doubted_where_the_base_is_under_an_interface(
     off = abs(mu.value[0] - MU)
     if covered:
         assert off > 0.05
-        assert found.interface_mu == pytest.approx(MU, abs=0.02)
+        assert found.interface is not None
+        assert found.interface.mu == pytest.approx(MU, abs=0.02)
         assert off < 2 * mu.std[0]
     else:
-        assert found.interface_mu is None
+        assert found.interface is None
         assert off < 4 * mu.std[0] < 0.1
 
 
@@ -58,7 +60,11 @@ def test_ks_is_doubted_where_the_interface_hides_the_lobes_fresnel_factor(
     found = factorize(bench.with_noise(photos, rng), [bench.known_lighting()])
     # What grazing views lack of the base cancels what they have of the lobe.
     assert not found.rungs[found.chosen].estimate.model.fresnel
-    assert found.interface_mu == pytest.approx(MU, abs=0.02)
+    assert found.interface is not None
+    assert found.interface.mu == pytest.approx(MU, abs=0.02)
+    assert found.interface.ks is not None
+    assert_allclose(found.interface.ks, 0.04, rtol=0.1)
+    assert found.interface.sigma == pytest.approx(0.2, rel=0.05)
     ks = found.quantities["ks"]
     assert ks.value is not None
     assert ks.std is not None
