@@ -113,12 +113,15 @@ def account_for_bounces(
 ) -> Accounted | None:
     """Take light that bounces off what photographs show of points, if it matters and they bear it out.
 
-    fit : to the photographs as they are. refit : to what they show without it. None where it doesn't matter.
+    fit : to the photographs as they are. refit : to what they show without it. None where it doesn't matter, or no
+    point is known.
     """
     shown = [_shown(seen, elements, fit, parts) for seen in photos]
     nothing = [(np.zeros_like(one.diffuse), np.zeros_like(one.diffuse)) for one in shown]
     without = _values(shown, nothing, fit, len(points))
     known = determined(without)
+    if not known.any():
+        return None
     next_to = _nearest(parts.body, points, known)
     scale = rms([seen.radiance for seen in photos])
     values, lacking, share = without, None, np.ones(3)
