@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -99,17 +101,25 @@ def frames_and_weights(order: int, turns: int) -> tuple[np.ndarray, np.ndarray]:
     return Rotation.from_euler("ZYZ", angles).as_matrix(), np.repeat(weight, turns) * step
 
 
-@pytest.mark.parametrize("cosine_powers", [0, 1])
-def test_the_reflected_light_field_of_a_glossy_body_has_those_coefficients(cosine_powers: int, rng):
-    # [R02, eq. 2.54, 2.58, 2.59]: the field by brute force over all orientations and exitant directions, projected.
-    l_max, p_max = 3, 2
-    lighting = rng.normal(size=16)
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """Radiance (s, n) of a glossy body in frames (s, 3, 3) towards exitant directions (n, 3), weights of both."""
+
+    lighting: np.ndarray
+    frames: np.ndarray
+    frame_weight: np.ndarray
+    exitant: np.ndarray
+    exitant_weight: np.ndarray
+    radiance: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def glossy_field() -> LightField:
+    """By brute force over all orientations and exitant directions, under light of degree 3."""
+    lighting = np.random.default_rng(11).normal(size=16)
     frames, frame_weight = frames_and_weights(4, 1)
     exitant, exitant_weight = hemisphere_grid(12, 10)
     incident = hemisphere_grid(20, 30)
-    rho = isotropic_coefficients(glossy, l_max, p_max, reciprocal=cosine_powers == 1)
-    expected = isotropic_light_field(to_complex(lighting), rho)
-
     radiance = np.stack(
         [
             reflected(
@@ -118,15 +128,27 @@ def test_the_reflected_light_field_of_a_glossy_body_has_those_coefficients(cosin
             for frame in frames
         ]
     )
-    radiance = radiance * exitant[:, 2] ** cosine_powers
-    basis = scipy_complex(exitant, p_max)
-    matrices = wigner_D(l_max, *euler_angles(frames))
+    return LightField(lighting, frames, frame_weight, exitant, exitant_weight, radiance)
+
+
+@pytest.mark.parametrize("cosine_powers", [0, 1])
+def test_the_reflected_light_field_of_a_glossy_body_has_those_coefficients(
+    cosine_powers: int, glossy_field: LightField
+):
+    # [R02, eq. 2.54, 2.58, 2.59]: the field projected.
+    l_max, p_max, field = 3, 2, glossy_field
+    rho = isotropic_coefficients(glossy, l_max, p_max, reciprocal=cosine_powers == 1)
+    expected = isotropic_light_field(to_complex(field.lighting), rho)
+
+    radiance = field.radiance * field.exitant[:, 2] ** cosine_powers
+    basis = scipy_complex(field.exitant, p_max)
+    matrices = wigner_D(l_max, *euler_angles(field.frames))
     for lm, (l, m) in enumerate(zip(degrees(l_max), orders(l_max), strict=True)):
         for pq, q in enumerate(orders(p_max)):
             if abs(q) <= l:
                 own = matrices[l][:, m + l, q + l] / normalisation(l)[l]
-                projected = (own.conj() * frame_weight) @ radiance @ (basis[:, pq].conj() * exitant_weight)
-                assert_allclose(projected, expected[lm, pq], atol=1e-10)
+                towards = radiance @ (basis[:, pq].conj() * field.exitant_weight)
+                assert_allclose((own.conj() * field.frame_weight) @ towards, expected[lm, pq], atol=1e-10)
 
 
 def test_the_light_field_of_a_brushed_body_has_those_coefficients(rng):

@@ -19,12 +19,12 @@ from scipy.sparse import csr_array
 
 from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
-from capture.photoset import load_photoset
 from invrender import pipeline
 from invrender.export.shape import tessellated
 from invrender.model.columns import specular_weights
 from invrender.model.lobes import PRINTED
-from invrender.pipeline import process
+from invrender.pipeline import Run
+from invrender.run import run_process
 from invrender.solve.noise import NoiseModel
 from invrender.texture.interface import behind_interface
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
@@ -282,12 +282,15 @@ def doll(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_doll_set(folder, DOLL)
 
 
-def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
-    lightfactor: Command, doll: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    code, _, err = lightfactor("process", doll, "-o", out, "--samples", 5000)
-    assert (code, err) == (0, "")
+@pytest.fixture(scope="module")
+def painted(doll: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Path]:
+    """What `process` finds of the doll, and where it wrote it."""
+    out = tmp_path_factory.mktemp("painted") / "out"
+    return run_process(doll, out, samples=5000), out
+
+
+def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(painted: tuple[Run, Path], doll: Path) -> None:
+    out = painted[1]
     result = json.loads((out / "result.json").read_text())
     truth = json.loads((doll / "truth.json").read_text())["brdf"]
     assert next(m["name"] for m in result["models"] if m["chosen"]) == "microfacet, Kd and Ks vary"
@@ -318,9 +321,10 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(
 
 
 def test_a_painted_dolls_lobe_may_be_of_another_form(lightfactor: Command, tmp_path: Path) -> None:
-    glossy = DOLL + '\n[material]\nmodel = "ggx"\nmu = 2.2\nalpha = 0.12\n'
+    # Under the lamp alone: no lobe of any form meets a map of the light, which takes most of the time.
+    glossy = re.sub(r"(?m)^area = .*\n", "", DOLL) + '\n[material]\nmodel = "ggx"\nmu = 2.2\nalpha = 0.12\n'
     out = tmp_path / "out"
-    code, _, err = lightfactor("process", write_doll_set(tmp_path, glossy), "-o", out, "--samples", 5000)
+    code, _, err = lightfactor("process", write_doll_set(tmp_path, glossy), "-o", out, "--samples", 3000)
     assert (code, err) == (0, "")
     result = json.loads((out / "result.json").read_text())
     assert result["brdf"]["model"] == "GGX"
@@ -334,9 +338,9 @@ def test_a_painted_dolls_lobe_may_be_of_another_form(lightfactor: Command, tmp_p
 
 
 def test_paint_in_larger_pixels_is_the_mean_of_what_smaller_ones_show(
-    doll: Path, monkeypatch: pytest.MonkeyPatch
+    painted: tuple[Run, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = process(load_photoset(doll), samples=5000)
+    run = painted[0]
     fine = next(run.predictions())
     monkeypatch.setattr(pipeline, "_PREDICTED", 1000)
     larger = replace(run)

@@ -56,7 +56,7 @@ def test_the_temple_from_photographs_to_samples(data_dir, tmp_path, monkeypatch)
         "-o",
         str(tmp_path / "out"),
         "--samples",
-        "32000",
+        "8000",
         "--l-max",
         "4",
     )
@@ -89,7 +89,7 @@ def test_the_temple_from_photographs_to_samples(data_dir, tmp_path, monkeypatch)
     summary = json.loads((tmp_path / "out" / "samples.json").read_text())
     assert len(summary["photos"]) == 16
     for photo in summary["photos"]:
-        assert photo["samples"] == 2000
+        assert photo["samples"] == 500
         # Hulls are hollow where silhouettes are: some mirrored rays meet it again, most don't.
         assert 0.5 < photo["mirrored_rays_free"] < 1
     with np.load(tmp_path / "out" / "transfer.npz") as arrays:
