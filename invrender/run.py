@@ -17,9 +17,10 @@ from capture.photoset import PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
-from invrender.report.page import ReportWriter, with_error
+from invrender.report.page import ReportWriter
 from invrender.result import identifiability, lighting_map, result_document
 from invrender.texture.textures import TEXTURE_FILES
+from invrender.wording import with_error
 
 RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEXTURE_FILES)
 PICTURES = "predicted photographs and report"

@@ -26,8 +26,8 @@ from invrender.brdf.reciprocal import unknowns
 from invrender.brdf.rendering import Rendering
 from invrender.brdf.slices import Ringing, ringing
 from invrender.brdf.table import BRDFTable, measure_table
-from invrender.report.page import with_error
 from invrender.theory.harmonics import project_sources
+from invrender.wording import with_error
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from invrender.compare.lightings import LightPair
 from invrender.compare.side import Side
 from invrender.compare.verdicts import Row, compared_by_shares
-from invrender.report.page import with_error
+from invrender.wording import with_error
 
 
 def comparison_notes(first: Side, second: Side, lights: Sequence[LightPair]) -> list[str]:

@@ -14,7 +14,7 @@ from invrender.render.numbers import numbers
 from invrender.render.reflectance import reflectance
 from invrender.render.saved import SavedQuantity, SavedResult
 from invrender.render.textures import Textures
-from invrender.report.page import with_error
+from invrender.wording import with_error
 
 Floats = NDArray[np.float64]
 

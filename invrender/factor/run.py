@@ -18,9 +18,9 @@ from invrender.factor.given import Given, LightError, given_document, light_erro
 from invrender.factor.solve import factor
 from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import Run
-from invrender.report.page import with_error
 from invrender.result import identifiability
 from invrender.run import PICTURES, RESULT_FILES, write_fit, write_pictures
+from invrender.wording import with_error
 
 OWN_FILES = (*RESULT_FILES, "factor.png")
 _LABELS = {

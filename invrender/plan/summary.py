@@ -16,8 +16,8 @@ from invrender.plan.experiment import Experiment, angles_deg
 from invrender.plan.lightprospect import HALF, LightProspect
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
-from invrender.report.page import with_error
 from invrender.solve.uncertainty import FINEST
+from invrender.wording import with_error
 
 # Of many lightings so many are told of; plan.json has them all.
 _SHOWN = 3

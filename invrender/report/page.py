@@ -26,6 +26,7 @@ from invrender.report.pictures import (
 )
 from invrender.result import identifiability
 from invrender.texture.layout import TexelLayout
+from invrender.wording import with_error
 
 # Photographs beyond this many are listed with their errors, without pictures: the page stays small.
 _MAX_PICTURES = 24
@@ -167,11 +168,3 @@ def _values(quantity: Quantity | None) -> list[str]:
     if quantity is None or quantity.value is None or quantity.std is None:
         return []
     return [with_error(value, std) for value, std in zip(quantity.value, quantity.std, strict=True)]
-
-
-def with_error(value: float, std: float | None) -> str:
-    """A value with its standard deviation, if it has one, to the two digits of the latter that mean something."""
-    if std is None or not std > 0:
-        return f"{value:.4g}"
-    digits = min(max(1 - int(np.floor(np.log10(std))), 0), 8)
-    return f"{value:.{digits}f} ± {std:.{digits}f}"
