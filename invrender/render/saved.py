@@ -237,7 +237,7 @@ def read_result(path: Path) -> SavedResult:
             )
             raise ValueError(f"{path}: holds no {RESULT_NAME}; {remedy}")
         path = path / RESULT_NAME
-    return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=("texture",)))
+    return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=("texture", "interreflection")))
 
 
 def saved_form(model: str) -> LobeForm:

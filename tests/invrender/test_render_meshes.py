@@ -31,6 +31,8 @@ from synthetic.shapes.meshsurface import MeshSurface
 from .renders import KD, KS, cameras, plates, read, tile, within, write_result
 
 Command = Callable[..., tuple[int, str, str]]
+# Of a result whose photographs spoke against it, as of those that are integrated here.
+NOTHING_BOUNCES = {"interreflection": {"taken_off": False}}
 
 
 def test_a_cat_is_what_brute_force_integration_says(
@@ -38,7 +40,7 @@ def test_a_cat_is_what_brute_force_integration_says(
 ) -> None:
     # Its edges are shorter than a pixel.
     write_mesh(tmp_path / "cat.ply", mesh_implicit(cat_field, REACH, 0.002))
-    write_result(tmp_path / "result", "half-angle microfacet", 1.5, 0.2)
+    write_result(tmp_path / "result", "half-angle microfacet", 1.5, 0.2, **NOTHING_BOUNCES)
     area = AreaLight(np.array([0.5, -0.4, 0.77]), np.array([0.8, 1.0, 1.3]), width_rad=0.5)
     write_exr(tmp_path / "room.exr", latlong_map([area], 64))
     source = DirectionalSource(bench.direction(110, 25), np.array([1.5, 1.4, 1.3]))
@@ -95,7 +97,7 @@ def test_a_mesh_of_a_sphere_looks_like_the_sphere(lightfactor: Command, tmp_path
 
 
 def test_a_mesh_shadows_itself(lightfactor: Command, tmp_path: Path) -> None:
-    result = write_result(tmp_path / "result")
+    result = write_result(tmp_path / "result", **NOTHING_BOUNCES)
     plates(tmp_path / "plates.ply")
     code, out, _ = lightfactor(
         *("render", result, "--mesh", tmp_path / "plates.ply", "--source", "0,90,2", "--view", "20,30"),
@@ -110,6 +112,15 @@ def test_a_mesh_shadows_itself(lightfactor: Command, tmp_path: Path) -> None:
     pixels = camera.project(np.array(list(places)))
     for (column, row), lit in zip(pixels, places.values(), strict=True):
         assert radiance[int(row), int(column)] == pytest.approx(lit * 2 * np.array(KD), rel=1e-5)
+    # A result that nothing speaks against has light from the lit parts there, too.
+    bounced = write_result(tmp_path / "bounced")
+    code, _, _ = lightfactor(
+        *("render", bounced, "--mesh", tmp_path / "plates.ply", "--source", "0,90,2", "--view", "20,30"),
+        *("--size", "120x120", "-o", tmp_path / "bounced.exr"),
+    )
+    assert code == 0
+    column, row = pixels[-1].astype(int)
+    assert (read(tmp_path / "bounced.exr")[0][row, column] > 0).all()
 
 
 def painted(folder: Path) -> None:

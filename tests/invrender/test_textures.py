@@ -136,7 +136,7 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
         views.append(
             View(
                 csr_array(covered.astype(np.float32)),
-                *(a.astype(np.float32) for a in (d, s, y, one, one / level**2)),
+                *(a.astype(np.float32) for a in (d, s, d.max(axis=1), y, one, one / level**2)),
             )
         )
     pairs = np.column_stack([np.arange(points - 1), np.arange(1, points)])
@@ -197,7 +197,9 @@ def test_paint_under_an_interface_is_a_doubt_of_mu(rng: np.random.Generator, pla
 def test_a_photograph_of_shadow_alone_is_told() -> None:
     one = np.ones((5, 3), np.float32)
     cover = csr_array(np.eye(5, dtype=np.float32))
-    lit, grazed, dark = (View(cover, k * one, k * one, one, one, one) for k in (1, 0.02, 0.001))
+    lit, grazed, dark = (
+        View(cover, k * one, k * one, k * one[:, 0], one, one, one) for k in (1, 0.02, 0.001)
+    )
     assert in_shadow([lit, dark, grazed]) == [False, True, False]
 
 
