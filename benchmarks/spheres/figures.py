@@ -75,7 +75,13 @@ def draw_errors(rows: Rows, kept: Kept, path: Path) -> None:
             )
             axes.set_xticks(range(6), names, fontsize=8)
             axes.grid(axis="y", color="#eaeef2")
-        panels[0].legend(frameon=False, fontsize=7)
+    # One for all panels, where it hides nothing.
+    shown = {
+        label: line
+        for axes in figure.axes
+        for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(shown.values(), shown, loc="outside upper center", ncols=len(shown), frameon=False)
     save(figure, path, kept.caption)
 
 
