@@ -29,6 +29,24 @@ def read_pixels(path: Path) -> NDArray[np.generic]:
 
 def read_image(path: Path) -> tuple[NDArray[np.generic], Header]:
     """As `read_pixels`, with what the file is."""
+    pixels, _, header = _contents(path)
+    return pixels, header
+
+
+def read_cover(path: Path) -> NDArray[np.generic]:
+    """What a file says of how much of each pixel an object covers, (h, w), as stored.
+
+    Its alpha where that varies, as programs that cut objects out write it; else the largest of its channels.
+    """
+    pixels, alpha, _ = _contents(path)
+    if alpha is not None and alpha.min() < alpha.max():
+        return alpha
+    # Channel by channel: numpy's maximum over three neighbours takes ten times as long.
+    return np.asarray(np.maximum(np.maximum(pixels[..., 0], pixels[..., 1]), pixels[..., 2]))
+
+
+def _contents(path: Path) -> tuple[NDArray[np.generic], NDArray[np.generic] | None, Header]:
+    """Pixels (h, w, 3), alpha (h, w) or None, and what the file is."""
     data = read_file(path)
     header = check_header(path, data)
     kind = header.kind
@@ -41,20 +59,12 @@ def read_image(path: Path) -> tuple[NDArray[np.generic], Header]:
             f"{path}: is a camera RAW file under another ending, of which only the preview would be read;"
             " give it its own ending back (.dng, .nef, .cr2, ...)"
         )
-    return _read_exr(path) if kind == "EXR" else _decode_with_opencv(path, data, kind), header
-
-
-def read_cover(path: Path) -> NDArray[np.generic]:
-    """What a file says of how much of each pixel an object covers, (h, w), as stored.
-
-    Its alpha where that varies, as programs that cut objects out write it; else the largest of its channels.
-    """
-    pixels, header = read_image(path)
-    alpha = _alpha(path, header.kind)
-    if alpha is not None and alpha.min() < alpha.max():
-        return alpha
-    # Channel by channel: numpy's maximum over three neighbours takes ten times as long.
-    return np.asarray(np.maximum(np.maximum(pixels[..., 0], pixels[..., 1]), pixels[..., 2]))
+    if kind == "EXR":
+        channels = _exr_channels(path)
+        return _of_exr(path, channels), channels.get("A"), header
+    stored = _stored(path, data, kind)
+    alpha = stored[..., 3] if stored.ndim == 3 and stored.shape[2] == 4 else None
+    return _in_rgb(stored, kind), alpha, header
 
 
 def read_file(path: Path) -> NDArray[np.uint8]:
@@ -136,10 +146,10 @@ def read_exr_layers(path: Path) -> dict[str, NDArray[np.floating]]:
     return layers
 
 
-def _decode_with_opencv(path: Path, data: NDArray[np.uint8], kind: str) -> NDArray[np.generic]:
+def _in_rgb(image: NDArray[Any], kind: str) -> NDArray[np.generic]:
+    """Pixels (h, w, 3) of what OpenCV makes of a file, see `_stored`."""
     import cv2
 
-    image = _stored(path, data, kind)
     if kind == "JPEG":
         return image
     if kind == "Radiance":
@@ -166,16 +176,6 @@ def _stored(path: Path, data: NDArray[np.uint8], kind: str) -> NDArray[Any]:
     return image
 
 
-def _alpha(path: Path, kind: str) -> NDArray[np.generic] | None:
-    """The alpha channel (h, w) of a file, None where it has none."""
-    if kind == "EXR":
-        return _exr_channels(path).get("A")
-    if kind in ("JPEG", "Radiance"):
-        return None
-    stored = _stored(path, read_file(path), kind)
-    return stored[..., 3] if stored.ndim == 3 and stored.shape[2] == 4 else None
-
-
 def _exr_channels(path: Path) -> dict[str, NDArray[np.floating]]:
     import OpenEXR
 
@@ -187,8 +187,7 @@ def _exr_channels(path: Path) -> dict[str, NDArray[np.floating]]:
         raise ValueError(f"{path}: {_DAMAGED}") from error
 
 
-def _read_exr(path: Path) -> NDArray[np.generic]:
-    channels = _exr_channels(path)
+def _of_exr(path: Path, channels: Mapping[str, NDArray[np.floating]]) -> NDArray[np.generic]:
     if "RY" in channels:
         raise ValueError(f"{path}: holds luminance and chroma (Y, RY, BY); write it as R, G, B")
     for names in (("R", "G", "B"), ("Y", "Y", "Y")):
