@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from capture.camera import Camera
 from recon.bodies import SphereBody, body_coverage
 from recon.conventions import other_conventions
+from recon.misplacement import INVERTED, MIN_OVERLAP, overlap
 from recon.outline import Silhouette
 from recon.sphere import Sphere
 from recon.spherefit import fit_sphere
@@ -19,8 +20,6 @@ from recon.spherefit import fit_sphere
 # is not a sphere's.
 _MAX_RESIDUAL_PX = 1.5
 _MAX_RESIDUAL_SHARE = 0.03
-# Overlap (intersection over union) below which a given sphere and a mask are not the same thing.
-_MIN_OVERLAP = 0.8
 # Points without which an outline tells nothing.
 _LEAST_POINTS = 12
 
@@ -128,22 +127,22 @@ def _check_given(sphere: Sphere, views: Sequence[View]) -> None:
             disk = body_coverage(SphereBody(sphere), camera)
             if not disk.any():
                 problem = "the sphere of [object] projects outside this photograph"
-            elif (overlap := _overlap(disk, view)) is not None and overlap < _MIN_OVERLAP:
-                problem = f"the sphere of [object] and the mask overlap by only {overlap:.0%}"
+            elif (share := _overlap(disk, view)) is not None and share < MIN_OVERLAP:
+                problem = f"the sphere of [object] and the mask overlap by only {share:.0%}"
         if problem:
             raise ValueError(f"{view.label}: {problem}; {_suspect(sphere, view)}")
 
 
 def _suspect(sphere: Sphere, view: View) -> str:
     inside = None if view.silhouette is None else view.silhouette.covered
-    if inside is not None and _iou(body_coverage(SphereBody(sphere), view.camera), ~inside) >= _MIN_OVERLAP:
-        return "the mask is inverted: it must be white where the object is, and black around it"
+    if inside is not None and overlap(body_coverage(SphereBody(sphere), view.camera), ~inside) >= MIN_OVERLAP:
+        return INVERTED
     for name, convert in other_conventions().items():
         camera = view.camera.posed(convert(view.camera.world_to_camera))
         if camera.is_orthographic or camera.depth(sphere.centre)[0] > sphere.radius:
             disk = body_coverage(SphereBody(sphere), camera)
-            overlap = _overlap(disk, view)
-            if disk.any() if overlap is None else overlap >= _MIN_OVERLAP:
+            share = _overlap(disk, view)
+            if disk.any() if share is None else share >= MIN_OVERLAP:
                 return f"the pose looks like {name}"
     return "check world_to_camera, the camera's parameters, and [object] centre and radius (metres)"
 
@@ -151,10 +150,4 @@ def _suspect(sphere: Sphere, view: View) -> str:
 def _overlap(disk: NDArray[np.bool_], view: View) -> float | None:
     """Intersection over union of a disk and a view's mask; None without a mask."""
     inside = None if view.silhouette is None else view.silhouette.covered
-    return None if inside is None else _iou(disk, inside)
-
-
-def _iou(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> float:
-    """Intersection over union, 0 where both are empty."""
-    union = (one | other).sum()
-    return float((one & other).sum() / union) if union else 0.0
+    return None if inside is None else overlap(disk, inside)

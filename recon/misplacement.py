@@ -38,8 +38,9 @@ _UNIT_FACTORS = {
     25.4: "inches taken for millimetres",
     2.54: "inches taken for centimetres",
 }
+INVERTED = "the mask is inverted: it must be white where the object is, and black around it"
 _MASK_FAULTS: Mapping[str, Callable[[Mask], Mask]] = {
-    "the mask is inverted: it must be white where the object is, and black around it": lambda inside: ~inside,
+    INVERTED: lambda inside: ~inside,
     "the mask looks mirrored, right and left exchanged: are the photographs, too?": lambda inside: inside[
         :, ::-1
     ],
