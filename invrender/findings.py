@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
-from invrender.solve.evidence import MISFIT_REMEDY, outlying
+from invrender.solve.evidence import MISFIT_REMEDY, outlying, relative_rms
 from invrender.solve.factorize import Solution
 from invrender.specimen import Specimen
 from recon.bodies import SphereBody
@@ -113,8 +113,8 @@ def brightness_warning(
         predicted = radiance - residuals[label]
         power = float((predicted**2).sum())
         factors[label] = float((radiance * predicted).sum()) / power if power > 0 else 1.0
-        before.append(_relative_rms(residuals[label], radiance))
-        left.append(_relative_rms(radiance - factors[label] * predicted, radiance))
+        before.append(relative_rms(residuals[label], radiance))
+        left.append(relative_rms(radiance - factors[label] * predicted, radiance))
     if np.mean(left) > _MENDED * np.mean(before):
         return None
     least, most = (choose(factors, key=factors.__getitem__) for choose in (min, max))
@@ -124,7 +124,3 @@ def brightness_warning(
         f" {np.mean(left):.1%} of the radiance (RMS) would be left instead of {np.mean(before):.1%}. Check [radiometry]"
         f" exposure (now {exposure!r}), the photographs' exposures, and the strengths of their lights."
     )
-
-
-def _relative_rms(residual: Floats, radiance: Floats) -> float:
-    return float(np.sqrt((residual**2).sum() / (radiance**2).sum()))
