@@ -38,7 +38,7 @@ from invrender.texture.joint import determined
 from invrender.texture.layout import SurfacePoints
 from invrender.texture.search import solved
 from invrender.texture.seen import Seen, transfers_of
-from invrender.texture.sums import PointValues, Sums
+from invrender.texture.sums import PointValues, Sums, products
 from recon.bodies import MeshBody
 
 Floats = NDArray[np.float64]
@@ -88,14 +88,9 @@ class _Shown:
     def sums(self, points: int, by_mesh: tuple[Floats, Floats]) -> Sums:
         """Normal equations of all points, parts of the mesh lighting them too."""
         d, s, y, w = self.diffuse + by_mesh[0], self.specular + by_mesh[1], self.seen.radiance, self.weight
-        one = np.ones_like(d[:, :1])
-        products = np.concatenate(
-            [w * d * d, w * d * s, w * s * s, w * d * y, w * s * y, w * y * y, one], axis=1
-        )
-        total = np.zeros((points, products.shape[1]))
-        total[self.seen.points.points] = products
-        dd, ds, ss, dy, sy, yy = np.split(total[:, :18], 6, axis=1)
-        return Sums(dd, ds, ss, dy, sy, yy, total[:, 18])
+        at, added, count = self.seen.points.points, np.zeros((points, 18)), np.zeros(points)
+        added[at], count[at] = products(d, s, y, w), 1
+        return Sums.of(added, count)
 
     def residual(self, values: PointValues, by_mesh: tuple[Floats, Floats]) -> Floats:
         at = self.seen.points.points

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
 from invrender.solve.noise import NoiseModel, photo_weights
-from invrender.texture.sums import PointValues, Sums
+from invrender.texture.sums import PointValues, Sums, products
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -135,13 +135,10 @@ def tiny_sums(views: Sequence[View], points: int, parents: Ints) -> Sums:
     for view in views:
         d, s, y, w = view.diffuse, view.specular, view.radiance, view.weight
         ones = np.ones((len(d), 1), np.float32)
-        products = np.concatenate(
-            [w * d * d, w * d * s, w * s * s, w * d * y, w * s * y, w * y * y, ones], axis=1
-        )
+        added = np.concatenate([products(d, s, y, w), ones], axis=1)
         rows = (view.cover.data, owners[view.cover.indices], view.cover.indptr)
-        dealt = (csr_array(rows, shape=(len(d), points + 1)).T @ products)[:points]
-        dd, ds, ss, dy, sy, yy = np.split(dealt[:, :18], 6, axis=1)
-        total = total + Sums(dd, ds, ss, dy, sy, yy, (dealt[:, 18] >= _SEEN).astype(float))
+        dealt = (csr_array(rows, shape=(len(d), points + 1)).T @ added)[:points]
+        total = total + Sums.of(dealt[:, :18], (dealt[:, 18] >= _SEEN).astype(float))
     return total
 
 

@@ -27,6 +27,12 @@ class Sums:
     count: Floats
 
     @classmethod
+    def of(cls, added: Floats, count: Floats) -> Sums:
+        """Equations from sums (n, 18) over each point's `products`, and how many observations these are of, (n,)."""
+        dd, ds, ss, dy, sy, yy = np.split(added, 6, axis=1)
+        return cls(dd, ds, ss, dy, sy, yy, count)
+
+    @classmethod
     def zeros(cls, points: int) -> Sums:
         dd, ds, ss, dy, sy, yy = np.zeros((6, points, 3))
         return cls(dd, ds, ss, dy, sy, yy, np.zeros(points))
@@ -36,6 +42,14 @@ class Sums:
 
     def __sub__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, f.name) - getattr(other, f.name) for f in fields(self)))
+
+
+def products(
+    d: NDArray[np.floating], s: NDArray[np.floating], y: NDArray[np.floating], weight: NDArray[np.floating]
+) -> NDArray[np.floating]:
+    """What observations, transfers and radiance (r, 3), add to the equations of their points: (r, 18)."""
+    pairs = ((d, d), (d, s), (s, s), (d, y), (s, y), (y, y))
+    return np.concatenate([weight * one * other for one, other in pairs], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
