@@ -42,12 +42,6 @@ def find_warnings(
             " level or curve, light that isn't in the model). The error bars are widened by as much, since nothing"
             " tells in which direction it pulls."
         )
-    if solution.interface is not None:
-        warnings.append(
-            "A diffuse base under a smooth interface, as plastic and varnish have, explains these photographs better"
-            f" than a Lambertian one, with {solution.interface}. No model has it: error bars are widened to hold these"
-            " numbers."
-        )
     strays = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
     if strays > _STRAYS:
         warnings.append(

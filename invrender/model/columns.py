@@ -2,11 +2,12 @@
 
 [RH01, eq. 24] for one channel and one photograph is
 
-    B = sum_e x_e ( Kd d_e + Ks sum_kj a_k(mu) c_j(sigma) m_ekj )
+    B = sum_e x_e ( Kd sum_i b_i(mu) d_ei + Ks sum_kj a_k(mu) c_j(sigma) m_ekj )
 
-with lighting elements e of strength x_e, diffuse transfers d_e and specular transfers m_ekj that hold
+with lighting elements e of strength x_e, diffuse transfers d_ei and specular transfers m_ekj that hold
 neither mu nor sigma: Fresnel's factor is a short sum in k, the lobe is interpolated between nodes j. So it is for
-every form of the specular part; only the m_ekj differ.
+every form of the specular part; only the m_ekj differ. Above a Lambertian base there is one d_e, and b is 1; what an
+interface lets through is a short sum in i.
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
+from invrender.model.base import base_columns, base_size, base_weights
 from invrender.model.form_transfer import FresnelFunctions, OneIndex, forms_transfer
 from invrender.model.fresnel import FresnelBasis
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import sigma_nodes, sigma_weights
 from invrender.model.transfer import LightElement
-from invrender.model.visibility import Rays, Shadows, seen_diffuse, seen_specular
+from invrender.model.visibility import Rays, Shadows, seen_specular
 from recon.lightfield import LightField, joined, pools
 
 Floats = NDArray[np.float64]
@@ -38,8 +40,8 @@ class PhotoColumns:
     """The columns of one photograph's samples.
 
     lighting : name of its lighting. elements : names of the lighting's elements.
-    columns : (channels, n, elements, 1 + rank * nodes) float32; channels is 1 where all share them.
-        The first of the last axis is d, then m with j fastest.
+    columns : (channels, n, elements, q) float32; channels is 1 where all share them. The first of the last axis are the
+        d, one of a Lambertian base, then m with j fastest.
     field : the samples. form : of the specular part. shadows : that they were made with, if any.
     """
 
@@ -91,7 +93,7 @@ def photo_columns(
 ) -> PhotoColumns:
     """Columns of a photograph's samples under a lighting given by its elements.
 
-    shadows : of a mesh, if it has any. diffuse : (channels, n, elements), the columns d if another form has them.
+    shadows : of a mesh, if it has any. diffuse : (channels, n, elements), d of a Lambertian base if it is known.
     """
     return _photo_columns(lighting, elements, field, (form,), shadows, diffuse)[0]
 
@@ -106,29 +108,34 @@ def _photo_columns(
 ) -> list[PhotoColumns]:
     nodes, fresnel = sigma_nodes(), _fresnel_functions(forms[0])
     channels = max(element.channels for element in elements)
-    size = 1 + len(specular_weights(None, nodes[0], forms[0]))
-    columns = np.empty((len(forms), channels, len(field), len(elements), size), np.float32)
+    lobes = list(dict.fromkeys(form.lobe for form in forms))
+    size = len(specular_weights(None, nodes[0], forms[0]))
+    shape = channels, len(field), len(elements)
+    found = [np.empty((*shape, base_size(form) + size), np.float32) for form in forms]
     place = np.arange(len(field))
     for start in range(0, len(field), _SAMPLES_AT_A_TIME):
         block = slice(start, start + _SAMPLES_AT_A_TIME)
         part = field.where((place >= block.start) & (place < block.stop))
         for e, element in enumerate(elements):
             sight = None if shadows is None else shadows.sight(element, part)
-            if diffuse is None:
-                columns[:, :, block, e, 0] = part.mean_over_rays(seen_diffuse(element, part.normals, sight)).T
-            else:
-                columns[:, :, block, e, 0] = diffuse[:, block, e]
 
             def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
-                return forms_transfer(forms, light, part.normals[rays], part.views[rays], nodes, fresnel)
+                return forms_transfer(lobes, light, part.normals[rays], part.views[rays], nodes, fresnel)
 
             specular = seen_specular(element, sight, gather)
-            means = part.mean_over_rays(specular.reshape(len(specular), len(forms), size - 1, -1))
-            columns[:, :, block, e, 1:] = means.transpose(1, 3, 0, 2)
+            means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
+            for form, columns in zip(forms, found, strict=True):
+                first = base_size(form)
+                if diffuse is None or form.interface:
+                    base = base_columns(form, element, part.normals, part.views, sight)
+                    columns[:, block, e, :first] = part.mean_over_rays(base).transpose(2, 0, 1)
+                else:
+                    columns[:, block, e, 0] = diffuse[:, block, e]
+                columns[:, block, e, first:] = means[:, lobes.index(form.lobe)].transpose(2, 0, 1)
     names = tuple(element.name for element in elements)
     return [
-        PhotoColumns(lighting, names, own, field, form, shadows)
-        for own, form in zip(columns, forms, strict=True)
+        PhotoColumns(lighting, names, columns, field, form, shadows)
+        for columns, form in zip(found, forms, strict=True)
     ]
 
 
@@ -142,7 +149,8 @@ def all_columns(
 ) -> list[PhotoColumns]:
     """`photo_columns` of each photograph, spread over the cores, those with few samples made together.
 
-    lightings : the name of each one's. elements : of lightings by their names. diffuse : the columns d of each.
+    lightings : the name of each one's. elements : of lightings by their names. diffuse : the column d of each, of a
+    Lambertian base.
     """
     return columns_of_forms(lightings, elements, fields, (form,), shadows, diffuse)[form]
 
@@ -187,3 +195,13 @@ def specular_weights(mu: float | Floats | None, sigma: float | Floats, form: Lob
         return nodes
     products = fresnel_basis().coefficients(mu)[..., :, None] * nodes[..., None, :]
     return products.reshape(*nodes.shape[:-1], -1)
+
+
+def column_weights(mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED) -> Floats:
+    """What columns count for in the transfers of base and lobe, (q, 2); at several mu and sigma, (f, q, 2)."""
+    specular = specular_weights(mu, sigma, form)
+    size = base_size(form)
+    result = np.zeros((*specular.shape[:-1], size + specular.shape[-1], 2))
+    result[..., :size, 0] = base_weights(form, mu)
+    result[..., size:, 1] = specular
+    return result

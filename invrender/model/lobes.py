@@ -52,10 +52,20 @@ class Angles:
 
 
 class LobeForm:
-    """A form of the specular part. name : as results call it. has_fresnel : whether it has a refractive index."""
+    """A form of the specular part, and of what is below.
+
+    name : as results call it. has_fresnel : whether it has a refractive index. interface : whether the diffuse base
+    lies under a smooth interface of that index (`base`); it is Lambertian otherwise.
+    """
 
     name: str
     has_fresnel: bool = True
+    interface: bool = False
+
+    @property
+    def lobe(self) -> LobeForm:
+        """The same above a Lambertian base."""
+        return self
 
     @abstractmethod
     def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
@@ -90,12 +100,19 @@ class Smith(LobeForm):
     """Fresnel's factor at the half vector, D G2 / (4 cos cos).
 
     correlated : whether facets that the viewer sees are the likelier lit, for standing out [Heitz 2014, eq. 99];
-    False if the one says nothing of the other, as in many renderers [Walter et al. 2007, eq. 23].
+    False if the one says nothing of the other, as in many renderers [Walter et al. 2007, eq. 23]. over : the same form
+    above a Lambertian base, where this one's is under an interface.
     """
 
-    def __init__(self, correlated: bool = True) -> None:
-        self.correlated = correlated
+    def __init__(self, correlated: bool = True, over: LobeForm | None = None) -> None:
+        self.correlated, self.interface, self._over = correlated, over is not None, over
         self.name = self.name if correlated else f"uncorrelated {self.name}"
+        if over is not None:
+            self.name = f"{self.name} plastic"
+
+    @property
+    def lobe(self) -> LobeForm:
+        return self._over or self
 
     def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
         lit = (angles.cos_i > 0) & (angles.cos_o > 0)
@@ -178,6 +195,8 @@ def phong_sigma(exponent: float) -> float:
 
 PRINTED, BECKMANN, GGX_FORM, PHONG = Printed(), Beckmann(), GGX(), Phong()
 FORMS = {form.name: form for form in (PRINTED, BECKMANN, GGX_FORM, PHONG)}
+# The same lobes above a base under an interface.
+PLASTICS: dict[LobeForm, LobeForm] = {BECKMANN: Beckmann(over=BECKMANN), GGX_FORM: GGX(over=GGX_FORM)}
 # The same with light and viewer hidden apart: no forms that a fit may have, but rivals of those that it has.
 UNCORRELATED: dict[LobeForm, LobeForm] = {
     BECKMANN: Beckmann(correlated=False),

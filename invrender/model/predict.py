@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import PhotoColumns, specular_weights, together
+from invrender.model.base import base_transfer
+from invrender.model.columns import PhotoColumns, column_weights, together
 from invrender.model.form_transfer import OneIndex, form_transfer
 from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
-from invrender.model.visibility import Rays, Shadows, seen_diffuse, seen_specular
+from invrender.model.visibility import Rays, Shadows, seen_specular
 from recon.lightfield import LightField, pools
 
 Floats = NDArray[np.float64]
@@ -48,7 +49,8 @@ def reflected(
 
     for element, strength in zip(elements, strengths, strict=True):
         sight = None if shadows is None else shadows.sight(element, field)
-        diffuse += strength * seen_diffuse(element, field.normals, sight)
+        base = base_transfer(brdf.form, brdf.mu, element, field.normals, field.views, sight)
+        diffuse += strength * base
         if brdf.sigma is not None and brdf.ks.any():
             specular += strength * seen_specular(element, sight, gather)[:, 0, 0]
     return diffuse, specular
@@ -56,16 +58,16 @@ def reflected(
 
 def transfers(photo: PhotoColumns, mu: float | None, sigma: float | None) -> tuple[Floats, Floats]:
     """Diffuse and specular transfers of a photograph's samples at mu and sigma, (channels, n, elements) each."""
-    diffuse = photo.columns[..., 0].astype(float)
     if sigma is None:
+        diffuse = photo.columns[..., 0].astype(float)
         return diffuse, np.zeros_like(diffuse)
-    weights = specular_weights(mu, sigma, photo.form).astype(np.float32)
-    return diffuse, (photo.columns[..., 1:] @ weights).astype(float)
+    both = photo.columns @ column_weights(mu, sigma, photo.form).astype(np.float32)
+    return both[..., 0].astype(float), both[..., 1].astype(float)
 
 
 def predict_columns(photo: PhotoColumns, brdf: Microfacet, strengths: Floats) -> Floats:
     """Radiance (n, 3) of a photograph's samples through its columns, which must be of the BRDF's form."""
-    if brdf.sigma is not None and brdf.form is not photo.form:
+    if (brdf.sigma is not None or photo.form.interface) and brdf.form is not photo.form:
         raise ValueError(f"columns of the form {photo.form.name!r} can't predict {brdf.form.name!r}")
     diffuse, specular = transfers(photo, brdf.mu, brdf.sigma)
     shading = brdf.kd[:, None, None] * diffuse + brdf.ks[:, None, None] * specular

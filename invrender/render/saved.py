@@ -15,7 +15,7 @@ from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
 from capture.files.tables import Table
 from capture.lighting import Lighting, check_latlong
-from invrender.model.lobes import FORMS, PRINTED, LobeForm
+from invrender.model.lobes import FORMS, PLASTICS, PRINTED, LobeForm
 
 RESULT_NAME = "result.json"
 _MANIFEST_NAME = "photoset.toml"
@@ -244,11 +244,12 @@ def saved_form(model: str) -> LobeForm:
     """The form of the lobe of a result's brdf.model; of a Lambertian one RH01's, which then stands for none."""
     if model == "lambertian":
         return PRINTED
-    if model not in FORMS:
+    forms = FORMS | {form.name: form for form in PLASTICS.values()}
+    if model not in forms:
         raise ValueError(
-            f"the form {model!r} of the lobe is unknown; {nearest(str(model), ['lambertian', *FORMS])}"
+            f"the form {model!r} of the lobe is unknown; {nearest(str(model), ['lambertian', *forms])}"
         )
-    return FORMS[model]
+    return forms[model]
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from invrender.factorization import Quantity
-from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED
+from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED
 from invrender.pipeline import Prediction, Run
 from invrender.report.pictures import (
     difference_picture,
@@ -50,6 +50,10 @@ _FORMS = {
     BECKMANN: "microfacets that hide each other, Fresnel's factor at the half angle (Smith, Beckmann)",
     GGX_FORM: "long-tailed microfacets that hide each other, Fresnel's factor at the half angle (Smith, GGX)",
     PHONG: "Phong's lobe about the mirrored view",
+}
+_FORMS |= {
+    plastic: f"{_FORMS[lobe]}, above a diffuse base under a smooth interface, as of plastic"
+    for lobe, plastic in PLASTICS.items()
 }
 
 

@@ -25,12 +25,9 @@ from invrender.solve.identifiability import (
     assess_sigma,
     lighting_degree,
 )
-from invrender.solve.interface import UnderInterface, under_interface
 from invrender.solve.models import Estimate
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.reported import Report
-from invrender.solve.search import fit
-from invrender.solve.statistics import total_statistics
 from invrender.solve.uncertainty import FINEST, NUMERICAL, PRIOR_STD, pack, uncertainty_of
 
 Floats = NDArray[np.float64]
@@ -41,7 +38,7 @@ class Solution:
     """What the solve adds to what is known of a set; see `Factorization` for the fields.
 
     weights : of each photograph's samples, as they entered the fit. photos : columns of the chosen form; none where
-    the light was unknown. interface : numbers were the diffuse base under an interface; None if that explains no more.
+    the light was unknown.
     """
 
     estimate: Estimate
@@ -56,7 +53,6 @@ class Solution:
     covariance_names: tuple[str, ...]
     gauge: str
     photos: tuple[PhotoColumns, ...] = ()
-    interface: UnderInterface | None = None
 
 
 def factorize(
@@ -82,11 +78,7 @@ def conclude(
     chosen, weights, photos = known.chosen, known.weights, known.photos
     measured = _measure(known.rungs[chosen], photos, weights)
     report, values, fragility = measured.report, measured.values, measured.fragility
-    behind = _behind_interface(known)
-    apart = _disagreement(measured, known)
-    if behind is not None:
-        apart = np.hypot(apart, behind[0])
-    covariance = measured.covariance + np.diag(apart**2)
+    covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
     if "sigma" in report.places:
         place = report.places["sigma"].start
         covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
@@ -110,7 +102,6 @@ def conclude(
         covariance_names=report.names,
         gauge=_gauge(report),
         photos=photos,
-        interface=None if behind is None else behind[1],
     )
 
 
@@ -120,31 +111,6 @@ def _moved(known: Explanation, changes: Sequence[Floats]) -> Floats:
     elements = {photo.lighting: photo.elements for photo in known.photos}
     parameters = pack(estimate, elements)
     return Report(parameters, _has_known(known.photos))(parameters.vector)
-
-
-def _behind_interface(known: Explanation) -> tuple[Floats, UnderInterface] | None:
-    """By how much reported numbers would differ were the base under an interface; None if nothing asks for it."""
-    model = known.rungs[known.chosen].estimate.model
-    if not model.specular or not model.form.has_fresnel or model.form not in known.trials:
-        return None
-    trial = known.trials[model.form]
-    statistics = total_statistics(trial.photos, [w.weight for w in trial.weights])
-    plain = bare = fit(model, statistics, trial.rung_like(model).estimate)
-    if not model.fresnel:
-        # What the interface keeps of grazing light hides by how much more the lobe sends.
-        plain = fit(replace(model, fresnel=True), statistics, trial.rungs[-1].estimate)
-    other = under_interface(trial, plain)
-    if other is None:
-        return None
-    assert other.brdf.mu is not None
-    assert other.brdf.sigma is not None
-    there = UnderInterface(other.brdf.mu, other.brdf.sigma, other.brdf.ks)
-    if not model.fresnel:
-        other = replace(other, model=model, brdf=replace(other.brdf, mu=None))
-    elements = {photo.lighting: photo.elements for photo in trial.photos}
-    ends = [pack(estimate, elements) for estimate in (bare, other)]
-    report = Report(ends[0], _has_known(trial.photos))
-    return report(ends[1].vector) - report(ends[0].vector), there
 
 
 def _has_known(photos: Sequence[PhotoColumns]) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import specular_weights
+from invrender.model.columns import column_weights
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.solve.linear import LinearPart, reduce_statistics, solve_linear
@@ -64,17 +64,17 @@ def solved(model: Model, subsets: Subsets, points: Floats) -> LinearPart:
 
 def combinations(model: Model, subsets: Subsets, points: Floats) -> Floats:
     """Combinations (f, q, 2) of the columns: the diffuse and the specular transfer at coordinates (f, n)."""
+    if model.specular:
+        return weights_at(model, points)
     result = np.zeros((len(points), subsets.everything[0].gram.shape[2], 2))
     result[:, 0, 0] = 1
-    if model.specular:
-        result[:, 1:, 1] = weights_at(model, points)
     return result
 
 
 def weights_at(model: Model, points: Floats) -> Floats:
-    """The specular columns' weights (f, q - 1) at coordinates (f, n)."""
+    """`combinations` of a model that has a specular part."""
     mu = 1 + np.exp(points[:, 1]) if model.fresnel else None
-    return specular_weights(mu, np.exp(points[:, 0]), model.form)
+    return column_weights(mu, np.exp(points[:, 0]), model.form)
 
 
 def estimates(model: Model, subsets: Subsets, points: Floats, linear: LinearPart) -> list[Estimate]:

@@ -99,10 +99,10 @@ def newton_steps(model: Model, subsets: Subsets, points: Floats, lower: Floats, 
 def _normal_equations(model: Model, linear: LinearPart, reduced: Sequence[Reduced]) -> tuple[Floats, Floats]:
     """Gradients (f, p) and Gauss-Newton matrices (f, p, p): coordinates, Kd, Ks, free strengths channel by channel.
 
-    reduced : in the diffuse and the specular transfer, and the slopes of the latter in each coordinate.
+    reduced : in the diffuse and the specular transfer, and their `_slopes`.
     """
     fits, _, _, combined = reduced[0].right.shape
-    coordinate_count = combined - 2
+    coordinate_count = combined - 2 - model.form.interface
     ks_at = coordinate_count + 3
     first = ks_at + (1 if model.neutral else 3)
     free = [(entry.lighting, name) for entry in reduced for name in entry.elements if name != "known"]
@@ -120,6 +120,8 @@ def _normal_equations(model: Model, linear: LinearPart, reduced: Sequence[Reduce
             moved = np.zeros((fits, coordinate_count + 2 + len(names), len(entry.elements), combined))
             for k in range(coordinate_count):
                 moved[:, k, :, 2 + k] = strengths[:, :, c] * linear.ks[:, c, None]
+            if model.form.interface:
+                moved[:, coordinate_count - 1, :, -1] = strengths[:, :, c] * linear.kd[:, c, None]
             moved[:, coordinate_count, :, 0] = moved[:, coordinate_count + 1, :, 1] = strengths[:, :, c]
             for k, (e, _) in enumerate(names):
                 moved[:, coordinate_count + 2 + k, e] = shading
@@ -142,9 +144,13 @@ def _normal_equations(model: Model, linear: LinearPart, reduced: Sequence[Reduce
 
 
 def _slopes(model: Model, points: Floats) -> Floats:
-    """Derivatives (f, q, n) of the specular transfer's combination of columns in each coordinate."""
+    """Derivatives (f, q, n) of the specular transfer's combination of columns in each coordinate.
+
+    One more where the base is under an interface: of the diffuse transfer's, in log(mu - 1).
+    """
     steps = _STEP * np.eye(points.shape[1])
     ends = points + np.stack([steps, -steps])[:, :, None]
-    weights = weights_at(model, ends.reshape(-1, points.shape[1])).reshape(*ends.shape[:3], -1)
-    slopes = (weights[0] - weights[1]) / (2 * _STEP)
-    return np.pad(slopes.transpose(1, 2, 0), ((0, 0), (1, 0), (0, 0)))
+    weights = weights_at(model, ends.reshape(-1, points.shape[1])).reshape(*ends.shape[:3], -1, 2)
+    slopes = ((weights[0] - weights[1]) / (2 * _STEP)).transpose(1, 2, 0, 3)
+    below = [slopes[:, :, -1:, 0]] if model.form.interface else []
+    return np.concatenate([slopes[..., 1], *below], axis=2)

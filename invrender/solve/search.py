@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from invrender.model.fresnel import MU_RANGE
-from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED, LobeForm
+from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.models import Estimate, Model, estimates, solved
 from invrender.solve.newton import SMALL, gauss_newton
@@ -30,7 +30,7 @@ _TELLING = 0.3
 
 
 # Forms beside RH01's own.
-OTHER_FORMS = (BECKMANN, GGX_FORM, PHONG)
+OTHER_FORMS = (BECKMANN, GGX_FORM, *PLASTICS.values(), PHONG)
 
 
 def models_of(form: LobeForm) -> tuple[Model, ...]:
@@ -38,7 +38,9 @@ def models_of(form: LobeForm) -> tuple[Model, ...]:
     plain = Model(f"{form.name} without Fresnel", specular=True, fresnel=False, form=form)
     if not form.has_fresnel:
         return (replace(plain, name=form.name),)
-    return plain, Model(form.name, specular=True, fresnel=True, form=form)
+    full = Model(form.name, specular=True, fresnel=True, form=form)
+    # An interface has an index.
+    return (full,) if form.interface else (plain, full)
 
 
 LADDER = (Model("lambertian", specular=False, fresnel=False), *models_of(PRINTED))

@@ -160,7 +160,8 @@ def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) 
             ks = parameters.places["ks"]
             jacobian[:, min(ks.start + c, ks.stop - 1)] = specular[row] @ strengths[:, c]
         for name, slope in slopes.items():
-            jacobian[:, parameters.places[name].start] = brdf.ks[c] * (slope[row] @ strengths[:, c])
+            moved = brdf.kd[c] * slope[0][row] + brdf.ks[c] * slope[1][row]
+            jacobian[:, parameters.places[name].start] = moved @ strengths[:, c]
         for e, name in enumerate(photo.elements):
             place = parameters.places.get(f"{photo.lighting}/{name}")
             if place is not None:
@@ -171,13 +172,13 @@ def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) 
 
 
 def _slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> Floats:
-    """Central difference of the specular transfer in mu or sigma, within the search's bounds."""
+    """Central difference (2, ...) of the transfers in mu or sigma, within the search's bounds."""
     value = getattr(brdf, name)
     low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE}[name]
     step = 1e-3 * value
     ends = np.clip([value - step, value + step], low, high)
     moved = [
-        transfers(photo, end if name == "mu" else brdf.mu, end if name == "sigma" else brdf.sigma)[1]
+        np.stack(transfers(photo, end if name == "mu" else brdf.mu, end if name == "sigma" else brdf.sigma))
         for end in ends
     ]
     return (moved[1] - moved[0]) / (ends[1] - ends[0])

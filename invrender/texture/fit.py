@@ -18,11 +18,9 @@ from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import Rung, adequate, choose, relative_rms
 from invrender.solve.explanation import shows_more
 from invrender.solve.forms import beside
-from invrender.solve.interface import UnderInterface
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import NoiseModel, fit_noise, photo_weights
 from invrender.solve.search import OTHER_FORMS
-from invrender.texture.interface import behind_interface
 from invrender.texture.search import (
     LADDER,
     TexturedModel,
@@ -62,7 +60,7 @@ class TexturedFit:
 
     rungs, chosen : the ladder; an estimate's Kd and Ks are means over the points. covariance, fragility : of the
     logarithms of sigma and mu - 1, as far as the chosen model has them; as of `uncertainty.Uncertainty`.
-    common_ks, common_ks_std : (3,), of all points where Ks doesn't vary. interface : as of `Solution`.
+    common_ks, common_ks_std : (3,), of all points where Ks doesn't vary.
     """
 
     rungs: tuple[Rung, ...]
@@ -72,7 +70,6 @@ class TexturedFit:
     fragility: Floats
     common_ks: Floats
     common_ks_std: Floats
-    interface: UnderInterface | None
 
     @property
     def model(self) -> TexturedModel:
@@ -120,15 +117,7 @@ def fit_textured(
     covariance, fragility = _uncertainty(model, stack, point)
     if apart is not None:
         covariance = covariance + np.diag(apart[: len(point)] ** 2)
-    interface = None
-    if (there := behind_interface(model, stack, point)) is not None:
-        covariance = covariance + np.diag((there[: len(point)] - point) ** 2)
-        sigma, mu = float(np.exp(there[0])), 1 + float(np.exp(there[1]))
-        instead = None if model.ks_varies else common_ks(stack.behind_interface(mu).sums((mu, sigma)))[0]
-        if instead is not None:
-            ks_std = np.hypot(ks_std, instead - ks)
-        interface = UnderInterface(mu, sigma, instead)
-    return TexturedFit(rungs, chosen, climbed.noise, covariance, fragility, ks, ks_std, interface)
+    return TexturedFit(rungs, chosen, climbed.noise, covariance, fragility, ks, ks_std)
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,7 +92,6 @@ def rows_of(
             seen.brightness,
             seen.share,
             seen.tiles,
-            seen.points.at_points(seen.pixels.cos_exitant),
         )
     return result
 

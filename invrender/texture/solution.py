@@ -69,7 +69,6 @@ def textured_solution(
         covariance=np.diag(std**2),
         covariance_names=names,
         gauge="absolute: the given lighting fixes the scale of Kd and Ks in each channel",
-        interface=fit.interface,
     )
 
 

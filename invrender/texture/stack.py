@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import specular_weights
+from invrender.model.columns import column_weights
 from invrender.model.lobes import LobeForm
-from invrender.solve.interface import passed
 from invrender.solve.noise import NoiseModel
 from invrender.texture.sums import PointValues, Sums
 
@@ -28,7 +27,6 @@ class Rows:
     points : (r,), each once. columns : (channels, r, q), as of `PhotoColumns`. radiance : (r, 3); brightness : (r, 3),
     about the same, by which noise is judged. share : (r,), the variance of these interpolated numbers over that of a
     pixel, divided by how far its geometry is trusted. tiles : (r,), from 0, the tile of the photograph that each is in.
-    cos_exitant : (r,).
     """
 
     points: Ints
@@ -37,7 +35,6 @@ class Rows:
     brightness: Floats
     share: Floats
     tiles: Ints
-    cos_exitant: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +42,8 @@ class Stack:
     """The rows of all photographs together, sorted by point.
 
     form : of the columns. points : (p,), those seen, of `size` in all; starts : (p,), their first rows. at, photo,
-    tiles : (r,), point, photograph and tile of each row. diffuse, radiance, weight : (r, 3). specular :
-    (channels * r, q) columns. trust : (r, 3), as of `Weights`. share, cos_exitant : as of `Rows`, (r, 1).
+    tiles : (r,), point, photograph and tile of each row. columns : (channels * r, q). radiance, weight : (r, 3).
+    trust : (r, 3), as of `Weights`. share : as of `Rows`, (r, 1).
     """
 
     form: LobeForm
@@ -56,13 +53,11 @@ class Stack:
     at: Ints
     photo: Ints
     tiles: Ints
-    diffuse: Floats
-    specular: NDArray[np.float32]
+    columns: NDArray[np.float32]
     radiance: Floats
     weight: Floats
     trust: Floats
     share: Floats
-    cos_exitant: Floats
 
     @classmethod
     def of(cls, photos: Sequence[Rows], size: int, noise: NoiseModel, form: LobeForm) -> Stack:
@@ -83,24 +78,29 @@ class Stack:
             at=at[order],
             photo=photo[order],
             tiles=tiles[order],
-            diffuse=np.broadcast_to(columns[..., 0].T, brightness.shape).astype(float),
-            specular=np.ascontiguousarray(columns[..., 1:]).reshape(-1, columns.shape[2] - 1),
+            columns=columns.reshape(-1, columns.shape[2]),
             radiance=np.concatenate([rows.radiance for rows in photos])[order],
             weight=1 / (noise.variance(brightness) * share),
             trust=np.ones_like(brightness),
             share=share,
-            cos_exitant=np.concatenate([rows.cos_exitant for rows in photos])[order, None],
         )
 
     def transfers(self, numbers: Numbers) -> tuple[Floats, Floats]:
         """Diffuse and specular transfers (r, 3) at mu and sigma."""
         mu, sigma = numbers
         if sigma is None:
-            return self.diffuse, np.zeros_like(self.diffuse)
-        flat = self.specular @ specular_weights(mu, sigma, self.form).astype(np.float32)
-        return self.diffuse, np.broadcast_to(flat.reshape(-1, len(self.at)).T, self.diffuse.shape).astype(
-            float
-        )
+            return self._lambertian, np.zeros_like(self._lambertian)
+        both = self.columns @ column_weights(mu, sigma, self.form).astype(np.float32)
+        return self._in_channels(both[:, 0]), self._in_channels(both[:, 1])
+
+    @cached_property
+    def _lambertian(self) -> Floats:
+        return self._in_channels(self.columns[:, 0])
+
+    def _in_channels(self, values: NDArray[np.float32]) -> Floats:
+        """Values (channels * r,) as (r, 3)."""
+        rows = len(self.at)
+        return np.broadcast_to(values.reshape(-1, rows).T, (rows, 3)).astype(float)
 
     def sums(self, numbers: Numbers, photo: int | None = None) -> Sums:
         """Normal equations of all points at mu and sigma, of all photographs or of one."""
@@ -110,21 +110,20 @@ class Stack:
         y, weighted = self.radiance, self.weight * s
         with_s = np.concatenate([weighted * d, weighted * s, weighted * y], axis=1)
         ds, ss, sy = np.split(self._added(with_s), 3, axis=1)
-        dd, dy, yy, count = self._without_s
+        dd, dy, yy, count = self._without_s(d) if self.form.interface else self._of_lambertian
         return Sums(dd, ds, ss, dy, sy, yy, count)
 
     @cached_property
-    def _without_s(self) -> tuple[Floats, Floats, Floats, Floats]:
-        d, y = self.diffuse, self.radiance
+    def _of_lambertian(self) -> tuple[Floats, Floats, Floats, Floats]:
+        return self._without_s(self._lambertian)
+
+    def _without_s(self, d: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        y = self.radiance
         parts = [part * self.weight for part in (d * d, d * y, y * y)]
         dd, dy, yy, count = np.split(
             self._added(np.concatenate([*parts, np.ones((len(d), 1))], axis=1)), [3, 6, 9], axis=1
         )
         return dd, dy, yy, count[:, 0]
-
-    def behind_interface(self, mu: float) -> Stack:
-        """The same, the diffuse base behind a smooth interface that sends as much in all."""
-        return replace(self, diffuse=self.diffuse * passed(mu, self.cos_exitant))
 
     def _added(self, values: Floats) -> Floats:
         """Sums (size, k) over the rows of each point of values (r, k)."""
@@ -136,7 +135,7 @@ class Stack:
     def _of_photo(self, photo: int) -> Stack:
         own = self.photo == photo
         points, starts = np.unique(self.at[own], return_index=True)
-        channels = len(self.specular) // len(self.at)
+        channels = len(self.columns) // len(self.at)
         return replace(
             self,
             points=points,
@@ -144,13 +143,11 @@ class Stack:
             at=self.at[own],
             photo=self.photo[own],
             tiles=self.tiles[own],
-            diffuse=self.diffuse[own],
-            specular=self.specular[np.tile(own, channels)],
+            columns=self.columns[np.tile(own, channels)],
             radiance=self.radiance[own],
             weight=self.weight[own],
             trust=self.trust[own],
             share=self.share[own],
-            cos_exitant=self.cos_exitant[own],
         )
 
     def predicted(self, values: PointValues, numbers: Numbers) -> Floats:

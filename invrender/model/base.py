@@ -1,0 +1,171 @@
+"""The diffuse base below the lobe: Lambertian, or under a smooth interface, as of plastic and varnish.
+
+    rho = Kd t(mu, theta_i) t(mu, theta_o) + Ks F W      t = (1 - F) over its mean
+
+The interface reflects, on either side, the more the more grazing light comes [Wolff 1994, "Diffuse-reflectance model
+for smooth dielectric surfaces", eq. 4; what bounces between base and interface is in Kd]. Means are per projected solid
+angle, so that pi Kd is the albedo of either base under light from all sides. One mu is the interface's and the lobe's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import eval_legendre
+
+from invrender.model.fresnel import MU_RANGE, fresnel_reflectance
+from invrender.model.lobes import LobeForm
+from invrender.model.transfer import LightElement, diffuse_transfer
+from invrender.model.visibility import Sight, seen_diffuse
+from invrender.theory.refinement import interval_rule
+from recon.harmonics import degree_of, degrees, evaluate_harmonics
+
+Floats = NDArray[np.float64]
+# Cosines (...,) to values (..., k) of functions whose sum t is; hashable.
+Passing = Callable[[Floats], Floats]
+
+# Enough for 0.05% over the whole range of mu.
+_RANK = 4
+_NODES = 64
+
+
+def passed(mu: float | Floats, cos: Floats) -> Floats:
+    """t, what a smooth interface of relative index mu > 1 lets through at a cosine to the normal, over its mean."""
+    nodes, weights = interval_rule(_NODES, 0, 1)
+    mean = 2 * (1 - fresnel_reflectance(np.asarray(mu)[..., None], nodes)) @ (weights * nodes)
+    return np.asarray((1 - fresnel_reflectance(mu, cos)) / mean)
+
+
+@dataclass(frozen=True)
+class OneInterface:
+    """t of one refractive index: one function."""
+
+    mu: float
+
+    def __call__(self, cos: Floats) -> Floats:
+        """(..., 1)."""
+        return passed(self.mu, cos)[..., None]
+
+
+class InterfaceBasis:
+    """t(mu, theta) as a short sum a_k(mu) g_k(theta), so that mu leaves the sums over samples.
+
+    The g_k are the leading singular functions of the whole family.
+    """
+
+    def __init__(self) -> None:
+        self._cos = np.linspace(0, 1, 1000)
+        mus = 1 + np.geomspace(MU_RANGE[0] - 1, MU_RANGE[1] - 1, 200)
+        family = np.array([passed(mu, self._cos) for mu in mus])
+        self._functions = np.linalg.svd(family, full_matrices=False)[2][:_RANK]
+
+    def __call__(self, cos: Floats) -> Floats:
+        """g_k, (..., k)."""
+        return np.stack([np.interp(cos, self._cos, g) for g in self._functions], axis=-1)
+
+    def coefficients(self, mu: float | Floats) -> Floats:
+        """a_k(mu), (k,); of several (f,), (f, k)."""
+        return passed(np.asarray(mu)[..., None], self._cos) @ self._functions.T
+
+
+@lru_cache(maxsize=1)
+def interface_basis() -> InterfaceBasis:
+    """The one basis that columns and weights share."""
+    return InterfaceBasis()
+
+
+def base_size(form: LobeForm) -> int:
+    """How many columns the base below a lobe takes."""
+    return _RANK * (_RANK + 1) // 2 if form.interface else 1
+
+
+def base_columns(
+    form: LobeForm, element: LightElement, normals: Floats, views: Floats, sight: Sight | None
+) -> Floats:
+    """Radiance (m, size, channels) per unit of Kd and of the element's strength, in parts that hold no mu.
+
+    normals, views : (m, 3) unit. sight : None where nothing is hidden.
+    """
+    if not form.interface:
+        return seen_diffuse(element, normals, sight)[:, None]
+    return _through(interface_basis(), element, normals, views, sight)
+
+
+def base_weights(form: LobeForm, mu: float | Floats | None) -> Floats:
+    """What the columns count for at mu, (size,); at several mu (f,), (f, size)."""
+    if not form.interface:
+        return np.ones((*np.shape(mu), 1)) if mu is not None else np.ones(1)
+    assert mu is not None
+    found = interface_basis().coefficients(mu)
+    one, other = np.triu_indices(_RANK)
+    return np.asarray(found[..., one] * found[..., other])
+
+
+def base_transfer(
+    form: LobeForm,
+    mu: float | None,
+    element: LightElement,
+    normals: Floats,
+    views: Floats,
+    sight: Sight | None,
+) -> Floats:
+    """Radiance (m, channels) per unit of Kd and of the element's strength; arguments as of `base_columns`."""
+    if not form.interface:
+        return seen_diffuse(element, normals, sight)
+    assert mu is not None
+    return _through(OneInterface(mu), element, normals, views, sight)[:, 0]
+
+
+def _through(
+    passing: Passing, element: LightElement, normals: Floats, views: Floats, sight: Sight | None
+) -> Floats:
+    """In through the interface and out again: (m, k (k + 1) / 2, channels), of each pair of functions."""
+    inside = entering(passing, element, normals, sight)
+    out = passing(np.clip((normals * views).sum(axis=1), 0, 1))[:, :, None]
+    one, other = np.triu_indices(out.shape[1])
+    result = inside[:, one] * out[:, other]
+    mixed = one != other
+    result[:, mixed] += inside[:, other[mixed]] * out[:, one[mixed]]
+    return np.asarray(result)
+
+
+def entering(passing: Passing, element: LightElement, normals: Floats, sight: Sight | None) -> Floats:
+    """Irradiance (m, k, channels) by light that counts for what passes, from a unit strength of the element.
+
+    What a mesh hides of the sky is taken to pass as the rest does: exact where it hides all or nothing.
+    """
+    cos = np.maximum(normals @ element.directions.T, 0)
+    falling = cos if sight is None else cos * sight.sources
+    result = np.einsum("msk,ms,sc->mkc", passing(cos), falling, element.irradiances)
+    if element.diffuse_coefficients is None and not element.uniform:
+        return result
+    sky = _clear_sky(passing, element, normals)
+    if sight is not None and sight.hidden is not None:
+        clear = diffuse_transfer(element.without_sources, normals)
+        sky *= np.clip(1 - sight.hidden / np.maximum(clear, 1e-12 * clear.max() + 1e-300), 0, 1)[:, None]
+    return np.asarray(result + sky)
+
+
+def _clear_sky(passing: Passing, element: LightElement, normals: Floats) -> Floats:
+    """`entering` of all of an element's light but its sources, nothing hidden."""
+    coefficients = np.zeros((1, element.channels))
+    if element.diffuse_coefficients is not None:
+        coefficients = element.diffuse_coefficients.copy()
+    coefficients[0] += np.sqrt(4 * np.pi) * element.uniform
+    l_max = degree_of(len(coefficients))
+    per_degree = _convolved(passing, l_max)[degrees(l_max)]
+    rows = per_degree[:, :, None] * coefficients[:, None]
+    flat = evaluate_harmonics(normals, l_max) @ rows.reshape(len(rows), -1)
+    return flat.reshape(len(normals), *rows.shape[1:])
+
+
+@lru_cache(maxsize=8)
+def _convolved(passing: Passing, l_max: int) -> Floats:
+    """By how much each degree of light comes through (l_max + 1, k): clamped cosine times what passes, as a kernel."""
+    nodes, weights = interval_rule(_NODES, 0, 1)
+    zonal = eval_legendre(np.arange(l_max + 1)[:, None], nodes)
+    return np.asarray(2 * np.pi * (zonal * (weights * nodes)) @ passing(nodes))
