@@ -40,6 +40,14 @@ def passed(mu: float | Floats, cos: Floats) -> Floats:
     return np.asarray((1 - fresnel_reflectance(mu, cos)) / mean)
 
 
+def base_share(form: LobeForm, mu: float | None, cos_i: Floats, cos_o: Floats) -> Floats:
+    """The base's reflectance over Kd at cosines of incidence and exitance, which broadcast: 1, or t t."""
+    if not form.interface:
+        return np.ones(np.broadcast_shapes(np.shape(cos_i), np.shape(cos_o)))
+    assert mu is not None
+    return passed(mu, cos_i) * passed(mu, cos_o)
+
+
 @dataclass(frozen=True)
 class OneInterface:
     """t of one refractive index: one function."""

@@ -26,7 +26,6 @@ from invrender.model.lobes import PRINTED
 from invrender.pipeline import Run
 from invrender.run import run_process
 from invrender.solve.noise import NoiseModel
-from invrender.texture.interface import behind_interface
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
 from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
 from invrender.texture.search import search_point, textured_models
