@@ -40,12 +40,17 @@ def passed(mu: float | Floats, cos: Floats) -> Floats:
     return np.asarray((1 - fresnel_reflectance(mu, cos)) / mean)
 
 
-def base_share(form: LobeForm, mu: float | None, cos_i: Floats, cos_o: Floats) -> Floats:
-    """The base's reflectance over Kd at cosines of incidence and exitance, which broadcast: 1, or t t."""
+def let_through(form: LobeForm, mu: float | None, cos: Floats) -> Floats:
+    """What counts of light above the base at cosines to the normal: 1 above a Lambertian one, else t."""
     if not form.interface:
-        return np.ones(np.broadcast_shapes(np.shape(cos_i), np.shape(cos_o)))
+        return np.ones(np.shape(cos))
     assert mu is not None
-    return passed(mu, cos_i) * passed(mu, cos_o)
+    return passed(mu, cos)
+
+
+def base_share(form: LobeForm, mu: float | None, cos_i: Floats, cos_o: Floats) -> Floats:
+    """The base's reflectance over Kd at cosines of incidence and exitance, which broadcast."""
+    return let_through(form, mu, cos_i) * let_through(form, mu, cos_o)
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,16 @@ def base_weights(form: LobeForm, mu: float | Floats | None) -> Floats:
     return np.asarray(found[..., one] * found[..., other])
 
 
+def base_irradiance(
+    form: LobeForm, mu: float | None, element: LightElement, normals: Floats, sight: Sight | None
+) -> Floats:
+    """Irradiance (m, channels), as far as it counts for the base, from a unit strength of the element."""
+    if not form.interface:
+        return seen_diffuse(element, normals, sight)
+    assert mu is not None
+    return entering(OneInterface(mu), element, normals, sight)[:, 0]
+
+
 def base_transfer(
     form: LobeForm,
     mu: float | None,
@@ -122,10 +137,8 @@ def base_transfer(
     sight: Sight | None,
 ) -> Floats:
     """Radiance (m, channels) per unit of Kd and of the element's strength; arguments as of `base_columns`."""
-    if not form.interface:
-        return seen_diffuse(element, normals, sight)
-    assert mu is not None
-    return _through(OneInterface(mu), element, normals, views, sight)[:, 0]
+    received = base_irradiance(form, mu, element, normals, sight)
+    return received * let_through(form, mu, np.clip((normals * views).sum(axis=1), 0, 1))[:, None]
 
 
 def _through(

@@ -4,9 +4,9 @@
 
 with the irradiance D of the vertices by the lighting itself, the exchange G (`recon.exchange`), and the albedo a of
 the whole BRDF under light from all around: what leaves the surface counts as the same in all directions, so that
-highlights that light other parts are spread out. Towards the camera the matte part reflects the irradiance G L, and the
-lobe the radiance of the one point that the mirrored ray meets, as it sees the lighting where that ray is free
-(`visibility`).
+highlights that light other parts are spread out, and an interface lets all of it in alike. Towards the camera the matte
+part reflects the irradiance G L, and the lobe the radiance of the one point that the mirrored ray meets, as it sees the
+lighting where that ray is free (`visibility`).
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from invrender.model.base import base_irradiance, let_through
 from invrender.model.form_transfer import OneIndex, form_transfer
 from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
-from invrender.model.visibility import Shadows, seen_diffuse
+from invrender.model.visibility import Shadows
 from recon.bodies import MeshBody
 from recon.exchange import face_exchange
 from recon.lightfield import LightField
@@ -62,7 +63,8 @@ class Parts:
         mesh = self.body.mesh
         direct = np.zeros((len(mesh.vertices), 3))
         for element, strength in zip(elements, strengths, strict=True):
-            direct += strength * seen_diffuse(element, mesh.normals, self.shadows.of_vertices(element))
+            sight = self.shadows.of_vertices(element)
+            direct += strength * base_irradiance(brdf.form, brdf.mu, element, mesh.normals, sight)
         # A recovered strength may be negative; light isn't.
         direct = np.maximum(direct, 0)
         share = np.minimum(albedo(brdf), _BRIGHTEST) / np.pi
@@ -93,7 +95,8 @@ class Bounced:
 
     def reflected(self, field: LightField, brdf: Microfacet) -> tuple[Floats, Floats]:
         """What rays (m, 3) reflect of it per unit of Kd, and of Ks: zero where `brdf` has no specular part."""
-        diffuse = self.shadows.at_rays(self.irradiance, field)
+        cos = np.clip((field.normals * field.views).sum(axis=1), 0, 1)
+        diffuse = self.shadows.at_rays(self.irradiance, field) * let_through(brdf.form, brdf.mu, cos)[:, None]
         specular = np.zeros_like(diffuse)
         if brdf.sigma is not None and brdf.ks.any():
             blocked = np.flatnonzero(~field.reflected_visible)

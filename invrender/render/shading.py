@@ -4,8 +4,9 @@ As `invrender.model.predict` [RH01, eq. 24], its parts kept apart:
 
     B = Kd E + Ks S(mu, sigma)
 
-E is the irradiance, S what the lobe gathers, Fresnel's factor included, both of them as far as a mesh doesn't hide the
-light from itself (`invrender.model.visibility`), and with what it sends itself (`invrender.model.bounce`).
+E is the irradiance, as far as an interface lets it in and out again (`invrender.model.base`), S what the lobe gathers,
+Fresnel's factor included, both of them as far as a mesh doesn't hide the light from itself
+(`invrender.model.visibility`), and with what it sends itself (`invrender.model.bounce`).
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.model.base import base_transfer
 from invrender.model.bounce import Bounced
 from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
-from invrender.model.visibility import Rays, Shadows, facing, seen_diffuse, seen_specular
+from invrender.model.visibility import Rays, Shadows, Sight, facing, seen_specular
 from invrender.render.lobe import Widths, gathered
 from invrender.render.reflected import ReflectedMap
 from recon.lightfield import LightField
@@ -50,7 +52,7 @@ def shade(
     """
     field = facing(field)
     sight = None if shadows is None else shadows.sight(element, field)
-    diffuse = seen_diffuse(element, field.normals, sight)
+    diffuse = _base(brdf, brdf.mu, element, field, sight)
     mirrored: Floats | float = 0.0
     if bounced is not None:
         by_mesh, mirrored = bounced.reflected(field, brdf)
@@ -80,8 +82,18 @@ def shade(
             gradient[:, 3] = brdf.ks * (specular[:, 2] - specular[:, 1]) / (2 * _STEP * brdf.sigma)
             if brdf.mu is not None:
                 gradient[:, 2] = brdf.ks * (specular[:, 4] - specular[:, 3]) / (2 * _STEP * brdf.mu)
+                if brdf.form.interface:
+                    ends = [brdf.mu * step for step in (1 - _STEP, 1 + _STEP)]
+                    low, high = (_base(brdf, end, element, field, sight) for end in ends)
+                    gradient[:, 2] += brdf.kd * (high - low) / (2 * _STEP * brdf.mu)
     radiance = np.asarray(field.mean_over_rays(total))
     return radiance, None if gradient is None else np.asarray(field.mean_over_rays(gradient))
+
+
+def _base(
+    brdf: Microfacet, mu: float | None, element: LightElement, field: LightField, sight: Sight | None
+) -> Floats:
+    return base_transfer(brdf.form, mu, element, field.normals, field.views, sight)
 
 
 def _stepped(mu: float | None, sigma: float) -> list[Widths]:
