@@ -60,21 +60,7 @@ def direction_pairs(width: float) -> Pairs:
 
 def pairs_at(views: Floats, shares: Floats, width: float) -> Pairs:
     """Pairs for views of given cosines (v,), with shares (v,)."""
-    theta, theta_weight = _panels(
-        [0, *(edge * width for edge in _EDGES if edge * width < 1.2), np.pi / 2], _NODES
-    )
-    phi, phi_weight = _panels([0, np.pi / 2, np.pi], _AZIMUTHS)
-    sin = np.sin(theta)[:, None]
-    half = np.stack(
-        [
-            sin * np.cos(phi),
-            sin * np.sin(phi),
-            np.broadcast_to(np.cos(theta)[:, None], (len(theta), len(phi))),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
-    # Both sides of the plane of view are alike.
-    measure = (2 * sin * theta_weight[:, None] * phi_weight).ravel()
+    half, measure = facet_directions(width)
     outgoing = np.stack([np.sqrt(1 - views**2), np.zeros_like(views), views], axis=-1)
     toward = outgoing @ half.T
     incident = 2 * toward[..., None] * half - outgoing[:, None]
@@ -82,6 +68,21 @@ def pairs_at(views: Floats, shares: Floats, width: float) -> Pairs:
     angles = Angles.between(_NORMAL, incident[view, node], outgoing[view])
     # d omega_i = 4 (wo.h) d omega_h
     return Pairs(angles, views, view, 4 * toward[view, node] * measure[node], shares)
+
+
+def facet_directions(width: float) -> tuple[Floats, Floats]:
+    """Directions (n, 3) above the horizon and their d omega (n,), of facets that are so wide a lobe (radians).
+
+    y >= 0 only: both sides of the plane of view are alike, and d omega is that of both.
+    """
+    theta, theta_weight = _panels(
+        [0, *(edge * width for edge in _EDGES if edge * width < 1.2), np.pi / 2], _NODES
+    )
+    phi, phi_weight = _panels([0, np.pi / 2, np.pi], _AZIMUTHS)
+    sin = np.sin(theta)[:, None]
+    up = np.broadcast_to(np.cos(theta)[:, None], (len(theta), len(phi)))
+    facets = np.stack([sin * np.cos(phi), sin * np.sin(phi), up], axis=-1).reshape(-1, 3)
+    return facets, (2 * sin * theta_weight[:, None] * phi_weight).ravel()
 
 
 def _panels(edges: list[float], nodes: int) -> tuple[Floats, Floats]:

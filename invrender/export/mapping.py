@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from invrender.export.directions import Pairs, direction_pairs
 from invrender.export.target import Numbers, Target
+from invrender.model.base import base_share
 from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
@@ -28,10 +29,10 @@ _NO_LOBE_WIDTH = 0.3
 class Mapping:
     """A BRDF in a target's numbers.
 
-    relative_rms : difference over all pairs of directions. base_gain : what a base is multiplied by to make up for what
-    the lobe takes from it. view_deg : (v,), angles of view. view_rms : (v,), difference seen from these, relative RMS.
-    albedo, albedo_error : (v, 3), share of uniform light that our BRDF reflects to each view, and how much more the
-    target does. worst : where the difference is largest.
+    relative_rms : difference over all pairs of directions. base_gain : what a base is multiplied by to look like ours
+    with what the target shows of it. view_deg : (v,), angles of view. view_rms : (v,), difference seen from these,
+    relative RMS. albedo, albedo_error : (v, 3), share of uniform light that our BRDF reflects to each view, and how
+    much more the target does. worst : where the difference is largest.
     """
 
     target: Target
@@ -57,10 +58,14 @@ class Worst:
 
 def reflectance_cosine(brdf: Microfacet, pairs: Pairs) -> Floats:
     """Our reflectance times cos theta_i, (n, 3), 1/sr."""
-    total = brdf.kd * pairs.angles.cos_i[:, None]
+    total = brdf.kd * (_base_share(brdf, pairs) * pairs.angles.cos_i)[:, None]
     if brdf.sigma is not None:
         total = total + brdf.ks * brdf.form.reflected(pairs.angles, brdf.mu, brdf.sigma)[:, None]
     return np.asarray(total)
+
+
+def _base_share(brdf: Microfacet, pairs: Pairs) -> Floats:
+    return base_share(brdf.form, brdf.mu, pairs.angles.cos_i, pairs.angles.cos_o)
 
 
 def map_brdf(brdf: Microfacet, targets: Sequence[Target], strongest: float = 1.0) -> Mapping:
@@ -74,7 +79,9 @@ def map_brdf(brdf: Microfacet, targets: Sequence[Target], strongest: float = 1.0
     pairs = direction_pairs(brdf.sigma or _NO_LOBE_WIDTH)
     ours = reflectance_cosine(brdf, pairs)
     mappings = [
-        _judged(target, _fitted(target, brdf, ours, pairs, strongest), ours, pairs) for target in targets
+        _judged(target, _fitted(target, brdf, ours, pairs, strongest), brdf, ours, pairs)
+        for target in targets
+        if target.takes(brdf)
     ]
     return min(mappings, key=lambda mapping: mapping.relative_rms)
 
@@ -107,20 +114,21 @@ def _fitted(target: Target, brdf: Microfacet, ours: Floats, pairs: Pairs, strong
     return Numbers.of(filled(found.x))
 
 
-def _judged(target: Target, numbers: Numbers, ours: Floats, pairs: Pairs) -> Mapping:
+def _judged(target: Target, numbers: Numbers, brdf: Microfacet, ours: Floats, pairs: Pairs) -> Mapping:
     theirs = target.reflected(pairs.angles, numbers)
     difference, square = (theirs - ours) ** 2, ours**2
     weights = pairs.weights[:, None]
     worst, channel = np.unravel_index(np.abs(theirs - ours).argmax(), ours.shape)
     albedo = pairs.per_view(ours)
     matte = target.base_shown(pairs.angles, numbers)
+    shown = _base_share(brdf, pairs)[:, None]
     weighted_cos = weights * pairs.angles.cos_i[:, None] ** 2
     degrees = np.degrees(np.arccos(np.array([pairs.angles.cos_i[worst], pairs.angles.cos_o[worst]])))
     return Mapping(
         target,
         numbers,
         float(np.sqrt((weights * difference).sum() / (weights * square).sum())),
-        float((weighted_cos * matte).sum() / (weighted_cos * matte * matte).sum()),
+        float((weighted_cos * matte * shown).sum() / (weighted_cos * matte * matte).sum()),
         np.degrees(np.arccos(pairs.views)),
         np.sqrt(pairs.per_view(difference).sum(axis=1) / pairs.per_view(square).sum(axis=1)),
         albedo,

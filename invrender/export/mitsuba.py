@@ -19,8 +19,9 @@ from capture.lighting import Lighting
 from invrender.export.lights import MITSUBA_MAP_TO_WORLD, mitsuba_map
 from invrender.export.mapping import Mapping
 from invrender.export.material import Material
-from invrender.export.mitsuba_target import NO_INDEX, MitsubaBlend
+from invrender.export.mitsuba_target import NO_INDEX, MitsubaBlend, MitsubaPlastic
 from invrender.export.shape import Shape
+from invrender.export.target import Numbers
 from invrender.export.texels import base_texels, texels_of
 from invrender.export.written import Written
 from recon.trianglemesh import TriangleMesh, write_mesh
@@ -73,23 +74,64 @@ def _bsdf(
     """The material; returns its parameters."""
     numbers, target = mapping.numbers, mapping.target
     assert isinstance(target, MitsubaBlend)
+    base, lobe = numbers.base, numbers.specular
+    if material.textures is not None:
+        texels = texels_of(material.textures, material.brdf.ks)
+        base = base_texels(texels, mapping, material.brdf, 1.0)
+        if np.ptp(texels.strength) > 0:
+            lobe = lobe * texels.strength
+    if isinstance(target, MitsubaPlastic):
+        return _plastic(body, target, numbers, base, lobe, folder, files)
+    return _blend(body, target, numbers, base, lobe, folder, files)
+
+
+def _plastic(
+    body: ET.Element,
+    target: MitsubaPlastic,
+    numbers: Numbers,
+    base: Floats,
+    lobe: Floats,
+    folder: Path,
+    files: list[str],
+) -> dict[str, object]:
+    """A roughplastic with reflectances (3,) or (h, w, 3)."""
+    plastic = ET.SubElement(body, "bsdf", type="roughplastic")
+    _add(plastic, "string", distribution=target.distribution)
+    _add(plastic, "float", alpha=_number(numbers.alpha), int_ior=_number(numbers.fresnel), ext_ior="1")
+    _add(plastic, "boolean", nonlinear="false")
+    _reflectance(plastic, "diffuse_reflectance", base, folder, files)
+    _reflectance(plastic, "specular_reflectance", lobe, folder, files)
+    return {
+        "distribution": target.distribution,
+        "alpha": numbers.alpha,
+        "int_ior": numbers.fresnel,
+        "ext_ior": 1.0,
+        "nonlinear": False,
+        "diffuse_reflectance": numbers.base.tolist(),
+        "specular_reflectance": numbers.specular.tolist(),
+    }
+
+
+def _blend(
+    body: ET.Element,
+    target: MitsubaBlend,
+    numbers: Numbers,
+    base: Floats,
+    lobe: Floats,
+    folder: Path,
+    files: list[str],
+) -> dict[str, object]:
+    """A blend of base and lobe, (3,) or (h, w, 3) each, or the one that there is."""
     albedo, gloss = float(numbers.base.max()), float(numbers.specular.max())
     # Weights that leave both reflectances at their sum, which is below 1 unless grazing light is reflected strongly.
     share = gloss / (albedo + gloss) if albedo + gloss > 0 else 0.0
-    base: Floats = numbers.base / max(1 - share, 1e-9)
-    lobe: Floats = numbers.specular / max(share, 1e-9)
-    if material.textures is not None:
-        texels = texels_of(material.textures, material.brdf.ks)
-        base = base_texels(texels, mapping, material.brdf, 1.0) / max(1 - share, 1e-9)
-        if np.ptp(texels.strength) > 0:
-            lobe = lobe * texels.strength
     parent = body if share in (0.0, 1.0) else ET.SubElement(body, "bsdf", type="blendbsdf")
     if parent is not body:
         _add(parent, "float", weight=_number(share))
     parameters: dict[str, object] = {"weight": share}
     if share < 1:
         diffuse = ET.SubElement(parent, "bsdf", type="diffuse")
-        _reflectance(diffuse, "reflectance", base, folder, files)
+        _reflectance(diffuse, "reflectance", base / max(1 - share, 1e-9), folder, files)
         parameters["reflectance"] = (numbers.base / max(1 - share, 1e-9)).tolist()
     if share > 0:
         conductor = ET.SubElement(parent, "bsdf", type="roughconductor")
@@ -99,7 +141,7 @@ def _bsdf(
             _add(conductor, "string", material="none")
         else:
             _add(conductor, "spectrum", eta=_number(numbers.fresnel), k="0")
-        _reflectance(conductor, "specular_reflectance", lobe, folder, files)
+        _reflectance(conductor, "specular_reflectance", lobe / max(share, 1e-9), folder, files)
         parameters |= {
             "distribution": target.distribution,
             "alpha": numbers.alpha,

@@ -1,7 +1,7 @@
-"""Mitsuba's blend of `diffuse` and `roughconductor`: facets shadow light and viewer apart, Fresnel's equations.
+"""Mitsuba's blend of `diffuse` and `roughconductor`, and its `roughplastic`, whose base lies below the interface.
 
-A conductor that doesn't absorb reflects as a dielectric does, and unlike `roughplastic` it can be as strong, and of any
-colour, as it was found.
+In both facets shadow light and viewer apart, with Fresnel's equations: a conductor that doesn't absorb reflects as a
+dielectric does.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.export.rough_interface import passed_and_kept
 from invrender.export.target import LEAST_ALPHA, Numbers, Target
 from invrender.model.fresnel import fresnel_reflectance
 from invrender.model.lobes import BECKMANN, GGX_FORM, Angles, Smith
@@ -53,4 +54,25 @@ class MitsubaBlend(Target):
         return Numbers(1.0, NO_INDEX, base, np.zeros(3))
 
 
-MITSUBA = (MitsubaBlend("beckmann", BECKMANN), MitsubaBlend("ggx", GGX_FORM))
+class MitsubaPlastic(MitsubaBlend):
+    """`fresnel` is int_ior in vacuum, `base` diffuse_reflectance and `specular` specular_reflectance; not nonlinear."""
+
+    def __init__(self, distribution: str, form: Smith) -> None:
+        super().__init__(distribution, form)
+        self.model = f"Mitsuba roughplastic ({distribution})"
+
+    def takes(self, brdf: Microfacet) -> bool:
+        return brdf.form.interface and bool(brdf.ks.any())
+
+    def base_shown(self, angles: Angles, numbers: Numbers) -> Floats:
+        directions = np.stack([angles.cos_i, angles.cos_o])
+        (coming, leaving), kept = passed_and_kept(self.form, numbers.alpha, numbers.fresnel, directions)
+        return np.asarray((coming * leaving / (numbers.fresnel**2 * (1 - kept)))[:, None])
+
+
+MITSUBA = (
+    MitsubaBlend("beckmann", BECKMANN),
+    MitsubaBlend("ggx", GGX_FORM),
+    MitsubaPlastic("beckmann", BECKMANN),
+    MitsubaPlastic("ggx", GGX_FORM),
+)

@@ -1,7 +1,7 @@
 """What a format can say of a reflectance: a formula with numbers, in which ours is written as well as it can be.
 
-All three targets have a Lambertian base under a lobe of microfacets, each with its own Fresnel factor, shadowing and
-way in which the lobe takes light from the base.
+All targets have a diffuse base under a lobe of microfacets, each with its own Fresnel factor, shadowing and way in
+which the lobe takes light from the base.
 """
 
 from __future__ import annotations
@@ -54,6 +54,10 @@ class Target:
         """Reflectance times cos theta_i, (n, 3), 1/sr, at pairs of directions (n,) above the horizon."""
         base = self.base_shown(angles, numbers) * numbers.base * (angles.cos_i / np.pi)[:, None]
         return base + self.lobe(angles, numbers)
+
+    def takes(self, brdf: Microfacet) -> bool:
+        """Whether a BRDF is worth trying in it."""
+        return True
 
     @abstractmethod
     def lobe(self, angles: Angles, numbers: Numbers) -> Floats:

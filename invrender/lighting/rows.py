@@ -15,12 +15,12 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from invrender.model.base import base_rows
 from invrender.model.formtable import form_rows
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
 from invrender.model.lobetable import TRANSFERS, Transfer, lobe_rows, lobe_table, mirrored_harmonics
 from invrender.model.microfacet import Microfacet
-from invrender.theory.operator import irradiance_operator
 from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import microfacet_gaussian, microfacet_transfer
 from recon.harmonics import degree_of, degrees
@@ -41,8 +41,8 @@ _HEAD_ON_EDGES = (0.0, 0.05, 0.2, 0.6, np.pi / 2)
 class PhotoRows:
     """The samples of one photograph and their rows over lighting coefficients.
 
-    field : samples of weight above 0. diffuse : (n, (l_max + 1)^2), irradiance. specular : the same of the specular
-    part per unit of Ks, Fresnel's factor included; None where there is no specular part.
+    field : samples of weight above 0. diffuse : (n, (l_max + 1)^2), radiance per unit of Kd. specular : the same of the
+    specular part per unit of Ks, Fresnel's factor included; None where there is no specular part.
     """
 
     field: LightField
@@ -91,7 +91,7 @@ class PhotoRows:
 def photo_rows(field: LightField, brdf: Microfacet, l_max: int, rung: Rung = "exact") -> PhotoRows:
     """Rows of a photograph's samples of an unshadowed, convex object, each the mean over its sample's rays."""
     field = field.where(field.weight > 0)
-    diffuse = field.mean_over_rays(irradiance_operator(field.normals, l_max))
+    diffuse = field.mean_over_rays(base_rows(brdf.form, brdf.mu, field.normals, field.views, l_max))
     if brdf.sigma is None or not brdf.ks.any():
         return PhotoRows(field, diffuse.astype(np.float32), None)
     cos = np.einsum("nk,nk->n", field.normals, field.views)

@@ -21,6 +21,7 @@ from invrender.model.fresnel import MU_RANGE, fresnel_reflectance
 from invrender.model.lobes import LobeForm
 from invrender.model.transfer import LightElement, diffuse_transfer
 from invrender.model.visibility import Sight, seen_diffuse
+from invrender.theory.operator import irradiance_operator
 from invrender.theory.refinement import interval_rule
 from recon.harmonics import degree_of, degrees, evaluate_harmonics
 
@@ -139,6 +140,19 @@ def base_transfer(
     """Radiance (m, channels) per unit of Kd and of the element's strength; arguments as of `base_columns`."""
     received = base_irradiance(form, mu, element, normals, sight)
     return received * let_through(form, mu, np.clip((normals * views).sum(axis=1), 0, 1))[:, None]
+
+
+def base_rows(form: LobeForm, mu: float | None, normals: Floats, views: Floats, l_max: int) -> Floats:
+    """Rows (m, (l_max + 1)^2) that yield the radiance per unit of Kd from unoccluded harmonic light.
+
+    normals, views : (m, 3) unit.
+    """
+    if not form.interface:
+        return irradiance_operator(normals, l_max)
+    assert mu is not None
+    passing = OneInterface(mu)
+    out = passing(np.clip((normals * views).sum(axis=1), 0, 1))
+    return evaluate_harmonics(normals, l_max) * _convolved(passing, l_max)[degrees(l_max), 0] * out
 
 
 def _through(

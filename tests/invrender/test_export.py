@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.testing import assert_allclose
+from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from capture.files.documents import file_hash
@@ -28,11 +29,13 @@ from invrender.export.lights import panorama
 from invrender.export.mapping import map_brdf
 from invrender.export.materialx_target import STANDARD_SURFACE, StandardSurface
 from invrender.export.mitsuba_target import MITSUBA, MitsubaBlend
+from invrender.export.rough_interface import passed_and_kept
 from invrender.export.shape import tessellated
 from invrender.export.target import Numbers
-from invrender.model.lobes import BECKMANN, GGX_FORM, Angles
+from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
 from invrender.model.microfacet import Microfacet
 from recon.trianglemesh import is_watertight, volume, write_mesh
+from synthetic.materials.fresnel import fresnel_dielectric
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 Command = Callable[..., tuple[int, str, str]]
@@ -121,7 +124,7 @@ def test_directions_integrate_matte_reflection_and_facets(width: float) -> None:
 
 
 def test_what_mitsuba_has_is_found_in_its_own_numbers() -> None:
-    for target, form in zip(MITSUBA, (BECKMANN, GGX_FORM), strict=True):
+    for target, form in zip(MITSUBA[:2], (BECKMANN, GGX_FORM), strict=True):
         mapping = map_brdf(Microfacet(KD, KS, 1.5, 0.15, form), MITSUBA)
         # What is left is shadowing, correlated with us: next to nothing but at grazing light.
         assert mapping.target is target
@@ -132,6 +135,28 @@ def test_what_mitsuba_has_is_found_in_its_own_numbers() -> None:
         assert_allclose(numbers.base, np.pi * KD, rtol=2e-3)
         # F(1.5, 0) is 0.04.
         assert_allclose(numbers.specular, KS / 0.04, rtol=0.03)
+
+
+def test_a_plastic_is_mitsubas_roughplastic() -> None:
+    brdf = Microfacet(np.array([0.1, 0.07, 0.05]), np.full(3, 0.04), 1.5, 0.1, PLASTICS[BECKMANN])
+    mapping = map_brdf(brdf, MITSUBA)
+    assert mapping.target.model == "Mitsuba roughplastic (beckmann)"
+    # Its interface is as rough as the lobe, ours smooth.
+    assert mapping.relative_rms < 0.005
+    assert_allclose([mapping.numbers.alpha, mapping.numbers.fresnel], [0.1, 1.5], rtol=0.005)
+    # Without such a base it is the blend that is nearest, and by far not as near.
+    assert map_brdf(brdf, MITSUBA[:2]).relative_rms > 5 * mapping.relative_rms
+
+
+def test_a_nearly_smooth_interface_passes_what_a_smooth_one_does() -> None:
+    cos = np.array([0.2, 0.5, 1.0])
+    passed, kept = passed_and_kept(BECKMANN, 0.01, 1.5, cos)
+    # Between the table's cosines Fresnel's equations bend.
+    assert_allclose(passed, 1 - fresnel_dielectric(1.5, cos), rtol=3e-3)
+    # By reversibility as much of diffuse light comes out as went in, spread over mu^2 as many directions.
+    comes_in = quad(lambda cos: 2 * cos * (1 - fresnel_dielectric(1.5, cos)), 0, 1)[0]
+    # Mitsuba's mean over 64 cosines counts both ends whole: 1 part in 64 of what is kept at the steepest, 0.55.
+    assert_allclose(kept, 1 - comes_in / 1.5**2, atol=0.01)
 
 
 def test_a_lobe_without_fresnel_is_gltfs_with_a_high_index() -> None:

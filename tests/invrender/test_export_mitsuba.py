@@ -20,7 +20,7 @@ from invrender.export.material import Material
 from invrender.export.mitsuba import write_mitsuba
 from invrender.export.mitsuba_target import MITSUBA
 from invrender.export.shape import Shape, tessellated
-from invrender.model.lobes import BECKMANN, GGX_FORM, Angles
+from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
 from invrender.model.microfacet import Microfacet
 from invrender.render.light import light_element
 from invrender.render.picture import take_picture
@@ -100,6 +100,8 @@ def relative_rms(ours: np.ndarray, theirs: np.ndarray, inner: np.ndarray) -> flo
         pytest.param(brdf_of("bronze", GGX_FORM), id="coloured GGX without index"),
         pytest.param(Microfacet(np.zeros(3), np.array([0.9, 0.6, 0.3]), None, 0.3, GGX_FORM), id="metal"),
         pytest.param(Microfacet(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, None), id="matte"),
+        pytest.param(brdf_of("teflon", PLASTICS[BECKMANN]), id="plastic"),
+        pytest.param(brdf_of("teflon", PLASTICS[GGX_FORM]), id="GGX plastic"),
     ],
 )
 def test_the_material_is_the_formula_that_was_fitted(brdf: Microfacet, tmp_path: Path) -> None:

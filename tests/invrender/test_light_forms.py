@@ -7,15 +7,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from numpy.polynomial.legendre import leggauss
 from numpy.testing import assert_allclose
 
 from invrender.lighting.rows import lobe_blur, photo_rows
-from invrender.model.lobes import BECKMANN, FORMS, GGX_FORM
+from invrender.model.lobes import BECKMANN, FORMS, GGX_FORM, PLASTICS, LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.theory.specialcases import microfacet_transfer
 from recon.harmonics import evaluate_harmonics
 from synthetic.materials.facets import GGX
+from synthetic.materials.material import Material
+from synthetic.materials.plastic import Plastic
 from synthetic.materials.smith import Smith
 
 from .renders import KD, KS, write_result
@@ -23,10 +26,20 @@ from .renders import KD, KS, write_result
 Command = Callable[..., tuple[int, str, str]]
 
 
-def test_rows_are_the_forms_own_transfer(bench: SimpleNamespace, rng: np.random.Generator) -> None:
+GGX_TRUTH = Smith(np.array(KD), np.array(KS), 1.5, GGX(0.25, 0.25))
+
+
+@pytest.mark.parametrize(
+    ("form", "material"),
+    [(GGX_FORM, GGX_TRUTH), (PLASTICS[GGX_FORM], Plastic(GGX_TRUTH))],
+    ids=["GGX", "plastic"],
+)
+def test_rows_are_the_forms_own_transfer(
+    bench: SimpleNamespace, rng: np.random.Generator, form: LobeForm, material: Material
+) -> None:
     field = bench.sphere_field(20.0, 30)
     field = field.where(field.weight > 0)
-    brdf = Microfacet(np.array(KD), np.array(KS), 1.5, 0.25, GGX_FORM)
+    brdf = Microfacet(np.array(KD), np.array(KS), 1.5, 0.25, form)
     light = rng.normal(size=(16, 3))
     found = photo_rows(field, brdf, 3).predict(brdf, light)
     # By a product rule over all directions, of another implementation of the BRDF. What the horizon cuts, by halves of
@@ -40,7 +53,6 @@ def test_rows_are_the_forms_own_transfer(bench: SimpleNamespace, rng: np.random.
     arriving = (
         evaluate_harmonics(wi.reshape(-1, 3), 3) @ light * np.repeat(weight, 240)[:, None] * 2 * np.pi / 240
     )
-    material = Smith(np.array(KD), np.array(KS), 1.5, GGX(0.25, 0.25))
     expected = np.zeros((len(field.normals), 3))
     for k, (normal, view) in enumerate(zip(field.normals, field.views, strict=True)):
         directions = wi.reshape(-1, 3)
