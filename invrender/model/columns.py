@@ -124,13 +124,15 @@ def _photo_columns(
 
             specular = seen_specular(element, sight, gather)
             means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
+            below: dict[bool, NDArray[np.floating]] = {}
+            if diffuse is not None:
+                below[False] = diffuse[:, block, e, None]
             for form, columns in zip(forms, found, strict=True):
-                first = base_size(form)
-                if diffuse is None or form.interface:
+                if form.interface not in below:
                     base = base_columns(form, element, part.normals, part.views, sight)
-                    columns[:, block, e, :first] = part.mean_over_rays(base).transpose(2, 0, 1)
-                else:
-                    columns[:, block, e, 0] = diffuse[:, block, e]
+                    below[form.interface] = part.mean_over_rays(base).transpose(2, 0, 1)
+                first = base_size(form)
+                columns[:, block, e, :first] = below[form.interface]
                 columns[:, block, e, first:] = means[:, lobes.index(form.lobe)].transpose(2, 0, 1)
     names = tuple(element.name for element in elements)
     return [
