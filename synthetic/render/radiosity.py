@@ -77,11 +77,7 @@ def parts_light(
 ) -> PartsLight:
     """Gather the irradiance at all vertices after up to `bounces` reflections, >= 1; kept for the last few calls."""
     vertices = surface.vertex_points()
-    starts = range(0, len(vertices), _VERTICES_PER_CHUNK)
-    chunks = [(start, vertices[start : start + _VERTICES_PER_CHUNK]) for start in starts]
-
-    def soft(chunk: tuple[int, Points]) -> Floats:
-        return _from_extended(surface, illumination, chunk[1], np.random.default_rng([_SEED, chunk[0]]))
+    chunks = _vertex_chunks(vertices)
 
     def exchange(chunk: tuple[int, Points]) -> csr_array:
         return _exchange(surface, chunk[1], np.random.default_rng([_SEED, chunk[0], 1]))
@@ -91,7 +87,7 @@ def parts_light(
         lattices = np.broadcast_to(lattice(_PARTS), (len(chunk[1]), _PARTS, 2))
         return _irradiance(coarse, chunk[1], lattices, rng.random((len(chunk[1]), 2)), rng)
 
-    from_lights = np.concatenate(list(parallel_map(soft, chunks)))
+    from_lights = _soft_light(surface, illumination)
     exchanged = np.zeros_like(from_lights)
     direct, no_lobe = from_lights.copy(), np.zeros_like(from_lights)
     for source in illumination.sources:
@@ -104,6 +100,22 @@ def parts_light(
     level = float(direct.mean())
     coarse = PartsLight(surface, material, illumination, from_lights, exchanged, exchanged, level)
     return replace(coarse, parts=np.concatenate(list(parallel_map(parts, chunks))))
+
+
+@lru_cache(maxsize=4)
+def _soft_light(surface: MeshSurface, illumination: Illumination) -> Floats:
+    """Irradiance (v, 3) at all vertices from extended lights, of whatever material; kept for the last few calls."""
+
+    def soft(chunk: tuple[int, Points]) -> Floats:
+        return _from_extended(surface, illumination, chunk[1], np.random.default_rng([_SEED, chunk[0]]))
+
+    return np.concatenate(list(parallel_map(soft, _vertex_chunks(surface.vertex_points()))))
+
+
+def _vertex_chunks(vertices: Points) -> list[tuple[int, Points]]:
+    """Vertices some at a time, each chunk with its first one's number."""
+    starts = range(0, len(vertices), _VERTICES_PER_CHUNK)
+    return [(start, vertices[start : start + _VERTICES_PER_CHUNK]) for start in starts]
 
 
 def bounced_light(

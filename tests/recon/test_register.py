@@ -1,7 +1,7 @@
 """Poses of rendered photographs with exact truth, found by features, a board, and both; and where they can't be found.
 
-Looking for features takes a second a photograph, so that this file takes about a minute: fewer or smaller photographs
-would not show the accuracy that is asked for.
+Looking for features takes up to a second a photograph, so that this file takes most of a minute: fewer photographs, or
+coarser ones, would not show the accuracy that is asked for.
 """
 
 from __future__ import annotations

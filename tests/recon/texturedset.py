@@ -28,6 +28,8 @@ BOARD_TO_WORLD = np.array([[1.0, 0, 0, -0.084], [0, 1, 0, 0.06], [0, 0, 1, -0.05
 LENS = Camera(
     "OPENCV", np.array([900.0, 905.0, 322.0, 238.0, -0.05, 0.02, 0.0005, -0.0003]), 640, 480, np.eye(4)
 )
+# The middle of its pictures, which holds the body but not the board: in the noise around it features take their time.
+CLOSE = Camera(LENS.model, LENS.params - [0, 0, 148, 68, 0, 0, 0, 0], 344, 344, np.eye(4))
 
 
 def body() -> trimesh.Trimesh:
@@ -57,7 +59,7 @@ def ring(count: int, step_deg: float, distance: float = 0.4) -> list[Floats]:
 
 
 def photograph(
-    pose: Floats, rng: np.random.Generator, surface: str = "textured", board: bool = False, samples: int = 2
+    lens: Camera, pose: Floats, rng: np.random.Generator, surface: str, board: bool, samples: int = 2
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """A photograph (h, w, 3) uint8, sRGB-like gamma 2.2 and 1% noise, and its mask (h, w).
 
@@ -65,8 +67,8 @@ def photograph(
     below it.
     """
     mesh, tracer = _traced(surface)
-    camera = LENS.posed(pose)
-    directions = _seen_through_lens(samples) @ pose[:3, :3]
+    camera = lens.posed(pose)
+    directions = _seen_through(lens, samples) @ pose[:3, :3]
     origins = np.broadcast_to(camera.centre, directions.shape)
     hits = tracer.first_hits(origins, directions)
     seen = hits.faces >= 0
@@ -103,17 +105,18 @@ def write_set(
 ) -> None:
     """A photo set of the body; photos numbered in `given` state their pose, those in `boards` show BOARD."""
     rng = np.random.default_rng(7)
+    lens = LENS if boards else CLOSE
     folder.mkdir(parents=True, exist_ok=True)
     lines = [
         "format = 1",
         'name = "body"',
         "[camera]",
-        f'model = "{LENS.model}"\nparams = {LENS.params.tolist()}\nwidth = {LENS.width}\nheight = {LENS.height}',
+        f'model = "{lens.model}"\nparams = {lens.params.tolist()}\nwidth = {lens.width}\nheight = {lens.height}',
         '[radiometry]\nencoding = "srgb"',
         '[object]\nshape = "mesh"',
     ]
     for number, pose in enumerate(poses):
-        picture, mask = photograph(pose, rng, surface, number in boards)
+        picture, mask = photograph(lens, pose, rng, surface, number in boards)
         name = f"{number:03d}.png"
         cv2.imwrite(str(folder / name), picture)
         lines.append(f'[[photo]]\nfile = "{name}"')
@@ -140,11 +143,11 @@ def _grids() -> tuple[Floats, ...]:
 
 
 @cache
-def _seen_through_lens(samples: int) -> Floats:
+def _seen_through(lens: Camera, samples: int) -> Floats:
     """Unit directions in the camera's own frame, of so many samples a pixel each way: the same for all poses."""
     steps = (np.arange(samples) + 0.5) / samples
-    x, y = ((np.arange(size)[:, None] + steps).ravel() for size in (LENS.width, LENS.height))
-    return LENS.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))[1]
+    x, y = ((np.arange(size)[:, None] + steps).ravel() for size in (lens.width, lens.height))
+    return lens.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))[1]
 
 
 @cache

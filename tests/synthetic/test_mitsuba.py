@@ -106,7 +106,7 @@ def vectorised(variant: None) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def cat() -> MeshSurface:
-    return MeshSurface(mesh_implicit(cat_field, REACH, 0.0015))
+    return MeshSurface(mesh_implicit(cat_field, REACH, 0.002))
 
 
 def photographed(
