@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,6 +25,7 @@ from invrender.model.transfer import diffuse_transfer, light_elements
 from invrender.model.visibility import Shadows, seen_diffuse
 from invrender.pipeline import process
 from invrender.result import result_document
+from invrender.run import run_process
 from invrender.solve.blind import factorize_blind
 from invrender.specimen import find_specimen
 from invrender.theory.harmonics import project_sources
@@ -38,7 +37,6 @@ from recon.trianglemesh import TriangleMesh
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
 
-Command = Callable[..., tuple[int, str, str]]
 CAT = """
 format = 1
 name = "cat"
@@ -92,15 +90,16 @@ def cat_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "set"
 
 
-@pytest.fixture
-def cat(cat_original: Path, tmp_path: Path) -> Path:
-    """A copy that a test may damage."""
-    return Path(shutil.copytree(cat_original, tmp_path / "cat"))
+@pytest.fixture(scope="module")
+def processed(cat_original: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Factorization, Path]:
+    """What `process` finds of the cat, and where it wrote it."""
+    out = tmp_path_factory.mktemp("processed") / "out"
+    return run_process(cat_original, out, 4000).result, out
 
 
 @pytest.fixture(scope="module")
-def result(cat_original: Path) -> Factorization:
-    return process(load_photoset(cat_original), 4000).result
+def result(processed: tuple[Factorization, Path]) -> Factorization:
+    return processed[0]
 
 
 def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
@@ -136,20 +135,17 @@ def test_without_visibility_errors_are_several_times_larger(
     assert any("not only noise" in warning for warning in blind.warnings)
 
 
-def test_command_writes_and_predicts_a_mesh(lightfactor: Command, cat: Path, tmp_path: Path) -> None:
-    code, _, err = lightfactor("process", cat, "-o", tmp_path / "out", "--samples", 1000)
-    assert (code, err) == (0, "")
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
+def test_a_mesh_is_written_and_predicted(processed: tuple[Factorization, Path], cat_original: Path) -> None:
+    out = processed[1]
+    result = json.loads((out / "result.json").read_text())
     assert result["object"]["shape"] == "mesh"
     assert result["object"]["mesh"] == "object.obj"
     assert min(result["object"]["mask_overlap"]) > 0.95
     assert "object.obj" in result["inputs"]
     # All of the object that is a whole pixel is predicted, in its shadows and at its rim, to noise and edges.
-    photo, predicted = (
-        read_pixels(at / "003.exr").astype(float) for at in (cat, tmp_path / "out" / "predicted")
-    )
+    photo, predicted = (read_pixels(at / "003.exr").astype(float) for at in (cat_original, out / "predicted"))
     inside = predicted.any(axis=2)
-    covered = read_pixels(cat / "003_mask.png").min(axis=2) == 255
+    covered = read_pixels(cat_original / "003_mask.png").min(axis=2) == 255
     assert (inside & covered).sum() > 0.98 * covered.sum()
     rms = np.sqrt(((photo - predicted)[inside] ** 2).mean() / (photo[inside] ** 2).mean())
     assert rms < 0.03
