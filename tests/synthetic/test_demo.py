@@ -18,17 +18,20 @@ from capture.photoset import PhotoSet, load_photoset
 from recon.locate import View, locate_sphere
 from recon.outline import mask_silhouette
 from recon.sphere import Sphere
-from synthetic.demo import demo_staging, write_demo
+from synthetic.demo import demo_staging
 from synthetic.render.photograph import photographs
 from synthetic.sensing.noise import Noise
 from synthetic.shapes.ball import Ball
 from synthetic.writer import TRUTH_NAME, write_photoset
 
+# Every third photograph, the first and the last among them.
+STAGING = replace(demo_staging(), scene=replace(demo_staging().scene, shots=demo_staging().scene.shots[::3]))
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("demo") / "set"
-    write_demo(path)
+    write_photoset(STAGING, path)
     return path
 
 
@@ -47,7 +50,7 @@ def found_sphere(photoset: PhotoSet) -> Sphere:
 
 
 def test_manifest_says_what_the_scene_is(photoset: PhotoSet) -> None:
-    scene = demo_staging().scene
+    scene = STAGING.scene
     assert len(photoset.photos) == len(scene.shots)
     for photo, shot in zip(photoset.photos, scene.shots, strict=True):
         camera = shot.camera
@@ -68,11 +71,11 @@ def test_manifest_says_what_the_scene_is(photoset: PhotoSet) -> None:
 
 
 def test_photographs_decode_to_the_scene_within_the_noise(photoset: PhotoSet) -> None:
-    scene = demo_staging().scene
+    scene = STAGING.scene
     index = 3
     image = decode_photo(photoset, photoset.photos[index])
     ((truth, coverage),) = photographs(replace(scene, shots=scene.shots[index : index + 1]))
-    noise = demo_staging().sensor
+    noise = STAGING.sensor
     assert isinstance(noise, Noise)
     floor = noise.floor * truth[coverage > 0].mean()
     scores = (image.radiance - truth) / np.hypot(noise.relative * truth, floor)
@@ -82,7 +85,7 @@ def test_photographs_decode_to_the_scene_within_the_noise(photoset: PhotoSet) ->
 
 
 def test_sphere_is_found_from_the_masks(photoset: PhotoSet) -> None:
-    scene = demo_staging().scene
+    scene = STAGING.scene
     sphere = found_sphere(photoset)
     ball = scene.surface
     assert isinstance(ball, Ball)
@@ -103,7 +106,7 @@ def test_highlights_are_seen_from_facing_to_grazing() -> None:
 
 
 def test_truth_lies_beside_the_photographs(folder: Path) -> None:
-    scene = demo_staging().scene
+    scene = STAGING.scene
     truth = json.loads((folder / TRUTH_NAME).read_text(encoding="utf-8"))
     assert truth["brdf"]["kd"] == scene.material.kd.tolist()
     assert truth["brdf"]["ks"] == scene.material.ks.tolist()
