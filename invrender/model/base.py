@@ -21,9 +21,8 @@ from invrender.model.fresnel import MU_RANGE, fresnel_reflectance
 from invrender.model.lobes import LobeForm
 from invrender.model.transfer import LightElement, diffuse_transfer
 from invrender.model.visibility import Sight, seen_diffuse
-from invrender.theory.operator import irradiance_operator
 from invrender.theory.refinement import interval_rule
-from recon.harmonics import degree_of, degrees, evaluate_harmonics
+from recon.harmonics import clamped_cosine_transfer, degree_of, degrees, evaluate_harmonics
 
 Floats = NDArray[np.float64]
 # Cosines (...,) to values (..., k) of functions whose sum t is; hashable.
@@ -147,12 +146,16 @@ def base_rows(form: LobeForm, mu: float | None, normals: Floats, views: Floats, 
 
     normals, views : (m, 3) unit.
     """
+    out = let_through(form, mu, np.clip((normals * views).sum(axis=1), 0, 1))
+    return evaluate_harmonics(normals, l_max) * sky_factors(form, mu, l_max) * out[:, None]
+
+
+def sky_factors(form: LobeForm, mu: float | None, l_max: int) -> Floats:
+    """By what each harmonic of unoccluded light, ((l_max + 1)^2,), counts for the base, of its value at the normal."""
     if not form.interface:
-        return irradiance_operator(normals, l_max)
+        return clamped_cosine_transfer(l_max)[degrees(l_max)]
     assert mu is not None
-    passing = OneInterface(mu)
-    out = passing(np.clip((normals * views).sum(axis=1), 0, 1))
-    return evaluate_harmonics(normals, l_max) * _convolved(passing, l_max)[degrees(l_max), 0] * out
+    return np.asarray(_convolved(OneInterface(mu), l_max)[degrees(l_max), 0])
 
 
 def _through(

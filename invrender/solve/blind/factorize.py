@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
-from invrender.model.lobes import FORMS
+from invrender.model.lobes import FORMS, PLASTICS
 from invrender.model.lobetable import TRANSFERS, Transfer
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.antipodes import Sides, likelier_sides
@@ -129,7 +129,7 @@ def blind_steps(orders: Sequence[int] = ORDERS) -> int:
     """How often `factorize_blind` reports progress at most."""
     # Each order with a lobe and without, and of degree 2; lamps; other forms; the first fit, what may be left out, the
     # last.
-    return 2 * len(orders) + 6 + len(FORMS)
+    return 2 * len(orders) + 6 + len(FORMS) + len(PLASTICS)
 
 
 def _check(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from invrender.model.lobes import FORMS, PRINTED
+from invrender.model.lobes import FORMS, PLASTICS, PRINTED
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import as_good, cross_validate
 from invrender.solve.blind.sources import Found, examined, find_sources, off_borders
@@ -36,7 +36,7 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     """
     whole, search = search, off_borders(search, found.fit.state)
     fits = [found.fit if search is whole else search.fit(found.fit.state, l_max)]
-    for form in FORMS.values():
+    for form in (*FORMS.values(), *PLASTICS.values()):
         if form is not PRINTED:
             fits.append(search.fit(found.fit.state.with_form(form), l_max, _ITERATIONS))
     rungs = [cross_validate(fit.state.form.name, search, fit) for fit in fits]

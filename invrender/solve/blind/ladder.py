@@ -9,9 +9,8 @@ from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.sources import Lamps, bright, find_sources, sources_of_diffuse
 from invrender.solve.blind.start import Search, of_degree
-from invrender.solve.blind.state import State
+from invrender.solve.blind.state import FIRST_MU, State
 
-_FIRST_MU = 1.5
 # Iterations by which a model that is any good has arrived, from the best of another.
 _ENOUGH = 8
 
@@ -57,7 +56,8 @@ def climb(
         add(lamps.diffuse.state, 0)
     best = rungs[simplest(rungs)].fit
     if best.state.sigma is not None and best.state.form.has_fresnel:
-        add(replace(best.state, mu=_FIRST_MU if best.state.mu is None else None), best.l_max)
+        bare = best.state.mu is None
+        add(replace(best.state, mu=FIRST_MU) if bare else best.state.without_fresnel(), best.l_max)
     for other in others:
         if len(best.state.directions) > len(other.directions):
             other = replace(other, directions=best.state.directions, owners=best.state.owners)

@@ -57,12 +57,8 @@ def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> 
 
 def _instead(own: State, other: State) -> State:
     """Another form's BRDF under the sources of one's own, without Fresnel factor where this has none."""
-    return replace(
-        other,
-        mu=None if own.mu is None else other.mu,
-        directions=own.directions,
-        owners=own.owners,
-    )
+    other = other.without_fresnel() if own.mu is None else other
+    return replace(other, directions=own.directions, owners=own.owners)
 
 
 def with_rivals(certainty: Certainty, fit: Fit, rivals: Sequence[Fit]) -> Certainty:

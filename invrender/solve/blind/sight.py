@@ -3,9 +3,10 @@
     B = sum_k L_k [(1 - kappa) D_k + kappa M_k(mu, sigma)]
       + sum_j E_j [(1 - kappa) max(n.d_j, 0) + kappa T(mu, sigma, d_j)]     [RH01, eq. 15, 20, 23]
 
-per channel, in the gauge Kd + Ks = 1. M and T are the lobe with its Fresnel factor, which RH01's form has at theta_o
-and so outside of all sums over light. A pixel is the mean over its rays. What a mesh keeps from itself is left out of
-all of these, by `visibility`'s three rules.
+per channel, in the gauge Kd + Ks = 1; above a base under an interface D_k and the cosine hold what that lets in and out
+(`base`), and what a mesh hides of the sky is taken to come in as light from all sides does. M and T are the lobe with
+its Fresnel factor, which RH01's form has at theta_o and so outside of all sums over light. A pixel is the mean over its
+rays. What a mesh keeps from itself is left out of all of these, by `visibility`'s three rules.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as defaulted
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.model.base import base_share, let_through, sky_factors
 from invrender.model.formtable import form_rows
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
@@ -25,7 +28,7 @@ from invrender.model.lobetable import Transfer, specular_rows
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.state import State, turns
 from invrender.theory.operator import irradiance_operator
-from recon.harmonics import degree_of
+from recon.harmonics import degree_of, evaluate_harmonics
 from recon.lightfield import LightField, joined
 
 Floats = NDArray[np.float64]
@@ -56,8 +59,8 @@ class Sight:
 
     photos : one or more. field : their samples as one's, which is what all arrays go by. l_max : of the lighting.
     transfer : of the lobe, for all but the sources. rays : the same as one sample per ray. cos : (m,) exitant, of rays.
-    diffuse : (n, (l_max + 1)^2), irradiance. lighting : number of the lighting that they are under. shadows : of a mesh
-    on itself; None of what has none.
+    diffuse : (n, (l_max + 1)^2), irradiance, which a Lambertian base sends. lighting : number of the lighting that they
+    are under. shadows : of a mesh on itself; None of what has none.
     """
 
     photos: tuple[LightField, ...]
@@ -117,6 +120,49 @@ class Sight:
             result[:, k] = self._free[key]
         return result
 
+    def base_rows(self, state: State, l_max: int) -> NDArray[np.floating]:
+        """Rows (n, (l_max + 1)^2) of samples over the lighting, of the base per unit of Kd."""
+        size = (l_max + 1) ** 2
+        if not state.form.interface:
+            return self.diffuse[:, :size]
+        out = let_through(state.form, state.mu, self.exitant)
+        factors = sky_factors(state.form, state.mu, l_max)
+        mean = self.field.mean_over_rays
+        clear = mean(self._harmonics[:, :size] * out[:, None].astype(np.float32)) * factors
+        return np.asarray(clear - mean(out)[:, None] * self._hidden[:, :size])
+
+    def base_slope(self, state: State, light: Floats) -> Floats:
+        """Derivative (n, c) of what samples see of lighting ((l_max + 1)^2, c) in the base, by log(mu - 1)."""
+        if not state.form.interface or state.mu is None:
+            return np.zeros((len(self.field), light.shape[1]))
+        l_max, mus = degree_of(len(light)), (state.mu, _denser(state.mu))
+        out, more = (let_through(state.form, mu, self.exitant)[:, None] for mu in mus)
+        factors, further = (sky_factors(state.form, mu, l_max)[:, None] for mu in mus)
+        both = np.hstack([factors * light, (further - factors) / _STEP * light]).astype(np.float32)
+        falling, change = np.hsplit((self._harmonics[:, : len(light)] @ both).astype(float), 2)
+        opened = (more - out) / _STEP
+        mean = self.field.mean_over_rays
+        return np.asarray(
+            mean(out * change + opened * falling) - mean(opened) * (self._hidden[:, : len(light)] @ light)
+        )
+
+    @cached_property
+    def exitant(self) -> Floats:
+        """Cosines (m,) of rays, none below the horizon."""
+        return np.clip(self.cos, 0, 1)
+
+    @cached_property
+    def _harmonics(self) -> Singles:
+        """Harmonics (m, (l_max + 1)^2) at the normals of rays."""
+        return evaluate_harmonics(self.field.normals, self.l_max).astype(np.float32)
+
+    @cached_property
+    def _hidden(self) -> Floats:
+        """Rows (n, (l_max + 1)^2) of the irradiance that a mesh keeps off; one row of zeros of what has no shadows."""
+        if self.shadows is None:
+            return np.zeros((1, (self.l_max + 1) ** 2))
+        return self.shadows.hidden_rows(self.field, self.l_max)
+
     def lobe_rows(self, state: State, l_max: int) -> Singles:
         """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""
         if state.form is not PRINTED:
@@ -163,14 +209,15 @@ class Sight:
         ones.
         """
         for (form, degree, mu, sigma), lobes in self._last.items():
-            if (form, degree) == (state.form, l_max) and (mu is None) == (state.mu is None):
+            if (form, degree) == (state.form.lobe, l_max) and (mu is None) == (state.mu is None):
                 wider = np.log(state.roughness / sigma)
                 denser = 0.0 if mu is None or state.mu is None else np.log((state.mu - 1) / (mu - 1))
                 if max(abs(wider), abs(denser)) <= _ALONG:
                     return lobes, float(wider), float(denser)
         self._last.clear()
-        lobes = self._mirrored(form_rows(self.rays, l_max, state.form, state.mu, state.roughness))
-        self._last[state.form, l_max, state.mu, state.roughness] = lobes
+        lobe = state.form.lobe
+        lobes = self._mirrored(form_rows(self.rays, l_max, lobe, state.mu, state.roughness))
+        self._last[lobe, l_max, state.mu, state.roughness] = lobes
         return lobes, 0.0, 0.0
 
     def _printed(self, sigma: float) -> tuple[Singles, Singles, Singles]:
@@ -215,7 +262,7 @@ class Sight:
 class Rows:
     """Rows of samples over the coefficients and then the sources, (n, k + j) each.
 
-    per_diffuse : what a diffuse body of unit Kd sends. per_specular : a specular one of unit Ks; one row of zeros
+    per_diffuse : what a base of unit Kd sends. per_specular : a specular one of unit Ks; one row of zeros
     without, where kappa is zero.
     """
 
@@ -244,10 +291,9 @@ class Rows:
 
 def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     """Rows at a state, over lighting of degree l_max <= the sight's."""
-    size = (l_max + 1) ** 2
     mean, free = sight.field.mean_over_rays, sight.free(state.directions)
-    cosines = mean(np.maximum(sight.field.normals @ state.directions.T, 0) * free)
-    diffuse = np.hstack([sight.diffuse[:, :size], cosines])
+    falling = mean(_falling(sight, state.directions, state) * free)
+    diffuse = np.hstack([sight.base_rows(state, l_max), falling])
     if state.sigma is None:
         return Rows(diffuse, np.zeros((1, diffuse.shape[1])))
     highlights = mean(_highlights(sight, state.directions, state) * free)
@@ -265,7 +311,10 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     coefficients, irradiances = np.split(light, [len(light) - len(state.directions)])
     ends = turns(state.directions, _STEP).reshape(2 * len(state.directions), 3)
     cosines, turned = normals @ state.directions.T, (normals @ ends.T).reshape(*free.shape, 2)
-    slopes = (np.maximum(turned, 0) - np.maximum(cosines, 0)[..., None]) / _STEP * free[..., None]
+    falling = _falling(sight, state.directions, state)
+    slopes = (
+        (_falling(sight, ends, state).reshape(turned.shape) - falling[..., None]) / _STEP * free[..., None]
+    )
     by_turn = (1 - kappa) * mean(slopes)[..., None]
     columns = []
     if state.sigma is not None:
@@ -274,7 +323,10 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
         highlights, of_sigma, of_mu = _with_slopes(sight, state)
         by_sigma += (of_sigma * free) @ irradiances
         by_mu += (of_mu * free) @ irradiances
-        columns += [] if state.mu is None else [kappa * mean(by_mu)]
+        if state.mu is not None:
+            denser = (_falling(sight, state.directions, state, _denser(state.mu)) - falling) / _STEP
+            base = sight.base_slope(state, coefficients) + mean(denser * free) @ irradiances
+            columns.append(kappa * mean(by_mu) + (1 - kappa) * base)
         columns.append(kappa * mean(by_sigma))
         slopes = (_highlights(sight, ends, state).reshape(turned.shape) - highlights[..., None]) / _STEP
         # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
@@ -282,6 +334,22 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
         by_turn = by_turn + kappa * mean(np.where(same_side, slopes, 0))[..., None]
     of_sources = np.moveaxis(by_turn * irradiances[:, None], -1, 1).reshape(len(sight.field), 3, len(ends))
     return np.concatenate([*(column[..., None] for column in columns), of_sources], axis=-1)
+
+
+def _falling(sight: Sight, directions: Floats, state: State, mu: float | None = None) -> Floats:
+    """Radiance (m, j) of rays from sources of unit irradiance in directions (j, 3), per unit of Kd.
+
+    mu : in place of the state's.
+    """
+    cos = np.clip(sight.field.normals @ directions.T, 0, 1)
+    if not state.form.interface:
+        return cos
+    return cos * base_share(state.form, mu or state.mu, cos, sight.exitant[:, None])
+
+
+def _denser(mu: float) -> float:
+    """mu a small step further on in log(mu - 1)."""
+    return float(1 + (mu - 1) * np.exp(_STEP))
 
 
 def _highlights(sight: Sight, directions: Floats, state: State) -> Floats:
@@ -305,7 +373,7 @@ def _fresnel(mu: float | None, cos: Floats) -> tuple[Floats, Floats]:
     """Fresnel's factor at cosines (m,), and its slope in log(mu - 1)."""
     if mu is None:
         return np.ones_like(cos), np.zeros_like(cos)
-    at, more = (normalised_fresnel(1 + (mu - 1) * np.exp(way), cos) for way in (0, _STEP))
+    at, more = (normalised_fresnel(each, cos) for each in (mu, _denser(mu)))
     return at, (more - at) / _STEP
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.factorization import Quantity
+from invrender.model.base import let_through, sky_factors
 from invrender.model.formtable import form_radiance
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
@@ -18,8 +19,7 @@ from invrender.solve.blind.rungs import BlindRung
 from invrender.solve.blind.state import State
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.theory.harmonics import project_sources
-from invrender.theory.lambertian import irradiance
-from recon.harmonics import degree_of
+from recon.harmonics import degree_of, evaluate_harmonics
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -124,14 +124,18 @@ def predict_blind(
     state = solution.rungs[solution.chosen].fit.state
     light = solution.light if light is None else light
     directions, strengths = light.sources.directions, light.sources.irradiances
-    total = irradiance(field.normals, light.coefficients)
-    cosines = np.maximum(field.normals @ directions.T, 0)
+    exitant = np.clip(np.einsum("nk,nk->n", field.normals, field.views), 0, 1)
+    cosines = np.clip(field.normals @ directions.T, 0, 1)
+    l_max = degree_of(len(light.coefficients))
+    factors = sky_factors(state.form, state.mu, l_max)
+    total = evaluate_harmonics(field.normals, l_max) @ (factors[:, None] * light.coefficients)
     lit = np.ones(cosines.shape)
     if shadows is not None:
         total -= shadows.hidden(field, light.coefficients)
         for k, direction in enumerate(directions):
             lit[:, k] = shadows.lit(field, direction)
-    total = (total + (cosines * lit) @ strengths) * (1 - state.kappa)
+    total += (cosines * let_through(state.form, state.mu, cosines) * lit) @ strengths
+    total *= let_through(state.form, state.mu, exitant)[:, None] * (1 - state.kappa)
     if state.sigma is not None:
         lobe = _reflected(state, field, light.coefficients, solution.transfer)
         if shadows is not None:
@@ -146,7 +150,7 @@ def predict_blind(
 def _reflected(state: State, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
     """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
     if state.form is not PRINTED:
-        return form_radiance(field, lighting, state.form, state.mu, state.roughness)
+        return form_radiance(field, lighting, state.form.lobe, state.mu, state.roughness)
     cos = np.einsum("nk,nk->n", field.normals, field.views)
     return normalised_fresnel(state.mu, cos)[:, None] * specular_radiance(
         field, lighting, state.roughness, transfer

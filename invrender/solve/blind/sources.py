@@ -206,7 +206,7 @@ def _sensible(search: Search, fit: Fit) -> Fit:
     """The fit, without Fresnel factor where that runs to the end of its range and explains less than none does."""
     if fit.state.mu is None or fit.state.mu < MU_RANGE[1]:
         return fit
-    return min(fit, search.fit(replace(fit.state, mu=None), fit.l_max), key=lambda f: f.cost)
+    return min(fit, search.fit(fit.state.without_fresnel(), fit.l_max), key=lambda f: f.cost)
 
 
 def _fresnel_again(search: Search, fit: Fit, mu: float | None) -> Fit:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from invrender.solve.blind.projection import ITERATIONS, Fit, refine, solve_lighting
 from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.state import State
+from invrender.solve.blind.state import FIRST_MU, State
 from invrender.solve.clusters import outstanding
 from recon.harmonics import degree_of, degrees, evaluate_harmonics, sphere_directions
 from recon.lightfield import LightField, pools
@@ -19,7 +19,6 @@ from recon.lightfield import LightField, pools
 Floats = NDArray[np.float64]
 
 _ROUGHNESSES, _SHARES, _TRIED = (0.08, 0.15, 0.3), (0.1, 0.6), 2
-_FIRST_MU = 1.5
 _GRID = 20000
 # A diffuse body without sources.
 NOTHING = State(np.zeros(3), None, None, np.zeros((0, 3)))
@@ -115,7 +114,7 @@ def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
     """
     trials = []
     for sigma, share in product(_ROUGHNESSES, _SHARES):
-        bare = replace(known, kappa=np.full(3, share), mu=_FIRST_MU, sigma=sigma)
+        bare = replace(known, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma)
         state, cost = bare, 0.0
         for lighting in search.lightings:
             own = search.only(lighting)

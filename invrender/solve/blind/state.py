@@ -15,6 +15,8 @@ from recon.tangents import tangents
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# Where a search for the refractive index begins.
+FIRST_MU = 1.5
 # Largest steps: of a share, of log(mu - 1) and log sigma, and of a source, radians.
 _STEPS = {"kappa": 0.2, "mu": 0.5, "sigma": 0.5, "source": 0.1}
 _SHARES = (1e-3, 1 - 1e-3)
@@ -99,8 +101,13 @@ class State:
         return self.without_source(np.flatnonzero(self.owners != lighting))
 
     def with_form(self, form: LobeForm) -> State:
-        """The same with a lobe of another form, which may have no Fresnel factor."""
-        return replace(self, form=form, mu=self.mu if form.has_fresnel else None)
+        """The same with a lobe of another form, which may have no Fresnel factor, or an interface that needs one."""
+        mu = FIRST_MU if form.interface and self.mu is None else self.mu
+        return replace(self, form=form, mu=mu if form.has_fresnel else None)
+
+    def without_fresnel(self) -> State:
+        """The same without Fresnel factor, and so without interface."""
+        return replace(self, form=self.form.lobe, mu=None)
 
     def with_source(self, direction: Floats, lighting: int = 0) -> State:
         """The same with one more source."""
