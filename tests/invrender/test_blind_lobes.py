@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.lobes import BECKMANN
+from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.model.lobetable import TRANSFERS
 from invrender.solve.blind import Region, factorize_blind, predict_blind
+from recon.harmonics import sphere_directions
 from recon.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.materials import facets
+from synthetic.materials.plastic import Plastic
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.materials.smith import Smith
 from synthetic.render.lobes import reflected_radiance
@@ -23,6 +25,7 @@ from .anylobe import radiance_of
 from .test_blind import NOISE, TEFLON, degrees_apart, noisy, photographs, share
 
 PAINTED = radiometric(RH01_MATERIALS["painted"])
+PLASTIC = Plastic(Smith(np.array([0.3, 0.25, 0.2]), np.full(3, 0.05), 1.5, facets.Beckmann(0.12, 0.12)))
 
 
 def _smith(field: LightField, bench: SimpleNamespace) -> np.ndarray:
@@ -68,6 +71,54 @@ def test_the_ladder_tells_half_angle_lobes_from_rh01s(bench: SimpleNamespace, rn
     # RH01's form would answer with shares that are off by many of these error bars.
     as_printed = next(rung.fit.state for rung in found.rungs if rung.name.startswith("microfacet,"))
     assert np.abs(as_printed.kappa - share(PAINTED)).min() > 5 * std[:3].max()
+
+
+def _of_plastic(field: LightField, bench: SimpleNamespace) -> np.ndarray:
+    """What a plastic sphere sends to a photograph: its gloss, and its base by sums over all directions."""
+    light, source, gloss = bench.area_light, bench.source, PLASTIC.gloss
+    bare = replace(gloss, kd=np.zeros(3))
+    rays = radiance_of(bare, 0.12, [light], [source], field.normals, field.views)
+    base = replace(PLASTIC, gloss=replace(gloss, ks=np.zeros(3)))
+    # The light is round: what comes in depends on the angle to its axis alone.
+    up, angles, directions = _tilted(np.ones(1)), np.linspace(0, np.pi, 200), sphere_directions(20_000)
+    axes = np.stack([np.sin(angles), np.zeros(200), np.cos(angles)], axis=-1)
+    falling = base.lobe(directions, up) * np.maximum(directions[:, 2:], 0) * (4 * np.pi / len(directions))
+    window = np.array([light.profile(directions @ axis) @ falling for axis in axes])
+    angle = np.arccos(np.clip(field.normals @ light.axis, -1, 1))
+    sent = np.stack([np.interp(angle, angles, window[:, c]) for c in range(3)], axis=-1) * light.radiance
+    cos = np.clip(field.normals @ source.direction, 0, 1)
+    sent += base.lobe(_tilted(cos), up) * cos[:, None] * source.irradiance
+    out = base.lobe(up, _tilted((field.normals * field.views).sum(axis=1))) / base.lobe(up, up)
+    return field.mean_over_rays(rays + sent * out)
+
+
+def _tilted(cos: np.ndarray) -> np.ndarray:
+    """Local directions (m, 3) at cosines to the normal."""
+    return np.stack([np.sqrt(1 - cos**2), np.zeros_like(cos), cos], axis=-1)
+
+
+def test_the_ladder_tells_a_base_under_an_interface(bench: SimpleNamespace, rng: np.random.Generator):
+    fields = [bench.sphere_field(angle, 200, 90.0) for angle in np.linspace(0, 177, 6)]
+    photos = noisy([replace(field, radiance=_of_plastic(field, bench)) for field in fields], rng)
+    found = factorize_blind(photos, orders=[8, 10])
+    assert found.form is PLASTICS[BECKMANN]
+    assert found.mu is not None
+    assert found.sigma is not None
+    gloss, std = PLASTIC.gloss, np.sqrt(np.diag(found.covariance))
+    error = [*(found.brdf_share - share(gloss)), found.mu - gloss.mu, found.sigma - 0.12]
+    # Five numbers, of which four agree by more than chance: all within 3 standard deviations.
+    assert (np.abs(error) < 3 * std[:5]).all()
+    assert (std[:5] < [0.003, 0.003, 0.003, 0.005, 0.001]).all()
+    # Over a Lambertian base each lobe explains a tenth at best; the other plastic's lobe is what gives it away.
+    errors = {rung.fit.state.form: rung.error for rung in found.rungs if rung.fit.state.sigma is not None}
+    best = found.rungs[found.chosen].error
+    assert errors[BECKMANN] > 8 * best
+    assert errors[GGX_FORM] > 8 * best
+    assert errors[PLASTICS[GGX_FORM]] > 3 * best
+    unseen = bench.sphere_field(30.0, 500, 90.0, seed=5)
+    expected = _of_plastic(unseen, bench)
+    error = predict_blind(found, unseen) - expected
+    assert np.sqrt(np.mean(error**2)) < 0.5 * NOISE * np.sqrt(np.mean(expected**2))
 
 
 def test_coarser_rungs_of_transfer_lose_specular_reflection(bench: SimpleNamespace):

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.lobes import FORMS, LobeForm
+from invrender.model.lobes import FORMS, PLASTICS, LobeForm
 from invrender.solve.blind.sight import Sight, rows_of, slopes_of
 from invrender.solve.blind.state import State
 
 DEGREE = 6
+ALL = FORMS | {form.name: form for form in PLASTICS.values()}
 TOWARDS = np.array([[0.48, 0.6, 0.64], [-0.8, 0.36, 0.48]])
 
 
@@ -21,7 +22,7 @@ def _state(form: LobeForm) -> State:
     return State(shares, 1.6 if form.has_fresnel else None, 0.2, TOWARDS, form, np.zeros(2, int))
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("form", ALL.values(), ids=ALL)
 def test_slopes_are_differences_of_what_rows_yield(
     form: LobeForm, bench: SimpleNamespace, rng: np.random.Generator
 ) -> None:
@@ -45,7 +46,7 @@ def test_slopes_are_differences_of_what_rows_yield(
             assert_allclose(found[off, c, k], expected[off], atol=2e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("form", ALL.values(), ids=ALL)
 def test_rows_near_those_that_were_computed_are_what_they_would_be(
     form: LobeForm, bench: SimpleNamespace
 ) -> None:
