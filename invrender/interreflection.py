@@ -275,9 +275,12 @@ def asked_for(
 
 
 def highest_share(less: Sequence[Floats], radiance: Sequence[Floats]) -> float:
-    """Bounced light's (n, 3) largest share of the radiance (n, 3) of a sample, but for one percent of them."""
+    """Bounced light's (n, 3) largest share of the radiance (n, 3) of a sample, but for one percent of them.
+
+    At most 1: where photographs are darker than what should bounce, all of it.
+    """
     shares = [
-        off.mean(axis=1) / np.maximum(whole.mean(axis=1), 1e-300)
+        np.minimum(off.mean(axis=1) / np.maximum(whole.mean(axis=1), 1e-300), 1)
         for off, whole in zip(less, radiance, strict=True)
     ]
     return float(np.quantile(np.concatenate(shares), _HIGHEST))

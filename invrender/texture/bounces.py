@@ -52,6 +52,8 @@ _ODDS = 10.0
 # Share of the irradiance by the lighting itself up to which a point lies in shadow. How near the paint there comes to
 # that elsewhere, in so many pieces of photographs at least.
 _SHADOW, _PAINT, _PIECES = 0.3, 0.1, 4
+# Share of the points that photographs tell whose Kd, or Ks, bounds that of the others.
+_BRIGHT = 0.9
 # Points whose normals are opposite are as far apart as others at this share of the object's size: a thin wall's sides
 # may be painted differently.
 _SIDES = 0.1
@@ -125,7 +127,7 @@ def account_for_bounces(
         painted = replace(fit.brdf, kd=kd, ks=ks)
         bounced = {name: parts.bounced(of, np.ones((len(of), 3)), painted) for name, of in elements.items()}
         by_mesh = [_by_mesh(one.seen, bounced[one.seen.lighting], fit.brdf) for one in shown]
-        less = _less(shown, by_mesh, values)
+        less = _less(shown, by_mesh, values, known)
         if lacking is None and rms(less) < MATTERS * scale:
             return None
         solved_for = _values(shown, by_mesh, fit, len(points))
@@ -183,11 +185,21 @@ def _values(
 
 
 def _less(
-    shown: Sequence[_Shown], by_mesh: Sequence[tuple[Floats, Floats]], values: PointValues
+    shown: Sequence[_Shown],
+    by_mesh: Sequence[tuple[Floats, Floats]],
+    values: PointValues,
+    known: NDArray[np.bool_],
 ) -> list[Floats]:
-    """Radiance (r, 3) of the points by what bounces."""
+    """Radiance (r, 3) of the points by what bounces.
+
+    What photographs don't tell of a point may be anything: it is no brighter than nearly all that they tell.
+    """
+    kd, ks = (
+        np.where(known[:, None], of, np.minimum(of, np.quantile(of[known], _BRIGHT, axis=0)))
+        for of in (values.kd, values.ks)
+    )
     return [
-        values.kd[one.seen.points.points] * diffuse + values.ks[one.seen.points.points] * specular
+        kd[one.seen.points.points] * diffuse + ks[one.seen.points.points] * specular
         for one, (diffuse, specular) in zip(shown, by_mesh, strict=True)
     ]
 

@@ -6,12 +6,14 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from capture.files.imagefile import read_exr_layers, read_pixels
 from invrender.solve.evidence import relative_rms
+from invrender.texture.bounces import _less
 from recon.trianglemesh import TriangleMesh, smooth_normals, write_mesh
 from synthetic.materials.texture import Textured
 from synthetic.scenes.build import read_staging
@@ -108,3 +110,16 @@ def test_paint_in_folds_is_not_taken_for_brighter_than_it_is(
     shown, whole = read_pixels(seen).astype(float), read_exr_layers(seen)["A"] > 0.999
     photo = read_pixels(cup / "truth" / "005.exr").astype(float)
     assert relative_rms((shown - photo)[whole], photo[whole]) < 0.015
+
+
+def test_points_that_photographs_do_not_tell_bounce_no_more_than_others(rng: np.random.Generator) -> None:
+    paint = rng.uniform(0.1, 0.3, (2, 50, 3))
+    known = np.arange(50) < 40
+    # Where hardly any light is reflected any Ks will do.
+    paint[1, ~known] = 1e25
+    by_mesh = [(np.full((50, 3), 0.2), np.full((50, 3), 0.1))]
+    photo = SimpleNamespace(seen=SimpleNamespace(points=SimpleNamespace(points=np.arange(50))))
+    (less,) = _less([photo], by_mesh, SimpleNamespace(kd=paint[0], ks=paint[1]), known)
+    own = 0.2 * paint[0] + 0.1 * paint[1]
+    np.testing.assert_allclose(less[known], own[known])
+    assert less[~known].max() < 0.3 * 0.3
