@@ -22,6 +22,7 @@ from synthetic.materials.material import Material
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.mirror import Mirror
 from synthetic.materials.phong import Phong
+from synthetic.materials.plastic import Plastic
 from synthetic.materials.smith import Smith
 from synthetic.materials.tabulated import Tabulated
 from synthetic.materials.texture import Textured
@@ -77,6 +78,8 @@ def described(material: Material) -> dict[str, Any]:
         maps = {"kd_map": "truth/texture_kd.exr", "ks_map": "truth/texture_ks.exr"}
         return described(material.material) | _weights(material) | maps
     numbers: dict[str, Any] = {}
+    if isinstance(material, Plastic):
+        return described(material.gloss) | {"model": "plastic"}
     match material:
         case Microfacet():
             model, numbers = "microfacet", {"mu": material.mu, "sigma": material.sigma}

@@ -13,7 +13,7 @@ from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.lighting import Lighting, read_latlong
 from invrender.compare.side import Number, Side, SideLighting
-from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED, LobeForm, phong_sigma
+from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm, phong_sigma
 from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
@@ -48,6 +48,8 @@ class _Brdf(_Lenient):
     @property
     def form(self) -> LobeForm | None:
         """The form of its lobe; None where there is none, or none like it."""
+        if self.model == "plastic":
+            return PLASTICS[BECKMANN if self.alpha is None else GGX_FORM]
         return None if self.width is None else _FORMS.get(self.model)
 
 
@@ -142,10 +144,9 @@ def _numbers(brdf: _Brdf, factor: float) -> tuple[dict[str, Number], list[str]]:
     if brdf.form is None and brdf.model != "lambertian":
         notes.append(f"The truth's model is {brdf.model}: of its numbers only Kd means what a result's does.")
         return numbers, notes
-    if (named := {"ggx": "alpha", "phong": "exponent"}.get(brdf.model)) is not None:
-        notes.append(
-            f"The truth's sigma stands for its {named}, {getattr(brdf, named):g}, of the same highlight."
-        )
+    for named in ("alpha", "exponent"):
+        if (value := getattr(brdf, named)) is not None:
+            notes.append(f"The truth's sigma stands for its {named}, {value:g}, of the same highlight.")
     absent = Number(None, None, "not in its model")
     total = np.where(kd + ks > 0, kd + ks, 1.0)
     numbers |= {

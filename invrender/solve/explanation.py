@@ -74,10 +74,16 @@ def explain(
         min(rung.error for rung in others) < _MUCH_BETTER * rungs[chosen].error
     ):
         chosen = choose(all_rungs)
-    form = all_rungs[chosen].estimate.model.form
-    if form is PRINTED:
+    if all_rungs[chosen].estimate.model.form is PRINTED:
         return Explanation(all_rungs, chosen, tuple(photos), tuple(weights), noise, trials)
-    return _in_form(form, photos, elements, trials)
+    return _in_form(_best_form(trials), photos, elements, trials)
+
+
+def _best_form(trials: Mapping[LobeForm, Trial]) -> LobeForm:
+    """The form, not RH01's, that suits the share best: beside RH01's large errors two others look alike."""
+    rungs = [rung for form, trial in trials.items() if form is not PRINTED for rung in trial.rungs]
+    rungs.sort(key=lambda rung: (rung.parameters, rung.error))
+    return rungs[choose(rungs)].estimate.model.form
 
 
 def refitted(known: Explanation, less: Sequence[Floats]) -> Estimate:

@@ -25,6 +25,7 @@ from synthetic.materials.material import Material
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.mirror import Mirror
 from synthetic.materials.phong import Phong
+from synthetic.materials.plastic import Plastic
 from synthetic.materials.rh01 import RH01_MATERIALS, exact, radiometric
 from synthetic.materials.smith import Smith
 from synthetic.materials.tabulated import read_merl
@@ -165,6 +166,8 @@ def _plain(table: MaterialTable, folder: Path) -> Material:
             return Smith(kd, ks, table.mu, GGX(alpha, alpha))
         case "anisotropic":
             return Smith(kd, ks, table.mu, GGX(table.alpha_x or 0.0, table.alpha_y or 0.0))
+        case "plastic":
+            return Plastic(Smith(kd, ks, table.mu, GGX(alpha, alpha) if alpha else Beckmann(sigma, sigma)))
         case "phong":
             return Phong(kd, ks, table.exponent or 0.0)
         case "mirror":

@@ -92,6 +92,7 @@ _PARAMETERS = {
     "smith": (("sigma",), ("mu",)),
     "ggx": (("alpha",), ("mu",)),
     "anisotropic": (("alpha_x", "alpha_y"), ("mu",)),
+    "plastic": (("mu",), ("sigma", "alpha")),
     "phong": (("exponent",), ()),
     "mirror": ((), ("mu",)),
     "table": (("file",), ()),
@@ -99,9 +100,9 @@ _PARAMETERS = {
 
 
 class MaterialTable(Table):
-    model: Literal["lambertian", "microfacet", "smith", "ggx", "anisotropic", "phong", "mirror", "table"] = (
-        "microfacet"
-    )
+    model: Literal[
+        "lambertian", "microfacet", "smith", "ggx", "anisotropic", "plastic", "phong", "mirror", "table"
+    ] = "microfacet"
     # A sphere of RH01, Fig. 11, instead of the parameters.
     name: Literal["teflon", "delrin", "neoprene", "steel", "bronze", "painted"] | None = None
     kd: Rgb | None = None
@@ -130,6 +131,10 @@ class MaterialTable(Table):
             parameters = ", ".join((*self._weights, *needed, *possible))
             raise ValueError(f"{key} is no parameter of model = {self.model!r}, which has {parameters}")
         self._check_given(needed)
+        if self.model == "plastic" and (self.sigma is None) == (self.alpha is None):
+            raise ValueError(
+                "model = 'plastic' needs sigma, of facets as 'smith' has them, or alpha, as 'ggx' does: one of the two"
+            )
         return self
 
     @property
@@ -144,6 +149,10 @@ class MaterialTable(Table):
             self._check_given(self._weights)
         if painted and (given := self.model_fields_set & {"name", "kd", "ks", "file"}):
             raise ValueError(f"has {min(given)} in [material], but the doll is painted: remove it")
+        if painted and self.model == "plastic":
+            raise ValueError(
+                "has model = 'plastic', whose base can't be painted as the doll is: take another"
+            )
 
     def _check_given(self, keys: tuple[str, ...]) -> None:
         for key in keys:

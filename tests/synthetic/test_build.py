@@ -19,6 +19,7 @@ from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.mirror import Mirror
 from synthetic.materials.phong import Phong
+from synthetic.materials.plastic import Plastic
 from synthetic.materials.smith import Smith
 from synthetic.scenes.build import read_staging
 from synthetic.sensing.development import Development
@@ -91,6 +92,7 @@ def test_lights_of_all_kinds(tmp_path: Path) -> None:
             Smith,
             {"facets": GGX(0.3, 0.1)},
         ),
+        ('model = "plastic"\nkd = 0.1\nks = 0.04\nmu = 1.5\nalpha = 0.3', Plastic, {"is_isotropic": True}),
         ('model = "phong"\nkd = 0.1\nks = 0.1\nexponent = 20', Phong, {"exponent": 20.0}),
         ('name = "steel"', Microfacet, {"mu": None, "sigma": 0.2}),
         ('model = "smith"\nname = "delrin"', Smith, {"mu": 1.44, "facets": Beckmann(0.10, 0.10)}),

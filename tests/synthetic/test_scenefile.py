@@ -80,6 +80,16 @@ WRONG = {
         "[material]\nkd = 0.1\nks = 0.1\n",
         r"\[material\] lacks the key 'sigma', which model = 'microfacet' needs",
     ),
+    "a plastic of two widths": (
+        MATERIAL,
+        '[material]\nmodel = "plastic"\nkd = 0.1\nks = 0.04\nmu = 1.5\nsigma = 0.1\nalpha = 0.1\n',
+        "model = 'plastic' needs sigma, of facets as 'smith' has them, or alpha, as 'ggx' does: one of the two",
+    ),
+    "a plastic without an index": (
+        MATERIAL,
+        '[material]\nmodel = "plastic"\nkd = 0.1\nks = 0.04\nsigma = 0.1\n',
+        "lacks the key 'mu', which model = 'plastic' needs",
+    ),
     "no kd": (
         MATERIAL,
         "[material]\nsigma = 0.1\nks = 0.1\n",
