@@ -67,15 +67,15 @@ def measured(board: Board, kept: MutableMapping[str, Any]) -> list[Point]:
     if missing:
         board.warm_up()
         default = next(one for one in board.contestants if one.is_default)
-        unit = _median_seconds(_outcomes(board, default))
+        of_default = _outcomes(board, default)
+        unit = _median_seconds(of_default)
         for one in missing:
-            outcomes = _outcomes(board, one)
+            outcomes = of_default if one is default else _outcomes(board, one)
             errors = [
                 _rms([board.error(each) for each in outcomes]),
                 _rms([each.held_out for each in outcomes]),
             ]
-            time = 1.0 if one is default else _median_seconds(outcomes) / unit
-            kept[_key(board, one)] = [time, *errors]
+            kept[_key(board, one)] = [_median_seconds(outcomes) / unit, *errors]
     return [Point(one, board.parameters, *kept[_key(board, one)]) for one in board.contestants]
 
 

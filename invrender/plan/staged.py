@@ -25,6 +25,7 @@ from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
 from synthetic.materials.microfacet import Microfacet as PrintedMicrofacet
 from synthetic.materials.phong import Phong
+from synthetic.materials.plastic import Plastic
 from synthetic.materials.smith import Smith
 from synthetic.materials.texture import Textured
 from synthetic.scenes.build import read_staging
@@ -166,6 +167,10 @@ def _brdf(name: str, material: Material) -> tuple[Microfacet, list[str]]:
             return Microfacet(material.kd, np.zeros(3), None, None), []
         case PrintedMicrofacet():
             return _microfacet(material, material.mu, material.sigma), []
+        case Plastic():
+            plain, notes = _brdf(name, material.gloss)
+            bare = "the base under an interface is planned as a Lambertian one, which tells less of mu"
+            return plain, [*notes, bare]
         case Smith() if not material.is_isotropic:
             raise ValueError(
                 f"{name}: an anisotropic lobe has two roughnesses, and a plan is for RH01's one: plan it with model ="

@@ -474,6 +474,10 @@ def test_other_materials_are_planned_as_their_like_and_it_is_said(tmp_path: Path
     assert "GGX of alpha 0.2" in notes
     brdf, notes = brdf_and_notes('model = "smith"\nkd = 0.1\nks = 0.05\nsigma = 0.2')
     assert (brdf.sigma, brdf.mu) == (0.2, None)
+    brdf, notes = brdf_and_notes('model = "plastic"\nkd = 0.1\nks = 0.05\nalpha = 0.2\nmu = 1.5')
+    assert "GGX of alpha 0.2" in notes
+    assert "the base under an interface is planned as a Lambertian one" in notes
+    assert (brdf.mu, brdf.sigma) == (1.5, 0.2)
     brdf, notes = brdf_and_notes('model = "phong"\nkd = 0.1\nks = 0.1\nexponent = 50')
     assert "Phong" in notes
     # Head-on both lobes are as high: ks (s + 2) / 2 pi, and Ks / (4 pi sigma^2).
