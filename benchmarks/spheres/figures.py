@@ -26,8 +26,8 @@ _MARKS = {
     "filtered": ("s", "#1a7f37"),
     "mirror": ("D", "#c2410c"),
     "published": ("x", "#24292f"),
-    "published, mirror": ("D", "#c2410c"),
-    "published, filtered": ("x", "#24292f"),
+    "published, mirror": ("v", "#c2410c"),
+    "published, filtered": ("^", "#1a7f37"),
     "published, exact": ("+", "#24292f"),
 }
 # A lobe this wide, radians, leaves a tenth of degree 6.
@@ -38,7 +38,7 @@ _LEAST = {"share": 1e-5, "mu": 1e-4, "sigma": 1e-6}
 def draw_errors(rows: Rows, kept: Kept, path: Path) -> None:
     """Errors of share, mu and sigma by material, a row of panels per light and number of views."""
     groups = list(dict.fromkeys((case.light, case.views) for case, _ in rows))
-    figure = Figure(figsize=(13, 3.3 * len(groups) + 0.4), layout="constrained")
+    figure = Figure(figsize=(13, 3.3 * len(groups) + 0.7), layout="constrained")
     names = list(MATERIALS)
     for panels, (light, views) in zip(figure.subplots(len(groups), 3, squeeze=False), groups, strict=True):
         own = [(c, e) for c, e in rows if (c.light, c.views) == (light, views)]
@@ -81,7 +81,7 @@ def draw_errors(rows: Rows, kept: Kept, path: Path) -> None:
         for axes in figure.axes
         for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    figure.legend(shown.values(), shown, loc="outside upper center", ncols=len(shown), frameon=False)
+    figure.legend(shown.values(), shown, loc="outside upper center", ncols=5, frameon=False)
     save(figure, path, kept.caption)
 
 
