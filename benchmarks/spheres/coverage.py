@@ -46,7 +46,7 @@ def draw(kept: Kept, material: str, light: str, views: int, samples: int, draws:
             kept[f"{k}"] = _z(factorize(photos, [LIGHT]).quantities, truth, bounds)
     else:
         for k in missing:
-            solution = factorize_blind(noisy(clean, k), ladder=False)
+            solution = factorize_blind(noisy(clean, k))
             kept[f"{k}"] = _z(solution.quantities, truth, bounds) | _light_z(solution, truth)
 
 
