@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,7 +19,8 @@ from capture.photoset import load_photoset
 from invrender.lighting.estimate import Choices, LightResult, estimate_light
 from invrender.lighting.figure import blurred_truth, draw_map, white_level
 from invrender.lighting.knownbrdf import known_brdf
-from invrender.lighting.maps import coefficient_map
+from invrender.lighting.maps import coefficient_map, true_light
+from invrender.pipeline import process
 from synthetic.run import run_synth
 
 SCENE = "rh01-lighting"
@@ -39,22 +41,39 @@ def recovered(folder: Path, degree: int) -> LightResult:
     return estimate_light(load_photoset(folder), brdf, Choices(degree), lighting)[0]
 
 
-def comparison(twelve: LightResult, twenty: LightResult) -> Figure:
-    """Truth, coefficients up to l = 12 and 20, the dual map, and the truth as blurred by the highlight."""
+def joint(folder: Path) -> Lighting:
+    """The light of the set as `process` recovers it together with the BRDF, in the truth's scale."""
+    found = process(load_photoset(folder)).result.lightings[0].lighting
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["brdf"]
+    # Its own is free: there Kd + Ks is 1.
+    scale = 1 / (np.array(truth["kd"]) + np.array(truth["ks"]))
+    assert found.radiance_map is not None
+    dimmed = (found.radiance_map * scale).astype(np.float32)
+    return replace(
+        found, radiance_map=dimmed, irradiances=found.irradiances * scale, recover_irradiance=False
+    )
+
+
+def comparison(twelve: LightResult, twenty: LightResult, together: Lighting) -> Figure:
+    """Truth, and as blurred by the highlight; coefficients up to l = 12 and 20, the dual map, the joint fit's light."""
     assert twenty.truth is not None
     assert twenty.dual is not None
     blurred = blurred_truth(twenty.truth, twenty.brdf)
     white = white_level(blurred)
-    figure = Figure(figsize=(19, 3.0), layout="constrained")
-    panels = figure.subplots(1, 5)
+    figure = Figure(figsize=(14, 5.6), layout="constrained")
+    grid = figure.subplots(2, 3)
+    panels = grid.ravel()
     draw_map(panels[0], twenty.truth.radiance_map, white, "true light: a screen and a lamp")
-    draw_map(panels[1], coefficient_map(twelve.direct.values), white, "coefficients, l* = 12")
-    draw_map(panels[2], coefficient_map(twenty.direct.values), white, "coefficients, l* = 20")
-    draw_map(panels[3], twenty.dual.radiance, white, "dual: angular and frequency space")
-    draw_map(panels[4], blurred, white, f"true light, blurred by σ = {twenty.brdf.sigma}")
-    for axes in panels:
+    draw_map(panels[1], blurred, white, f"true light, blurred by σ = {twenty.brdf.sigma}")
+    of_joint = blurred_truth(true_light(together), twenty.brdf)
+    draw_map(panels[2], of_joint, white, "joint: light and BRDF at once, as blurred")
+    draw_map(panels[3], coefficient_map(twelve.direct.values), white, "coefficients, l* = 12")
+    draw_map(panels[4], coefficient_map(twenty.direct.values), white, "coefficients, l* = 20")
+    draw_map(panels[5], twenty.dual.radiance, white, "dual: angular and frequency space")
+    for axes in grid[1]:
         axes.set_xlabel("azimuth from +X (degrees)")
-    panels[0].set_ylabel("polar angle\nfrom +Z (degrees)")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("polar angle\nfrom +Z (degrees)")
     return figure
 
 
@@ -65,8 +84,9 @@ def main() -> None:
         folder = Path(temporary) / "set"
         run_synth(SCENE, folder, "nothing", None)
         twelve, twenty = (recovered(folder, degree) for degree in (12, 20))
+        together = joint(folder)
     out.mkdir(parents=True, exist_ok=True)
-    comparison(twelve, twenty).savefig(out / "lighting.png", dpi=80)
+    comparison(twelve, twenty, together).savefig(out / "lighting.png", dpi=80)
     for result in (twelve, twenty):
         print(f"l* = {result.direct.degree}: RMS residual {result.rms:.1%}")
 
