@@ -23,6 +23,7 @@ from invrender.solved import Solved
 from invrender.specimen import Specimen, find_specimen
 from invrender.texture.solve import solve_textured
 from invrender.unknownlight import solve_unknown_light
+from invrender.unknownpaint import solve_unknown_paint
 from recon.bodies import MeshBody, body_pixels, larger_pixels
 from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, samples_at
@@ -128,7 +129,7 @@ def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) ->
     unknown = {table.name for table in photoset.lightings if table.unknown}
     given = photoset, specimen, samples, clock, track
     if unknown & {photo.lighting for photo in photoset.photos}:
-        solved = solve_unknown_light(*given)
+        solved = (solve_unknown_paint if photoset.object.texture else solve_unknown_light)(*given)
     else:
         solved = (solve_textured if photoset.object.texture else solve_known_light)(*given)
     return Run(photoset, specimen, solved, {**clock.seconds, "total": time.perf_counter() - begun})
@@ -136,18 +137,10 @@ def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) ->
 
 def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:
     where = photoset.manifest
-    unknown = [table.name for table in photoset.lightings if table.unknown]
     if photoset.object.texture and photoset.object.shape != "mesh":
         raise ValueError(
             f"{where}: [object] texture = true is for meshes, whose surface has coordinates; remove it, or give the"
             " sphere as a mesh"
-        )
-    if photoset.object.texture and unknown:
-        raise ValueError(
-            f'{where}: [object] texture = true, but light "{unknown[0]}" is unknown, as no [[lighting]] table gives it:'
-            " light and texture can't be told apart (RH01, section 6.4), since paint may be darker wherever light is"
-            " brighter. Measure the light, with a mirror ball say, or remove texture: light and one BRDF of the whole"
-            " surface are then recovered together"
         )
     if len(fitted) < 2:
         raise ValueError(

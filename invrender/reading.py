@@ -66,6 +66,20 @@ def read_samples(
     return fields, [*_saturation(_above(_CUT_OFF, cut_off)), *_grey_masks(_above(_GREY, grey))]
 
 
+def usable_pixels(
+    photoset: PhotoSet, found: FoundBody, photo: Photo, sources: NDArray[np.float64], clock: Clock
+) -> LightField:
+    """All pixels of a photograph that show the object and none of the terminators of sources (k, 3)."""
+    with clock.on("capture"):
+        image = decode_photo(photoset, photo)
+    with clock.on("recon"), clock.on("visibility"):
+        mask = found.mask_of(photo)
+        drawn = sample_body(found.body, photo.camera, image, mask, sources, None, np.random.default_rng(0))
+        drawn = off_terminators(drawn, sources)
+        check_usable(photo, image, drawn, mask)
+    return drawn
+
+
 def _above(limit: float, shares: Mapping[str, float]) -> dict[str, float]:
     return {label: share for label, share in shares.items() if share > limit}
 

@@ -33,13 +33,16 @@ from invrender.solve.factorize import Solution, unless_misfit
 from invrender.solve.models import Estimate, Model
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
-from invrender.theory.latlong import synthesise_latlong
+from invrender.theory.latlong import project_latlong, synthesise_latlong
 from invrender.wording import sentences
+from recon.harmonics import degree_of
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
 _MAP_HEIGHT = 64
+# Turns to a map that is nowhere negative; the degree up to which it keeps the light's harmonics.
+_CUTS, _SHADED = 30, 4
 # Of the light in a dark room: the same from all sides.
 _DARK = (0,)
 _NO_SCALE = Quantity(
@@ -65,8 +68,7 @@ def solve_unknown_light(
     """
     with clock.on("recon"):
         others = new_lights(photoset)
-    _check_held_out(photoset, others)
-    orders = _DARK if _is_dark(photoset, others) else ORDERS
+    orders = orders_of(photoset, others)
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     sources = {name: other.lighting.directions for name, other in others.items()}
     fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track)
@@ -131,6 +133,16 @@ def _check_held_out(photoset: PhotoSet, others: Collection[str]) -> None:
             )
 
 
+def orders_of(photoset: PhotoSet, others: Collection[str]) -> tuple[int, ...]:
+    """Degrees of unknown light to try: all, or of a dark room.
+
+    others : names of lightings that are known, to score held-out photographs by. ValueError for photographs that
+    nothing can predict, and where dark is said of some of the unknown lightings only.
+    """
+    _check_held_out(photoset, others)
+    return _DARK if _is_dark(photoset, others) else ORDERS
+
+
 def _is_dark(photoset: PhotoSet, others: Collection[str]) -> bool:
     """Whether there are only lamps in the dark; ValueError where that is said of some unknown lightings only."""
     tables = [table for table in used_tables(photoset) if table.name not in others]
@@ -175,7 +187,7 @@ def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Seq
         weights=blind.weights,
         structured=structured_rms(fields, trusted) / float(energy),
         quantities=unless_misfit(_quantities(blind), rungs[blind.chosen].error),
-        lightings=tuple(_lighting(name, light) for name, light in blind.lights.items()),
+        lightings=tuple(recovered_lighting(name, light) for name, light in blind.lights.items()),
         covariance=of_brdf @ blind.covariance @ of_brdf.T,
         covariance_names=names,
         gauge=blind.gauge,
@@ -204,9 +216,24 @@ def _quantities(blind: BlindSolution) -> dict[str, Quantity]:
     return {"kd": quantities["kd_normalised"], "ks": quantities["ks_normalised"], **quantities}
 
 
-def _lighting(name: str, light: BlindLight) -> FittedLighting:
-    # Harmonics ring below zero around what is sharp; a map of light is not negative.
-    radiance = np.maximum(synthesise_latlong(light.coefficients, _MAP_HEIGHT), 0).astype(np.float32)
+def _map_of(coefficients: Floats) -> NDArray[np.float32]:
+    """The map (64, 128, 3) of harmonics ((l_max + 1)^2, 3), nowhere negative.
+
+    Harmonics ring below zero around what is sharp. A map cut there would be brighter than the light is: so it is cut
+    and given back its harmonics up to the degree that shading shows, in turns [Youla & Webb 1982, eq. 2.1].
+    """
+    radiance = synthesise_latlong(coefficients, _MAP_HEIGHT)
+    degree = min(_SHADED, degree_of(len(coefficients)))
+    kept = coefficients[: (degree + 1) ** 2]
+    for _ in range(_CUTS):
+        cut = np.maximum(radiance, 0)
+        radiance = cut + synthesise_latlong(kept - project_latlong(cut, degree), _MAP_HEIGHT)
+    return np.maximum(radiance, 0).astype(np.float32)
+
+
+def recovered_lighting(name: str, light: BlindLight) -> FittedLighting:
+    """A recovered light as results have it."""
+    radiance = _map_of(light.coefficients)
     sources = light.sources
     lighting = Lighting(
         name,

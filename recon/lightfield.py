@@ -20,10 +20,16 @@ Floats = NDArray[np.float64]
 _PENUMBRA = 0.02
 # Rays that are worked on at once: fewer take numpy as long.
 _POOL = 6000
-_INTEGERS = {"rows": np.int64, "columns": np.int64, "ray_sample": np.int64, "faces": np.int64}
+_INTEGERS = {
+    "rows": np.int64,
+    "columns": np.int64,
+    "ray_sample": np.int64,
+    "faces": np.int64,
+    "place": np.int64,
+}
 _BOOLEANS = {"reflected_visible": np.bool_, "sources_visible": np.bool_}
 # What belongs to samples; the rest belongs to rays.
-_OF_SAMPLES = ("rows", "columns", "radiance", "variance", "weight")
+_OF_SAMPLES = ("rows", "columns", "radiance", "variance", "weight", "place")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +48,8 @@ class LightField:
         texture is blended by these. None of both on a sphere.
     footprints : (m, 2, 3) metres on a mesh's facet, across a ray's part of its pixel, to the right and down; zero where
         it is seen edge on. None where nobody asks what varies within.
+    place : (n,) int, of the points of the surface that photographs are compared at, the one that a sample shows. None
+        where samples lie anywhere.
     """
 
     rows: NDArray[np.int64]
@@ -58,6 +66,7 @@ class LightField:
     faces: NDArray[np.int64] | None = None
     corner_weights: Floats | None = None
     footprints: Floats | None = None
+    place: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         for name in (entry.name for entry in fields(self)):
@@ -140,6 +149,9 @@ def pools(photos: Sequence[LightField], lightings: Sequence[Any]) -> list[list[i
         rays = np.cumsum([len(photos[k].ray_sample) for k in mine])
         # A pool is full with the photograph that fills it.
         pool = np.concatenate([[0], rays[:-1]]) // _POOL
+        if photos[mine[0]].place is not None:
+            # Samples of a place belong together.
+            pool[:] = 0
         found += [
             [k for k, own in zip(mine, pool, strict=True) if own == number] for number in np.unique(pool)
         ]

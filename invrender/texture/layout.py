@@ -49,6 +49,19 @@ class SurfacePoints:
         return SurfacePoints(self.positions[chosen], self.normals[chosen], self.facets[chosen])
 
 
+def scattered(body: MeshBody, count: int, rng: np.random.Generator) -> SurfacePoints:
+    """So many points of a mesh, evenly over its surface by chance."""
+    mesh, areas = body.mesh, _areas(body.mesh)
+    faces = rng.choice(len(areas), count, p=areas / areas.sum())
+    weights, at = rng.dirichlet(np.ones(3), count), mesh.faces[faces]
+    return SurfacePoints(blended(mesh.vertices, at, weights), _smooth(mesh, at, weights), body.facets[faces])
+
+
+def _smooth(mesh: TriangleMesh, corners: Ints, weights: Floats) -> Floats:
+    normals = blended(mesh.normals, corners, weights)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
 class Layout(Protocol):
     """Points of a surface, and how values at them lie between and in files."""
 
@@ -140,8 +153,7 @@ class TexelLayout:
     def points(self) -> SurfacePoints:
         mesh = self.body.mesh
         at = mesh.faces[self.faces]
-        normals = blended(mesh.normals, at, self.weights)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = _smooth(mesh, at, self.weights)
         return SurfacePoints(blended(mesh.vertices, at, self.weights), normals, self.body.facets[self.faces])
 
     @property

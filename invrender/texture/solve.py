@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import release_memory
-from capture.decode import decode_photo
 from capture.lighting import Lighting
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
@@ -26,9 +25,10 @@ from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict
 from invrender.model.transfer import LightElement, light_elements
-from invrender.reading import check_usable
+from invrender.reading import usable_pixels
 from invrender.render.reflected import ReflectedMap, prepared_map
 from invrender.render.shading import shade
+from invrender.solve.factorize import Solution
 from invrender.solve.forms import together
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
@@ -46,8 +46,7 @@ from invrender.texture.textures import Textures
 from invrender.wording import sentences
 from recon.bodies import MeshBody
 from recon.knownlight import read_lighting
-from recon.lightfield import LightField, off_terminators
-from recon.sampling import sample_body
+from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -56,8 +55,23 @@ Singles = NDArray[np.float32]
 _SEEN_SHARE = 0.25
 # Pixels of all photographs that the texture is solved from, evenly taken of more: 200 bytes each.
 _MOST_PIXELS = 6_000_000
+# Kd that recovered light leaves uncertain by this share of itself isn't known.
+_UNSURE = 0.5
 # Share of the surface without a texture from which on a sentence says so.
 _UNKNOWN = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Recovered:
+    """Light that was found from the same photographs, up to a scale: no albedo then tells what bounces.
+
+    lightings : by name. unsure_at : shares (n, 6) of themselves by which it leaves Kd and Ks of points uncertain.
+    in_gauge : a solution in that scale, with what the light leaves uncertain of what all points share.
+    """
+
+    lightings: Mapping[str, Lighting]
+    unsure_at: Callable[[SurfacePoints], Floats]
+    in_gauge: Callable[[Solution], Solution]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +88,8 @@ class _Bench:
 
     def pixels(self, photo: Photo) -> LightField:
         """All usable pixels of a photograph."""
-        with self.clock.on("capture"):
-            image = decode_photo(self.photoset, photo)
-        with self.clock.on("recon"), self.clock.on("visibility"):
-            mask = self.specimen.found.mask_of(photo)
-            directions = self.lightings[photo.lighting].directions
-            drawn = sample_body(
-                self.body, photo.camera, image, mask, directions, None, np.random.default_rng(0)
-            )
-            drawn = off_terminators(drawn, directions)
-            check_usable(photo, image, drawn, mask)
-        return drawn
+        directions = self.lightings[photo.lighting].directions
+        return usable_pixels(self.photoset, self.specimen.found, photo, directions, self.clock)
 
     def direct(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
@@ -101,40 +106,40 @@ class _Bench:
 
 
 def solve_textured(
-    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
+    photoset: PhotoSet,
+    specimen: Specimen,
+    samples: int,
+    clock: Clock,
+    track: Track,
+    recovered: Recovered | None = None,
 ) -> Solved:
     """Recover Kd and Ks over a mesh, and the mu and sigma that they share, under light that is known.
 
     samples : about how many observations of points enter the search for mu and sigma; also, about how many pixels of
-    all photographs the residuals are reported of.
+    all photographs the residuals are reported of. recovered : the light, where the set doesn't give it.
     """
     assert isinstance(specimen.body, MeshBody)
-    used = {photo.lighting for photo in photoset.photos}
-    with clock.on("recon"):
-        lightings = {t.name: read_lighting(photoset, t) for t in photoset.lightings if t.name in used}
-    _check_known(photoset, lightings)
+    lightings = _given(photoset, clock) if recovered is None else recovered.lightings
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
     bench = _Bench(photoset, specimen, specimen.body, lightings, elements, clock, {})
     with clock.on("recon"):
         layout, faults = find_layout(specimen.body, _footprint(photoset, specimen.body))
     subset = _first_pass(bench, layout.points, samples, track)
-    fit, accounted = _fit(bench, subset, track)
+    fit, accounted = _fit(bench, subset, track, is_absolute=recovered is None)
     if accounted is not None:
         bench = replace(bench, bounced=accounted.bounced)
     fields = subset.fields
     del subset
     release_memory()
     textures, dark = _second_pass(bench, layout, fit, track)
-    if not textures.known.any():
-        raise ValueError(
-            f"{photoset.manifest}: no point of the object is seen by enough photographs to tell its Kd from its Ks;"
-            " take more, from sides that overlap, or leave texture out"
-        )
-
-    unsure = np.zeros(6)
-    if accounted is not None:
-        shares = accounted.unsure_at(layout.points)
+    _check_any(photoset, textures)
+    unsure, open_to = np.zeros(6), recovered or accounted
+    if open_to is not None:
+        shares = open_to.unsure_at(layout.points)
         textures = textures.less_sure(shares)
+        if recovered is not None:
+            textures = textures.only(np.asarray(shares[:, :3].max(axis=1) < _UNSURE))
+        _check_any(photoset, textures)
         unsure = np.concatenate([textures.mean(of) for of in np.split(shares, 2, axis=1)])
 
     def radiance(photo: Photo, field: LightField) -> Floats:
@@ -163,6 +168,8 @@ def solve_textured(
 
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure)
+    if recovered is not None:
+        solution = recovered.in_gauge(solution)
     warnings = [
         *find_warnings(photoset, solution, specimen, lightings),
         *_remarks([*faults, *dark], textures),
@@ -172,6 +179,22 @@ def solve_textured(
         result, textures=textures, interreflection=None if accounted is None else accounted.found
     )
     return Solved(result, fields, residuals, radiance, transfers, shaded)
+
+
+def _check_any(photoset: PhotoSet, textures: Textures) -> None:
+    if not textures.known.any():
+        raise ValueError(
+            f"{photoset.manifest}: no point of the object is seen by enough photographs to tell its Kd from its Ks;"
+            " take more, from sides that overlap, or leave texture out"
+        )
+
+
+def _given(photoset: PhotoSet, clock: Clock) -> dict[str, Lighting]:
+    used = {photo.lighting for photo in photoset.photos}
+    with clock.on("recon"):
+        lightings = {t.name: read_lighting(photoset, t) for t in photoset.lightings if t.name in used}
+    _check_known(photoset, lightings)
+    return lightings
 
 
 def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:
@@ -239,8 +262,13 @@ def _first_pass(bench: _Bench, points: SurfacePoints, samples: int, track: Track
     return _Subset(subset, shown, rows, fields)
 
 
-def _fit(bench: _Bench, subset: _Subset, track: Track) -> tuple[TexturedFit, Accounted | None]:
-    """Model, mu and sigma from a subset of the points, and what bounced light changes in them."""
+def _fit(
+    bench: _Bench, subset: _Subset, track: Track, is_absolute: bool
+) -> tuple[TexturedFit, Accounted | None]:
+    """Model, mu and sigma from a subset of the points, and what bounced light changes in them.
+
+    is_absolute : whether Kd is an albedo, which what bounces hangs on.
+    """
     shadows = bench.specimen.shadows
     # What photographs show may change by what bounces; what they would show of a BRDF doesn't.
     made: dict[tuple[Sequence[LobeForm], bytes], list[dict[LobeForm, Rows]]] = {}
@@ -269,7 +297,7 @@ def _fit(bench: _Bench, subset: _Subset, track: Track) -> tuple[TexturedFit, Acc
 
     with bench.clock.on("invrender"):
         fit = fitted(subset.shown, "Fitting and cross-validating")
-        parts = None if shadows is None else Parts.of(shadows)
+        parts = None if shadows is None or not is_absolute else Parts.of(shadows)
         if parts is None:
             return fit, None
         again = partial(fitted, doing="Judging light that bounces")

@@ -54,11 +54,9 @@ class Textures:
     @classmethod
     def of(cls, layout: Layout, values: PointValues, ks_varies: bool) -> Textures:
         """The textures of what was solved for; what the photographs leave open isn't given."""
-        known = determined(values)
-        kd, ks, kd_std, ks_std = (
-            np.where(known[:, None], of, 0.0) for of in (values.kd, values.ks, values.kd_std, values.ks_std)
-        )
-        return cls(layout, kd, ks, kd_std, ks_std, known, ks_varies)
+        every = np.ones(len(values.kd), bool)
+        textures = cls(layout, values.kd, values.ks, values.kd_std, values.ks_std, every, ks_varies)
+        return textures.only(determined(values))
 
     def less_sure(self, shares: Floats) -> Textures:
         """The same with Kd and Ks uncertain by shares (n, 6) of themselves, besides."""
@@ -68,6 +66,14 @@ class Textures:
             kd_std=np.hypot(self.kd_std, of_kd * self.kd),
             ks_std=np.hypot(self.ks_std, of_ks * self.ks),
         )
+
+    def only(self, sure: Mask) -> Textures:
+        """The same with those points only that are marked (n,)."""
+        known = self.known & sure
+        kd, ks, kd_std, ks_std = (
+            np.where(known[:, None], of, 0.0) for of in (self.kd, self.ks, self.kd_std, self.ks_std)
+        )
+        return Textures(self.layout, kd, ks, kd_std, ks_std, known, self.ks_varies)
 
     @cached_property
     def share_known(self) -> float:

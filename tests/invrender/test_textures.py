@@ -379,10 +379,9 @@ def test_a_painted_dolls_lobe_may_be_of_another_form(lightfactor: Command, tmp_p
     [
         (r'shape = "mesh"', 'shape = "sphere"', ["texture = true", "meshes"]),
         (r"(?m)^map = .*$", 'recover = ["ambient"]', ["ambient", "can't be told apart"]),
-        (r"(?m)^map = .*\n(.*\n)?directional = .*$", "unknown = true", ["can't be told apart", "unknown"]),
         (r"(?m)^(map|directional) = .*\n", "", ["says nothing of the light"]),
     ],
-    ids=["sphere", "recovered light", "unknown light", "no light"],
+    ids=["sphere", "recovered light", "no light"],
 )
 def test_bad_input_of_textures_is_one_clear_sentence(
     lightfactor: Command, doll: Path, tmp_path: Path, pattern: str, replacement: str, words: list[str]

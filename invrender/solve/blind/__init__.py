@@ -1,7 +1,13 @@
 """Factorization under wholly unknown lighting."""
 
 from invrender.solve.blind.factorize import ORDERS, blind_steps, factorize_blind
-from invrender.solve.blind.solution import BlindLight, BlindSolution, BlindSources, predict_blind
+from invrender.solve.blind.solution import (
+    BlindLight,
+    BlindSolution,
+    BlindSources,
+    predict_blind,
+    predict_parts,
+)
 from invrender.solve.blind.start import Region
 
 __all__ = [
@@ -13,4 +19,5 @@ __all__ = [
     "blind_steps",
     "factorize_blind",
     "predict_blind",
+    "predict_parts",
 ]

@@ -60,7 +60,7 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Side
     left = [
         photo
         for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
-        for photo in sight.split(np.sqrt(trust) * (sight.field.radiance - predicted(sight, fit, rows)))
+        for photo in sight.split(np.sqrt(trust) * (sight.radiance - predicted(sight, fit, rows)))
     ]
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     # In clean sets nothing of it is left.
@@ -88,7 +88,7 @@ def _lobe_misfit(search: Search, fit: Fit) -> float:
         sent = fit.light[sight.lighting][size:]
         radiance = predicted(sight, fit, rows)
         lobes = fit.state.kappa * (rows.per_specular[:, size:] @ sent)
-        parts.append((lobes, radiance, sight.field.radiance - radiance, trust, weight))
+        parts.append((lobes, radiance, sight.radiance - radiance, trust, weight))
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
@@ -201,7 +201,7 @@ def _sandwich(
     by_patch: dict[int, Floats] = {}
     for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
         radiance = predicted(sight, fit, rows)
-        residual = sight.field.radiance - radiance
+        residual = sight.radiance - radiance
         lit, shared = joint_rows(sight, fit, rows)
         # What of a parameter's effect the lighting can't undo.
         own = (shared - lit @ leverage[sight.lighting]) * weight.T[:, :, None]
@@ -226,7 +226,7 @@ def _wider_light(search: Search, fit: Fit, noise: float) -> dict[int, Floats]:
     by_tile: dict[int, list[Floats]] = {lighting: [] for lighting in inverses}
     by_patch: dict[int, dict[int, Floats]] = {lighting: {} for lighting in inverses}
     for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
-        left = weight * (sight.field.radiance - predicted(sight, fit, rows))
+        left = weight * (sight.radiance - predicted(sight, fit, rows))
         scores = np.hstack(
             [
                 (rows.of_channel(kappa) * left[:, c, None]) @ inverses[sight.lighting][c]

@@ -203,10 +203,11 @@ def _split(sight: Sight, weights: Weights) -> list[Weights]:
 def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:
     """The same search with weights from the noise that a fit's residuals show."""
     predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
-    residuals = [s.field.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
-    noise = fit_noise(predictions, residuals)
+    residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
+    brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
+    noise = fit_noise(brightness, residuals)
     weights, counted_trust = [], []
-    judged_by = weights_of(search, noise, predictions, residuals)
+    judged_by = weights_of(search, noise, brightness, residuals)
     for sight, found in zip(search.sights, judged_by, strict=True):
         sources = fit.state.under(sight.lighting).directions
         counted = (sight.field.weight * _off_terminators(sight, sources))[:, None]

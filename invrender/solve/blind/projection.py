@@ -108,8 +108,8 @@ def solve_lighting(
             root = np.sqrt(weight[:, c])
             whitened = rows.of_channel(state.kappa[c]) * root[:, None]
             gram.append(whitened.T @ whitened)
-            right.append(whitened.T @ (root * sight.field.radiance[:, c]))
-        return rows, np.array(gram), np.array(right), float((weight * sight.field.radiance**2).sum())
+            right.append(whitened.T @ (root * sight.radiance[:, c]))
+        return rows, np.array(gram), np.array(right), float((weight * sight.radiance**2).sum())
 
     rows, grams, rights, energies = zip(
         *parallel_map(equations, zip(sights, weights, strict=True)), strict=True
@@ -217,7 +217,7 @@ def _border(sights: Sequence[Sight], weights: Sequence[Floats], fit: Fit) -> Red
 
     def equations(item: tuple[Sight, Floats, Rows]) -> tuple[Floats, Floats, Floats]:
         sight, weight, rows = item
-        residual = sight.field.radiance - predicted(sight, fit, rows)
+        residual = sight.radiance - predicted(sight, fit, rows)
         shared = _shared_rows(sight, fit, rows)
         weighted = shared * weight.T[:, :, None]
         return (

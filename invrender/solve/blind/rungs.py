@@ -84,7 +84,7 @@ def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:
         steps[fold] = (light_steps, step)
     for sight, rows, of, residual in zip(search.sights, fit.rows, joint.fold_of, residuals, strict=True):
         lit, shared = joint_rows(sight, fit, rows)
-        left = sight.field.radiance - predicted(sight, fit, rows)
+        left = sight.radiance - predicted(sight, fit, rows)
         for fold in np.unique(of):
             chosen, (light_steps, step) = of == fold, steps[int(fold)]
             own = light_steps[sight.lighting]
@@ -126,7 +126,7 @@ def joint_equations(search: Search, fit: Fit) -> Joint:
     def of_sight(item: tuple[Sight, Floats, Rows, Ints]) -> dict[int, Arrow]:
         sight, weight, rows, fold = item
         lit, shared = joint_rows(sight, fit, rows)
-        residual = sight.field.radiance - predicted(sight, fit, rows)
+        residual = sight.radiance - predicted(sight, fit, rows)
         return {
             int(k): _equations(
                 lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k]

@@ -59,9 +59,9 @@ def find_among_nonsense(
 
 def judged(search: Search, fit: Fit, noise: NoiseModel) -> Search:
     """Samples as a fit to some of them judges them, weighed by a noise that is not the fit's own."""
-    predictions, found = _found_by(search, fit)
+    brightness, found = _found_by(search, fit)
     weights, trust = [], []
-    for sight, prediction, own in zip(search.sights, predictions, found, strict=True):
+    for sight, prediction, own in zip(search.sights, brightness, found, strict=True):
         # Far from the prediction a sample's own brightness tells nothing of its noise.
         low, high = np.sort([_NEAR * prediction, prediction / _NEAR], axis=0)
         level = np.clip(sight.field.radiance, low, high)
@@ -80,14 +80,15 @@ def _by_own_noise(search: Search, fit: Fit) -> Search:
 
 
 def _found_by(search: Search, fit: Fit) -> tuple[list[Floats], list[Weights]]:
-    """Radiance that a fit predicts of samples, and the weights that its residuals give them."""
+    """Radiance by which the noise of samples is judged under a fit, and the weights that its residuals give them."""
     predictions = [
         predicted(sight, fit, rows_of(sight, fit.state.under(sight.lighting), fit.l_max))
         for sight in search.sights
     ]
-    residuals = [s.field.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
-    left = fit_noise(predictions, residuals)
-    return predictions, weights_of(search, left, predictions, residuals)
+    residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
+    brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
+    left = fit_noise(brightness, residuals)
+    return brightness, weights_of(search, left, brightness, residuals)
 
 
 def weights_of(
@@ -111,7 +112,7 @@ def _middling(search: Search, l_max: int) -> tuple[Fit, list[Floats]]:
         even = [own / level**2 for own, level in zip(trust, levels, strict=True)]
         fits.append(replace(search, weights=even).at(_MIDDLING, l_max))
         trust = [
-            _near(sight.field.radiance, predicted(sight, fits[-1], rows), level)
+            _near(sight.radiance, predicted(sight, fits[-1], rows), level)
             for sight, rows, level in zip(search.sights, fits[-1].rows, levels, strict=True)
         ]
     return fits[-1], trust

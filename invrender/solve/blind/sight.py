@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from invrender.model.base import base_share, let_through, sky_factors
 from invrender.model.formtable import form_rows
@@ -26,6 +27,7 @@ from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm
 from invrender.model.lobetable import Transfer, specular_rows
 from invrender.model.visibility import Shadows
+from invrender.solve.blind.places import less_in_common
 from invrender.solve.blind.state import State, turns
 from invrender.theory.operator import irradiance_operator
 from recon.harmonics import degree_of, evaluate_harmonics
@@ -97,6 +99,27 @@ class Sight:
     def like(self, photos: Sequence[LightField], l_max: int) -> Sight:
         """Prepare other samples under the same lighting for another degree."""
         return Sight.of(photos, l_max, self.lighting, self.transfer, self.shadows)
+
+    @cached_property
+    def radiance(self) -> Floats:
+        """What samples (n, 3) show, as `within` leaves it."""
+        return self.within(self.field.radiance)
+
+    def brightness(self, prediction: Floats) -> Floats:
+        """Radiance (n, 3) by which noise is judged: as predicted, or as photographed of a painted body."""
+        return prediction if self.field.place is None else np.maximum(self.field.radiance, 0)
+
+    def within(self, values: NDArray[np.floating]) -> NDArray[Any]:
+        """Values (n, ...) less what photographs of a place have in common on a painted body; as they are on others."""
+        if self.field.place is None:
+            return values
+        left = self._less_in_common.astype(values.dtype) @ values.reshape(len(values), -1)
+        return np.asarray(left.reshape(values.shape))
+
+    @cached_property
+    def _less_in_common(self) -> csr_array:
+        assert self.field.place is not None
+        return less_in_common(self.field.place)
 
     def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """What belongs to samples (n, ...), photograph by photograph."""
@@ -262,8 +285,8 @@ class Sight:
 class Rows:
     """Rows of samples over the coefficients and then the sources, (n, k + j) each.
 
-    per_diffuse : what a base of unit Kd sends. per_specular : a specular one of unit Ks; one row of zeros
-    without, where kappa is zero.
+    per_diffuse : what a base of unit Kd sends. per_specular : a specular one of unit Ks; one row of zeros without,
+    where kappa is zero. Both are as `Sight.within` leaves them.
     """
 
     per_diffuse: Floats
@@ -295,9 +318,10 @@ def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     falling = mean(_falling(sight, state.directions, state) * free)
     diffuse = np.hstack([sight.base_rows(state, l_max), falling])
     if state.sigma is None:
-        return Rows(diffuse, np.zeros((1, diffuse.shape[1])))
+        return Rows(sight.within(diffuse), np.zeros((1, diffuse.shape[1])))
     highlights = mean(_highlights(sight, state.directions, state) * free)
-    return Rows(diffuse, np.hstack([mean(sight.lobe_rows(state, l_max)), highlights]))
+    lobe = np.hstack([mean(sight.lobe_rows(state, l_max)), highlights])
+    return Rows(sight.within(diffuse), sight.within(lobe))
 
 
 def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
@@ -326,14 +350,14 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
         if state.mu is not None:
             denser = (_falling(sight, state.directions, state, _denser(state.mu)) - falling) / _STEP
             base = sight.base_slope(state, coefficients) + mean(denser * free) @ irradiances
-            columns.append(kappa * mean(by_mu) + (1 - kappa) * base)
-        columns.append(kappa * mean(by_sigma))
+            columns.append(sight.within(kappa * mean(by_mu) + (1 - kappa) * base))
+        columns.append(sight.within(kappa * mean(by_sigma)))
         slopes = (_highlights(sight, ends, state).reshape(turned.shape) - highlights[..., None]) / _STEP
         # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
         same_side = free[..., None] & ((turned > 0) == (cosines > 0)[..., None])
         by_turn = by_turn + kappa * mean(np.where(same_side, slopes, 0))[..., None]
     of_sources = np.moveaxis(by_turn * irradiances[:, None], -1, 1).reshape(len(sight.field), 3, len(ends))
-    return np.concatenate([*(column[..., None] for column in columns), of_sources], axis=-1)
+    return np.concatenate([*(column[..., None] for column in columns), sight.within(of_sources)], axis=-1)
 
 
 def _falling(sight: Sight, directions: Floats, state: State, mu: float | None = None) -> Floats:
@@ -381,4 +405,4 @@ def _one_sample_per_ray(samples: LightField) -> LightField:
     """The same rays, each a sample of its own."""
     names = ("rows", "columns", "radiance", "variance", "weight")
     of_samples = {name: getattr(samples, name)[samples.ray_sample] for name in names}
-    return replace(samples, **of_samples, ray_sample=np.arange(len(samples.ray_sample)))
+    return replace(samples, **of_samples, place=None, ray_sample=np.arange(len(samples.ray_sample)))

@@ -121,6 +121,17 @@ def predict_blind(
 
     shadows : of a mesh on itself, if it has any.
     """
+    base, lobe = predict_parts(solution, field, light, shadows)
+    return base + lobe
+
+
+def predict_parts(
+    solution: BlindSolution,
+    field: LightField,
+    light: BlindLight | None = None,
+    shadows: Shadows | None = None,
+) -> tuple[Floats, Floats]:
+    """`predict_blind` in two parts, (n, 3) each: what the base sends, and the lobe."""
     state = solution.rungs[solution.chosen].fit.state
     light = solution.light if light is None else light
     directions, strengths = light.sources.directions, light.sources.irradiances
@@ -136,6 +147,7 @@ def predict_blind(
             lit[:, k] = shadows.lit(field, direction)
     total += (cosines * let_through(state.form, state.mu, cosines) * lit) @ strengths
     total *= let_through(state.form, state.mu, exitant)[:, None] * (1 - state.kappa)
+    lobe = np.zeros_like(total)
     if state.sigma is not None:
         lobe = _reflected(state, field, light.coefficients, solution.transfer)
         if shadows is not None:
@@ -143,8 +155,7 @@ def predict_blind(
         for direction, strength, seen in zip(directions, strengths, lit.T, strict=True):
             angles = Angles.between(field.normals, direction, field.views)
             lobe += (state.form.reflected(angles, state.mu, state.sigma) * seen)[:, None] * strength
-        total += state.kappa * lobe
-    return np.asarray(field.mean_over_rays(total))
+    return np.asarray(field.mean_over_rays(total)), np.asarray(field.mean_over_rays(state.kappa * lobe))
 
 
 def _reflected(state: State, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:

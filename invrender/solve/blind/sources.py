@@ -190,7 +190,7 @@ def hanging_together(search: Search, fit: Fit, lightings: Collection[int]) -> fl
     residuals, together = 0.0, 0.0
     for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
         if sight.lighting in lightings:
-            left = np.sqrt(weight) * (sight.field.radiance - predicted(sight, fit, rows))
+            left = np.sqrt(weight) * (sight.radiance - predicted(sight, fit, rows))
             residuals += float((left**2).sum())
             together += float((np.bincount(tiles_of(sight.photos), left.sum(axis=1)) ** 2).sum())
     return max(together / max(residuals, 1e-300), 1.0)

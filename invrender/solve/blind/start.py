@@ -177,7 +177,9 @@ def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
 
 
 def _evenly(photo: LightField, every: int, first: int) -> NDArray[np.bool_]:
-    """One in so many samples (n,) of a photograph, and some of its small highlights'."""
+    """One in so many samples (n,) of a photograph, and some of its small highlights'; of one in so many places, all."""
+    if photo.place is not None:
+        return np.asarray(photo.place % every == 0)
     keep = np.arange(len(photo)) % every == first % every
     bright = np.flatnonzero(outstanding(photo))
     keep[bright[:: max(1, _BRIGHT * every * len(bright) // len(keep))]] = True

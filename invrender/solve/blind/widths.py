@@ -77,7 +77,7 @@ def _equations(search: Search, fit: Fit) -> dict[int, Arrow]:
         lit, shared = joint_rows(sight, fit, rows)
         shared = np.concatenate([shared, _columns(sight, fit)], axis=-1)
         weighted = shared * weight.T[:, :, None]
-        residual = sight.field.radiance - predicted(sight, fit, rows)
+        residual = sight.radiance - predicted(sight, fit, rows)
         arrow = Arrow(
             fit.grams[sight.lighting],
             lit.transpose(0, 2, 1) @ weighted,
