@@ -84,7 +84,7 @@ def solve_unknown_paint(
     found = [recovered_lighting(name, light) for name, light in lights.items()]
     # What was recovered of a light is now given.
     given = {own.lighting.name: replace(own.lighting, recover_irradiance=False) for own in found}
-    unsure = _unsure(list(lights.values()), found)
+    unsure = _unsure(blind, list(lights.values()), found)
     recovered = Recovered(given, unsure, lambda solution: _in_gauge(solution, blind, found))
     solved = solve_textured(photoset, specimen, samples, clock, track, recovered)
     warnings = (*sentences(blind.warnings), *solved.result.warnings)
@@ -167,14 +167,20 @@ def _times(light: BlindLight, scale: Floats) -> BlindLight:
 
 
 def _unsure(
-    lights: Sequence[BlindLight], found: Sequence[FittedLighting]
+    blind: BlindSolution, lights: Sequence[BlindLight], found: Sequence[FittedLighting]
 ) -> Callable[[SurfacePoints], Floats]:
-    """Shares by which uncertain lightings leave Kd and Ks of points uncertain; that best known counts at each."""
+    """Shares by which what was found first leaves Kd and Ks of points uncertain.
+
+    Of several lightings the best known counts at each point. The share of Ks that they were found with is Ks itself, in
+    their units.
+    """
+    std = dict(zip(blind.covariance_names, np.sqrt(np.diag(blind.covariance)).tolist(), strict=True))
+    of_share = np.array([std[f"kappa {c}"] for c in "rgb"]) / blind.brdf_share
 
     def at(points: SurfacePoints) -> Floats:
         pairs = zip(lights, found, strict=True)
         of_kd = np.min([_unsure_base(light, own, points.normals) for light, own in pairs], axis=0)
-        of_ks = np.min([_unsure_light(light) for light in lights], axis=0)
+        of_ks = np.hypot(np.min([_unsure_light(light) for light in lights], axis=0), of_share)
         return np.hstack([of_kd, np.broadcast_to(of_ks, of_kd.shape)])
 
     return at
