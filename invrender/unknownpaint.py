@@ -25,7 +25,7 @@ from invrender.solve.factorize import Solution
 from invrender.solved import Solved
 from invrender.specimen import Specimen
 from invrender.texture.layout import SurfacePoints, scattered
-from invrender.texture.observe import observe
+from invrender.texture.observe import observe, points_for
 from invrender.texture.solve import Recovered, solve_textured
 from invrender.theory.latlong import project_latlong
 from invrender.theory.operator import irradiance_operator
@@ -38,8 +38,8 @@ from recon.sampling import NO_SOURCES
 
 Floats = NDArray[np.float64]
 
-# Samples that the light is found from, and the share of a surface's points that a photograph sees well.
-_SAMPLES, _SEEN_SHARE = 12_000, 0.25
+# Samples that the light is found from.
+_SAMPLES = 12_000
 # Of all light that reaches a point, this share of the brightest's is the least that paint is judged in.
 _DARK = 1e-3
 # Light that is uncertain by this share of itself isn't told.
@@ -111,7 +111,7 @@ def _at_places(
     track: Track,
 ) -> list[LightField]:
     """About so many samples of all photographs, at the same points of the surface; of those that two or more see."""
-    count = int(samples / (_SEEN_SHARE * len(fitted))) + 1
+    count = points_for(samples, len(fitted))
     points = scattered(body, count, np.random.default_rng(0))
 
     def read(photo: Photo) -> LightField:
@@ -174,7 +174,7 @@ def _unsure(
     Of several lightings the best known counts at each point. The share of Ks that they were found with is Ks itself, in
     their units.
     """
-    std = dict(zip(blind.covariance_names, np.sqrt(np.diag(blind.covariance)).tolist(), strict=True))
+    std = _deviations(blind)
     of_share = np.array([std[f"kappa {c}"] for c in "rgb"]) / blind.brdf_share
 
     def at(points: SurfacePoints) -> Floats:
@@ -211,7 +211,7 @@ def _unsure_light(light: BlindLight) -> Floats:
 
 def _in_gauge(solution: Solution, blind: BlindSolution, lights: Sequence[FittedLighting]) -> Solution:
     """A solution in recovered light, with what isn't known of that in the error bars of mu and sigma."""
-    std = dict(zip(blind.covariance_names, np.sqrt(np.diag(blind.covariance)).tolist(), strict=True))
+    std = _deviations(blind)
     own = [std.get(name, 0.0) for name in solution.covariance_names]
     quantities = {
         name: _widened(quantity, blind.quantities.get(name), std.get(name, 0.0))
@@ -225,6 +225,11 @@ def _in_gauge(solution: Solution, blind: BlindSolution, lights: Sequence[FittedL
         lightings=tuple(lights),
         covariance=solution.covariance + np.diag(np.square(own)),
     )
+
+
+def _deviations(blind: BlindSolution) -> dict[str, float]:
+    """Standard deviations by the covariance's names."""
+    return dict(zip(blind.covariance_names, np.sqrt(np.diag(blind.covariance)).tolist(), strict=True))
 
 
 def _widened(quantity: Quantity, first: Quantity | None, std: float) -> Quantity:

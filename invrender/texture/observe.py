@@ -16,6 +16,8 @@ from recon.sampling import MIN_COS_EXITANT
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
+_SEEN_SHARE = 0.25
 # A pixel's middle may lie this far, in pixels, off the plane that touches the surface at a point, to show its surface.
 _OFF = 1.0
 
@@ -56,6 +58,11 @@ class Observations:
     def renumbered(self, used: NDArray[np.bool_]) -> Observations:
         """The same, of a field of which only the used samples are kept."""
         return Observations(self.points, (np.cumsum(used) - 1)[self.samples], self.weights)
+
+
+def points_for(samples: int, photographs: int) -> int:
+    """How many points of a surface so many photographs show in about so many samples."""
+    return int(samples / (_SEEN_SHARE * photographs)) + 1
 
 
 def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints) -> Observations:

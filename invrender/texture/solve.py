@@ -37,7 +37,7 @@ from invrender.texture.cover import cover
 from invrender.texture.fit import FIT_STEPS, TexturedFit, fit_textured
 from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked
 from invrender.texture.layout import Layout, SurfacePoints, find_layout
-from invrender.texture.observe import observe
+from invrender.texture.observe import observe, points_for
 from invrender.texture.search import solved
 from invrender.texture.seen import Seen, rows_of, transfers_of
 from invrender.texture.solution import textured_solution
@@ -51,8 +51,6 @@ from recon.lightfield import LightField
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# Of all points of a surface one photograph sees about this share, several times less those at grazing angles.
-_SEEN_SHARE = 0.25
 # Pixels of all photographs that the texture is solved from, evenly taken of more: 200 bytes each.
 _MOST_PIXELS = 6_000_000
 # Kd that recovered light leaves uncertain by this share of itself isn't known.
@@ -139,7 +137,7 @@ def solve_textured(
         textures = textures.less_sure(shares)
         if recovered is not None:
             textures = textures.only(np.asarray(shares[:, :3].max(axis=1) < _UNSURE))
-        _check_any(photoset, textures)
+            _check_any(photoset, textures)
         unsure = np.concatenate([textures.mean(of) for of in np.split(shares, 2, axis=1)])
 
     def radiance(photo: Photo, field: LightField) -> Floats:
@@ -234,7 +232,7 @@ def _first_pass(bench: _Bench, points: SurfacePoints, samples: int, track: Track
     photos = bench.photoset.photos
     fitted = [photo for photo in photos if not photo.held_out]
     rng = np.random.default_rng(0)
-    count = min(len(points), int(samples / (_SEEN_SHARE * len(fitted))) + 1)
+    count = min(len(points), points_for(samples, len(fitted)))
     chosen = np.sort(rng.choice(len(points), count, replace=False))
     subset = points.where(chosen)
     budget = max(samples // len(fitted), 100)

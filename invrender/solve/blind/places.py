@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-# Standard deviation of paint over that of a sample's noise: half of the radiance over some hundredths.
+# Standard deviation of paint over that of a sample's noise: half of the radiance over half a hundredth. No less, as
+# paint that varies slowly over a surface isn't as independent from place to place as a random effect is.
 _PAINT = 100.0
 
 
