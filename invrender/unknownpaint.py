@@ -123,6 +123,11 @@ def _at_places(
     photos = [next(work) for _ in track(fitted, "Reading photographs")]
     places = [np.asarray(photo.place) for photo in photos]
     times = np.bincount(np.concatenate(places), minlength=count)
+    if times.max() < 2:
+        raise ValueError(
+            f"{photoset.manifest}: no part of the object shows in two photographs, so that nothing tells its paint from"
+            " the unknown light; add photographs from sides between these"
+        )
     return [photo.where(times[at] > 1) for photo, at in zip(photos, places, strict=True)]
 
 

@@ -185,3 +185,15 @@ def test_known_light_beside_unknown_is_refused_on_painted_objects(
     code, _, err = lightfactor("process", folder, "-o", tmp_path / "out")
     assert code == 1
     assert "'lamp', of which something is known" in " ".join(err.split())
+
+
+def test_photographs_without_a_place_in_common_are_refused(
+    lightfactor: Command, doll: Path, tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(doll, tmp_path / "set"))
+    path = folder / "photoset.toml"
+    first, *photos = path.read_text().split("[[photo]]\n")
+    path.write_text("[[photo]]\n".join([first, photos[0], photos[-1]]))
+    code, _, err = lightfactor("process", folder, "-o", tmp_path / "out")
+    assert code == 1
+    assert "no part of the object shows in two photographs" in " ".join(err.split())
