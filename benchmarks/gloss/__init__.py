@@ -1,0 +1,1 @@
+"""Real gloss: photographs of glossy objects with known truth, and how near the product comes to it."""
