@@ -14,18 +14,24 @@ Floats = NDArray[np.float64]
 _BINS = 24
 # Deviations up to which a residual passes for noise.
 _TRUSTED = 4.0
+# Share of a prediction that its lobe makes, from which on a sample lies in a highlight.
+_HIGHLIGHT = 0.2
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Standard deviation sqrt(floor^2 + (relative * radiance)^2) of what the model leaves unexplained."""
+    """Standard deviation sqrt(floor^2 + (relative radiance)^2 + (lobe highlight)^2) of what a model leaves unexplained.
+
+    lobe : what highlights leave for not being of the model's form, relative to the radiance of the lobe alone.
+    """
 
     floor: float
     relative: float
+    lobe: float = 0.0
 
-    def variance(self, radiance: Floats) -> Floats:
-        """Variance at predicted radiance (any shape), in its square."""
-        return self.floor**2 + (self.relative * radiance) ** 2
+    def variance(self, radiance: Floats, highlight: Floats | float = 0.0) -> Floats:
+        """Variance at predicted radiance (any shape), of which the lobe makes `highlight`; in its square."""
+        return np.asarray(self.floor**2 + (self.relative * radiance) ** 2 + (self.lobe * highlight) ** 2)
 
 
 def fit_noise(predictions: Sequence[Floats], residuals: Sequence[Floats]) -> NoiseModel:
@@ -60,15 +66,44 @@ class Weights:
     weight: Floats
 
 
-def photo_weights(noise: NoiseModel, prediction: Floats, residual: Floats) -> Weights:
+def lobe_misfit(
+    noise: NoiseModel,
+    predictions: Sequence[Floats],
+    highlights: Sequence[Floats],
+    residuals: Sequence[Floats],
+    shares: Sequence[Floats],
+) -> float:
+    """What highlights leave beyond the noise, relative to the lobe's own radiance (RMS); 0 where chance would.
+
+    All (n, 3) per photograph, shares (n,). The median over photographs: what a hand or dust leaves in one of them is no
+    misfit of the form, which repeats in all.
+    """
+    found = []
+    for prediction, highlight, residual, share in zip(
+        predictions, highlights, residuals, shares, strict=True
+    ):
+        weight = share[:, None] * (highlight > _HIGHLIGHT * np.maximum(prediction, 0))
+        variance = noise.variance(prediction)
+        beyond = float((weight * (residual**2 - variance)).sum())
+        chance = float(np.sqrt(2 * (weight**2 * variance**2).sum()))
+        energy = float((weight * highlight**2).sum())
+        found.append(beyond / energy if beyond > 2 * chance and energy > 0 else 0.0)
+    return float(np.sqrt(np.median(found))) if found else 0.0
+
+
+def photo_weights(
+    noise: NoiseModel, prediction: Floats, residual: Floats, highlight: Floats | float = 0.0
+) -> Weights:
     """Weights of a photograph's samples from their residuals (n, 3) under a fit.
 
     A photograph with a wrong pose, light or mask strays by many times the noise in most of its samples: its
     variance is larger by as much. Single samples beyond four deviations lose trust with the square of
-    theirs, so that their pull fades the farther off they are.
+    theirs, so that their pull fades the farther off they are. highlight : (n, 3), what the lobe makes of the prediction;
+    residuals as large as highlights commonly leave are misfit of the form, and stay.
     """
     deviation = np.sqrt(noise.variance(prediction))
     typical = max(1.4826 * float(np.median(np.abs(residual) / deviation)), 1.0)
-    strays = np.abs(residual) / (deviation * typical)
+    strays = np.abs(residual) / (np.sqrt(noise.variance(prediction, highlight)) * typical)
     trust = np.minimum(1, (_TRUSTED / np.maximum(strays, _TRUSTED)) ** 2)
+    # What a form leaves of highlights doesn't make them count for less: the best of a wrong form then suits them best.
     return Weights(trust, trust / (deviation * typical) ** 2)
