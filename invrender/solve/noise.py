@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +20,28 @@ _HIGHLIGHT = 0.2
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Standard deviation sqrt(floor^2 + (relative radiance)^2 + (lobe highlight)^2) of what a model leaves unexplained.
+    """Standard deviation of what a model leaves unexplained.
 
-    lobe : what highlights leave for not being of the model's form, relative to the radiance of the lobe alone.
+    floor, relative : of the noise, sqrt(floor^2 + (relative radiance)^2). misfit : RMS over all samples of what is left
+    in highlights beyond that, for the lobe not being of the model's form. lobe : the same relative to the lobe's own
+    radiance, over highlights.
     """
 
     floor: float
     relative: float
+    misfit: float = 0.0
     lobe: float = 0.0
 
-    def variance(self, radiance: Floats, highlight: Floats | float = 0.0) -> Floats:
-        """Variance at predicted radiance (any shape), of which the lobe makes `highlight`; in its square."""
-        return np.asarray(self.floor**2 + (self.relative * radiance) ** 2 + (self.lobe * highlight) ** 2)
+    def variance(self, radiance: Floats) -> Floats:
+        """Variance of noise and misfit at predicted radiance (any shape), in its square.
+
+        A misfit counts everywhere alike: what suits a wrong form best is what least squares over all pixels finds.
+        """
+        return np.asarray(self.floor**2 + self.misfit**2 + (self.relative * radiance) ** 2)
+
+    def tolerated(self, radiance: Floats, highlight: Floats | float) -> Floats:
+        """The same where the lobe makes `highlight` of the radiance: residuals as large are no outliers."""
+        return np.asarray(self.variance(radiance) + (self.lobe * highlight) ** 2)
 
 
 def fit_noise(predictions: Sequence[Floats], residuals: Sequence[Floats]) -> NoiseModel:
@@ -66,16 +76,16 @@ class Weights:
     weight: Floats
 
 
-def lobe_misfit(
+def with_misfit(
     noise: NoiseModel,
     predictions: Sequence[Floats],
     highlights: Sequence[Floats],
     residuals: Sequence[Floats],
     shares: Sequence[Floats],
-) -> float:
-    """What highlights leave beyond the noise, relative to the lobe's own radiance (RMS); 0 where chance would.
+) -> NoiseModel:
+    """The noise with what highlights leave beyond it; 0 where chance would leave as much.
 
-    All (n, 3) per photograph, shares (n,). The median over photographs: what a hand or dust leaves in one of them is no
+    All (n, 3) per photograph, shares (n,). Medians over photographs: what a hand or dust leaves in one of them is no
     misfit of the form, which repeats in all.
     """
     found = []
@@ -87,8 +97,10 @@ def lobe_misfit(
         beyond = float((weight * (residual**2 - variance)).sum())
         chance = float(np.sqrt(2 * (weight**2 * variance**2).sum()))
         energy = float((weight * highlight**2).sum())
-        found.append(beyond / energy if beyond > 2 * chance and energy > 0 else 0.0)
-    return float(np.sqrt(np.median(found))) if found else 0.0
+        shown = beyond > 2 * chance and energy > 0
+        found.append((beyond / (3 * share.sum()), beyond / energy) if shown else (0.0, 0.0))
+    misfit, lobe = np.sqrt(np.median(found, axis=0)).tolist()
+    return replace(noise, misfit=misfit, lobe=lobe)
 
 
 def photo_weights(
@@ -103,7 +115,6 @@ def photo_weights(
     """
     deviation = np.sqrt(noise.variance(prediction))
     typical = max(1.4826 * float(np.median(np.abs(residual) / deviation)), 1.0)
-    strays = np.abs(residual) / (np.sqrt(noise.variance(prediction, highlight)) * typical)
+    strays = np.abs(residual) / (np.sqrt(noise.tolerated(prediction, highlight)) * typical)
     trust = np.minimum(1, (_TRUSTED / np.maximum(strays, _TRUSTED)) ** 2)
-    # What a form leaves of highlights doesn't make them count for less: the best of a wrong form then suits them best.
     return Weights(trust, trust / (deviation * typical) ** 2)

@@ -12,7 +12,7 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import SIGMA_RANGE
 from invrender.model.predict import predict_photos
 from invrender.solve.models import Estimate, Model
-from invrender.solve.noise import NoiseModel, Weights, fit_noise, lobe_misfit, photo_weights
+from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights, with_misfit
 from invrender.solve.search import fit
 from invrender.solve.statistics import total_statistics
 
@@ -44,8 +44,7 @@ def weigh(
         highlights = lobe_reach(photos, fitted)
         noise = fit_noise(predictions, residuals)
         shares = [photo.field.shares for photo in photos]
-        misfit = lobe_misfit(noise, predictions, highlights, residuals, shares)
-        noise = replace(noise, lobe=misfit)
+        noise = with_misfit(noise, predictions, highlights, residuals, shares)
         current = [
             counted(photo_weights(noise, *of), share)
             for *of, share in zip(predictions, residuals, highlights, shares, strict=True)
