@@ -1,8 +1,9 @@
 """How much pixels tell about a BRDF under known light, by which samples are drawn.
 
 A narrow highlight is a handful of pixels, and all that is seen of the lobe's width. Samples are drawn by leverage: how
-far the numbers of a first fit would move if a pixel's radiance did, in standard deviations of both. It holds the gradient
-of the predicted radiance, as RMB07's gradient-based sampling does (section 6), in the numbers that are looked for.
+far the numbers of a first fit would move if a pixel's radiance did, in standard deviations of both. It holds the
+gradient of the predicted radiance, as RMB07's gradient-based sampling does (section 6), in the numbers that are looked
+for.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ from invrender.clock import Clock
 from invrender.factorization import Factorization
 from invrender.knownlight import solve_known_light
 from invrender.model.visibility import facing
+from invrender.solve.evidence import PictureError, picture_error
 from invrender.solved import Solved
 from invrender.specimen import Specimen, find_specimen
 from invrender.texture.solve import solve_textured
@@ -26,9 +27,10 @@ from invrender.unknownlight import solve_unknown_light
 from invrender.unknownpaint import solve_unknown_paint
 from recon.bodies import MeshBody, body_pixels, larger_pixels
 from recon.lightfield import LightField
-from recon.sampling import NO_SOURCES, samples_at
+from recon.sampling import NO_SOURCES, WHOLE, samples_around, samples_at
 
 DEFAULT_SAMPLES = 60_000
+_QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
 # Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
 _PIXELS_AT_A_TIME = 20_000
 # About how many pixels an object has in predictions, what is around it included: one of 12 megapixels would show no
@@ -38,15 +40,24 @@ _PREDICTED = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One photograph beside its prediction: (h, w, 3) float32; `inside` (h, w) marks where it is predicted.
+    """One photograph beside its prediction: (h, w, 3) float32; `inside` (h, w) marks the object's whole pixels.
 
-    observed, predicted : in pixels of the size that the run predicts.
+    observed, predicted : in pixels of the size that the run predicts; at the outline a pixel is predicted as the share
+    of it that shows the object, before black. counted : (h, w), the pixels of the object that errors are of: all that
+    are predicted and not saturated, and that the mask, if there is one, calls the object's.
     """
 
     photo: Photo
     observed: RadianceImage
     predicted: NDArray[np.float32]
     inside: NDArray[np.bool_]
+    counted: NDArray[np.bool_]
+
+    @property
+    def error(self) -> PictureError:
+        """How far the prediction is off."""
+        observed, predicted = self.observed.radiance[self.counted], self.predicted[self.counted]
+        return picture_error(observed.astype(float), predicted.astype(float))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +112,30 @@ class Run:
             known = np.isfinite(radiance).all(axis=1)
             predicted[samples.rows[known], samples.columns[known]] = radiance[known]
             inside[samples.rows[known], samples.columns[known]] = True
-        return Prediction(photo, observed, predicted, inside)
+        shown = inside.copy()
+        if self.result.textures is None:
+            rows, columns = body_pixels(body, photo.camera, outline=True)
+            predicted[rows, columns] = self._at_outline(photo, observed, rows, columns)
+            shown[rows, columns] = True
+        mask = self.specimen.found.mask_of(photo)
+        if mask is not None and mask.shape == shown.shape:
+            shown &= mask >= WHOLE
+        else:
+            shown = inside.copy()
+        return Prediction(photo, observed, predicted, inside, shown & ~observed.saturated)
+
+    def _at_outline(
+        self, photo: Photo, observed: RadianceImage, rows: NDArray[np.int64], columns: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Radiance (n, 3) of pixels that the object covers partly, by rays through their quarters."""
+        places = np.column_stack([columns, rows]).repeat(len(_QUARTERS), axis=0) + np.tile(
+            _QUARTERS, (len(rows), 1)
+        )
+        rays, on_body = samples_around(self.specimen.body, photo.camera, observed, places, across=False)
+        radiance = np.zeros((len(places), 3))
+        if on_body.any():
+            radiance[on_body] = self._radiance(photo, facing(rays))
+        return radiance.reshape(len(rows), len(_QUARTERS), 3).mean(axis=1)
 
     def _radiance(self, photo: Photo, samples: LightField) -> NDArray[np.float64]:
         """Radiance (n, 3) of samples; paint is the mean around each ray, across which light varies little."""

@@ -154,9 +154,10 @@ def draw(
 ) -> tuple[NDArray[np.int64], Floats]:
     """About `budget` of n samples, ascending, and what each stands for: evenly over normals, more where more is told.
 
-    normals : (n, 3). telling : (n,) >= 0, in any unit. A part of the budget is spread evenly over normals, the rest drawn
-    with probabilities in proportion to what pixels tell (RMB07, section 6: sampling by gradients). A sample stands for its
-    probability in an even draw over that in this one [Horvitz and Thompson 1952], so that sums stay unbiased.
+    normals : (n, 3). telling : (n,) >= 0, in any unit. A part of the budget is spread evenly over normals, the rest
+    drawn with probabilities in proportion to what pixels tell (RMB07, section 6: sampling by gradients). A sample
+    stands for its probability in an even draw over that in this one [Horvitz and Thompson 1952], so that sums stay
+    unbiased.
     """
     even = _inclusion(_cells(normals), budget)
     drawn = 1 - (1 - (1 - _TELLING) * even) * (1 - _proportional(telling, _TELLING * budget))

@@ -68,7 +68,7 @@ class SavedBrdf(_Lenient):
     ks: SavedQuantity | None
     mu: SavedQuantity | None
     sigma: SavedQuantity | None
-    form_numbers: dict[str, SavedQuantity] = {}
+    form_numbers: Mapping[str, SavedQuantity] = MappingProxyType({})
     normalised: _Shares
     covariance: _Covariance
 

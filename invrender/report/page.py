@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,9 +75,8 @@ _FORMS |= {
 class ReportWriter:
     """Collects the predictions of a run, then writes its page."""
 
-    def __init__(self, run: Run, document: Mapping[str, Any]) -> None:
+    def __init__(self, run: Run) -> None:
         self._run = run
-        self._document = document
         self._rows: list[dict[str, Any]] = []
         # One colour scale for all differences, wide enough for three times the usual residual.
         rms = run.result.rms(held_out=False) or 0.0
@@ -89,16 +89,34 @@ class ReportWriter:
 
     def add(self, prediction: Prediction) -> None:
         """Take in one photograph with its prediction; nothing of its size is kept."""
-        label = prediction.photo.label
-        score = next(score for score in self._run.result.photos if score.label == label)
-        row: dict[str, Any] = {"score": score, "pictures": None}
-        if label in self._pictured:
+        label, error = prediction.photo.label, prediction.error
+        row: dict[str, Any] = {"label": label, "pictures": None, "highlight": error.rms**2 * error.brightest}
+        worst = max(self._rows, key=lambda other: other["highlight"], default=row)
+        if row["highlight"] >= worst["highlight"]:
+            # The photograph with the worst highlight so far has pictures, whichever it is.
+            if worst["label"] not in self._pictured:
+                worst["pictures"] = None
+            row["pictures"] = _pictures(prediction, self._limit)
+        elif label in self._pictured:
             row["pictures"] = _pictures(prediction, self._limit)
         self._rows.append(row)
 
-    def write(self, path: Path) -> None:
-        """Write the page as one self-contained file."""
+    def write(self, path: Path, document: Mapping[str, Any]) -> None:
+        """Write the page as one self-contained file; document : result.json, whose errors are those of the pictures."""
         result = self._run.result
+        errors = {photo["file"]: photo for photo in document["photos"]}
+        scores = [
+            replace(
+                score,
+                rms=errors[score.label]["rms_relative"],
+                cross_validated=errors[score.label]["cross_validated_rms_relative"],
+            )
+            for score in result.photos
+        ]
+        of_label = {score.label: score for score in scores}
+        rows = [{**row, "score": of_label[row["label"]]} for row in self._rows]
+        worst = max(row["highlight"] for row in rows)
+        rows.sort(key=lambda row: row["highlight"] < worst)
         textures = result.textures
         # Values at vertices make no picture.
         mapped = textures is not None and isinstance(textures.layout, TexelLayout)
@@ -110,24 +128,24 @@ class ReportWriter:
             lstrip_blocks=True,
         )
         page = environment.get_template("report.html.jinja").render(
-            document=self._document,
+            document=document,
             result=result,
             model=result.model.estimate.model,
             form=_FORMS[result.brdf.form.family],
             best=min(result.rungs, key=lambda rung: rung.error),
             parameters=_parameters(self._run),
-            rows=self._rows,
+            rows=rows,
             limit=self._limit,
             mapped=[
                 entry.lighting.name for entry in result.lightings if entry.lighting.radiance_map is not None
             ],
             with_error=with_error,
             median_unseen=float(
-                np.median([s.cross_validated for s in result.photos if s.cross_validated is not None])
+                np.median([s.cross_validated for s in scores if s.cross_validated is not None])
             ),
             figures={
                 "residual": figure_url(residual_figure(self._run.fields, self._run.solved.residuals)),
-                "photos": figure_url(photo_error_figure(result.photos)),
+                "photos": figure_url(photo_error_figure(scores)),
                 "lighting": figure_url(lighting_figure(result.lightings)),
                 "texture": figure_url(texture_figure(textures)) if textures and mapped else None,
             },

@@ -31,6 +31,8 @@ MISFIT_REMEDY = (
 )
 # Standard errors of a paired difference beyond which the simpler model is clearly worse.
 _CLEARLY_WORSE = 3.0
+# Part of a picture's pixels that count as its highlights.
+_BRIGHTEST = 0.02
 # Part of a standard deviation that the last step of fits that leave photographs out may have: they start at the fit to
 # all, and what such a step leaves is far less.
 _NEAR_ENOUGH = 0.1
@@ -78,6 +80,29 @@ def relative_rms(residual: Floats, radiance: Floats, trust: Floats | None = None
     """
     trust = np.ones_like(residual) if trust is None else trust
     return float(np.sqrt((trust * residual**2).sum() / max(float((trust * radiance**2).sum()), 1e-300)))
+
+
+@dataclass(frozen=True)
+class PictureError:
+    """How far a predicted picture is off.
+
+    rms : relative RMS over its pixels. brightest : the share of the squared error that lies in the brightest 2% of
+    them.
+    """
+
+    rms: float
+    brightest: float
+
+
+def picture_error(observed: Floats, predicted: Floats) -> PictureError:
+    """The error of predicted radiance (n, 3) against a photograph's."""
+    square = ((observed - predicted) ** 2).sum(axis=1)
+    if not len(square):
+        return PictureError(0.0, 0.0)
+    count = max(int(_BRIGHTEST * len(square)), 1)
+    bright = np.argpartition(-(observed**2).sum(axis=1), count - 1)[:count]
+    share = float(square[bright].sum() / max(float(square.sum()), 1e-300))
+    return PictureError(relative_rms(observed - predicted, observed), share)
 
 
 def climb_ladder(
