@@ -138,7 +138,9 @@ def fit_to_outlines(
     sphere, scatter = _solve(touching, guess, free)
     numbers: dict[bytes, int] = {}
     same = [numbers.setdefault(each.tobytes(), len(numbers)) for each in points]
-    arcs = [np.arange(len(each)) * _ARCS // len(each) + _ARCS * k for each, k in zip(points, same, strict=True)]
+    arcs = [
+        np.arange(len(each)) * _ARCS // len(each) + _ARCS * k for each, k in zip(points, same, strict=True)
+    ]
     growth = np.hypot(hidden_px, 0.0 if edge_px is None else edge_px)
     covariance = np.zeros((4, 4))
     if free.any():
