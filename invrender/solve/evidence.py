@@ -54,13 +54,14 @@ class Rung:
         are fitted to it, since nothing else could tell them).
     patch_energy : (patches,), the same squared residuals, as shares of each photograph's energy, by patches
         of the surface.
-    parameters : count of fitted numbers.
+    parameters : count of fitted numbers. folds : fits that each have not seen some of the photographs.
     """
 
     estimate: Estimate
     photo_errors: Floats
     patch_energy: Floats
     parameters: int
+    folds: tuple[Estimate, ...] = ()
 
     @property
     def error(self) -> float:
@@ -226,7 +227,7 @@ def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subset
         errors[part.photos] = np.sqrt(np.bincount(part.photo_of, square, minlength=own) / total)
         energy += np.bincount(part.patch_of, square / total[part.photo_of], minlength=patches)
     free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}
-    return Rung(full, errors, energy, model.parameters + 3 * len(free))
+    return Rung(full, errors, energy, model.parameters + 3 * len(free), tuple(trained))
 
 
 def fit_strengths(photo: PhotoColumns, weight: Floats, estimate: Estimate) -> Floats:
