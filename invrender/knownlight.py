@@ -24,17 +24,21 @@ from invrender.model.transfer import LightElement, light_elements
 from invrender.model.visibility import Shadows
 from invrender.newlight import scored_lighting, used_tables
 from invrender.reading import read_samples
+from invrender.refine.spherechange import place_changes
 from invrender.render.manypixels import ManyPixels
 from invrender.solve.evidence import fit_strengths
 from invrender.solve.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.solve.factorize import Solution, conclude
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
+from recon.bodies import Body, SphereBody
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField
 
 # Of what photographs differ from the model, the share (RMS) by which pictures of it may be off: they differ 3% more.
 _PICTURES_OFF = 0.25
+# Deviation of a sphere's place, of its radius, below which normals are known well enough: a twentieth of a degree.
+_PLACED_WELL = 8e-4
 
 
 def solve_known_light(
@@ -67,7 +71,10 @@ def solve_known_light(
             bounces = _bounces(parts, given, known, used, elements, track)
         elif parts is not None:
             remarks = unknown_scale(parts, known, elements)
-        solution = conclude(bounces.known, used, bounces.doubts) if bounces else conclude(known, used)
+        concluded = bounces.known if bounces else known
+        doubts = [bounces.doubts] if bounces and bounces.doubts is not None else []
+        doubts += _of_place(specimen.body, concluded, elements)
+        solution = conclude(concluded, used, doubts)
         columns = _in_form(photoset, solution, columns, elements)
         bounced: Mapping[str, Bounced] = {}
         if bounces is not None and bounces.bounced:
@@ -151,6 +158,24 @@ def _bounces(
     for _ in steps:
         pass
     return found
+
+
+def _of_place(
+    body: Body, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
+) -> list[list[NDArray[np.float64]]]:
+    """What a sphere's place and radius leave in doubt of each photograph's radiance, where that is notable."""
+    if not isinstance(body, SphereBody):
+        return []
+    deviation = np.sqrt(np.linalg.eigvalsh(body.sphere.covariance).max())
+    if deviation < _PLACED_WELL * body.sphere.radius:
+        return []
+    estimate, photos = known.rungs[known.chosen].estimate, known.photos
+
+    def radiance(k: int, field: LightField) -> NDArray[np.float64]:
+        name = photos[k].lighting
+        return predict(estimate.brdf, elements[name], estimate.strengths[name], field)
+
+    return place_changes([photo.field for photo in photos], body.sphere, radiance)
 
 
 def _less_bounced(

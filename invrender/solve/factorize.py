@@ -71,11 +71,12 @@ def factorize(
 
 
 def conclude(
-    known: Explanation, lightings: Sequence[Lighting], doubts: Sequence[Floats] | None = None
+    known: Explanation, lightings: Sequence[Lighting], doubts: Sequence[Sequence[Floats]] = ()
 ) -> Solution:
     """What an explanation amounts to: numbers with their uncertainty, and which of them are determined.
 
-    doubts : (n, 3) per photograph, radiance by which its samples may all be off together, one standard deviation.
+    doubts : one for each thing in doubt, (n, 3) per photograph, the radiance by which its samples are all off together
+    if that is off by one standard deviation.
     """
     chosen, weights, photos = known.chosen, known.weights, known.photos
     measured = _measure(known.rungs[chosen], photos, weights)
@@ -84,8 +85,8 @@ def conclude(
     if "sigma" in report.places:
         place = report.places["sigma"].start
         covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
-    if doubts is not None:
-        moved = _moved(known, doubts) - values
+    for doubt in doubts:
+        moved = _moved(known, doubt) - values
         covariance += np.outer(moved, moved)
     std = np.sqrt(np.diag(covariance))
     form = known.rungs[chosen].estimate.model.form
@@ -194,12 +195,24 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
         std = doubt * np.sqrt(np.diag(there.covariance))
         for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
             theirs = there.report.places[name]
-            difference = (
-                np.abs(here.values[here.report.places[name]] - there.values[theirs]) - 2 * std[theirs]
-            )
+            ours, values = here.values[here.report.places[name]], there.values[theirs]
+            difference = np.abs(ours - values * _core_alone(name, there, here)) - 2 * std[theirs]
             mine = chosen.report.places[name]
             apart[mine] = np.maximum(apart[mine], difference)
     return apart
+
+
+def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
+    """What a number of a form with a haze is multiplied by to compare with one of a form that has a core alone."""
+    if "haze" not in there.report.places or "haze" in here.report.places:
+        return np.ones(1)
+    haze = float(there.values[there.report.places["haze"]][0])
+    if name == "ks":
+        return np.array([1 - haze])
+    if name in ("ks_normalised", "kd_normalised"):
+        rest = 1 - haze * there.values[there.report.places["ks_normalised"]]
+        return np.asarray((1 - haze if name == "ks_normalised" else 1) / rest)
+    return np.ones(1)
 
 
 def _count(photos: Sequence[PhotoColumns]) -> int:
