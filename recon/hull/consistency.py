@@ -142,6 +142,6 @@ def contradiction_warning(
     )
     return (
         f"silhouettes contradict each other: the hull lacks parts that are in {some_of(shown)}."
-        f" For {some_of(cutting) if cutting else 'most of the other photographs'} they are background. Look for dark parts"
-        f" of the object in these, and for bright background in those; {remedy}."
+        f" For {some_of(cutting) if cutting else 'most of the other photographs'} they are background. Look for dark"
+        f" parts of the object in these, and for bright background in those; {remedy}."
     )
