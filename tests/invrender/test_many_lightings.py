@@ -27,12 +27,11 @@ def result(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
         other = read_lamps(source).names[4 * ((k + 6) % 12) + 1]
         text = text.replace(f"{names[k]}.png", f"{other}.png")
     manifest.write_text(text)
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit, match="0"):
-        patch.setattr(
-            "sys.argv",
-            ["lightfactor", "process", str(folder), "-o", str(folder / "out"), "--samples", "2000"],
-        )
-        main()
+    command = ["lightfactor", "process", str(folder), "-o", str(folder / "out"), "--samples", "2000"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", command)
+        with pytest.raises(SystemExit, match="0"):
+            main()
     files = re.findall(r'file = ".*/([^/"]*)"', text)
     return folder / "out", [files[k] for k in SWAPPED]
 
