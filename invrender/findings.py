@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
+from capture.wording import some_of
 from invrender.solve.evidence import MISFIT_REMEDY, outlying, relative_rms
 from invrender.solve.factorize import Solution
 from invrender.specimen import Specimen
@@ -22,6 +23,8 @@ POOR = 0.12
 _MENDED = 0.5
 # Structured residual, and share of stray samples, above which a warning is due.
 _STRUCTURED, _STRAYS = 0.005, 0.02
+# Photographs or lightings that a warning names before it counts the rest.
+_NAMED = 8
 
 
 def find_warnings(
@@ -49,12 +52,13 @@ def find_warnings(
             " difference pictures."
         )
     fitted = [photo for photo in photoset.photos if not photo.held_out]
-    for photo, wrong, error in zip(fitted, outlying(rung.photo_errors), rung.photo_errors, strict=True):
-        if wrong:
-            warnings.append(
-                f"{photo.label} is explained far worse than the others (RMS {error:.1%}, median"
-                f" {np.median(rung.photo_errors):.1%}) and counts for less: check its pose, light and mask."
-            )
+    usual = float(np.median(rung.photo_errors))
+    worse = {
+        photo.label: error
+        for photo, wrong, error in zip(fitted, outlying(rung.photo_errors), rung.photo_errors, strict=True)
+        if wrong
+    }
+    warnings += [] if not worse else [_far_worse(worse, usual)]
     body = specimen.body
     outlines = body.sphere.residual_px if isinstance(body, SphereBody) else ()
     if max(outlines, default=0) > 0.6:
@@ -63,18 +67,20 @@ def find_warnings(
             " uncertain by as much. If masks are better than that, check the poses, the camera's focal length, and"
             " [object] centre and radius where they are given."
         )
+    said: dict[str, list[str]] = {}
     for table in photoset.lightings:
         lighting = lightings.get(table.name)
-        warnings += (
-            [] if lighting is None else [f"Lighting {table.name!r}: {text}." for text in lighting.warnings]
-        )
+        for text in () if lighting is None else lighting.warnings:
+            said.setdefault(f"{text}.", []).append(repr(table.name))
         if lighting is not None and table.mirror_ball and table.recover is None and lighting.recovers:
-            warnings.append(
-                f"Lighting {table.name!r}: the highlight on the mirror ball is saturated, so its direction is used"
+            text = (
+                "the highlight on the mirror ball is saturated, so its direction is used"
                 f" but {' and '.join(lighting.recovers)} are fitted; expose the ball shorter to measure them."
             )
+            said.setdefault(text, []).append(repr(table.name))
+    warnings += [f"Lighting {some_of(names, _NAMED)}: {text}" for text, names in said.items()]
     negative = [
-        f"{fitted.lighting.name!r}"
+        repr(fitted.lighting.name)
         for fitted in solution.lightings
         if fitted.ambient is not None
         and fitted.ambient_std is not None
@@ -82,8 +88,8 @@ def find_warnings(
     ]
     if negative:
         warnings.append(
-            f"The recovered ambient is negative beyond its error in {', '.join(negative)}: the source, the pose or the"
-            " black level is not what the model takes it for."
+            f"The recovered ambient is negative beyond its error in {some_of(negative, _NAMED)}: the source,"
+            " the pose or the black level is not what the model takes it for."
         )
     albedo = solution.quantities.get("albedo")
     if albedo is not None and albedo.value is not None and (albedo.value > 1).any():
@@ -92,6 +98,21 @@ def find_warnings(
             " the same unit of radiance, so only the ratios of Kd and Ks are meaningful."
         )
     return tuple(warnings)
+
+
+def _far_worse(errors: Mapping[str, float], usual: float) -> str:
+    """A sentence on photographs with their errors by label; usual : the median of all."""
+    worst = sorted(errors, key=lambda label: -errors[label])
+    if len(worst) == 1:
+        return (
+            f"{worst[0]} is explained far worse than the others (RMS {errors[worst[0]]:.1%}, median {usual:.1%}) and"
+            " counts for less: check its pose, light and mask."
+        )
+    named = some_of([f"{label} {errors[label]:.1%}" for label in worst], _NAMED)
+    return (
+        f"{len(worst)} photographs are explained far worse than the others (RMS, median {usual:.1%}) and count for"
+        f" less: {named}. Check their poses, lights and masks."
+    )
 
 
 def brightness_warning(

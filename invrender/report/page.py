@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from invrender.factorization import Quantity
+from invrender.factorization import FittedLighting, Quantity
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, UNCORRELATED
 from invrender.model.richer import COATED, COATED_HAZY, HAZY
 from invrender.pipeline import Prediction, Run
@@ -33,6 +33,8 @@ from invrender.wording import with_error
 # Photographs beyond this many are listed with their errors, without pictures: the page stays small.
 _MAX_PICTURES = 24
 _MARGIN = 0.08
+# Lightings whose table is in plain view.
+_FEW_LIGHTINGS = 6
 # Shares of a photograph's white at which the colours of differences saturate.
 _LIMITS = (0.02, 0.05, 0.1, 0.2, 0.5)
 _NAMES = {
@@ -140,6 +142,7 @@ class ReportWriter:
                 entry.lighting.name for entry in result.lightings if entry.lighting.radiance_map is not None
             ],
             with_error=with_error,
+            many_lightings=_many_lightings(result.lightings),
             median_unseen=float(
                 np.median([s.cross_validated for s in scores if s.cross_validated is not None])
             ),
@@ -168,6 +171,27 @@ def _pictures(prediction: Prediction, limit: float) -> dict[str, Any]:
         "difference": difference_picture(difference, limit * white, inside),
     }
     return {name: image_url(shrunk(picture), jpeg=name != "difference") for name, picture in pictures.items()}
+
+
+def _many_lightings(entries: Sequence[FittedLighting]) -> str | None:
+    """What lightings have in common, in a sentence, where they are too many for a table in plain view."""
+    if len(entries) <= _FEW_LIGHTINGS:
+        return None
+    recovered = sum(bool(entry.lighting.recovers) or entry.harmonics is not None for entry in entries)
+    made = f"{recovered} of them recovered" if recovered else "all given"
+    said = f"{len(entries)} lightings, {made}"
+    directions = np.concatenate([entry.lighting.directions for entry in entries])
+    if not len(directions):
+        return f"{said}, without directional sources."
+    strength = np.concatenate([entry.lighting.irradiances.mean(axis=1) for entry in entries])
+    mean = directions.mean(axis=0)
+    mean /= max(float(np.linalg.norm(mean)), 1e-9)
+    off = np.degrees(np.arccos(np.clip(directions @ mean, -1, 1))).max()
+    return (
+        f"{said}, with {len(directions)} directional sources up to {off:.0f} degrees from their mean direction"
+        f" ({', '.join(f'{value:.2f}' for value in mean)}); irradiance (mean of channels)"
+        f" {strength.min():.3g} to {strength.max():.3g}."
+    )
 
 
 def _parameters(run: Run) -> list[dict[str, Any]]:
