@@ -95,8 +95,9 @@ def _first_fit(photos: Sequence[PhotoColumns], elements: Mapping[str, Sequence[L
     information = np.zeros((3, 3))
     for photo in photos:
         field = photo.field
-        views = np.asarray(field.mean_over_rays(field.views))
-        rows, radiance = _gradient(brdf, elements[photo.lighting], field.sample_normals, views)
+        mean = field.sample_normals, np.asarray(field.mean_over_rays(field.views))
+        normals, views = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in mean)
+        rows, radiance = _gradient(brdf, elements[photo.lighting], normals, views)
         weight = field.shares / noise.variance(radiance)
         information += rows.T @ (weight[:, None] * rows)
     return _FirstFit(brdf, noise, symmetric_pinv(information))
