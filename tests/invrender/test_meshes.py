@@ -21,14 +21,9 @@ from capture.radiance import RadianceImage
 from invrender.clock import Clock
 from invrender.compare.lightings import first_coefficients
 from invrender.factorization import Factorization
-from invrender.interreflection import rms
-from invrender.model.bounce import Parts
-from invrender.model.lobes import PRINTED
-from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import diffuse_transfer, light_elements
 from invrender.model.visibility import Shadows, seen_diffuse
 from invrender.pipeline import process
-from invrender.reading import read_samples
 from invrender.result import result_document
 from invrender.run import run_process
 from invrender.solve.blind import factorize_blind
@@ -36,7 +31,6 @@ from invrender.specimen import find_specimen
 from invrender.theory.harmonics import project_sources
 from invrender.unknownlight import solve_unknown_light
 from recon.bodies import MeshBody
-from recon.knownlight import read_lighting
 from recon.sampling import sample_body
 from recon.transfer import transfer_vectors
 from recon.trianglemesh import TriangleMesh
@@ -129,28 +123,6 @@ def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
     assert abs(result.interreflection.asked) < 0.03
     # What taking it off would leave is no noise of the photographs'.
     assert result.interreflection.asked_std < 0.03
-    # Its size is what the true BRDF would send in this light: Kd and Ks are within 1% of it.
-    assert result.interreflection.relative == pytest.approx(bounced_by_truth(cat_original), rel=0.04)
-
-
-def bounced_by_truth(folder: Path) -> float:
-    """RMS of what would bounce in fitted photographs over that of their radiance."""
-    photoset = load_photoset(folder)
-    specimen = find_specimen(photoset)
-    assert specimen.shadows is not None
-    parts = Parts.of(specimen.shadows)
-    assert parts is not None
-    brdf = Microfacet(np.array([0.24, 0.2, 0.16]), np.full(3, 0.033), 1.68, 0.12, PRINTED)
-    lab = read_lighting(photoset, next(table for table in photoset.lightings if table.name == "lab"))
-    elements = light_elements(lab)
-    bounced = parts.bounced(elements, np.ones((len(elements), 3)), brdf)
-    fields, _ = read_samples(
-        photoset, specimen.found, {"lab": lab.directions, "lamp": np.zeros((0, 3))}, 4000, Clock(), silent
-    )
-    fitted = [fields[photo.label] for photo in photoset.photos if not photo.held_out]
-    return rms([bounced.radiance(field, brdf) for field in fitted]) / rms(
-        [field.radiance for field in fitted]
-    )
 
 
 def test_without_visibility_errors_are_several_times_larger(
