@@ -42,7 +42,7 @@ _SHARES = 0.05, 1.0
 # By what a share is divided that leaves more unexplained than photographs as they are do.
 _BACK = 4.0
 # The albedo at which its size is told where none is known.
-_SUPPOSED = 0.5
+SUPPOSED = 0.5
 _LABELS = {"Kd": "kd", "Ks": "ks", "mu": "mu", "sigma": "sigma"}
 # Share of the samples whose part of bounced light is smaller than what is called the highest.
 _HIGHEST = 0.99
@@ -55,7 +55,8 @@ class Interreflection:
     relative, highest : its RMS over that of the radiance, and its largest share of a sample's but for one percent of
     them. taken_off : whether the result is without it. asked, asked_std : how many times the prediction the photographs
     ask for. error_with, error_without : relative RMS on unseen photographs with it taken off, and not.
-    without : the BRDF that the same model has where it isn't taken off. corrected : that where it is.
+    without : the BRDF that the same model has where it isn't taken off. corrected : that where it is. albedo : (3,), in
+    unknown light, of which it would be so much; None where the fit tells the albedo.
     """
 
     relative: float
@@ -67,6 +68,7 @@ class Interreflection:
     error_without: float
     without: Microfacet
     corrected: Microfacet
+    albedo: Floats | None = None
 
     @property
     def doubt(self) -> float:
@@ -89,6 +91,9 @@ class Interreflection:
             f"Light that bounces between the object's parts should be {self.relative:.1%} of the radiance (RMS), up to"
             f" {self.highest:.0%} in its folds"
         )
+        if self.albedo is not None:
+            size += f", at an albedo of {', '.join(f'{each:.2f}' for each in self.albedo)}"
+            size += ", the one that explains most" if self.taken_off else ""
         asked = f"{self.asked:.2f} ± {self.asked_std:.2f} times as much"
         errors = f"{self.error_with:.2%} with it taken off, {self.error_without:.2%} as they are"
         if not self.taken_off:
@@ -230,7 +235,7 @@ def unknown_scale(
 ) -> list[str]:
     """A sentence on light that bounces where no light's strength is known and so no albedo; none if it can't matter."""
     estimate = known.rungs[known.chosen].estimate
-    scale = _SUPPOSED / float(albedo(estimate.brdf).mean())
+    scale = SUPPOSED / float(albedo(estimate.brdf).mean())
     brdf = replace(estimate.brdf, kd=scale * estimate.brdf.kd, ks=scale * estimate.brdf.ks)
     bounced = _bounced(parts, replace(estimate, brdf=brdf), elements)
     less = [bounced[photo.lighting].radiance(photo.field, brdf) for photo in known.photos]
@@ -239,7 +244,7 @@ def unknown_scale(
         return []
     return [
         "Light that bounces between the object's parts isn't taken off: no light of known strength tells the albedo. At"
-        f" an albedo of {_SUPPOSED} it would be {relative:.1%} of the radiance (RMS), and Kd too high by about as much"
+        f" an albedo of {SUPPOSED} it would be {relative:.1%} of the radiance (RMS), and Kd too high by about as much"
         " where it is even; the irradiance of one source would settle it."
     ]
 
@@ -286,10 +291,17 @@ def _judged(
 
 
 def _left(photos: Sequence[PhotoColumns], weights: Sequence[Weights], less: Sequence[Floats]) -> Floats:
-    """By what (photos,) errors relative to what is left of photographs (RMS) are relative to all of them."""
+    return left_of([photo.radiance for photo in photos], [own.trust for own in weights], less)
+
+
+def left_of(radiance: Sequence[Floats], trust: Sequence[Floats], less: Sequence[Floats]) -> Floats:
+    """By what (photos,) errors relative to what is left of photographs (RMS) are relative to all of them.
+
+    radiance, trust, less : (n, 3) of each photograph.
+    """
     squares = [
-        [(own.trust * radiance**2).sum() for radiance in (photo.radiance - off, photo.radiance)]
-        for photo, own, off in zip(photos, weights, less, strict=True)
+        [(own * of**2).sum() for of in (shown - off, shown)]
+        for shown, own, off in zip(radiance, trust, less, strict=True)
     ]
     left, whole = np.array(squares).T
     return np.asarray(np.sqrt(left / np.maximum(whole, 1e-300)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,9 +12,11 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
+from invrender.blindbounces import account_for_bounces
 from invrender.clock import Clock
 from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
+from invrender.model.bounce import Parts
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict
 from invrender.newlight import new_lights, scored_lighting, used_tables
@@ -85,8 +88,23 @@ def solve_unknown_light(
         for _ in steps:
             pass
 
+        parts = None if specimen.shadows is None else Parts.of(specimen.shadows)
+        bounces = None
+        if parts is not None:
+            names = [photo.lighting for photo in fitted]
+            as_they_are = [fields[photo.label] for photo in fitted]
+
+            def again(photos: list[LightField]) -> BlindSolution:
+                return factorize(photos, names, on_step=lambda: None, shadows=specimen.shadows)
+
+            bounces = account_for_bounces(parts, as_they_are, names, blind, again)
+            blind = blind if bounces is None else bounces.blind
+        sent = None if bounces is None else bounces.sent
+        numbers = {name: number for number, name in enumerate(blind.lights)}
+
         def recovered(photo: Photo, field: LightField) -> Floats:
-            return predict_blind(blind, field, blind.lights[photo.lighting], specimen.shadows)
+            shown = predict_blind(blind, field, blind.lights[photo.lighting], specimen.shadows)
+            return shown if sent is None else shown + sent.radiance(numbers[photo.lighting], field)
 
         seen = [fields[photo.label] for photo in fitted]
         left = [field.radiance - recovered(photo, field) for photo, field in zip(fitted, seen, strict=True)]
@@ -119,6 +137,7 @@ def solve_unknown_light(
     }
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
+    result = replace(result, interreflection=None if bounces is None else bounces.found)
     return Solved(result, fields, residuals, radiance)
 
 

@@ -33,7 +33,7 @@ _UNIFORM = LightElement("uniform", np.zeros((0, 3)), np.zeros((0, 1)), uniform=1
 # Cosines of views by which the albedo is averaged.
 _VIEWS = 64
 # No surface sends back more than it receives; and what further reflections would add below this share is left out.
-_BRIGHTEST, _NEGLIGIBLE, _MOST = 0.99, 1e-5, 100
+BRIGHTEST, _NEGLIGIBLE, _MOST = 0.99, 1e-5, 100
 # Steradian; of shadows in single precision, turned into the world. One ray that is met weighs a hundred times as much.
 _ROUNDING = 1e-5
 
@@ -65,9 +65,14 @@ class Parts:
         for element, strength in zip(elements, strengths, strict=True):
             sight = self.shadows.of_vertices(element)
             direct += strength * base_irradiance(brdf.form, brdf.mu, element, mesh.normals, sight)
+        return self.exchanged(direct, albedo(brdf))
+
+    def exchanged(self, direct: Floats, albedo: Floats) -> Bounced:
+        """What bounces where light itself sends vertices an irradiance (v, 3); albedo : (3,) or each face's (f, 3)."""
         # A recovered strength may be negative; light isn't.
         direct = np.maximum(direct, 0)
-        share = np.minimum(albedo(brdf), _BRIGHTEST) / np.pi
+        share = np.minimum(albedo, BRIGHTEST) / np.pi
+        mesh = self.body.mesh
         exchanged, sent = np.zeros_like(direct), np.zeros((len(mesh.faces), 3))
         for _ in range(_MOST):
             sent = share * (direct + exchanged)[mesh.faces].mean(axis=1)
