@@ -62,11 +62,12 @@ _LADDERS, _STEADY = 2, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """What an object's parts send each other under recovered lightings, by number.
+    """What an object's parts send each other under recovered lightings.
 
-    brdf : which reflects it towards the camera. albedo : (3,), of the parts.
+    bounced : by the lighting's number. brdf : which reflects it towards the camera. albedo : (3,), of the parts.
     """
 
+    parts: Parts
     bounced: Mapping[int, Bounced]
     brdf: Microfacet
     albedo: Floats
@@ -177,7 +178,7 @@ def _sent(parts: Parts, fit: Fit, albedo: Floats) -> Sent:
         number: parts.exchanged(_irradiance(parts.shadows, fit.state.under(number), light), albedo)
         for number, light in fit.light.items()
     }
-    return Sent(bounced, _brdf(fit.state), albedo)
+    return Sent(parts, bounced, _brdf(fit.state), albedo)
 
 
 def _brdf(state: State) -> Microfacet:

@@ -58,14 +58,24 @@ class Parts:
     def body(self) -> MeshBody:
         return self.shadows.body
 
-    def bounced(self, elements: Sequence[LightElement], strengths: Floats, brdf: Microfacet) -> Bounced:
-        """What bounces under a lighting; strengths : (elements, 3). brdf : its kd and ks may be each face's, (f, 3)."""
+    def bounced(
+        self,
+        elements: Sequence[LightElement],
+        strengths: Floats,
+        brdf: Microfacet,
+        share: Floats | None = None,
+    ) -> Bounced:
+        """What bounces under a lighting.
+
+        strengths : (elements, 3). brdf : its kd and ks may be each face's, (f, 3). share : (3,), albedo of a BRDF that
+        is known up to a scale; None for the BRDF's own.
+        """
         mesh = self.body.mesh
         direct = np.zeros((len(mesh.vertices), 3))
         for element, strength in zip(elements, strengths, strict=True):
             sight = self.shadows.of_vertices(element)
             direct += strength * base_irradiance(brdf.form, brdf.mu, element, mesh.normals, sight)
-        return self.exchanged(direct, albedo(brdf))
+        return self.exchanged(direct, albedo(brdf) if share is None else share)
 
     def exchanged(self, direct: Floats, albedo: Floats) -> Bounced:
         """What bounces where light itself sends vertices an irradiance (v, 3); albedo : (3,) or each face's (f, 3)."""
