@@ -30,6 +30,7 @@ from invrender.solve.blind import (
     factorize_blind,
     predict_blind,
 )
+from invrender.solve.blind.ladder import without_rows
 from invrender.solve.blind.state import State
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import Rung
@@ -80,27 +81,23 @@ def solve_unknown_light(
     fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
-        steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))
-        next(steps)
-        blind = factorize(
-            [fields[photo.label] for photo in fitted],
-            [photo.lighting for photo in fitted],
-            on_step=lambda: next(steps, None),
-            shadows=specimen.shadows,
-        )
-        for _ in steps:
-            pass
+        names, seen = [photo.lighting for photo in fitted], [fields[photo.label] for photo in fitted]
 
+        def solve(photos: Sequence[LightField], doing: str) -> BlindSolution:
+            steps = iter(track(range(blind_steps(orders)), doing))
+            next(steps)
+            found = factorize(photos, names, on_step=lambda: next(steps, None), shadows=specimen.shadows)
+            for _ in steps:
+                pass
+            # Rows take up far more than all else, and nobody asks for them again.
+            return replace(found, rungs=tuple(map(without_rows, found.rungs)))
+
+        blind = solve(seen, "Fitting light and BRDF")
         parts = None if specimen.shadows is None else Parts.of(specimen.shadows)
         bounces = None
         if parts is not None:
-            names = [photo.lighting for photo in fitted]
-            as_they_are = [fields[photo.label] for photo in fitted]
-
-            def again(photos: list[LightField]) -> BlindSolution:
-                return factorize(photos, names, on_step=lambda: None, shadows=specimen.shadows)
-
-            bounces = account_for_bounces(parts, as_they_are, names, blind, again)
+            without = partial(solve, doing="Fitting without light that bounces")
+            bounces = account_for_bounces(parts, seen, names, blind, without)
             blind = blind if bounces is None else bounces.blind
         sent = None if bounces is None else bounces.sent
         numbers = {name: number for number, name in enumerate(blind.lights)}
@@ -109,7 +106,6 @@ def solve_unknown_light(
             shown = predict_blind(blind, field, blind.lights[photo.lighting], specimen.shadows)
             return shown if sent is None else shown + sent.radiance(numbers[photo.lighting], field)
 
-        seen = [fields[photo.label] for photo in fitted]
         left = [field.radiance - recovered(photo, field) for photo, field in zip(fitted, seen, strict=True)]
         solution = _solution(blind, seen, left)
         brdf = solution.estimate.brdf
