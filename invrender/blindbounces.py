@@ -51,8 +51,8 @@ _SAMPLES, _PER_LIGHTING = 6000, 1500
 # Albedos at which what bounces is computed; between them it is interpolated at those that are compared.
 _NODES = BRIGHTEST * (1 - np.cos(np.pi * np.linspace(0, 1, 6))) / 2
 _ALBEDOS = np.linspace(0, BRIGHTEST, 400)
-# Iterations of fits that start near their end.
-_FEW = 6
+# Iterations of fits that start near their end, and of those that start where bounced light had drawn them.
+_FEW, _MORE = 6, 12
 # Squared residuals in noise units that an albedo must save, per log of the count of numbers [Schwarz 1978's criterion].
 _PER_ALBEDO = 5
 # How often the ladder of models is climbed with bounced light taken off, at most; of what the model leaves unexplained,
@@ -167,7 +167,7 @@ def _agreed(parts: Parts, search: Search, plain: Fit) -> Sent | None:
         return _sent(parts, fit, _albedo(parts, search, fit)[0]).of(search)
 
     def refit(less: list[Floats]) -> Fit:
-        return _without(search, less).fit(plain.state, plain.l_max, _FEW)
+        return _without(search, less).fit(plain.state, plain.l_max, _MORE)
 
     agreed = settled(plain, predict, refit, [sight.radiance for sight in search.sights])
     return None if agreed is None else _sent(parts, agreed[1], _albedo(parts, search, agreed[1])[0])
@@ -234,7 +234,7 @@ def _judged(
     """
     less = sent.of(search)
     taken = _without(search, less)
-    corrected = taken.fit(plain.state, plain.l_max, _FEW)
+    corrected = taken.fit(plain.state, plain.l_max, _MORE)
     shown = [sight.radiance for sight in search.sights]
     asked, asked_std = asked_for(
         [tiles_of(sight.photos) for sight in search.sights],
