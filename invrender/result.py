@@ -181,6 +181,7 @@ def _bounces(found: Interreflection) -> dict[str, Any]:
         "rms_relative": found.relative,
         "highest_relative": found.highest,
         "taken_off": found.taken_off,
+        "albedo": None if found.albedo is None else numbers(found.albedo),
         "asked": {"value": found.asked, "std": found.asked_std},
         "cross_validated_rms_relative": {"taken_off": found.error_with, "left": found.error_without},
         "moved": {
