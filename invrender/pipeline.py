@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.blocks import block_means
 from capture.decode import decode_photo
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
@@ -95,7 +96,7 @@ class Run:
             yield from parallel_map(self._predict, self.photoset.photos)
 
     def _predict(self, photo: Photo) -> Prediction:
-        observed = decode_photo(self.photoset, photo)
+        observed, mask = decode_photo(self.photoset, photo), self.specimen.found.mask_of(photo)
         if self.binning > 1:
             observed = observed.binned(self.binning)
             photo = replace(photo, camera=photo.camera.binned(self.binning))
@@ -117,11 +118,10 @@ class Run:
             rows, columns = body_pixels(body, photo.camera, outline=True)
             predicted[rows, columns] = self._at_outline(photo, observed, rows, columns)
             shown[rows, columns] = True
-        mask = self.specimen.found.mask_of(photo)
-        if mask is not None and mask.shape == shown.shape:
-            shown &= mask >= WHOLE
-        else:
+        if mask is None:
             shown = inside.copy()
+        else:
+            shown &= (mask if self.binning == 1 else block_means(mask[..., None], self.binning)[..., 0]) >= WHOLE
         return Prediction(photo, observed, predicted, inside, shown & ~observed.saturated)
 
     def _at_outline(

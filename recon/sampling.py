@@ -73,9 +73,11 @@ def sample_body(
     geometry = body.pixel_geometry(camera, rows, columns)
     usable = np.flatnonzero(geometry.whole & (geometry.cos >= MIN_COS_EXITANT) & (geometry.turn <= _MAX_TURN))
     shares = None
-    if budget is not None and len(usable) > budget and importance is None:
+    if budget is None or len(usable) <= budget:
+        pass
+    elif importance is None:
         usable = usable[spread(geometry.normals[usable], budget, rng)]
-    elif budget is not None and importance is not None:
+    else:
         telling = importance(geometry.normals[usable], _views(camera, rows[usable], columns[usable]))
         drawn, shares = draw(geometry.normals[usable], telling, budget, rng)
         usable = usable[drawn]
