@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
+from invrender.diagnostics.named import NamedCause
 from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
 from invrender.interreflection import Interreflection
 from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
@@ -86,6 +87,7 @@ def result_document(
             for photo in result.photos
         ],
         "interreflection": None if result.interreflection is None else _bounces(result.interreflection),
+        "causes": [_cause(cause) for cause in result.causes],
         "identifiability": identifiability(result),
         "models": [
             {
@@ -101,6 +103,16 @@ def result_document(
         "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
         "inputs": dict(inputs),
         "software": software(),
+    }
+
+
+def _cause(cause: NamedCause) -> dict[str, Any]:
+    return {
+        "cause": cause.name,
+        "share": cause.share,
+        "numbers": numbers(cause.numbers),
+        "photo": cause.photo,
+        "text": cause.text,
     }
 
 

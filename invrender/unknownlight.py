@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,9 @@ from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
+from invrender.diagnostics.diagnosis import diagnose
+from invrender.diagnostics.named import named_causes
+from invrender.diagnostics.unknownlight import unknown_light_remainders
 from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.microfacet import Microfacet
@@ -110,7 +114,11 @@ def solve_unknown_light(
             if photo.held_out:
                 field = fields[photo.label]
                 residuals[photo.label] = field.radiance - radiance(photo, field)
-    warnings = (*left_out, *sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
+        given = [(photo.label, photo.lighting, fields[photo.label]) for photo in fitted]
+        scene = unknown_light_remainders(blind, solution.estimate.brdf, specimen, given, left)
+        causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
+    found = find_warnings(photoset, solution, specimen, {}, causes)
+    warnings = (*left_out, *sentences(blind.warnings), *found)
     # Of several photographs under such a light the first tells its strength in the result.
     firsts = {
         photo.lighting: strengths[photo.label]
@@ -119,7 +127,7 @@ def solve_unknown_light(
     }
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
-    return Solved(result, fields, residuals, radiance)
+    return Solved(replace(result, causes=causes), fields, residuals, radiance)
 
 
 def _check_held_out(photoset: PhotoSet, others: Collection[str]) -> None:

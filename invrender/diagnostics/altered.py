@@ -52,11 +52,13 @@ def shown(
     field = photo.field
     if otherwise.shift is not None or otherwise.growth:
         field = displaced(photo, scene.radius, otherwise)
-    parts = [(np.zeros((len(field.normals), 3)),) * 2]
-    parts += [] if photo.rest is None else [photo.rest(brdf, field)]
-    parts += [source_parts(scene, photo, brdf, k, field, otherwise) for k in range(len(photo.directions))]
-    diffuse, specular = (field.mean_over_rays(np.sum([part[which] for part in parts], axis=0)) for which in (0, 1))
-    return np.asarray(diffuse), np.asarray(specular)
+    diffuse, specular = np.zeros((2, len(field.normals), 3))
+    if photo.rest is not None:
+        diffuse, specular = photo.rest(brdf, field)
+    for k in range(len(photo.directions)):
+        more = source_parts(scene, photo, brdf, k, field, otherwise)
+        diffuse, specular = diffuse + more[0], specular + more[1]
+    return np.asarray(field.mean_over_rays(diffuse)), np.asarray(field.mean_over_rays(specular))
 
 
 def source_parts(

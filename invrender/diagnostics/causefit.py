@@ -32,14 +32,18 @@ _SIGMAS, _INDICES = (0.004, 1.2), (1.01, 6.0)
 _RIDGE, _WEAK = 1e-9, 1e-3
 
 
-def fit_cause(scene: Remainders, cause: Cause, light: LightColumns, few: tuple[Remainders, LightColumns]) -> CauseFit:
+def glance(scene: Remainders, cause: Cause, light: LightColumns) -> CauseFit:
+    """A cause, with BRDF and light, to the first order about the BRDF that is there."""
+    return _judged(scene, cause, State(scene.brdf, np.zeros(cause.count)), light)
+
+
+def fit_cause(
+    scene: Remainders, cause: Cause, light: LightColumns, few: tuple[Remainders, LightColumns]
+) -> CauseFit:
     """The best fit of a cause, with BRDF and light, by Gauss-Newton steps from the BRDF that is there and from others.
 
-    A cause that adds radiance is linear about the fit; its BRDF stays where it is, to the first order. few : some of
-    the photographs and samples, on which numbers are sought that all photographs share.
+    few : some of the photographs and samples, on which numbers are sought that all photographs share.
     """
-    if cause.columns is not None:
-        return _judged(scene, cause, State(scene.brdf, np.zeros(cause.count)), light)
     shared = all(np.array_equal(own, cause.touches[0]) for own in cause.touches)
     where = few if shared else (scene, light)
     found = [_searched(where[0], cause, brdf, where[1]) for brdf in (scene.brdf, *cause.starts)]
@@ -123,9 +127,14 @@ def _solve(gram: Floats, right: Floats, cause: Cause) -> Floats:
     """The solution of normal equations; 0 for numbers that nothing depends on."""
     diagonal = np.diag(gram).copy()
     known = diagonal > 0
-    # What hardly shows, such as a shift along the view, must not grow to mend what the others leave.
-    own = slice(len(right) - cause.count, None)
-    diagonal[own] += _WEAK * diagonal[own].max(initial=0)
+    own = np.arange(len(right) - cause.count, len(right))
+    if cause.size is not None and cause.columns is not None:
+        diagonal[own] += 1 / cause.size**2
+    elif cause.size is not None:
+        # What hardly shows, such as a shift along the view, must not grow to mend what the others leave.
+        for group in cause.touches:
+            mine = own[group]
+            diagonal[mine] = gram[mine, mine] + _WEAK * gram[mine, mine].max(initial=0)
     scale = np.where(known, np.sqrt(np.maximum(diagonal, 1e-300)), 1)
     scaled = gram / np.outer(scale, scale)
     scaled[np.diag_indices_from(scaled)] = np.where(known, diagonal / scale**2 + _RIDGE, 1)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.diagnostics.cause import CauseFit
-from invrender.diagnostics.causefit import fit_cause
+from invrender.diagnostics.causefit import fit_cause, glance
 from invrender.diagnostics.causes import candidates, no_cause
 from invrender.diagnostics.linearised import light_columns
 from invrender.diagnostics.remainder import Remainders, noise_energy
@@ -19,6 +19,10 @@ Floats = NDArray[np.float64]
 # Of what is left beyond noise, the share that a cause must explain to be named, and by how much more than one of fewer
 # numbers to be preferred to it.
 _NAMED, _MORE = 0.4, 0.05
+# Of what the best candidate explains to the first order, the share from which on another is looked at closely.
+_LIKELY = 0.5
+# Of all that was left beyond noise, the share that must remain for a further cause to be looked for.
+_REMAINS = 0.1
 # What must be left beyond noise (RMS) to ask for a cause: of the radiance, and of the noise.
 _NOTABLE, _OF_NOISE = 0.005, 0.5
 # Causes that are named one after the other, each for what those before leave.
@@ -72,10 +76,10 @@ def diagnose(scene: Remainders, in_any_case: bool = False) -> Diagnosis | None:
             unexplained = left
             if not notable and not (in_any_case and beyond.sum() > 0):
                 return None
-        elif not notable:
+        elif not notable or left**2 < _REMAINS * unexplained**2:
             break
         rest = replace(rest, brdf=base.brdf)
-        fits = _fits(rest)
+        fits = _fits(rest, base)
         explained = {fit.cause.name: float((base.energy - fit.energy).sum() / beyond.sum()) for fit in fits}
         shares = shares or explained
         found = _best(fits, explained, base)
@@ -86,10 +90,17 @@ def diagnose(scene: Remainders, in_any_case: bool = False) -> Diagnosis | None:
     return Diagnosis(scene, unexplained, tuple(findings), shares)
 
 
-def _fits(scene: Remainders) -> list[CauseFit]:
+def _fits(scene: Remainders, base: CauseFit) -> list[CauseFit]:
+    """All candidates; of those that the prediction isn't linear in, the likely ones as they fit best."""
     light, few = light_columns(scene), scene.few
     quick = few, light_columns(few)
-    return [fit_cause(scene, cause, light, quick) for cause in candidates(scene)]
+    glances = [glance(scene, cause, light) for cause in candidates(scene)]
+    gains = [float((base.energy - fit.energy).sum()) for fit in glances]
+    found = []
+    for fit, gain in zip(glances, gains, strict=True):
+        curved = fit.cause.columns is None and gain >= _LIKELY * max(gains)
+        found.append(fit_cause(scene, fit.cause, light, quick) if curved else fit)
+    return found
 
 
 def _noise(scene: Remainders, base: CauseFit) -> Floats:

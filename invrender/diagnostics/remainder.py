@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ Rest = Callable[[Microfacet, LightField], tuple[Floats, Floats]]
 class Remainder:
     """One photograph beside the light that a fit has on it.
 
-    weight : (n, 3), inverse variance of each sample. directions, irradiances : (k, 3) each, of its sources. rest : what
+    residual, weight : (n, 3) each, what the fit leaves, and the samples' inverse variance. directions, irradiances : (k, 3) each, of its sources. rest : what
     rays (m, 3) reflect of all other light per unit of Kd, and of Ks; None where there is no other. recovered : what of
     the lighting was found with the BRDF, of "irradiance", "ambient", "direction" and "sky".
     """
@@ -46,6 +47,7 @@ class Remainder:
     label: str
     lighting: str
     field: LightField
+    residual: Floats
     weight: Floats
     directions: Floats
     irradiances: Floats
@@ -54,7 +56,9 @@ class Remainder:
 
     def where(self, keep: NDArray[np.bool_]) -> Remainder:
         """The samples marked by a mask (n,)."""
-        return replace(self, field=self.field.where(keep), weight=self.weight[keep])
+        return replace(
+            self, field=self.field.where(keep), residual=self.residual[keep], weight=self.weight[keep]
+        )
 
     @cached_property
     def curvature(self) -> Floats:
@@ -103,32 +107,31 @@ class Remainders:
         return replace(self, photos=tuple(photos))
 
 
-def remainders(
+def of_object(
     photos: Sequence[Remainder],
-    predicted: Sequence[Floats],
     trust: Sequence[Floats],
     brdf: Microfacet,
     shadows: Shadows | None,
-    centre: Floats,
-    radius: float,
+    description: Mapping[str, Any],
 ) -> Remainders:
     """Photographs thinned to what a diagnosis needs, and cut into parts that are left out in turn.
 
-    predicted, trust : (n, 3) per photograph, what the fit has there and how far it trusts each sample, 0 to 1. Samples
-    that stray alone stay distrusted; where neighbours stray alike the model may be wrong, and they count in full.
+    description : of the object, its centre and radius. trust : (n, 3) per photograph, how far the fit trusts each sample, 0 to 1. Samples that stray alone stay distrusted;
+    where neighbours stray alike the model may be wrong, and they count in full.
     """
     total = sum(len(photo.field) for photo in photos)
     most = _SAMPLES if all(photo.rest is None for photo in photos) else _SAMPLES_OF_MAPS
     step = max(round(total / most), 1)
     thin, folds = [], []
-    for number, (photo, own, trusted) in enumerate(zip(photos, predicted, trust, strict=True)):
-        alone = _alone(photo.field, (photo.field.radiance - own) * np.sqrt(photo.weight))
+    for number, (photo, trusted) in enumerate(zip(photos, trust, strict=True)):
+        alone = _alone(photo.field, photo.residual * np.sqrt(photo.weight))
         weight = np.where(alone[:, None], photo.weight * trusted, photo.weight)
         keep = np.arange(len(photo.field)) % step == 0
         thin.append(replace(photo, weight=weight).where(keep))
         tiles = np.unique(tile_of(thin[-1].field), return_inverse=True)[1]
         turn = np.random.default_rng(number).permutation(int(tiles.max(initial=0)) + 1)
         folds.append(turn[tiles] % FOLDS)
+    centre, radius = np.array(description["centre"], float), float(description["radius"])
     return Remainders(tuple(thin), brdf, shadows, centre, radius, tuple(folds))
 
 

@@ -25,7 +25,9 @@ MATTE = 'model = "lambertian"\nkd = [0.2, 0.16, 0.12]'
 BRUSHED = 'model = "anisotropic"\nkd = [0.05, 0.04, 0.03]\nks = 0.08\nmu = 1.6\nalpha_x = 0.1\nalpha_y = 0.3'
 
 
-def write_set(folder: Path, material: str = GLOSSY, distance: float | None = None, noise: float = 0.01) -> Path:
+def write_set(
+    folder: Path, material: str = GLOSSY, distance: float | None = None, noise: float = 0.01
+) -> Path:
     """A sphere under one lamp per photograph; distance : of the lamps, metres, None for far away."""
     parts = [
         f'format = 1\nname = "faulty"\n[object]\nshape = "sphere"\nradius = {RADIUS}\nstated = true',
@@ -35,7 +37,11 @@ def write_set(folder: Path, material: str = GLOSSY, distance: float | None = Non
     ]
     for k, (azimuth, elevation) in enumerate(LAMPS):
         towards = f"azimuth_deg = {azimuth}, elevation_deg = {elevation}, irradiance = {1.5 + 0.2 * (k % 3)}"
-        lamp = f"directional = [{{ {towards} }}]" if distance is None else f"lamp = [{{ {towards}, distance = {distance} }}]"
+        lamp = (
+            f"directional = [{{ {towards} }}]"
+            if distance is None
+            else f"lamp = [{{ {towards}, distance = {distance} }}]"
+        )
         parts.append(f'[[lighting]]\nname = "lamp {k}"\n{lamp}')
     parts += [f'[[view]]\nazimuth_deg = 0\nlighting = "lamp {k}"' for k in range(len(LAMPS))]
     folder.mkdir(parents=True, exist_ok=True)
