@@ -30,14 +30,13 @@ class Alteration:
 
     nearness : radius of the object over the distance of its lamps from its centre, 0 for lamps far away. turns :
     (k, 2) radians, by which each source is turned along `ways_across` its direction. shift : (3,), by which the object
-    lies elsewhere, and growth, by which it is larger, both in its radii. stretch : logarithm of the width of highlights
+    lies elsewhere, in its radii. stretch : logarithm of the width of highlights
     along circles about `axis` of the world (0 to 2) over that across them, of the sources only.
     """
 
     nearness: float = 0.0
     turns: Floats | None = None
     shift: Floats | None = None
-    growth: float = 0.0
     stretch: float = 0.0
     axis: int = 2
 
@@ -50,8 +49,8 @@ def shown(
 ) -> tuple[Floats, Floats]:
     """Radiance (n, 3) of a photograph's samples per unit of Kd, and of Ks, in all of its light."""
     field = photo.field
-    if otherwise.shift is not None or otherwise.growth:
-        field = displaced(photo, scene.radius, otherwise)
+    if otherwise.shift is not None:
+        field = displaced(photo, scene.radius * otherwise.shift)
     diffuse, specular = np.zeros((2, len(field.normals), 3))
     if photo.rest is not None:
         diffuse, specular = photo.rest(brdf, field)
@@ -107,7 +106,7 @@ def _stretched(
 
 
 def drawn_out(field: LightField, direction: Floats, axis: int) -> Floats:
-    """Cosine (m,) of twice the azimuth of the half vector to a direction (3,), from circles about an axis of the world."""
+    """Cosine (m,) of twice the azimuth of the half vector to a direction (3,), from circles about a world's axis."""
     along = np.cross(np.eye(3)[axis], field.normals)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     half = field.views + direction
@@ -142,18 +141,14 @@ def _seen_from(field: LightField, towards: Floats, direction: Floats) -> LightFi
     return replace(field, normals=moved(field.normals), views=moved(field.views))
 
 
-def displaced(photo: Remainder, radius: float, otherwise: Alteration) -> LightField:
-    """A photograph's samples with the normals that their rays would meet on an object that lies elsewhere, or is larger.
+def displaced(photo: Remainder, shift: Floats) -> LightField:
+    """A photograph's samples with the normals that their rays would meet on the object shifted by (3,) metres.
 
     What a ray meets on a surface moved by d is what the unmoved one has at x - d + v (d.n) / (v.n); normals there
     follow from how normals around vary with place.
     """
-    field = photo.field
-    normals, views = field.normals, field.views
-    moved = radius * otherwise.growth * normals
-    if otherwise.shift is not None:
-        moved = moved + radius * otherwise.shift
+    normals, views = photo.field.normals, photo.field.views
     cos = np.maximum((normals * views).sum(axis=1), _LEAST_COS)
-    along = (moved * normals).sum(axis=1) / cos
-    there = normals + np.einsum("mij,mj->mi", photo.curvature, along[:, None] * views - moved)
-    return replace(field, normals=there / np.linalg.norm(there, axis=1, keepdims=True))
+    along = (normals @ shift) / cos
+    there = normals + np.einsum("mij,mj->mi", photo.curvature, along[:, None] * views - shift)
+    return replace(photo.field, normals=there / np.linalg.norm(there, axis=1, keepdims=True))

@@ -117,12 +117,12 @@ def shading(scene: Remainders) -> Cause | None:
 
 
 def place(scene: Remainders) -> Cause:
-    """The object elsewhere, or larger; its numbers are the shift and the growth, in its radii."""
+    """The object elsewhere; its numbers are the shift, in its radii.
 
-    def alter(_: int, numbers: Floats) -> Alteration:
-        return Alteration(shift=numbers[:3], growth=float(numbers[3]))
-
-    return Cause("place", 4, common(len(scene.photos), 4), _SHIFT, alter=alter)
+    Its size is no candidate: it turns normals at the rim most, and what any BRDF leaves at grazing views looks alike.
+    """
+    shared = common(len(scene.photos), 3)
+    return Cause("place", 3, shared, _SHIFT, alter=lambda _, numbers: Alteration(shift=numbers))
 
 
 def brightness(scene: Remainders) -> Cause:

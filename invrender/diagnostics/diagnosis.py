@@ -47,8 +47,8 @@ class Finding:
 class Diagnosis:
     """What a fit leaves beyond noise, and why.
 
-    unexplained : relative RMS, samples counting as in the fit. findings : the best first; none where nothing stands out.
-    shares : of each candidate, by its name. scene : what the findings are about.
+    unexplained : relative RMS, samples counting as in the fit. findings : the best first; none where nothing stands
+    out. shares : of each candidate, by its name. scene : what the findings are about.
     """
 
     scene: Remainders

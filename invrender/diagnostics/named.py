@@ -115,8 +115,8 @@ def _brushed(fit: CauseFit) -> tuple[str, str]:
     if stretch < 0:
         along, across = f"across circles about the world's {axis} axis", "along them"
     return (
-        f"Highlights are drawn out along one tangent, {np.exp(abs(stretch)):.2g} times as wide {along} as {across}, as of"
-        " brushed metal",
+        f"Highlights are drawn out along one tangent, {np.exp(abs(stretch)):.2g} times as wide {along} as {across}, as"
+        " of brushed metal",
         "None of the models is anisotropic: sigma is a mean of two widths; don't relight with it.",
     )
 
@@ -166,10 +166,10 @@ def _shading(scene: Remainders, fit: CauseFit) -> tuple[str, str]:
 
 
 def _place(scene: Remainders, fit: CauseFit) -> tuple[str, str]:
-    shift = ", ".join(f"{value:.2g}" for value in scene.radius * fit.numbers[:3])
+    shift = ", ".join(f"{value:.2g}" for value in scene.radius * fit.numbers)
     return (
-        f"The object seems to lie elsewhere, by [{shift}] m, and to be {fit.numbers[3]:+.1%} in size",
-        "Check [object] (centre and radius, or mesh_to_world), the masks, and the camera's focal length.",
+        f"The object seems to lie elsewhere, by [{shift}] m ({np.linalg.norm(fit.numbers):.1%} of its radius)",
+        "Check [object] (centre, or mesh_to_world), the masks, and the poses.",
     )
 
 
@@ -179,7 +179,8 @@ def _brightness(scene: Remainders, fit: CauseFit, exposure: str) -> tuple[str, s
     return (
         f"Most of what is left unexplained is brightness: photographs are {factors[least]:.2f} ({least}) to"
         f" {factors[most]:.2f} ({most}) times as bright as the fit has them",
-        f"Check [radiometry] exposure (now {exposure!r}), the photographs' exposures, and the strengths of their lights.",
+        f"Check [radiometry] exposure (now {exposure!r}), the photographs' exposures, and the strengths of their"
+        " lights.",
     )
 
 
@@ -215,8 +216,8 @@ def _pose(scene: Remainders, fit: CauseFit) -> tuple[str, str]:
 
 def _stains(scene: Remainders, fit: CauseFit) -> tuple[str, str]:
     return (
-        f"Paint isn't the same all over: it varies by {fit.numbers.std():.0%} (RMS) from place to place, the same in all"
-        " photographs",
+        f"Paint isn't the same all over: it varies by {fit.numbers.std():.0%} (RMS) from place to place, the same in"
+        " all photographs",
         "Recover a texture ([object] texture = true, of a mesh), or mask stains.",
     )
 

@@ -39,9 +39,10 @@ Rest = Callable[[Microfacet, LightField], tuple[Floats, Floats]]
 class Remainder:
     """One photograph beside the light that a fit has on it.
 
-    residual, weight : (n, 3) each, what the fit leaves, and the samples' inverse variance. directions, irradiances : (k, 3) each, of its sources. rest : what
-    rays (m, 3) reflect of all other light per unit of Kd, and of Ks; None where there is no other. recovered : what of
-    the lighting was found with the BRDF, of "irradiance", "ambient", "direction" and "sky".
+    residual, weight : (n, 3) each, what the fit leaves, and the samples' inverse variance. directions, irradiances :
+    (k, 3) each, of its sources. rest : what rays (m, 3) reflect of all other light per unit of Kd, and of Ks; None
+    where there is no other. recovered : what of the lighting was found with the BRDF, of "irradiance", "ambient",
+    "direction" and "sky".
     """
 
     label: str
@@ -116,8 +117,9 @@ def of_object(
 ) -> Remainders:
     """Photographs thinned to what a diagnosis needs, and cut into parts that are left out in turn.
 
-    description : of the object, its centre and radius. trust : (n, 3) per photograph, how far the fit trusts each sample, 0 to 1. Samples that stray alone stay distrusted;
-    where neighbours stray alike the model may be wrong, and they count in full.
+    trust : (n, 3) per photograph, how far the fit trusts each sample, 0 to 1. Samples that stray alone stay distrusted;
+    where neighbours stray alike the model may be wrong, and they count in full. description : of the object, with its
+    centre and radius.
     """
     total = sum(len(photo.field) for photo in photos)
     most = _SAMPLES if all(photo.rest is None for photo in photos) else _SAMPLES_OF_MAPS

@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from invrender.factorization import Quantity
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED
 from invrender.pipeline import Prediction, Run
+from invrender.report.causefigure import cause_figure
 from invrender.report.pictures import (
     difference_picture,
     figure_url,
@@ -111,6 +112,7 @@ class ReportWriter:
             median_unseen=float(
                 np.median([s.cross_validated for s in result.photos if s.cross_validated is not None])
             ),
+            causes=[(cause, figure_url(cause_figure(cause))) for cause in result.causes],
             figures={
                 "residual": figure_url(residual_figure(self._run.fields, self._run.solved.residuals)),
                 "photos": figure_url(photo_error_figure(result.photos)),
