@@ -25,6 +25,8 @@ _LIKELY = 0.5
 _REMAINS = 0.1
 # What must be left beyond noise (RMS) to ask for a cause: of the radiance, and of the noise.
 _NOTABLE, _OF_NOISE = 0.005, 0.5
+# Logarithm of the ratio of widths from which on highlights are drawn out.
+_LEAST_STRETCH = 0.15
 # Causes that are named one after the other, each for what those before leave.
 _MOST = 2
 
@@ -111,7 +113,7 @@ def _noise(scene: Remainders, base: CauseFit) -> Floats:
 
 def _best(fits: Sequence[CauseFit], shares: dict[str, float], base: CauseFit) -> Finding | None:
     """The cause of the fewest numbers that explains nearly as much as the best; None if none explains enough."""
-    possible = [fit for fit in fits if not (fit.cause.name == "near lamp" and fit.numbers[0] <= 0)]
+    possible = [fit for fit in fits if _credible(fit)]
     most = max(shares[fit.cause.name] for fit in possible)
     good = [fit for fit in possible if shares[fit.cause.name] >= max(most - _MORE, _NAMED)]
     if not good:
@@ -120,3 +122,10 @@ def _best(fits: Sequence[CauseFit], shares: dict[str, float], base: CauseFit) ->
     alike = tuple(other.cause.name for other in good if other is not fit)
     gains = base.energy - fit.energy
     return Finding(fit, min(shares[fit.cause.name], 1.0), alike, int(gains.argmax()))
+
+
+def _credible(fit: CauseFit) -> bool:
+    """Whether a cause's number can be what it stands for: no lamp beyond infinity, no metal brushed hardly at all."""
+    if fit.cause.name == "near lamp":
+        return bool(fit.numbers[0] > 0)
+    return not fit.cause.name.startswith("brushed") or bool(abs(fit.numbers[0]) > _LEAST_STRETCH)

@@ -127,7 +127,8 @@ def of_object(
     thin, folds = [], []
     for number, (photo, trusted) in enumerate(zip(photos, trust, strict=True)):
         alone = _alone(photo.field, photo.residual * np.sqrt(photo.weight))
-        weight = np.where(alone[:, None], photo.weight * trusted, photo.weight)
+        weight = np.minimum(photo.weight, _certainty_of_the_dark(photo))
+        weight = np.where(alone[:, None], weight * trusted, weight)
         keep = np.arange(len(photo.field)) % step == 0
         thin.append(replace(photo, weight=weight).where(keep))
         tiles = np.unique(tile_of(thin[-1].field), return_inverse=True)[1]
@@ -145,6 +146,20 @@ def noise_energy(field: LightField, deviations: Floats) -> float:
     squares = (deviations - deviations[near]) ** 2 / 2
     kept = squares <= np.quantile(squares, _KEPT, axis=0)
     return float((np.where(kept, squares, 0).sum(axis=0) / kept.sum(axis=0)).sum() * len(field) / _KEPT_MEAN)
+
+
+def _certainty_of_the_dark(photo: Remainder) -> Floats:
+    """Inverse variance (n, 3) of dark samples by how neighbours differ, infinite elsewhere.
+
+    A fit reads noise off medians, and half of what files hold of black may be cut off at zero.
+    """
+    if len(photo.field) < 2:
+        return np.full(photo.residual.shape, np.inf)
+    apart = photo.residual - photo.residual[_neighbours(photo.field, 1)[:, 0]]
+    shown = photo.field.radiance - photo.residual
+    dark = shown <= np.median(shown, axis=0)
+    variance = np.where(dark, apart**2, 0).sum(axis=0) / (2 * dark.sum(axis=0))
+    return np.where(dark, 1 / np.maximum(variance, 1e-300), np.inf)
 
 
 def _alone(field: LightField, deviations: Floats) -> NDArray[np.bool_]:
