@@ -79,8 +79,8 @@ def stained(folder: Path) -> Path:
 
 # The cause, the surface, and what is done to its set.
 FAULTS: dict[str, tuple[str, str, Callable[[Path], Path]]] = {
-    "a constant added": ("offset", "glossy", lambda f: change_pixels(f, lambda _, p: p + 0.01)),
-    "black subtracted twice": ("offset", "matte", lambda f: change_pixels(f, lambda _, p: p - 0.006)),
+    "a constant added": ("offset", "matte", lambda f: change_pixels(f, lambda _, p: p + 0.01)),
+    "black subtracted twice": ("offset", "glossy", lambda f: change_pixels(f, lambda _, p: p - 0.006)),
     "a weak curve": ("curve", "glossy", lambda f: change_pixels(f, lambda _, p: np.maximum(p, 0) ** 1.15)),
     # Half of what is black is cut off at zero: its noise is none that a median shows.
     "sRGB as linear": (
