@@ -42,11 +42,13 @@ def fit_cause(
 ) -> CauseFit:
     """The best fit of a cause, with BRDF and light, by Gauss-Newton steps from the BRDF that is there and from others.
 
-    few : some of the photographs and samples, on which numbers are sought that all photographs share.
+    Under maps of light, which take long, only from the one that is there. few : some of the photographs and samples, on
+    which numbers are sought that all photographs share.
     """
     shared = all(np.array_equal(own, cause.touches[0]) for own in cause.touches)
     where = few if shared else (scene, light)
-    found = [_searched(where[0], cause, brdf, where[1]) for brdf in (scene.brdf, *cause.starts)]
+    starts = () if any(photo.mapped for photo in scene.photos) else cause.starts
+    found = [_searched(where[0], cause, brdf, where[1]) for brdf in (scene.brdf, *starts)]
     best, _ = min(found, key=lambda entry: entry[1])
     return _judged(scene, cause, best, light)
 

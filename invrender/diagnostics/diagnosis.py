@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 _NAMED, _MORE = 0.4, 0.05
 # Of what the best candidate explains to the first order, the share from which on another is looked at closely.
 _LIKELY = 0.5
+# Share that a cause which is linear must explain for none to be looked at closely.
+_SETTLED = 0.95
 # Of all that was left beyond noise, the share that must remain for a further cause to be looked for.
 _REMAINS = 0.1
 # What must be left beyond noise (RMS) to ask for a cause: of the radiance, and of the noise.
@@ -81,7 +83,7 @@ def diagnose(scene: Remainders, in_any_case: bool = False) -> Diagnosis | None:
         elif not notable or left**2 < _REMAINS * unexplained**2:
             break
         rest = replace(rest, brdf=base.brdf)
-        fits = _fits(rest, base)
+        fits = _fits(rest, base, float(beyond.sum()))
         explained = {fit.cause.name: float((base.energy - fit.energy).sum() / beyond.sum()) for fit in fits}
         shares = shares or explained
         found = _best(fits, explained, base)
@@ -92,12 +94,17 @@ def diagnose(scene: Remainders, in_any_case: bool = False) -> Diagnosis | None:
     return Diagnosis(scene, unexplained, tuple(findings), shares)
 
 
-def _fits(scene: Remainders, base: CauseFit) -> list[CauseFit]:
-    """All candidates; of those that the prediction isn't linear in, the likely ones as they fit best."""
+def _fits(scene: Remainders, base: CauseFit, beyond: float) -> list[CauseFit]:
+    """All candidates; of those that the prediction isn't linear in, the likely ones as they fit best.
+
+    beyond : weighted squares that are left beyond noise.
+    """
     light, few = light_columns(scene), scene.few
     quick = few, light_columns(few)
     glances = [glance(scene, cause, light) for cause in candidates(scene)]
     gains = [float((base.energy - fit.energy).sum()) for fit in glances]
+    if glances[int(np.argmax(gains))].cause.columns is not None and max(gains) > _SETTLED * beyond:
+        return glances
     found = []
     for fit, gain in zip(glances, gains, strict=True):
         curved = fit.cause.columns is None and gain >= _LIKELY * max(gains)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object
+from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
 from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import reflected
@@ -50,6 +50,7 @@ def known_light_remainders(
                 irradiances,
                 rest,
                 recovered,
+                any(element.slow_map is not None for element in elements[photo.lighting]),
             )
         )
     trust = [own.trust for own in solution.weights]
@@ -81,4 +82,4 @@ def _light(
     def rest_of(brdf: Microfacet, field: LightField) -> tuple[Floats, Floats]:
         return reflected(brdf, others, np.array(weights), field, shadows)
 
-    return lighting.directions, irradiances, rest_of, recovered
+    return lighting.directions, irradiances, remembered(rest_of), recovered

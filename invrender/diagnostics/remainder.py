@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 # Samples of all photographs together that a diagnosis looks at, and those of maps of light, which take longer.
-_SAMPLES, _SAMPLES_OF_MAPS = 8_000, 3_000
+_SAMPLES, _SAMPLES_OF_MAPS = 8_000, 1_200
 # Photographs, and samples of them, on which a search goes.
 _FEW_PHOTOS, _FEW_SAMPLES = 12, 2_000
 # Parts of the photographs that are left out in turn.
@@ -33,6 +33,31 @@ _NEIGHBOURS, _ALONE = 4, 8.0
 _KEPT, _KEPT_MEAN = 0.95, 0.759
 
 Rest = Callable[[Microfacet, LightField], tuple[Floats, Floats]]
+# Of the last so many BRDFs and fields of one lighting it is kept what they reflect: most alterations leave both alone.
+_KEPT_RESTS = 256
+
+
+def remembered(rest: Rest) -> Rest:
+    """The same, that keeps what it found; of the BRDF it must depend on form, mu, sigma, and whether Ks is zero."""
+    found: dict[tuple[Any, ...], tuple[LightField, tuple[Floats, Floats]]] = {}
+
+    def again(brdf: Microfacet, field: LightField) -> tuple[Floats, Floats]:
+        # Kept with their result, arrays can't give their addresses to others.
+        key = (
+            brdf.form.name,
+            brdf.mu,
+            brdf.sigma,
+            bool(brdf.ks.any()),
+            id(field.normals),
+            id(field.positions),
+        )
+        if key not in found:
+            if len(found) >= _KEPT_RESTS:
+                found.pop(next(iter(found)))
+            found[key] = field, rest(brdf, field)
+        return found[key][1]
+
+    return again
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +67,7 @@ class Remainder:
     residual, weight : (n, 3) each, what the fit leaves, and the samples' inverse variance. directions, irradiances :
     (k, 3) each, of its sources. rest : what rays (m, 3) reflect of all other light per unit of Kd, and of Ks; None
     where there is no other. recovered : what of the lighting was found with the BRDF, of "irradiance", "ambient",
-    "direction" and "sky".
+    "direction" and "sky". mapped : whether other light comes from a map, which takes long.
     """
 
     label: str
@@ -54,6 +79,7 @@ class Remainder:
     irradiances: Floats
     rest: Rest | None
     recovered: frozenset[str] = frozenset()
+    mapped: bool = False
 
     def where(self, keep: NDArray[np.bool_]) -> Remainder:
         """The samples marked by a mask (n,)."""
@@ -122,7 +148,7 @@ def of_object(
     centre and radius.
     """
     total = sum(len(photo.field) for photo in photos)
-    most = _SAMPLES if all(photo.rest is None for photo in photos) else _SAMPLES_OF_MAPS
+    most = _SAMPLES_OF_MAPS if any(photo.mapped for photo in photos) else _SAMPLES
     step = max(round(total / most), 1)
     thin, folds = [], []
     for number, (photo, trusted) in enumerate(zip(photos, trust, strict=True)):

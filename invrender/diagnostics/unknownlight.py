@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object
+from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
 from invrender.model.base import let_through, sky_factors
 from invrender.model.formtable import form_radiance
 from invrender.model.fresnel import normalised_fresnel
@@ -49,6 +49,7 @@ def unknown_light_remainders(
                 sources.irradiances,
                 lights[lighting],
                 recovered,
+                not dark,
             )
         )
     trust = [own.trust for own in blind.weights]
@@ -77,4 +78,4 @@ def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> R
             lobe = lobe * field.reflected_visible[:, None]
         return base, lobe
 
-    return rest
+    return remembered(rest)
