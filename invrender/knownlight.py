@@ -13,7 +13,10 @@ from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
-from invrender.findings import POOR, brightness_warning, find_warnings
+from invrender.diagnostics.diagnosis import diagnose
+from invrender.diagnostics.knownlight import known_light_remainders
+from invrender.diagnostics.named import NamedCause, named_causes
+from invrender.findings import POOR, find_warnings
 from invrender.interreflection import Accounted, account_for_bounces, unknown_scale
 from invrender.leverage import importances
 from invrender.lightframe import other_frame
@@ -26,7 +29,7 @@ from invrender.newlight import scored_lighting, used_tables
 from invrender.reading import read_samples
 from invrender.refine.spherechange import place_changes
 from invrender.render.manypixels import ManyPixels
-from invrender.solve.evidence import fit_strengths
+from invrender.solve.evidence import fit_strengths, outlying
 from invrender.solve.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.solve.factorize import Solution, conclude
 from invrender.solved import Solved, factorization
@@ -92,15 +95,20 @@ def solve_known_light(
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
         }
-    observed = {photo.label: columns[photo.label].radiance for photo in fitted}
-    brightness = brightness_warning(photoset.radiometry.exposure, observed, residuals)
-    warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings), *remarks]
-    warnings += [brightness] if brightness else []
-    if solution.rungs[solution.chosen].error > POOR and not any(light.recovers for light in used):
+    elsewhere, chosen = None, solution.rungs[solution.chosen]
+    if chosen.error > POOR and not any(light.recovers for light in used):
         elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
-        warnings += [elsewhere] if elsewhere else []
+    causes: tuple[NamedCause, ...] = ()
+    if elsewhere is None:
+        left = {photo.label: columns[photo.label] for photo in fitted}
+        scene = known_light_remainders(solution, specimen, left, lightings, elements, residuals)
+        causes = named_causes(
+            diagnose(scene, bool(outlying(chosen.photo_errors).any())), photoset.radiometry.exposure
+        )
+    warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings, causes), *remarks]
+    warnings += [elsewhere] if elsewhere else []
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
-    result = replace(result, interreflection=None if bounces is None else bounces.found)
+    result = replace(result, interreflection=None if bounces is None else bounces.found, causes=causes)
 
     def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
         return shown + bounced[photo.lighting].radiance(field, result.brdf) if bounced else shown

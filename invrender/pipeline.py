@@ -121,7 +121,9 @@ class Run:
         if mask is None:
             shown = inside.copy()
         else:
-            shown &= (mask if self.binning == 1 else block_means(mask[..., None], self.binning)[..., 0]) >= WHOLE
+            shown &= (
+                mask if self.binning == 1 else block_means(mask[..., None], self.binning)[..., 0]
+            ) >= WHOLE
         return Prediction(photo, observed, predicted, inside, shown & ~observed.saturated)
 
     def _at_outline(

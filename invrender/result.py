@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
+from invrender.diagnostics.named import NamedCause
 from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
 from invrender.interreflection import Interreflection
 from invrender.solve.evidence import MISFIT_REMEDY, PictureError, misfit_reason
@@ -91,6 +92,7 @@ def result_document(
             for photo in result.photos
         ],
         "interreflection": None if result.interreflection is None else _bounces(result.interreflection),
+        "causes": [_cause(cause) for cause in result.causes],
         "identifiability": identifiability(result),
         "models": [
             {
@@ -159,6 +161,16 @@ def errors_in_words(fit: Mapping[str, Any]) -> str:
         f"Predicted pictures are off by {', '.join(parts)} (RMS over all unsaturated pixels of the object, relative to"
         f" the photograph's). {share:.0%} of the squared error lies in the brightest 2% of the pixels."
     )
+
+
+def _cause(cause: NamedCause) -> dict[str, Any]:
+    return {
+        "cause": cause.name,
+        "share": cause.share,
+        "numbers": numbers(cause.numbers),
+        "photo": cause.photo,
+        "text": cause.text,
+    }
 
 
 def _texture(textures: Textures) -> dict[str, Any]:

@@ -14,6 +14,9 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.blindbounces import Sent, account_for_bounces
 from invrender.clock import Clock
+from invrender.diagnostics.diagnosis import diagnose
+from invrender.diagnostics.named import named_causes
+from invrender.diagnostics.unknownlight import unknown_light_remainders
 from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.bounce import Bounced, Parts
@@ -128,7 +131,11 @@ def solve_unknown_light(
             if photo.held_out:
                 field = fields[photo.label]
                 residuals[photo.label] = field.radiance - radiance(photo, field)
-    warnings = (*left_out, *sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
+        given = [(photo.label, photo.lighting, fields[photo.label]) for photo in fitted]
+        scene = unknown_light_remainders(blind, solution.estimate.brdf, specimen, given, left)
+        causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
+    found = find_warnings(photoset, solution, specimen, {}, causes)
+    warnings = (*left_out, *sentences(blind.warnings), *found)
     # Of several photographs under such a light the first tells its strength in the result.
     firsts = {
         photo.lighting: strengths[photo.label]
@@ -137,7 +144,7 @@ def solve_unknown_light(
     }
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
-    result = replace(result, interreflection=None if bounces is None else bounces.found)
+    result = replace(result, causes=causes, interreflection=None if bounces is None else bounces.found)
     return Solved(result, fields, residuals, radiance)
 
 

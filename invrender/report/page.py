@@ -14,6 +14,7 @@ from invrender.factorization import FittedLighting, Quantity
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, UNCORRELATED
 from invrender.model.richer import COATED, COATED_HAZY, HAZY
 from invrender.pipeline import Prediction, Run
+from invrender.report.causefigure import cause_figure
 from invrender.report.pictures import (
     difference_picture,
     figure_url,
@@ -146,6 +147,7 @@ class ReportWriter:
             median_unseen=float(
                 np.median([s.cross_validated for s in scores if s.cross_validated is not None])
             ),
+            causes=[(cause, figure_url(cause_figure(cause))) for cause in result.causes],
             figures={
                 "residual": figure_url(residual_figure(self._run.fields, self._run.solved.residuals)),
                 "photos": figure_url(photo_error_figure(scores)),

@@ -129,7 +129,7 @@ def _others(reference: Rung, form: LobeForm, trials: Mapping[LobeForm, Trial]) -
 
 
 def _simplest_first(rung: Rung) -> tuple[int, bool, float]:
-    """Order of rungs: few numbers first, of as many those whose facets hide light and viewer together, then the best."""
+    """Order of rungs: few numbers first; of as many, facets that hide light and viewer together, then the best."""
     return rung.parameters, rung.estimate.model.form in UNCORRELATED.values(), rung.error
 
 
