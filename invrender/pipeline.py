@@ -31,7 +31,8 @@ from recon.lightfield import LightField
 from recon.sampling import NO_SOURCES, WHOLE, samples_around, samples_at
 
 DEFAULT_SAMPLES = 60_000
-_QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
+# Places in a pixel at the outline that rays go through, in parts of it.
+_WITHIN = (np.stack(np.meshgrid(*2 * [np.arange(8)]), axis=-1).reshape(-1, 2) + 0.5) / 8
 # Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
 _PIXELS_AT_A_TIME = 20_000
 # About how many pixels an object has in predictions, what is around it included: one of 12 megapixels would show no
@@ -113,31 +114,31 @@ class Run:
             known = np.isfinite(radiance).all(axis=1)
             predicted[samples.rows[known], samples.columns[known]] = radiance[known]
             inside[samples.rows[known], samples.columns[known]] = True
-        shown = inside.copy()
-        if self.result.textures is None:
-            rows, columns = body_pixels(body, photo.camera, outline=True)
-            predicted[rows, columns] = self._at_outline(photo, observed, rows, columns)
-            shown[rows, columns] = True
-        if mask is None:
-            shown = inside.copy()
-        else:
-            shown &= (
-                mask if self.binning == 1 else block_means(mask[..., None], self.binning)[..., 0]
-            ) >= WHOLE
+        shown = inside
+        if mask is not None:
+            own = (mask if self.binning == 1 else block_means(mask[..., None], self.binning)[..., 0]) >= WHOLE
+            shown = inside & own
+            if self.result.textures is None:
+                rows, columns = body_pixels(body, photo.camera, outline=True)
+                rows, columns = rows[own[rows, columns]], columns[own[rows, columns]]
+                predicted[rows, columns] = self._at_outline(photo, observed, rows, columns)
+                shown[rows, columns] = True
         return Prediction(photo, observed, predicted, inside, shown & ~observed.saturated)
 
     def _at_outline(
         self, photo: Photo, observed: RadianceImage, rows: NDArray[np.int64], columns: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Radiance (n, 3) of pixels that the object covers partly, by rays through their quarters."""
-        places = np.column_stack([columns, rows]).repeat(len(_QUARTERS), axis=0) + np.tile(
-            _QUARTERS, (len(rows), 1)
+        """Radiance (n, 3) of pixels that the object covers partly, by a few rays through each."""
+        places = np.column_stack([columns, rows]).repeat(len(_WITHIN), axis=0) + np.tile(
+            _WITHIN, (len(rows), 1)
         )
-        rays, on_body = samples_around(self.specimen.body, photo.camera, observed, places, across=False)
+        rays, on_body = samples_around(
+            self.specimen.body, photo.camera, observed, places.astype(float), across=False
+        )
         radiance = np.zeros((len(places), 3))
         if on_body.any():
             radiance[on_body] = self._radiance(photo, facing(rays))
-        return radiance.reshape(len(rows), len(_QUARTERS), 3).mean(axis=1)
+        return radiance.reshape(len(rows), len(_WITHIN), 3).mean(axis=1)
 
     def _radiance(self, photo: Photo, samples: LightField) -> NDArray[np.float64]:
         """Radiance (n, 3) of samples; paint is the mean around each ray, across which light varies little."""
