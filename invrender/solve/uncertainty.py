@@ -116,6 +116,7 @@ def uncertainty_of(
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
     by_brightness: dict[int, Floats] = {}
+    by_level: dict[int, Floats] = {}
     fields = [photo.field for photo in photos]
     levels = np.quantile(
         np.concatenate([field.radiance.mean(axis=1) for field in fields]),
@@ -127,11 +128,13 @@ def uncertainty_of(
         residual = photo.radiance - predicted
         # Side by side, the scores of the residuals and those of a model that is off by all its radiance.
         scores, shares = np.zeros((len(photo.field), 2 * size)), photo.field.shares[:, None]
+        known = np.zeros((len(photo.field), size))
         for channel, jacobian in enumerate(_jacobians(photo, parameters, estimate)):
             weighted = jacobian * weight[:, channel, None]
             information += weighted.T @ jacobian
             # A sample that stands for several has the noise of one.
             noisy += weighted.T @ (shares * jacobian)
+            known += weighted * jacobian
             scores[:, :size] += weighted * residual[:, channel, None]
             scores[:, size:] += weighted * predicted[:, channel, None]
         chi2 += float((weight * residual**2).sum())
@@ -141,6 +144,8 @@ def uncertainty_of(
             by_patch[patch] = by_patch.get(patch, 0) + score
         for level, score in sums_by(np.searchsorted(levels, predicted.mean(axis=1)), scores).items():
             by_brightness[level] = by_brightness.get(level, 0) + score
+        for level, squares in sums_by(np.searchsorted(levels, predicted.mean(axis=1)), known).items():
+            by_level[level] = by_level.get(level, 0) + squares
     prior = np.zeros(size)
     for name, std in PRIOR_STD.items():
         if name in parameters.places:
@@ -160,7 +165,38 @@ def uncertainty_of(
         ratio = np.maximum(ratio, residual_pull**2 / np.maximum(np.diag(independent), 1e-300))
         fragility = np.maximum(fragility, model_pull)
     root = np.sqrt(ratio)
-    return Uncertainty(independent * np.outer(root, root), fragility)
+    covariance = independent * np.outer(root, root)
+    apart = derivative @ _halves_apart(by_brightness, by_level, parameters, reduced)
+    return Uncertainty(covariance + np.outer(apart, apart), fragility)
+
+
+def _halves_apart(
+    scores: Mapping[int, Floats], information: Mapping[int, Floats], parameters: Parameters, reduced: float
+) -> Floats:
+    """Half of what Kd of dark samples differs by from that of bright ones, in the parameters' layout; 0 within chance.
+
+    What all photographs have in common, as a wrong black level or a curve, shows between the two only. scores,
+    information : per level of brightness, sums of weighted residuals and of squares, of each parameter, (p,) and (p,).
+    """
+    result = np.zeros(len(parameters.vector))
+    if len(scores) < 2:
+        return result
+    kd = parameters.places["kd"]
+    levels = sorted(scores)
+    own = np.array([scores[level][kd] for level in levels])
+    known = np.array([information[level][kd] for level in levels])
+    # Halves of what is known of each channel.
+    share = np.cumsum(known, axis=0) / np.maximum(known.sum(axis=0), 1e-300)
+    dark = share <= np.maximum(0.5, share[0])
+    values, variances = [], []
+    for half in (dark, ~dark):
+        total = np.maximum((known * half).sum(axis=0), 1e-300)
+        values.append((own * half).sum(axis=0) / total)
+        variances.append(reduced / total)
+    difference = values[0] - values[1]
+    beyond = difference**2 > 4 * (variances[0] + variances[1])
+    result[kd] = np.where(beyond & dark.any(axis=0) & (~dark).any(axis=0), difference / 2, 0)
+    return result
 
 
 def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -> list[Floats]:
