@@ -22,6 +22,8 @@ from recon.sampling import NO_SOURCES, WHOLE, Importance, sample_body
 _MIN_SAMPLES_PER_PHOTO = 20
 # Noise about black makes half of a dark photograph's numbers negative.
 _MOSTLY_NEGATIVE = 0.6
+# Relative difference up to which two radiances are one value of a file.
+_SAME = 1e-6
 # Share of the object's pixels that are saturated in a photograph, or grey in its mask well inside of the outline, from
 # which on it is told.
 _CUT_OFF, _GREY = 0.001, 0.05
@@ -45,7 +47,7 @@ def read_samples(
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
 
-    def read(index: int) -> tuple[LightField, float, float]:
+    def read(index: int) -> tuple[LightField, float, float, NDArray[np.floating] | None]:
         photo = photoset.photos[index]
         with clock.on("capture"):
             image = decode_photo(photoset, photo)
@@ -59,15 +61,30 @@ def read_samples(
             drawn = off_terminators(drawn, directions)
             check_usable(photo, image, drawn, mask)
         saturated = float(image.saturated[_inside(image, mask)].mean())
-        return drawn, saturated, 0.0 if mask is None else _grey_inside(mask)
+        ceiling = image.radiance.max(axis=(0, 1)) if image.saturated.any() else None
+        return drawn, saturated, 0.0 if mask is None else _grey_inside(mask), ceiling
 
     fields: dict[str, LightField] = {}
     cut_off: dict[str, float] = {}
     grey: dict[str, float] = {}
     work = parallel_map(read, range(len(photoset.photos)))
+    ceilings = []
     for photo in track(photoset.photos, "Reading photographs"):
-        fields[photo.label], cut_off[photo.label], grey[photo.label] = next(work)
+        fields[photo.label], cut_off[photo.label], grey[photo.label], ceiling = next(work)
+        ceilings += [] if ceiling is None else [ceiling]
+    if ceilings and photoset.radiometry.exposure == "equal":
+        fields = {label: _below(np.array(ceilings), field) for label, field in fields.items()}
     return fields, [*_saturation(_above(_CUT_OFF, cut_off)), *_grey_masks(_above(_GREY, grey))]
+
+
+def _below(ceilings: NDArray[np.floating], field: LightField) -> LightField:
+    """The samples that are at none of the values (k, 3) where photographs of equal exposure are cut off.
+
+    A photograph in which few pixels are cut off doesn't show it itself.
+    """
+    at = np.abs(field.radiance[:, None] - ceilings) <= _SAME * np.abs(ceilings)
+    free = ~at.any(axis=(1, 2))
+    return field if free.all() else field.where(free)
 
 
 def usable_pixels(

@@ -18,7 +18,7 @@ from invrender.solve.statistics import total_statistics
 
 Floats = NDArray[np.float64]
 
-_ROUNDS = 4
+_ROUNDS = 2
 # How many times as wide as the lobe its flanks are looked for.
 _FLANKS = 3.0
 
