@@ -32,10 +32,14 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class SideLighting:
-    """A lighting and how well its sources are known. irradiance_std : (k, 3), 0 where given, NaN where unknown."""
+    """A lighting and how well its sources are known.
+
+    irradiance_std : (k, 3), 0 where given, NaN where unknown. is_whole : False where lamps at a finite distance lack.
+    """
 
     lighting: Lighting
     irradiance_std: Floats
+    is_whole: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +66,8 @@ class Side:
     photo_errors : relative RMS by photograph, NaN where none is known; held_out : those never fitted.
     pictures : predicted (or true) photographs, EXR; picture_factor : what their radiance is to be multiplied by.
     inputs : hashes of what it was made from. notes : sentences.
-    paint : what holds Kd and Ks where they vary over the surface; the numbers are then means. is_truth : as said.
+    paint : what holds Kd and Ks where they vary over the surface; the numbers are then means.
+    is_truth : as said; material : then the name of its model.
     """
 
     title: str
@@ -79,6 +84,7 @@ class Side:
     notes: tuple[str, ...] = ()
     paint: SavedResult | TruePaint | None = None
     is_truth: bool = False
+    material: str = ""
 
 
 def result_side(result: SavedResult) -> Side:

@@ -19,6 +19,7 @@ from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 
+TRUTH_NAME = "truth.json"
 _WHAT = "a truth.json, as `lightfactor synth` writes it, holds brdf, lighting, photos and sensor"
 _Triple = tuple[float, float, float]
 # Models whose kd, ks, mu and width mean what those of a form of the lobe do.
@@ -91,7 +92,7 @@ class _Truth(_Lenient):
 
 def is_truth(path: Path) -> bool:
     """Whether a path names a truth.json."""
-    return path.is_file() and path.name == "truth.json"
+    return path.is_file() and path.name == TRUTH_NAME
 
 
 def truth_side(path: Path) -> Side:
@@ -129,6 +130,7 @@ def truth_side(path: Path) -> Side:
         picture_factor=factor,
         notes=tuple(notes),
         paint=paint,
+        material=truth.brdf.model,
         is_truth=True,
     )
 
@@ -191,4 +193,4 @@ def _lighting(path: Path, light: _TrueLighting, factor: float) -> SideLighting:
         np.array([source.direction for source in light.directional]).reshape(-1, 3),
         irradiances,
     )
-    return SideLighting(lighting, np.zeros_like(irradiances))
+    return SideLighting(lighting, np.zeros_like(irradiances), is_whole=not light.lamps)
