@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from invrender.brdf.fit import TableFit, fit_table
 from invrender.brdf.samples import LitSamples, Source, lit_fields, lit_samples
-from invrender.brdf.table import BRDFTable, measure_table
+from invrender.brdf.table import BRDFTable, fitting_bins, measure_table
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.noise import fit_noise
@@ -53,17 +53,22 @@ class Measured:
 def measure_under(fields: Sequence[LightField], sources: Sequence[Source], centre: Floats) -> Measured:
     """The table of photographs (one LightField and one source each), and the parametric BRDF fitted to it.
 
+    Its bins are chosen by the number of samples and by the lobe's width in a first, small table.
     centre : (3,) of the object, where irradiances are told. The sources count as far unless samples say clearly that
     they are all at one finite distance. ValueError as of `measure_table` and `fit_table`.
     """
     lit = lit_fields(fields, sources)
-    table = measure_table(lit_samples(lit, sources, centre))
+    samples = lit_samples(lit, sources, centre)
+    sigma = fit_table(measure_table(samples)).brdf.sigma
+    assert sigma is not None
+    shape = fitting_bins(len(samples), sigma)
+    table = measure_table(samples, shape)
     fit = fit_table(table)
     far = Measured(table, fit, 0.0, 0.0, fit.chi2)
     closeness, std = _closeness(lit, sources, centre, fit)
     if closeness < _CLEARLY * std:
         return far
-    table = measure_table(lit_samples(lit, sources, centre, closeness))
+    table = measure_table(lit_samples(lit, sources, centre, closeness), shape)
     near = Measured(table, fit_table(table), closeness, std, fit.chi2)
     return near if near.fit.chi2 < _STAYS * fit.chi2 else far
 

@@ -25,10 +25,13 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
-# Bins of theta_h, theta_d and phi_d of a small table, and how many times as many there are at most along each axis.
-_LEAST_BINS, _MOST_TIMES = np.array([24, 18, 12]), 2.0
-# Bins of either side of the surface that a sample stands for: some five samples then share one that holds any.
-_BINS_PER_SAMPLE = 0.5
+# Bins of theta_h, theta_d and phi_d of a small table.
+SMALL = (24, 18, 12)
+# A bin of theta_h at sigma is so many times narrower than sigma, as far as there are no more bins than that.
+_IN_SIGMA, _MOST_ROWS = 4.0, 90
+# Of theta_d and phi_d there are up to so many times the bins of a small table, if so many samples remain for each: some
+# five then share one that holds any.
+_TIMES, _SAMPLES_PER_BIN = (0.75, 2.0), 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,20 +117,21 @@ def bin_of(angles: HalfAngles, shape: tuple[int, ...]) -> Ints:
     return np.asarray(np.ravel_multi_index(tuple(places), shape))
 
 
-def fitting_bins(samples: int) -> tuple[int, int, int]:
-    """Numbers of bins of theta_h, theta_d and phi_d for so many lit samples: the more, the finer.
+def fitting_bins(samples: int, sigma: float) -> tuple[int, int, int]:
+    """Numbers of bins of theta_h, theta_d and phi_d for so many lit samples of a lobe of width sigma (radians).
 
-    24, 18, 12 for 10,000 or fewer; twice as many each for 80,000 or more.
+    Bins of theta_h are as narrow as the lobe asks for, those of the others as the samples allow.
     """
-    times = np.clip((_BINS_PER_SAMPLE * samples / _LEAST_BINS.prod()) ** (1 / 3), 1.0, _MOST_TIMES)
-    h, d, p = (int(bins) for bins in np.round(times * _LEAST_BINS))
-    return h, d, p
+    # A bin that starts at theta_h is sqrt(2 pi theta_h) / n_h wide.
+    rows = int(np.clip(np.ceil(_IN_SIGMA * np.sqrt(2 * np.pi / sigma)), SMALL[0], _MOST_ROWS))
+    times = np.clip(np.sqrt(samples / (_SAMPLES_PER_BIN * rows * SMALL[1] * SMALL[2])), *_TIMES)
+    return rows, round(times * SMALL[1]), round(times * SMALL[2])
 
 
-def measure_table(samples: LitSamples, shape: tuple[int, int, int] | None = None) -> BRDFTable:
+def measure_table(samples: LitSamples, shape: tuple[int, int, int] = SMALL) -> BRDFTable:
     """The table of samples, each photograph under one source and nothing else.
 
-    shape : numbers of bins, `fitting_bins` if None. Raises ValueError for an irradiance that isn't > 0, for radiance
+    shape : numbers of bins. Raises ValueError for an irradiance that isn't > 0, for radiance
     that isn't finite, and if no two samples share a bin.
     """
     wrong = ~(np.isfinite(samples.irradiance) & (samples.irradiance > 0)).all(axis=1)
@@ -135,7 +139,6 @@ def measure_table(samples: LitSamples, shape: tuple[int, int, int] | None = None
         irradiance = samples.irradiance[wrong][0].tolist()
         raise ValueError(f"the source's irradiance is {irradiance}; every channel must be > 0")
     finite(samples.radiance, "radiance")
-    shape = shape or fitting_bins(len(samples))
     bins, size = bin_of(samples.angles, shape), int(np.prod(shape))
     counts = np.bincount(bins, minlength=size)
     if counts.max() < 2:

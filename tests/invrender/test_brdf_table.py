@@ -12,7 +12,7 @@ from invrender.brdf.fit import fit_table, table_misfit
 from invrender.brdf.halfangles import cosines, half_angles
 from invrender.brdf.near import measure_under
 from invrender.brdf.samples import Source, lit_fields, lit_samples
-from invrender.brdf.table import BRDFTable, bin_centres, bin_of, fitting_bins, measure_table
+from invrender.brdf.table import SMALL, BRDFTable, bin_centres, bin_of, fitting_bins, measure_table
 from invrender.model.microfacet import Microfacet as ParametricMicrofacet
 from recon.lightfield import LightField
 from synthetic.lights.sources import DirectionalSource
@@ -65,7 +65,7 @@ def noisy(fields: list[LightField], rng: np.random.Generator) -> list[LightField
 
 
 def table_of(
-    fields: list[LightField], lamp: DirectionalSource, shape: tuple[int, int, int] | None = None
+    fields: list[LightField], lamp: DirectionalSource, shape: tuple[int, int, int] = SMALL
 ) -> BRDFTable:
     sources = [Source(lamp.direction, lamp.irradiance)] * len(fields)
     return measure_table(lit_samples(lit_fields(fields, sources), sources, np.zeros(3)), shape)
@@ -177,12 +177,15 @@ def test_no_width_of_bins_is_taken_for_another_lobe(
     assert fit.std[7] < 0.001
 
 
-def test_bins_are_the_finer_the_more_samples_there_are() -> None:
-    assert fitting_bins(100) == (24, 18, 12)
-    assert fitting_bins(10**7) == (48, 36, 24)
-    fine = np.array(fitting_bins(30_000))
-    # Two samples a bin, as many of which hold none as light and viewer below the surface make.
-    assert 30_000 / fine.prod() == pytest.approx(2, rel=0.1)
+def test_bins_are_as_fine_as_lobe_and_samples_ask_for() -> None:
+    assert fitting_bins(10_000, 0.5) == (24, 18, 12)
+    for sigma in (0.03, 0.12):
+        rows, across, around = fitting_bins(10**7, sigma)
+        assert (across, around) == (36, 24)
+        edges = np.pi / 2 * (np.arange(rows + 1) / rows) ** 2
+        assert np.diff(edges)[np.searchsorted(edges, sigma) - 1] == pytest.approx(sigma / 4, rel=0.15)
+    # Two samples a bin: nearly half of all bins hold none, light or viewer being below the surface.
+    assert 15_000 / np.prod(fitting_bins(15_000, 0.1)) == pytest.approx(2, rel=0.1)
 
 
 def lit_from(fields: list[LightField], material: Material, place: np.ndarray) -> list[LightField]:
