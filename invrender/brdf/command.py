@@ -51,7 +51,7 @@ def brdf(
     samples: Annotated[
         int | None,
         typer.Option(
-            help="Pixels of all photographs together that are used; 0: every usable one.  [default: 60000; 200000 of a"
+            help="Pixels of all photographs together that are used; 0: every usable one.  [default: 60000; 0 of a"
             " table]",
             show_default=False,
         ),

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import OptimizeResult, least_squares, nnls
 
 from invrender.brdf.covariance import larger_covariance
 from invrender.brdf.table import BRDFTable
@@ -15,7 +15,6 @@ from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _COARSE_SIGMAS = np.geomspace(0.03, 0.5, 12)
 _COARSE_MUS = (1.2, 1.5, 2.0, 3.0)
@@ -51,42 +50,44 @@ class TableFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def fit_table(table: BRDFTable) -> TableFit:
+def fit_table(table: BRDFTable, start: Floats | None = None) -> TableFit:
     """Kd, Ks >= 0 per channel, mu and sigma by weighted least squares on the measured bins.
 
     The model's value in a bin is its mean over the bin's samples, so that nothing hangs on the bins' width; nor does
     their noise, since of the samples' scatter what the model varies by within a bin is taken off. Errors are the larger
     of what the bins' noise implies and of a jackknife over bins of theta_d, which tells what misfits that hang together
-    do. Raises ValueError for a table of fewer measured bins than unknowns.
+    do. start : (8,), parameters as of `TableFit` to begin from, which saves the coarse search. Raises ValueError for a
+    table of fewer measured bins than unknowns.
     """
-    found, _, _ = _fit(table, table.measured)
-    _, lobes = table.lobes(found[6], found[7])
-    table = replace(table, std=table.std_beyond(found[3:6] * lobes))
-    found, covariance, chi2 = _fit(table, table.measured, found)
-    covariance = larger_covariance([covariance, _jackknife(table, found)])
-    brdf = Microfacet(found[:3], found[3:6], float(found[6]), float(found[7]))
+    x = _fit(table, start).x
+    _, lobes = table.lobes(x[6], x[7])
+    table = replace(table, std=table.std_beyond(x[3:6] * lobes))
+    found = _fit(table, x)
+    x, jac = found.x, found.jac
+    chi2 = float(2 * found.cost / (len(jac) - _UNKNOWNS))
+    of_noise = np.linalg.pinv(jac.T @ jac) * max(chi2, 1.0)
+    covariance = larger_covariance([of_noise, _jackknife(table, jac, found.fun)])
+    brdf = Microfacet(x[:3], x[3:6], float(x[6]), float(x[7]))
     return TableFit(brdf, covariance, table_misfit(table, brdf), chi2)
 
 
-def _jackknife(table: BRDFTable, start: Floats) -> Floats:
-    """Covariance (8, 8) from fits that leave out one bin of theta_d each."""
-    held = np.flatnonzero(table.measured.any(axis=(0, 2)))
-    if len(held) < 2:
-        return np.zeros((_UNKNOWNS, _UNKNOWNS))
-    found = []
-    for column in held:
-        used = table.measured.copy()
-        used[:, column] = False
-        found.append(_fit(table, used, start)[0])
-    strays = np.array(found) - np.mean(found, axis=0)
-    return np.asarray((len(held) - 1) / len(held) * strays.T @ strays)
+def _jackknife(table: BRDFTable, jac: Floats, left: Floats) -> Floats:
+    """Covariance (8, 8) from a step of Gauss-Newton without one bin of theta_d, for each of these.
 
-
-def _fit(table: BRDFTable, used: Bools, start: Floats | None = None) -> tuple[Floats, Floats, float]:
-    """The eight parameters, their covariance from the bins' noise, and chi-square per degree of freedom.
-
-    used : (n_h, n_d, n_p), which of the measured bins count. start : (8,), saves the coarse search.
+    jac : (3 n, 8), left : (3 n,), of the fit to all n measured bins.
     """
+    column = np.repeat(np.nonzero(table.measured)[1], 3)
+    strays = []
+    for held in np.unique(column):
+        rows, rest = jac[column != held], left[column != held]
+        strays.append(-np.linalg.pinv(rows.T @ rows) @ (rows.T @ rest))
+    apart = np.array(strays) - np.mean(strays, axis=0)
+    return np.asarray((len(strays) - 1) / len(strays) * apart.T @ apart)
+
+
+def _fit(table: BRDFTable, start: Floats | None = None) -> OptimizeResult:
+    """The eight parameters that fit the measured bins best. start : (8,), saves the coarse search."""
+    used = table.measured
     if 3 * int(used.sum()) <= _UNKNOWNS:
         raise ValueError(
             f"the table has {int(used.sum())} measured bins; {_UNKNOWNS} parameters can't be fitted to so few"
@@ -127,12 +128,8 @@ def _fit(table: BRDFTable, used: Bools, start: Floats | None = None) -> tuple[Fl
     if start is None:
         starts = [linear(mu, sigma) for mu, sigma in product(_COARSE_MUS, _COARSE_SIGMAS)]
         _, start = min(starts, key=lambda entry: entry[0])
-    found = least_squares(
-        residual, np.clip(start, low + _INSIDE, high - _INSIDE), jacobian, bounds=(low, high), x_scale="jac"
-    )
-    chi2 = 2 * found.cost / (values.size - _UNKNOWNS)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(chi2, 1.0)
-    return found.x, covariance, float(chi2)
+    inside = np.clip(start, low + _INSIDE, high - _INSIDE)
+    return least_squares(residual, inside, jacobian, bounds=(low, high), x_scale="jac")
 
 
 def table_misfit(table: BRDFTable, brdf: Microfacet) -> float:

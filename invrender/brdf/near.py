@@ -59,17 +59,16 @@ def measure_under(fields: Sequence[LightField], sources: Sequence[Source], centr
     """
     lit = lit_fields(fields, sources)
     samples = lit_samples(lit, sources, centre)
-    sigma = fit_table(measure_table(samples)).brdf.sigma
-    assert sigma is not None
-    shape = fitting_bins(len(samples), sigma)
+    first = fit_table(measure_table(samples)).parameters
+    shape = fitting_bins(samples.angles, first[7])
     table = measure_table(samples, shape)
-    fit = fit_table(table)
+    fit = fit_table(table, first)
     far = Measured(table, fit, 0.0, 0.0, fit.chi2)
     closeness, std = _closeness(lit, sources, centre, fit)
     if closeness < _CLEARLY * std:
         return far
     table = measure_table(lit_samples(lit, sources, centre, closeness), shape)
-    near = Measured(table, fit_table(table), closeness, std, fit.chi2)
+    near = Measured(table, fit_table(table, fit.parameters), closeness, std, fit.chi2)
     return near if near.fit.chi2 < _STAYS * fit.chi2 else far
 
 

@@ -32,8 +32,8 @@ from recon.lightfield import LightField
 Floats = NDArray[np.float64]
 
 OWN_FILES = ("brdf.json", "brdf.png")
-# Pixels of all photographs together, where nobody says how many: of a table about a third is lit.
-SAMPLES = {"harmonic": 60_000, "table": 200_000}
+# Pixels of all photographs together, where nobody says how many; a table takes all, its highlight being small.
+SAMPLES = {"harmonic": 60_000, "table": None}
 # Coefficients of degrees up to this are printed.
 _PRINTED_DEGREE = 2
 # Chi-square per degree of freedom from which on a misfit is no noise.

@@ -32,6 +32,8 @@ _IN_SIGMA, _MOST_ROWS = 4.0, 90
 # Of theta_d and phi_d there are up to so many times the bins of a small table, if so many samples remain for each: some
 # five then share one that holds any.
 _TIMES, _SAMPLES_PER_BIN = (0.75, 2.0), 2.0
+# The highlight is where theta_h is below so many sigma; of its samples this share at either end makes no gap.
+_SHINES, _STRAY = 1.0, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,15 +119,19 @@ def bin_of(angles: HalfAngles, shape: tuple[int, ...]) -> Ints:
     return np.asarray(np.ravel_multi_index(tuple(places), shape))
 
 
-def fitting_bins(samples: int, sigma: float) -> tuple[int, int, int]:
-    """Numbers of bins of theta_h, theta_d and phi_d for so many lit samples of a lobe of width sigma (radians).
+def fitting_bins(angles: HalfAngles, sigma: float) -> tuple[int, int, int]:
+    """Numbers of bins of theta_h, theta_d and phi_d for samples at these angles (n,) of a lobe of width sigma, radians.
 
-    Bins of theta_h are as narrow as the lobe asks for, those of the others as the samples allow.
+    Bins of theta_h are as narrow as the lobe asks for, those of the others as the samples allow. Each photograph shows
+    the highlight at nearly one theta_d: no bin is narrower than the widest gap between any.
     """
     # A bin that starts at theta_h is sqrt(2 pi theta_h) / n_h wide.
     rows = int(np.clip(np.ceil(_IN_SIGMA * np.sqrt(2 * np.pi / sigma)), SMALL[0], _MOST_ROWS))
-    times = np.clip(np.sqrt(samples / (_SAMPLES_PER_BIN * rows * SMALL[1] * SMALL[2])), *_TIMES)
-    return rows, round(times * SMALL[1]), round(times * SMALL[2])
+    times = np.clip(np.sqrt(len(angles.theta_h) / (_SAMPLES_PER_BIN * rows * SMALL[1] * SMALL[2])), *_TIMES)
+    shown = np.sort(angles.theta_d[angles.theta_h < _SHINES * sigma])
+    shown = shown[int(_STRAY * len(shown)) : int(np.ceil((1 - _STRAY) * len(shown)))]
+    gap = max(float(np.diff(shown).max(initial=0)), 1e-6)
+    return rows, max(min(round(times * SMALL[1]), int(np.pi / 2 / gap)), 1), round(times * SMALL[2])
 
 
 def measure_table(samples: LitSamples, shape: tuple[int, int, int] = SMALL) -> BRDFTable:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from invrender.brdf.fit import fit_table, table_misfit
-from invrender.brdf.halfangles import cosines, half_angles
+from invrender.brdf.halfangles import HalfAngles, cosines, half_angles
 from invrender.brdf.near import measure_under
 from invrender.brdf.samples import Source, lit_fields, lit_samples
 from invrender.brdf.table import SMALL, BRDFTable, bin_centres, bin_of, fitting_bins, measure_table
@@ -178,14 +178,24 @@ def test_no_width_of_bins_is_taken_for_another_lobe(
 
 
 def test_bins_are_as_fine_as_lobe_and_samples_ask_for() -> None:
-    assert fitting_bins(10_000, 0.5) == (24, 18, 12)
+    def at(theta_d: np.ndarray) -> HalfAngles:
+        return HalfAngles(np.full_like(theta_d, 0.01), theta_d, np.zeros_like(theta_d))
+
+    def even(count: int) -> HalfAngles:
+        return at(np.linspace(0, 1.4, count))
+
+    assert fitting_bins(even(10_000), 0.5) == (24, 18, 12)
     for sigma in (0.03, 0.12):
-        rows, across, around = fitting_bins(10**7, sigma)
+        rows, across, around = fitting_bins(even(10**6), sigma)
         assert (across, around) == (36, 24)
         edges = np.pi / 2 * (np.arange(rows + 1) / rows) ** 2
         assert np.diff(edges)[np.searchsorted(edges, sigma) - 1] == pytest.approx(sigma / 4, rel=0.15)
     # Two samples a bin: nearly half of all bins hold none, light or viewer being below the surface.
-    assert 15_000 / np.prod(fitting_bins(15_000, 0.1)) == pytest.approx(2, rel=0.1)
+    assert 15_000 / np.prod(fitting_bins(even(15_000), 0.1)) == pytest.approx(2, rel=0.1)
+    # Photographs 3 degrees apart, one of them held out: no bin of theta_d fits between its neighbours.
+    shots = np.delete(np.arange(0.1, 1.3, np.radians(1.5)), 20)
+    _, across, _ = fitting_bins(at(np.repeat(shots, 5000)), 0.12)
+    assert np.pi / 2 / across > 2 * np.radians(1.5)
 
 
 def lit_from(fields: list[LightField], material: Material, place: np.ndarray) -> list[LightField]:
