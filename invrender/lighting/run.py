@@ -126,9 +126,10 @@ def _report(result: LightResult, given_by: str) -> None:
         title=escape(f"{result.name}: light up to degree {direct.degree}, from {result.samples} samples"),
         title_justify="left",
     )
-    headings = ["degree", "share", "", "RMS value", "± std"]
+    headings = ["l", "share", "", "RMS", "± std"]
     for heading in headings + (["given", "off", "off / std"] if result.truth is not None else []):
-        table.add_column(heading, justify="right")
+        # The longest of the statuses, which have no heading.
+        table.add_column(heading, justify="right", min_width=None if heading else len("undetermined"))
     errors = degree_errors(result)
     for l, (share, status) in enumerate(zip(direct.share_per_degree, result.statuses, strict=True)):
         band = slice(l * l, (l + 1) ** 2)
