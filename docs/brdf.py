@@ -19,10 +19,12 @@ from capture.decode import decode_photo
 from capture.photoset import load_photoset
 from capture.terminal import console, track
 from invrender.brdf.figure import draw_picture, draw_slice, dress_profile
-from invrender.brdf.fit import TableFit, fit_table, table_misfit
+from invrender.brdf.fit import TableFit, table_misfit
 from invrender.brdf.harmonic import FURTHER, HarmonicBRDF, estimate_harmonic
+from invrender.brdf.near import Measured, measure_under
 from invrender.brdf.observe import Observations, light_coefficients, observe, single_source
 from invrender.brdf.rendering import Rendering
+from invrender.brdf.run import SAMPLES
 from invrender.brdf.slices import (
     harmonic_transfer,
     parametric_transfer,
@@ -31,7 +33,7 @@ from invrender.brdf.slices import (
     slice_grid,
     table_transfer,
 )
-from invrender.brdf.table import BRDFTable, measure_table
+from invrender.brdf.table import BRDFTable
 from invrender.model.microfacet import Microfacet
 from invrender.pipeline import process
 from invrender.theory.harmonics import project_sources
@@ -41,9 +43,7 @@ from synthetic.scenes.builtin import scene_path
 from synthetic.writer import write_photoset
 
 ORDERS = (6, 12)
-# All pixels of sixty photographs fill finer bins than those of the command.
-BINS = (40, 36, 24)
-SAMPLES = 30_000
+FEWER_SAMPLES = 30_000
 
 
 def photographs(name: str, sets: Path, samples: int | None) -> Observations:
@@ -54,11 +54,10 @@ def photographs(name: str, sets: Path, samples: int | None) -> Observations:
     return observe(load_photoset(folder), samples, track)
 
 
-def measured_table(seen: Observations) -> BRDFTable:
-    """The table of Marschner's method."""
+def measured_table(seen: Observations) -> Measured:
+    """The table of Marschner's method, as `lightfactor brdf --method table` measures it."""
     sources = [single_source(seen.photoset, seen.lightings[photo.lighting]) for photo, _ in seen.fitted]
-    fields = [field for _, field in seen.fitted]
-    return measure_table(fields, [entry[0] for entry in sources], [entry[1] for entry in sources], BINS)
+    return measure_under([field for _, field in seen.fitted], sources, seen.centre)
 
 
 def harmonic(seen: Observations, order: int) -> HarmonicBRDF:
@@ -142,12 +141,12 @@ def draw(table: BRDFTable, fit: TableFit, brdfs: dict[int, HarmonicBRDF], area: 
 
 def main(out: Path, sets: Path) -> None:
     """Write the figure and print the table."""
-    table = measured_table(photographs("rh01-marschner", sets, None))
-    fit = fit_table(table)
-    seen = photographs("rh01-teflon", sets, SAMPLES)
+    measured = measured_table(photographs("rh01-marschner", sets, SAMPLES["table"]))
+    table, fit = measured.table, measured.fit
+    seen = photographs("rh01-teflon", sets, FEWER_SAMPLES)
     print_parameters(table, fit, process(seen.photoset, track=track).result.brdf)
     brdfs = {order: harmonic(seen, order) for order in track(ORDERS, "Solving")}
-    figure = draw(table, fit, brdfs, photographs("rh01-area", sets, SAMPLES))
+    figure = draw(table, fit, brdfs, photographs("rh01-area", sets, FEWER_SAMPLES))
     figure.savefig(out, metadata={"Software": None})
 
 

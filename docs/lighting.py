@@ -14,11 +14,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from matplotlib.figure import Figure
 
-from capture.lighting import Lighting, read_latlong
+from capture.lighting import Lighting
 from capture.photoset import load_photoset
 from invrender.lighting.estimate import Choices, LightResult, estimate_light
 from invrender.lighting.figure import blurred_truth, draw_map, white_level
-from invrender.lighting.knownbrdf import known_brdf
+from invrender.lighting.given import given_lights
+from invrender.lighting.knownbrdf import read_brdf
 from invrender.lighting.maps import coefficient_map, true_light
 from invrender.pipeline import process
 from synthetic.run import run_synth
@@ -28,17 +29,9 @@ SCENE = "rh01-lighting"
 
 def recovered(folder: Path, degree: int) -> LightResult:
     """The light of the set by coefficients up to a degree, and by the dual method."""
-    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    brdf = known_brdf(*(truth["brdf"][name] for name in ("kd", "ks", "mu", "sigma")))
-    light = truth["lighting"][0]
-    lamps = light["directional"]
-    lighting = Lighting(
-        "truth",
-        read_latlong(folder / light["map"]),
-        np.array([lamp["direction"] for lamp in lamps]),
-        np.array([lamp["irradiance"] for lamp in lamps]),
-    )
-    return estimate_light(load_photoset(folder), brdf, Choices(degree), lighting)[0]
+    photoset = load_photoset(folder)
+    lights = {name: given.lighting for name, given in given_lights(photoset).items()}
+    return estimate_light(photoset, read_brdf(folder / "truth.json"), Choices(degree), lights)[0]
 
 
 def joint(folder: Path) -> Lighting:

@@ -49,21 +49,29 @@ def brdf(
         ),
     ] = 6,
     samples: Annotated[
-        int, typer.Option(help="Pixels of all photographs together that are used; 0: every usable one.")
-    ] = 60_000,
+        int | None,
+        typer.Option(
+            help="Pixels of all photographs together that are used; 0: every usable one.  [default: 60000; 0 of a"
+            " table]",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Measure a sphere's BRDF without assuming a formula, under light that is known.
 
     Coefficients of harmonics come with their error bars, with which of them the light determines, and with how much
     they ring; RH01's Fig. 6. A table is the reference that image-based measurement gives, after Marschner; RH01's
-    Fig. 7. `lightfactor process` recovers the parametric BRDF, which doesn't ring.
+    Fig. 7. Its bins are the finer the more pixels there are, and how near the source is, is found, too.
+    `lightfactor process` recovers the parametric BRDF, which doesn't ring.
 
     Writes OUT/brdf.json and OUT/brdf.png, a figure.
     """
     if not 0 <= order <= 16:
         raise ValueError(f"--order is {order}; the highest degree must be 0 to 16")
-    if samples < 0:
+    if samples is not None and samples < 0:
         raise ValueError(f"--samples is {samples}; it must be >= 0, 0 for every usable pixel")
-    from invrender.brdf.run import run_brdf
+    from invrender.brdf.run import SAMPLES, run_brdf
 
-    run_brdf(photoset, out, method.value, order, samples or None)
+    run_brdf(
+        photoset, out, method.value, order, (SAMPLES[method.value] if samples is None else samples) or None
+    )

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import software
-from invrender.brdf.fit import TableFit
 from invrender.brdf.harmonic import HarmonicBRDF
+from invrender.brdf.near import Measured
 from invrender.brdf.reciprocal import unknowns
 from invrender.brdf.slices import Ringing
-from invrender.brdf.table import BRDFTable
 
 Floats = NDArray[np.float64]
 
@@ -51,14 +50,15 @@ def harmonic_document(brdf: HarmonicBRDF, rings: Ringing) -> dict[str, Any]:
     }
 
 
-def table_document(table: BRDFTable, fit: TableFit) -> dict[str, Any]:
+def table_document(found: Measured) -> dict[str, Any]:
     """The BRDF per bin of half and difference angles, 1/sr, and RH01's parameters fitted to it.
 
     values, std : (n_h, n_d, n_p, 3), null where a bin holds nothing. counts : samples; 0 with a value where it was
     taken from the bin in which light and viewer are exchanged. Bins start at theta_h = pi/2 (i / n_h)^2, theta_d =
     pi/2 j / n_d, phi_d = pi k / n_p. coverage : shares of the bins in whose centre light and viewer are above the
-    surface.
+    surface. source_distance_m : of the source from the object's centre, null where it counts as far.
     """
+    table, fit = found.table, found.fit
     filled = np.broadcast_to(table.filled[..., None], table.values.shape)
     return {
         "method": "table",
@@ -75,6 +75,9 @@ def table_document(table: BRDFTable, fit: TableFit) -> dict[str, Any]:
             for name, part in FIT_PARTS.items()
         }
         | {"relative_rms": fit.misfit, "chi2": fit.chi2},
+        "source_distance_m": None
+        if found.distance is None
+        else dict(zip(("value", "std"), found.distance, strict=True)),
     }
 
 

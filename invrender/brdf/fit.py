@@ -7,16 +7,14 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import OptimizeResult, least_squares, nnls
 
 from invrender.brdf.covariance import larger_covariance
 from invrender.brdf.table import BRDFTable
-from invrender.model.fresnel import MU_RANGE, normalised_fresnel
+from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
-from invrender.theory.specialcases import lobe
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _COARSE_SIGMAS = np.geomspace(0.03, 0.5, 12)
 _COARSE_MUS = (1.2, 1.5, 2.0, 3.0)
@@ -24,6 +22,8 @@ _COARSE_MUS = (1.2, 1.5, 2.0, 3.0)
 _UNKNOWNS = 8
 # A search that begins on a bound stays there.
 _INSIDE = 1e-9
+# Share of mu or sigma that derivatives are taken over.
+_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,84 +50,86 @@ class TableFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def bin_lobes(table: BRDFTable, used: Bools, mu: float | None, sigma: float) -> Floats:
-    """What Ks multiplies in each used bin, F(mu, theta_o) S(theta_h) / (4 cos theta_i cos theta_o), (n,).
-
-    [RH01, section 5.2]. S is the mean of two points as far apart as the bin's samples are, so that it is right to
-    fourth order in the bin's width.
-    """
-    theta, spread = table.theta_h[used], table.theta_h_spread[used]
-    highlight = (lobe(theta + spread, sigma) + lobe(theta - spread, sigma)) / 2
-    cos_exitant = table.cos_exitant[used]
-    return np.asarray(
-        normalised_fresnel(mu, cos_exitant) * highlight / (4 * table.cos_incident[used] * cos_exitant)
-    )
-
-
-def fit_table(table: BRDFTable) -> TableFit:
+def fit_table(table: BRDFTable, start: Floats | None = None) -> TableFit:
     """Kd, Ks >= 0 per channel, mu and sigma by weighted least squares on the measured bins.
 
-    Its errors are the larger of what the bins' noise implies and of a jackknife over bins of theta_d, which tells what
-    misfits that hang together do. What the width of bins and pixels does to the highlight is corrected, and the
-    correction counts as uncertain. Raises ValueError for a table of fewer measured bins than unknowns.
+    The model's value in a bin is its mean over the bin's samples, so that nothing hangs on the bins' width; nor does
+    their noise, since of the samples' scatter what the model varies by within a bin is taken off. Errors are the larger
+    of what the bins' noise implies and of a jackknife over bins of theta_d, which tells what misfits that hang together
+    do. start : (8,), parameters as of `TableFit` to begin from, which saves the coarse search. Raises ValueError for a
+    table of fewer measured bins than unknowns.
     """
-    found, covariance, chi2 = _fit(table, table.measured)
-    of_points, _, _ = _fit(
-        replace(table, theta_h_spread=np.zeros_like(table.theta_h_spread)), table.measured, found
-    )
-    shift = found - of_points
-    covariance = larger_covariance([covariance, _jackknife(table, found)])
-    brdf = Microfacet(found[:3], found[3:6], float(found[6]), float(found[7]))
-    return TableFit(brdf, covariance + np.outer(shift, shift), table_misfit(table, brdf), chi2)
+    x = _fit(table, start).x
+    _, lobes = table.lobes(x[6], x[7])
+    table = replace(table, std=table.std_beyond(x[3:6] * lobes))
+    found = _fit(table, x)
+    x, jac = found.x, found.jac
+    chi2 = float(2 * found.cost / (len(jac) - _UNKNOWNS))
+    of_noise = np.linalg.pinv(jac.T @ jac) * max(chi2, 1.0)
+    covariance = larger_covariance([of_noise, _jackknife(table, jac, found.fun)])
+    brdf = Microfacet(x[:3], x[3:6], float(x[6]), float(x[7]))
+    return TableFit(brdf, covariance, table_misfit(table, brdf), chi2)
 
 
-def _jackknife(table: BRDFTable, start: Floats) -> Floats:
-    """Covariance (8, 8) from fits that leave out one bin of theta_d each."""
-    held = np.flatnonzero(table.measured.any(axis=(0, 2)))
-    if len(held) < 2:
-        return np.zeros((_UNKNOWNS, _UNKNOWNS))
-    found = []
-    for column in held:
-        used = table.measured.copy()
-        used[:, column] = False
-        found.append(_fit(table, used, start)[0])
-    strays = np.array(found) - np.mean(found, axis=0)
-    return np.asarray((len(held) - 1) / len(held) * strays.T @ strays)
+def _jackknife(table: BRDFTable, jac: Floats, left: Floats) -> Floats:
+    """Covariance (8, 8) from a step of Gauss-Newton without one bin of theta_d, for each of these.
 
-
-def _fit(table: BRDFTable, used: Bools, start: Floats | None = None) -> tuple[Floats, Floats, float]:
-    """The eight parameters, their covariance from the bins' noise, and chi-square per degree of freedom.
-
-    used : (n_h, n_d, n_p), which of the measured bins count. start : (8,), saves the coarse search.
+    jac : (3 n, 8), left : (3 n,), of the fit to all n measured bins.
     """
+    column = np.repeat(np.nonzero(table.measured)[1], 3)
+    strays = []
+    for held in np.unique(column):
+        rows, rest = jac[column != held], left[column != held]
+        strays.append(-np.linalg.pinv(rows.T @ rows) @ (rows.T @ rest))
+    apart = np.array(strays) - np.mean(strays, axis=0)
+    return np.asarray((len(strays) - 1) / len(strays) * apart.T @ apart)
+
+
+def _fit(table: BRDFTable, start: Floats | None = None) -> OptimizeResult:
+    """The eight parameters that fit the measured bins best. start : (8,), saves the coarse search."""
+    used = table.measured
     if 3 * int(used.sum()) <= _UNKNOWNS:
         raise ValueError(
             f"the table has {int(used.sum())} measured bins; {_UNKNOWNS} parameters can't be fitted to so few"
         )
     values, std = table.values[used], table.std[used]
+    low = np.array([0.0] * 6 + [MU_RANGE[0], SIGMA_RANGE[0]])
+    high = np.array([np.inf] * 6 + [MU_RANGE[1], SIGMA_RANGE[1]])
 
     def residual(x: Floats) -> Floats:
-        model = x[:3] + x[3:6] * bin_lobes(table, used, x[6], x[7])[:, None]
+        model = x[:3] + x[3:6] * table.lobes(x[6], x[7])[0][used]
         return np.asarray(((model - values) / std).ravel())
+
+    def jacobian(x: Floats) -> Floats:
+        lobes = table.lobes(x[6], x[7])[0][used]
+        result = np.zeros((len(values), 3, _UNKNOWNS))
+        for channel in range(3):
+            result[:, channel, channel], result[:, channel, 3 + channel] = 1, lobes[:, channel]
+        for k in (6, 7):
+            # Forwards, as far as rounding asks for; at the end of a range backwards.
+            step = np.zeros(_UNKNOWNS)
+            step[k] = _STEP * x[k] * (1 if x[k] * (1 + _STEP) < high[k] else -1)
+            moved = table.lobes(*(x + step)[6:])[0][used]
+            result[:, :, k] = x[3:6] * (moved - lobes) / step[k]
+        return np.asarray((result / std[:, :, None]).reshape(-1, _UNKNOWNS))
 
     def linear(mu: float, sigma: float) -> tuple[float, Floats]:
         """Cost and all parameters, Kd and Ks being the best for given mu and sigma."""
-        columns = np.column_stack([np.ones(len(values)), bin_lobes(table, used, mu, sigma)])
-        pairs = np.array([nnls(columns / s[:, None], v / s)[0] for v, s in zip(values.T, std.T, strict=True)])
+        one = np.ones(len(values))
+        pairs = np.array(
+            [
+                nnls(np.column_stack([one / s, lobes / s]), v / s)[0]
+                for lobes, v, s in zip(table.lobes(mu, sigma)[0][used].T, values.T, std.T, strict=True)
+            ]
+        )
         x = np.concatenate([pairs[:, 0], pairs[:, 1], [mu, sigma]])
         return float(np.sum(residual(x) ** 2)), x
 
     if start is None:
         starts = [linear(mu, sigma) for mu, sigma in product(_COARSE_MUS, _COARSE_SIGMAS)]
         _, start = min(starts, key=lambda entry: entry[0])
-    low = np.array([0.0] * 6 + [MU_RANGE[0], SIGMA_RANGE[0]])
-    high = np.array([np.inf] * 6 + [MU_RANGE[1], SIGMA_RANGE[1]])
-    found = least_squares(
-        residual, np.clip(start, low + _INSIDE, high - _INSIDE), bounds=(low, high), x_scale="jac"
-    )
-    chi2 = 2 * found.cost / (values.size - _UNKNOWNS)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(chi2, 1.0)
-    return found.x, covariance, float(chi2)
+    inside = np.clip(start, low + _INSIDE, high - _INSIDE)
+    return least_squares(residual, inside, jacobian, bounds=(low, high), x_scale="jac")
 
 
 def table_misfit(table: BRDFTable, brdf: Microfacet) -> float:
@@ -136,7 +138,7 @@ def table_misfit(table: BRDFTable, brdf: Microfacet) -> float:
     cos = table.cos_incident[used]
     model = np.broadcast_to(brdf.kd, (int(used.sum()), 3))
     if brdf.sigma is not None:
-        model = model + brdf.ks * bin_lobes(table, used, brdf.mu, brdf.sigma)[:, None]
+        model = model + brdf.ks * table.lobes(brdf.mu, brdf.sigma)[0][used]
     weight = table.counts[used] * cos**2
     left = weight @ (model - table.values[used]) ** 2
     return float(np.sqrt(left.sum() / (weight @ table.values[used] ** 2).sum()))

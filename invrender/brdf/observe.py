@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
+from invrender.brdf.samples import Source
 from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import map_coefficients
-from recon.bodies import Body
+from recon.bodies import Body, SphereBody
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField
 from recon.samples.find import find_body
@@ -31,6 +32,12 @@ class Observations:
     fields: tuple[LightField, ...]
     lightings: Mapping[str, Lighting]
     warnings: tuple[str, ...]
+
+    @property
+    def centre(self) -> Floats:
+        """Of the sphere, (3,) metres."""
+        assert isinstance(self.body, SphereBody)
+        return self.body.sphere.centre
 
     @property
     def fitted(self) -> list[tuple[Photo, LightField]]:
@@ -76,11 +83,11 @@ def light_coefficients(lighting: Lighting, l_max: int) -> Floats:
     return result
 
 
-def single_source(photoset: PhotoSet, lighting: Lighting) -> tuple[Floats, Floats]:
-    """Direction and irradiance (3,) of a lighting that is one source and nothing else; ValueError for any other."""
+def single_source(photoset: PhotoSet, lighting: Lighting) -> Source:
+    """The source of a lighting that is one source and nothing else; ValueError for any other."""
     has_map = lighting.radiance_map is not None and bool(lighting.radiance_map.any())
     if len(lighting.directions) == 1 and not has_map:
-        return lighting.directions[0], lighting.irradiances[0]
+        return Source(lighting.directions[0], lighting.irradiances[0])
     holds = f"{len(lighting.directions)} source(s)" + (" and a map" if has_map else "")
     raise ValueError(
         f'{photoset.manifest}: [[lighting]] "{lighting.name}" has {holds}: a table is measured under a single source'

@@ -19,13 +19,12 @@ from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.brdf.document import FIT_PARTS, document, harmonic_document, table_document
 from invrender.brdf.figure import harmonic_figure, table_figure
-from invrender.brdf.fit import TableFit, fit_table
 from invrender.brdf.harmonic import FURTHER, HarmonicBRDF, estimate_harmonic
+from invrender.brdf.near import Measured, measure_under
 from invrender.brdf.observe import Observations, light_coefficients, observe, single_source
 from invrender.brdf.reciprocal import unknowns
 from invrender.brdf.rendering import Rendering
 from invrender.brdf.slices import Ringing, ringing
-from invrender.brdf.table import BRDFTable, measure_table
 from invrender.theory.harmonics import project_sources
 from invrender.wording import with_error
 from recon.lightfield import LightField
@@ -33,6 +32,8 @@ from recon.lightfield import LightField
 Floats = NDArray[np.float64]
 
 OWN_FILES = ("brdf.json", "brdf.png")
+# Pixels of all photographs together, where nobody says how many; a table takes all, its highlight being small.
+SAMPLES = {"harmonic": 60_000, "table": None}
 # Coefficients of degrees up to this are printed.
 _PRINTED_DEGREE = 2
 # Chi-square per degree of freedom from which on a misfit is no noise.
@@ -42,7 +43,7 @@ _CHANNELS = ("red", "green", "blue")
 
 def run_brdf(
     source: Path, out: Path, method: Literal["harmonic", "table"], order: int, samples: int | None
-) -> HarmonicBRDF | tuple[BRDFTable, TableFit]:
+) -> HarmonicBRDF | Measured:
     """Measure a set's BRDF into a folder, and print what was found."""
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
@@ -82,17 +83,15 @@ def _harmonic(seen: Observations, folder: Path, order: int) -> HarmonicBRDF:
     return brdf
 
 
-def _table(seen: Observations, folder: Path, order: int) -> tuple[BRDFTable, TableFit]:
+def _table(seen: Observations, folder: Path, order: int) -> Measured:
     sources = [single_source(seen.photoset, seen.lightings[photo.lighting]) for photo, _ in seen.fitted]
-    fields = [field for _, field in seen.fitted]
     with console.status("Gathering the table"):
-        table = measure_table(fields, [entry[0] for entry in sources], [entry[1] for entry in sources])
-        fit = fit_table(table)
+        found = measure_under([field for _, field in seen.fitted], sources, seen.centre)
     photos = [_photo(photo, field) for photo, field in zip(seen.photoset.photos, seen.fields, strict=True)]
-    write_json(folder / "brdf.json", _document(seen, table_document(table, fit), photos))
-    table_figure(seen.photoset.name, table, fit).savefig(folder / "brdf.png")
-    _print_table(seen.photoset, table, fit)
-    return table, fit
+    write_json(folder / "brdf.json", _document(seen, table_document(found), photos))
+    table_figure(seen.photoset.name, found.table, found.fit).savefig(folder / "brdf.png")
+    _print_table(seen.photoset, found)
+    return found
 
 
 def _pictures(seen: Observations, brdf: HarmonicBRDF) -> dict[str, NDArray[np.floating]]:
@@ -145,7 +144,8 @@ def _print_harmonic(photoset: PhotoSet, brdf: HarmonicBRDF, rings: Ringing) -> N
         console.print(f"{count} undetermined: {reason}.", soft_wrap=True)
 
 
-def _print_table(photoset: PhotoSet, table: BRDFTable, fit: TableFit) -> None:
+def _print_table(photoset: PhotoSet, found: Measured) -> None:
+    table, fit = found.table, found.fit
     shown = Table(
         "parameter", "value ± std", title=f"{photoset.name}: fit to the table", title_justify="left"
     )
@@ -164,9 +164,17 @@ def _print_table(photoset: PhotoSet, table: BRDFTable, fit: TableFit) -> None:
         f" {fit.misfit:.2%}.",
         soft_wrap=True,
     )
+    strays = f"strays {np.sqrt(fit.chi2):.1f} times as far as its values scatter"
+    if found.distance is not None:
+        console.print(
+            f"The source is {with_error(*found.distance)} m from the object's centre, as its light turns and falls off"
+            f" across the object: so the table is measured. Under a source that is far the fit would stray"
+            f" {np.sqrt(found.far_chi2):.1f} times as far as the table's values scatter.",
+            soft_wrap=True,
+        )
     if fit.chi2 > _MISFIT:
         console.print(
-            f"The table strays from the model {np.sqrt(fit.chi2):.1f} times as far as its values scatter: the material"
-            " has another lobe, or the source is too near to be of one direction everywhere.",
+            f"The model {strays}, the width of bins and how near the source is taken into account: the material has"
+            " another lobe, or a pose, a mask or the light's direction is wrong.",
             soft_wrap=True,
         )

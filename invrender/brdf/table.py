@@ -6,29 +6,34 @@ gathered in bins of half and difference angles that start at
     theta_h = pi/2 (i / n_h)^2,   theta_d = pi/2 j / n_d,   phi_d = pi k / n_p
 
 (narrow where highlights are). A bin's value is what was reflected over what was received, summed over its samples.
+The table keeps the samples: a lobe is compared with its own mean over them, so that the width of bins costs nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.halfangles import HalfAngles, cosines, half_angles
+from invrender.brdf.samples import LitSamples
 from invrender.solve.noise import fit_noise
 from recon.harmonics import finite
-from recon.lightfield import LightField, off_terminators
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
-BINS = (24, 18, 12)
-# Light more grazing than this share of the source's irradiance tells little and divides by almost nothing.
-_MIN_COS_INCIDENT = 0.05
+# Bins of theta_h, theta_d and phi_d of a small table.
+SMALL = (24, 18, 12)
+# A bin of theta_h at sigma is so many times narrower than sigma, as far as there are no more bins than that.
+_IN_SIGMA, _MOST_ROWS = 4.0, 90
+# Of theta_d and phi_d there are up to so many times the bins of a small table, if so many samples remain for each: some
+# five then share one that holds any.
+_TIMES, _SAMPLES_PER_BIN = (0.75, 2.0), 2.0
+# The highlight is where theta_h is below so many sigma; of its samples this share at either end makes no gap.
+_SHINES, _STRAY = 1.0, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +44,7 @@ class BRDFTable:
     counts : samples in each bin. measured : counts > 0. filled : measured, or taken from the bin in which light and
     viewer are exchanged. possible : bins in whose centre both are above the surface.
     cos_incident, cos_exitant, theta_h : means over the samples that a bin's value comes from, of cos theta_o the
-    harmonic one. theta_h_spread : standard deviation of their theta_h, within pixels
-    as well.
+    harmonic one. samples : that it was measured from; bins : (n,), the flat index of each one's bin.
     """
 
     values: Floats
@@ -51,7 +55,8 @@ class BRDFTable:
     cos_incident: Floats
     cos_exitant: Floats
     theta_h: Floats
-    theta_h_spread: Floats
+    samples: LitSamples
+    bins: Ints
 
     @property
     def measured(self) -> Bools:
@@ -60,6 +65,38 @@ class BRDFTable:
     def coverage(self, of: Bools) -> float:
         """The share of the possible bins that are marked."""
         return float((of & self.possible).sum() / self.possible.sum())
+
+    def bin_means(self, values: Floats) -> Floats:
+        """What values (n, 3) of the samples, radiance, amount to in each bin, (n_h, n_d, n_p, 3); 0 without samples."""
+        weight, received = self.samples.weight[:, None], self.samples.received[:, None]
+        size = self.counts.size
+        received = totals(self.bins, weight * received * self.samples.irradiance, size)
+        return _over(totals(self.bins, weight * values, size), received).reshape(*self.counts.shape, 3)
+
+    def lobes(self, mu: float | None, sigma: float) -> tuple[Floats, Floats]:
+        """What Ks multiplies in each bin, (n_h, n_d, n_p, 3), means over its samples, and their own radiance (n, 3)."""
+        own = self.samples.lobes(mu, sigma)[:, None] * self.samples.irradiance
+        return self.bin_means(own), own
+
+    def std_beyond(self, radiance: Floats) -> Floats:
+        """The values' standard deviations if part of the samples' radiance (n, 3) is known and no noise.
+
+        Samples then scatter about the rest's mean: what varies within a bin as that part does is not scatter.
+        """
+        left = self.samples.radiance - radiance
+        samples, size = self.samples, self.counts.size
+        received = samples.received[:, None] * samples.irradiance
+        counts = self.counts.ravel()[self.bins]
+        shared = counts > 1
+        mean = self.bin_means(left).reshape(size, 3)[self.bins] * received
+        # A value was fitted to its own samples: of n of them 1 / n is missing from their scatter.
+        scatter = (left - mean)[shared] / np.sqrt(1 - 1 / counts[shared])[:, None]
+        predicted = self.values.reshape(size, 3)[self.bins] * received
+        noise = fit_noise([predicted[shared]], [scatter])
+        weight = samples.weight[:, None]
+        variance = totals(self.bins, weight**2 * noise.variance(predicted), size)
+        norm = totals(self.bins, weight * received, size)
+        return np.sqrt(_over(variance, norm**2)).reshape(*self.counts.shape, 3)
 
     def lookup(self, normals: Floats, incident: Floats, exitant: Floats) -> tuple[Floats, Bools]:
         """Values (n, 3) of the bins of pairs of directions (n, 3), and whether they are filled (n,)."""
@@ -82,87 +119,58 @@ def bin_of(angles: HalfAngles, shape: tuple[int, ...]) -> Ints:
     return np.asarray(np.ravel_multi_index(tuple(places), shape))
 
 
-def measure_table(
-    fields: Sequence[LightField],
-    directions: Sequence[Floats],
-    irradiances: Sequence[Floats],
-    shape: tuple[int, int, int] = BINS,
-) -> BRDFTable:
-    """The table of photographs' samples, each photograph under one source and nothing else.
+def fitting_bins(angles: HalfAngles, sigma: float) -> tuple[int, int, int]:
+    """Numbers of bins of theta_h, theta_d and phi_d for samples at these angles (n,) of a lobe of width sigma, radians.
 
-    directions, irradiances : (3,) per photograph, unit, and on a plane that faces the source, > 0. Raises ValueError
-    for an irradiance that isn't, and if no sample is lit.
+    Bins of theta_h are as narrow as the lobe asks for, those of the others as the samples allow. Each photograph shows
+    the highlight at nearly one theta_d: no bin is narrower than the widest gap between any.
     """
-    for irradiance in irradiances:
-        if not (np.isfinite(irradiance) & (irradiance > 0)).all():
-            raise ValueError(f"the source's irradiance is {irradiance.tolist()}; every channel must be > 0")
-    parts = [
-        _lit_samples(field, direction, irradiance)
-        for field, direction, irradiance in zip(fields, directions, irradiances, strict=True)
-    ]
-    angles = HalfAngles(*(np.concatenate([part.angles[k] for part in parts]) for k in range(3)))
-    radiance, received, geometry = (np.concatenate([part[k] for part in parts]) for k in (1, 2, 3))
-    weight = np.concatenate([part.weight for part in parts])[:, None]
-    if not len(weight):
-        raise ValueError(
-            "no sample is lit by its source: directions point from the object to the light; check them"
-        )
-    finite(radiance, "radiance")
-    bins, size = bin_of(angles, shape), int(np.prod(shape))
+    # A bin that starts at theta_h is sqrt(2 pi theta_h) / n_h wide.
+    rows = int(np.clip(np.ceil(_IN_SIGMA * np.sqrt(2 * np.pi / sigma)), SMALL[0], _MOST_ROWS))
+    times = np.clip(np.sqrt(len(angles.theta_h) / (_SAMPLES_PER_BIN * rows * SMALL[1] * SMALL[2])), *_TIMES)
+    shown = np.sort(angles.theta_d[angles.theta_h < _SHINES * sigma])
+    shown = shown[int(_STRAY * len(shown)) : int(np.ceil((1 - _STRAY) * len(shown)))]
+    gap = max(float(np.diff(shown).max(initial=0)), 1e-6)
+    return rows, max(min(round(times * SMALL[1]), int(np.pi / 2 / gap)), 1), round(times * SMALL[2])
 
-    def total(values: Floats) -> Floats:
-        return np.stack([np.bincount(bins, channel, minlength=size) for channel in values.T], axis=1)
 
+def measure_table(samples: LitSamples, shape: tuple[int, int, int] = SMALL) -> BRDFTable:
+    """The table of samples, each photograph under one source and nothing else.
+
+    shape : numbers of bins. Raises ValueError for an irradiance that isn't > 0, for radiance
+    that isn't finite, and if no two samples share a bin.
+    """
+    wrong = ~(np.isfinite(samples.irradiance) & (samples.irradiance > 0)).all(axis=1)
+    if wrong.any():
+        irradiance = samples.irradiance[wrong][0].tolist()
+        raise ValueError(f"the source's irradiance is {irradiance}; every channel must be > 0")
+    finite(samples.radiance, "radiance")
+    bins, size = bin_of(samples.angles, shape), int(np.prod(shape))
     counts = np.bincount(bins, minlength=size)
-    norm = total(weight * received)
-    values = _over(total(weight * radiance), norm)
-    predicted = values[bins] * received
-    # A value was fitted to its own samples: of n of them 1 / n is missing from their scatter.
-    shared = counts[bins] > 1
-    if not shared.any():
+    if counts.max() < 2:
         raise ValueError(f"no bin of the table {shape} holds two samples; take coarser bins or more samples")
-    scatter = (radiance - predicted)[shared] / np.sqrt(1 - 1 / counts[bins][shared])[:, None]
-    noise = fit_noise([predicted[shared]], [scatter])
-    variance = total(weight**2 * noise.variance(predicted))
-    mean = _over(total(weight * geometry), total(weight)).reshape(*shape, 4)
-    return _filled_by_reciprocity(
-        BRDFTable(
-            values=values.reshape(*shape, 3),
-            std=np.sqrt(_over(variance, norm**2)).reshape(*shape, 3),
-            counts=counts.reshape(shape),
-            filled=(counts > 0).reshape(shape),
-            possible=np.min(cosines(bin_centres(shape)), axis=0) > 0,
-            cos_incident=mean[..., 0],
-            cos_exitant=_over(np.ones(shape), mean[..., 1]),
-            theta_h=mean[..., 2],
-            theta_h_spread=np.sqrt(np.maximum(mean[..., 3] - mean[..., 2] ** 2, 0)),
-        )
+    weight = samples.weight[:, None]
+    mean = _over(totals(bins, weight * samples.geometry, size), totals(bins, weight, size)).reshape(*shape, 3)
+    empty = np.zeros((*shape, 3))
+    table = BRDFTable(
+        values=empty,
+        std=empty,
+        counts=counts.reshape(shape),
+        filled=(counts > 0).reshape(shape),
+        possible=np.min(cosines(bin_centres(shape)), axis=0) > 0,
+        cos_incident=mean[..., 0],
+        cos_exitant=_over(np.ones(shape), mean[..., 1]),
+        theta_h=mean[..., 2],
+        samples=samples,
+        bins=bins,
     )
+    table = replace(table, values=table.bin_means(samples.radiance))
+    return _filled_by_reciprocity(replace(table, std=table.std_beyond(np.zeros_like(samples.radiance))))
 
 
-class _Samples(NamedTuple):
-    """The lit samples of one photograph. received : (n, 3), irradiance of the surface.
-
-    geometry : (n, 4), means over each pixel of cos theta_i, 1 / cos theta_o, theta_h and its square.
-    """
-
-    angles: HalfAngles
-    radiance: Floats
-    received: Floats
-    geometry: Floats
-    weight: Floats
-
-
-def _lit_samples(field: LightField, direction: Floats, irradiance: Floats) -> _Samples:
-    lit = np.asarray(field.mean_over_rays(field.normals @ direction)) > _MIN_COS_INCIDENT
-    kept = off_terminators(field.where(lit & (field.weight > 0)), direction[None])
-    angles = half_angles(kept.normals, np.broadcast_to(direction, kept.normals.shape), kept.views)
-    cos_exitant = (kept.normals * kept.views).sum(axis=1)
-    # Across a grazing pixel light and view turn; the surface receives the mean, and radiance goes with 1 / cos theta_o.
-    rays = np.column_stack([kept.normals @ direction, 1 / cos_exitant, angles.theta_h, angles.theta_h**2])
-    geometry = np.asarray(kept.mean_over_rays(rays))
-    mean_angles = HalfAngles(*(np.asarray(kept.mean_over_rays(angle)) for angle in angles))
-    return _Samples(mean_angles, kept.radiance, geometry[:, :1] * irradiance, geometry, kept.weight)
+def totals(index: Ints, values: Floats, size: int) -> Floats:
+    """Sums (size, k) of values (n, k) by their index (n,)."""
+    return np.stack([np.bincount(index, channel, minlength=size) for channel in values.T], axis=1)
 
 
 def _filled_by_reciprocity(table: BRDFTable) -> BRDFTable:
@@ -181,7 +189,6 @@ def _filled_by_reciprocity(table: BRDFTable) -> BRDFTable:
         cos_incident=fill(table.cos_incident, table.cos_exitant),
         cos_exitant=fill(table.cos_exitant, table.cos_incident),
         theta_h=fill(table.theta_h, table.theta_h),
-        theta_h_spread=fill(table.theta_h_spread, table.theta_h_spread),
     )
 
 

@@ -10,6 +10,7 @@ from capture.files.outfolder import result_files
 from capture.terminal import console, leave_cleanly_when_stopped
 from invrender.compare.lightings import LightPair, light_pairs
 from invrender.compare.page import write_page
+from invrender.compare.painted import over_same_part
 from invrender.compare.side import Side, result_side
 from invrender.compare.tables import comparison_notes, error_summary, light_text, texts
 from invrender.compare.truth import is_truth, truth_side
@@ -22,9 +23,10 @@ def run_compare(first: Path, second: Path, page: Path | None) -> None:
     if page is not None and page.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"-o {page}: the name must end in .html")
     leave_cleanly_when_stopped()
-    a, b = read_side(first), read_side(second)
-    rows, lights = number_rows(a, b), light_pairs(a, b)
-    notes = comparison_notes(a, b, lights)
+    matched = over_same_part(read_side(first), read_side(second))
+    a, b = matched.first, matched.second
+    rows, lights = number_rows(a, b, matched.unlike), light_pairs(a, b)
+    notes = [*([matched.note] if matched.note else []), *comparison_notes(a, b, lights)]
     if page is not None:
         with result_files(page, inputs=[path for path in (first, second) if path.is_file()]) as folder:
             write_page(folder / page.name, a, b, rows, lights, notes)
@@ -55,4 +57,4 @@ def _print(a: Side, b: Side, rows: tuple[Row, ...], lights: tuple[LightPair, ...
                 f"Photographs' errors in {name}, relative RMS: {error_summary(side)}.", soft_wrap=True
             )
     for note in notes:
-        console.print(f"Note: {note}", style="yellow", markup=False)
+        console.print(f"Note: {note}", style="yellow", soft_wrap=True, markup=False)

@@ -32,10 +32,27 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class SideLighting:
-    """A lighting and how well its sources are known. irradiance_std : (k, 3), 0 where given, NaN where unknown."""
+    """A lighting and how well its sources are known.
+
+    irradiance_std : (k, 3), 0 where given, NaN where unknown. is_whole : False where lamps at a finite distance lack.
+    """
 
     lighting: Lighting
     irradiance_std: Floats
+    is_whole: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class TruePaint:
+    """Files of the true Kd and Ks over a surface. mesh : whose texture coordinates the maps lie on.
+
+    factor : what their values are to be multiplied by.
+    """
+
+    kd_map: Path
+    ks_map: Path
+    mesh: Path
+    factor: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +66,8 @@ class Side:
     photo_errors : relative RMS by photograph, NaN where none is known; held_out : those never fitted.
     pictures : predicted (or true) photographs, EXR; picture_factor : what their radiance is to be multiplied by.
     inputs : hashes of what it was made from. notes : sentences.
+    paint : what holds Kd and Ks where they vary over the surface; the numbers are then means.
+    is_truth : as said; material : then the name of its model.
     """
 
     title: str
@@ -63,6 +82,9 @@ class Side:
     picture_factor: float = 1.0
     inputs: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    paint: SavedResult | TruePaint | None = None
+    is_truth: bool = False
+    material: str = ""
 
 
 def result_side(result: SavedResult) -> Side:
@@ -91,10 +113,10 @@ def result_side(result: SavedResult) -> Side:
         brdf=reflectance(result, {}).brdf if known else None,
         pictures=_predicted(result),
         form=None if brdf.sigma is None else brdf.form,
-        notes=() if content.texture is None else (f"Kd and Ks of {result.path} are means over its object.",),
         photo_errors={photo.file: photo.rms_relative for photo in content.photos},
         held_out=frozenset(photo.file for photo in content.photos if photo.held_out),
         inputs=content.inputs,
+        paint=None if content.texture is None else result,
     )
 
 

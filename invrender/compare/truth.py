@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,13 @@ from pydantic import ConfigDict
 from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.lighting import Lighting, read_latlong
-from invrender.compare.side import Number, Side, SideLighting
+from invrender.compare.side import Number, Side, SideLighting, TruePaint
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm, phong_sigma
 from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 
+TRUTH_NAME = "truth.json"
 _WHAT = "a truth.json, as `lightfactor synth` writes it, holds brdf, lighting, photos and sensor"
 _Triple = tuple[float, float, float]
 # Models whose kd, ks, mu and width mean what those of a form of the lobe do.
@@ -37,6 +39,7 @@ class _Brdf(_Lenient):
     alpha: float | None = None
     exponent: float | None = None
     kd_map: str | None = None
+    ks_map: str | None = None
 
     @property
     def width(self) -> float | None:
@@ -71,12 +74,17 @@ class _Photo(_Lenient):
     radiance: str
 
 
+class _Object(_Lenient):
+    mesh: str | None = None
+
+
 class _Sensor(_Lenient):
     radiance_factor: float = 1.0
 
 
 class _Truth(_Lenient):
     brdf: _Brdf
+    object: _Object = _Object()
     lighting: tuple[_TrueLighting, ...]
     photos: tuple[_Photo, ...]
     sensor: _Sensor
@@ -84,16 +92,17 @@ class _Truth(_Lenient):
 
 def is_truth(path: Path) -> bool:
     """Whether a path names a truth.json."""
-    return path.is_file() and path.name == "truth.json"
+    return path.is_file() and path.name == TRUTH_NAME
 
 
 def truth_side(path: Path) -> Side:
     """The truth of a photo set as a side."""
-    truth = read_json(path, _Truth, ("brdf", "lighting", "photos", "sensor"), _WHAT)
+    truth = read_json(path, _Truth, ("brdf", "lighting", "photos", "sensor"), _WHAT, ("object",))
     factor = truth.sensor.radiance_factor
     # Where the light was read off a ball, its photographs carry the sensor's unit into the light, not into Kd and Ks.
     of_ball = any(light.mirror_ball is not None for light in truth.lighting)
-    numbers, notes = _numbers(truth.brdf, 1.0 if of_ball else factor)
+    of_brdf = 1.0 if of_ball else factor
+    numbers, notes = _numbers(truth.brdf, of_brdf)
     if factor != 1:
         what = "the light" if of_ball else "Kd and Ks"
         notes.append(
@@ -103,19 +112,8 @@ def truth_side(path: Path) -> Side:
         notes.append(
             "The truth has lamps at a finite distance, which a comparison of distant light leaves out."
         )
-    kd, ks, mu, sigma = (numbers.get(name) for name in ("kd", "ks", "mu", "sigma"))
-    brdf = None
-    form = truth.brdf.form
-    if (form is not None or truth.brdf.model == "lambertian") and truth.brdf.kd_map is None:
-        assert kd is not None
-        assert kd.value is not None
-        brdf = Microfacet(
-            kd.value,
-            np.zeros(3) if ks is None or ks.value is None else ks.value,
-            None if mu is None or mu.value is None else float(mu.value[0]),
-            None if sigma is None or sigma.value is None else float(sigma.value[0]),
-            form or PRINTED,
-        )
+    paint = _paint(path.parent, truth, of_brdf)
+    is_known = truth.brdf.form is not None or truth.brdf.model == "lambertian"
     pictures = {
         Path(photo.file).name: path.parent / photo.radiance
         for photo in truth.photos
@@ -126,19 +124,42 @@ def truth_side(path: Path) -> Side:
         is_absolute=True,
         numbers=numbers,
         lightings=tuple(_lighting(path, light, factor if of_ball else 1.0) for light in truth.lighting),
-        brdf=brdf,
-        form=form,
+        brdf=brdf_of(numbers, truth.brdf.form) if is_known and paint is None else None,
+        form=truth.brdf.form,
         pictures=pictures,
         picture_factor=factor,
         notes=tuple(notes),
+        paint=paint,
+        material=truth.brdf.model,
+        is_truth=True,
     )
+
+
+def brdf_of(numbers: Mapping[str, Number], form: LobeForm | None) -> Microfacet:
+    """The BRDF of a truth's numbers; without a form a Lambertian one."""
+    values = {name: number.value for name, number in numbers.items()}
+    kd, ks, mu, sigma = (values.get(name) for name in ("kd", "ks", "mu", "sigma"))
+    assert kd is not None
+    return Microfacet(
+        kd,
+        np.zeros(3) if ks is None else ks,
+        None if mu is None else float(mu[0]),
+        None if sigma is None else float(sigma[0]),
+        form or PRINTED,
+    )
+
+
+def _paint(folder: Path, truth: _Truth, factor: float) -> TruePaint | None:
+    """Where the truth's textures lie; None where it has none."""
+    brdf = truth.brdf
+    if brdf.kd_map is None or brdf.ks_map is None or truth.object.mesh is None:
+        return None
+    return TruePaint(folder / brdf.kd_map, folder / brdf.ks_map, folder / truth.object.mesh, factor)
 
 
 def _numbers(brdf: _Brdf, factor: float) -> tuple[dict[str, Number], list[str]]:
     """The truth's numbers as far as they mean what a result's do, and sentences where they don't."""
     notes = []
-    if brdf.kd_map is not None:
-        notes.append("The object is painted: the truth's Kd and Ks are means over it.")
     kd, ks = np.array(brdf.kd) * factor, np.array(brdf.ks) * factor
     numbers = {"kd": _exact(kd)}
     if brdf.form is None and brdf.model != "lambertian":
@@ -172,4 +193,4 @@ def _lighting(path: Path, light: _TrueLighting, factor: float) -> SideLighting:
         np.array([source.direction for source in light.directional]).reshape(-1, 3),
         irradiances,
     )
-    return SideLighting(lighting, np.zeros_like(irradiances))
+    return SideLighting(lighting, np.zeros_like(irradiances), is_whole=not light.lamps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,9 @@ _SHARES = {
     "mu": "mu",
     "sigma": "sigma (rad)",
 }
+# What doesn't vary over a surface.
+_ALL_OVER = ("mu", "sigma")
+_UNLIKE = "of different parts"
 _CHANNELS = ("red", "green", "blue")
 
 
@@ -48,13 +51,19 @@ def compared_by_shares(first: Side, second: Side) -> bool:
     return not (first.is_absolute and second.is_absolute)
 
 
-def number_rows(first: Side, second: Side) -> tuple[Row, ...]:
-    """All numbers of the BRDF side by side, channel by channel; in shares where a gauge is relative."""
+def number_rows(first: Side, second: Side, unlike: bool = False) -> tuple[Row, ...]:
+    """All numbers of the BRDF side by side, channel by channel; in shares where a gauge is relative.
+
+    unlike : Kd and Ks are means over different parts of a surface, and so not judged.
+    """
     labels = _SHARES if compared_by_shares(first, second) else _ABSOLUTE
     rows: list[Row] = []
     unknown = Number(None, None, "not in its model")
     for name, label in labels.items():
-        rows += _rows(label, first.numbers.get(name, unknown), second.numbers.get(name, unknown))
+        found = _rows(label, first.numbers.get(name, unknown), second.numbers.get(name, unknown))
+        if unlike and name not in _ALL_OVER:
+            found = [row if row.z is None else replace(row, z=None, verdict=_UNLIKE) for row in found]
+        rows += found
     return tuple(rows)
 
 

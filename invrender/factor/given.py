@@ -13,15 +13,14 @@ from capture.files.documents import numbers
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.compare.lightings import first_coefficients
-from invrender.compare.truth import truth_side
+from invrender.compare.truth import TRUTH_NAME, truth_side
 from invrender.factorization import Factorization, FittedLighting
+from invrender.lighting.given import given_lights
 from invrender.theory.harmonics import project_sources
 from recon.harmonics import to_degree
-from recon.knownlight import read_lighting
 
 Floats = NDArray[np.float64]
 
-_TRUTH = "truth.json"
 _L_MAX = 2
 _NAMES = ("kd_normalised", "ks_normalised", "mu", "sigma")
 
@@ -54,23 +53,17 @@ class LightError:
 
 def read_given(photoset: PhotoSet) -> Given:
     """What the manifest says of the light, and a truth.json beside it of all; ValueError where either is unreadable."""
-    known, light, brdf_from, light_from = {}, None, "", ""
-    path = photoset.folder / _TRUTH
-    name = photoset.photos[0].lighting
+    path = photoset.folder / TRUTH_NAME
+    known: dict[str, Floats | None] = {}
     if path.is_file():
-        side = truth_side(path)
-        known = {key: side.numbers[key].value for key in _NAMES if key in side.numbers}
-        brdf_from = _TRUTH
-        told = {entry.lighting.name: entry.lighting for entry in side.lightings}
-        light = told.get(name, next(iter(told.values()), None) if len(told) == 1 else None)
-        light_from = _TRUTH if light is not None else ""
-    for table in photoset.lightings:
-        if table.name == name and not table.unknown and not table.recover:
-            lighting = read_lighting(photoset, table)
-            if not lighting.recovers:
-                light, light_from = lighting, photoset.manifest.name
+        numbers = truth_side(path).numbers
+        known = {key: numbers[key].value for key in _NAMES if key in numbers}
+    light = given_lights(photoset).get(photoset.photos[0].lighting)
     return Given(
-        {key: value for key, value in known.items() if value is not None}, light, brdf_from, light_from
+        {key: value for key, value in known.items() if value is not None},
+        None if light is None else light.lighting,
+        TRUTH_NAME if known else "",
+        "" if light is None else light.given_by,
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from invrender.lighting.correlated import cluster_shifts, widened
+from invrender.lighting.correlated import cluster_shifts, shift_without, widening_of
 from invrender.lighting.rows import PhotoRows
 from invrender.model.microfacet import Microfacet
 from invrender.solve.clusters import structured_rms
@@ -40,15 +40,21 @@ _FIRST_NOISE = 0.01
 class LightCoefficients:
     """Lighting as harmonics, with what is known of it.
 
-    values : ((degree + 1)^2, 3), the posterior's mean. covariance : (3, k, k). prior_std : (3,), of every coefficient
-    of a channel. rank : (3,), how many combinations of coefficients the samples determine. noise : of the residuals.
-    hidden_power : (3,), mean squared coefficient that light of higher degrees is taken to have. weights : per
-    photograph, inverse variances (n, 3) of its samples. structured : residual, relative to the radiance, that hangs
-    together over tiles of the photographs.
+    degree : up to which light is reported. full_values : ((l_max + 1)^2, 3), l_max >= degree, the posterior's mean; the
+    light above `degree` is estimated as well, so that it is not taken for light below. posterior : (3, K, K), the
+    covariance that noise and prior imply. widening : (K, 3), >= 1, by which correlated residuals raise deviations.
+    shift : (K, 3), what light above the rows' degree may move besides.
+    prior_std : (3,), of every coefficient of a channel up to `degree`. rank : (3,), how many combinations of these the
+    samples determine. noise : of the residuals. hidden_power : (3,), mean squared coefficient that light above `degree`
+    is taken to have. weights : per photograph, inverse variances (n, 3) of its samples. structured : residual, relative
+    to the radiance, that hangs together over tiles of the photographs.
     """
 
-    values: Floats
-    covariance: Floats
+    degree: int
+    full_values: Floats
+    posterior: Floats
+    widening: Floats
+    shift: Floats
     prior_std: Floats
     rank: Floats
     noise: NoiseModel
@@ -57,13 +63,30 @@ class LightCoefficients:
     structured: float
 
     @property
-    def degree(self) -> int:
-        return degree_of(len(self.values))
+    def values(self) -> Floats:
+        """Coefficients ((degree + 1)^2, 3)."""
+        return self.full_values[: (self.degree + 1) ** 2]
+
+    @property
+    def covariance(self) -> Floats:
+        """Of `values`, (3, k, k), widened."""
+        return np.stack([self.full_covariance(channel, self.degree) for channel in range(3)])
+
+    def full_covariance(self, channel: int, degree: int | None = None) -> Floats:
+        """Of a channel's `full_values` up to a degree, all if None, widened."""
+        first = slice(None if degree is None else (degree + 1) ** 2)
+        wider = self.widening[first, channel]
+        shift = self.shift[first, channel]
+        return np.asarray(
+            self.posterior[channel, first, first] * np.outer(wider, wider) + np.outer(shift, shift)
+        )
 
     @property
     def std(self) -> Floats:
         """(k, 3)."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)).T
+        first = slice((self.degree + 1) ** 2)
+        by_noise = np.diagonal(self.posterior, axis1=1, axis2=2).T * self.widening**2
+        return np.asarray(np.sqrt(by_noise + self.shift**2)[first])
 
     @property
     def shares(self) -> Floats:
@@ -105,11 +128,13 @@ def estimate_coefficients(
 
     photos : rows up to `degree` at least. Without `degree`, rows up to `candidate_degree`: it is then the highest
     degree of which the samples, with their noise, determine a tenth. Radiance is fitted per channel; the noise is read
-    off the residuals. To that comes what light of higher degrees may send to a sample: at grazing angles, where a
-    highlight is narrow, that is much. It is taken to be as strong as in the upper half of the fitted degrees, and
-    nothing of it where the light is smooth. Standard deviations are the larger of what all that implies and of what
-    residuals imply that are correlated within clusters. Raises ValueError for fewer samples than coefficients and for
-    radiance that isn't positive.
+    off the residuals. Light above the degree is fitted too, as far as the rows go: left out, it would lean on what is
+    reported, and alike in all samples of a direction. It is taken to be as strong as in the upper half of the degrees
+    below, and nothing of it where the light is smooth. What degrees above the rows' may send to a sample counts as its
+    noise: at grazing angles, where a highlight is narrow, that is much. Standard deviations are the larger of what all
+    that implies and of what residuals imply that are correlated within clusters; to that comes what half of the degrees
+    above move. Raises ValueError for fewer samples
+    than coefficients and for radiance that isn't positive.
     """
     samples = sum(len(photo.field) for photo in photos)
     known = degree_of(photos[0].diffuse.shape[1])
@@ -129,36 +154,48 @@ def _fit(photos: Sequence[PhotoRows], brdf: Microfacet, degree: int) -> LightCoe
     radiances = [photo.field.radiance for photo in photos]
     scale = float(np.sqrt(np.mean(np.concatenate(radiances) ** 2)))
     count = sum(len(seen) for seen in radiances)
-    beyond = [photo.power_beyond(brdf, degree) for photo in photos]
+    l_max, size = degree_of(photos[0].diffuse.shape[1]), (degree + 1) ** 2
+    above = degrees(l_max) > degree
+    beyond = [photo.power_beyond(brdf, l_max) for photo in photos]
     noise, hidden = NoiseModel(_FIRST_NOISE * scale, _FIRST_NOISE), prior**2
     variances = [noise.variance(seen) + hidden * power for seen, power in zip(radiances, beyond, strict=True)]
     for _ in range(_PASSES):
         weights = [
             photo.field.weight[:, None] / variance for photo, variance in zip(photos, variances, strict=True)
         ]
-        posteriors = [_posterior(photos, weights, brdf, channel, degree, prior) for channel in range(3)]
+        priors = np.where(above[:, None], np.sqrt(hidden), prior)
+        posteriors = [_posterior(photos, weights, brdf, channel, priors[:, channel]) for channel in range(3)]
         values = np.stack([mean for mean, _ in posteriors], axis=1)
         stds = np.stack([np.sqrt(np.diagonal(covariance)) for _, covariance in posteriors], axis=1)
         predictions = [photo.predict(brdf, values) for photo in photos]
         residuals = [seen - found for seen, found in zip(radiances, predictions, strict=True)]
         # Shares add up to the rank. Residuals are smaller than the noise by what the fit has taken up of it.
-        rank = (1 - (stds / prior) ** 2).sum(axis=0)
-        left_over = np.sqrt(max(count - rank.mean(), 1.0) / count)
-        hidden = _mean_power(values, stds, degree)
+        shares = 1 - (stds / np.where(priors > 0, priors, 1)) ** 2
+        left_over = np.sqrt(max(count - shares.sum(axis=0).mean(), 1.0) / count)
+        rank = shares[:size].sum(axis=0)
+        hidden = _mean_power(values[:size], stds[:size], degree)
         noise = _noise(predictions, [residual / left_over for residual in residuals], beyond, hidden)
         variances = [
             noise.variance(found) + hidden * power for found, power in zip(predictions, beyond, strict=True)
         ]
         prior = np.maximum(prior, values[0])
-    covariances = []
-    for channel, (_, covariance) in enumerate(posteriors):
-        shifts = cluster_shifts(photos, weights, residuals, brdf, channel, covariance)
-        covariances.append(widened(covariance, shifts, prior[channel]))
+    widening, shifts = [], []
+    # What half the degrees above move is a witness of what those beyond the rows would.
+    half = ((degree + l_max) // 2 + 1) ** 2
+    for channel, (mean, covariance) in enumerate(posteriors):
+        clusters = cluster_shifts(photos, weights, residuals, brdf, channel, covariance)
+        widening.append(widening_of(covariance, clusters, priors[:, channel]))
+        room = priors[:, channel] ** 2 - np.diagonal(covariance) * widening[-1] ** 2
+        limit = np.sqrt(np.maximum(room, 0))
+        shifts.append(np.clip(shift_without(mean, covariance, half), -limit, limit))
     trust = [weight * noise.variance(found) for weight, found in zip(weights, predictions, strict=True)]
     counted = [residual * np.sqrt(share) for residual, share in zip(residuals, trust, strict=True)]
     return LightCoefficients(
-        values=values,
-        covariance=np.stack(covariances),
+        degree=degree,
+        full_values=values,
+        posterior=np.stack([covariance for _, covariance in posteriors]),
+        widening=np.stack(widening, axis=1),
+        shift=np.stack(shifts, axis=1),
         prior_std=prior,
         rank=rank,
         noise=noise,
@@ -197,22 +234,17 @@ def _noise(
 
 
 def _posterior(
-    photos: Sequence[PhotoRows],
-    weights: Sequence[Floats],
-    brdf: Microfacet,
-    channel: int,
-    degree: int,
-    prior: Floats,
+    photos: Sequence[PhotoRows], weights: Sequence[Floats], brdf: Microfacet, channel: int, priors: Floats
 ) -> tuple[Floats, Floats]:
-    """Mean (k,) and covariance (k, k) of one channel."""
-    size = (degree + 1) ** 2
-    told, pull = Information(np.zeros((size, size))), np.zeros(size)
+    """Mean (K,) and covariance (K, K) of one channel. priors : (K,), standard deviations >= 0."""
+    degree = degree_of(len(priors))
+    told, pull = Information(np.zeros((len(priors), len(priors)))), np.zeros(len(priors))
     for photo, weight in zip(photos, weights, strict=True):
         rows = photo.of_channel(brdf, channel, degree)
         told += information(rows, weight[:, channel] ** -0.5)
         pull += rows.T @ (weight[:, channel] * photo.field.radiance[:, channel])
-    variance = prior[channel] ** 2
+    scale = np.outer(priors, priors)
     # In units of the prior, where no eigenvalue is below 1.
-    factor = cho_factor(variance * told.matrix + np.eye(size))
-    covariance = variance * cho_solve(factor, np.eye(size))
+    factor = cho_factor(scale * told.matrix + np.eye(len(priors)))
+    covariance = scale * cho_solve(factor, np.eye(len(priors)))
     return covariance @ pull, covariance

@@ -29,7 +29,7 @@ def light(
         Path | None,
         typer.Option(
             metavar="RESULT",
-            help="The object's BRDF: a result.json of `process`, or its folder.",
+            help="The object's BRDF: a result.json of `process`, a truth.json of `synth`, or the folder of one.",
             show_default=False,
         ),
     ] = None,
@@ -63,7 +63,8 @@ def light(
         Path | None,
         typer.Option(
             metavar="MAP",
-            help="Lat-long map (EXR, .hdr) of the true light, to compare with.",
+            help="Lat-long map (EXR, .hdr) of the true light, to compare with; by default what the set's photoset.toml,"
+            " or a truth.json beside it, says.",
             show_default=False,
         ),
     ] = None,
@@ -74,7 +75,9 @@ def light(
     """Recover the light on a sphere of known BRDF: as spherical harmonics, and as a map.
 
     Each lighting of the set is found from the photographs under it; held-out ones are predicted. The map comes from
-    what the sphere mirrors once its diffuse part is taken off, and is the light as blurred by the highlight.
+    what the sphere mirrors once its diffuse part is taken off, and is the light as blurred by the highlight. Where the
+    set knows its light, or a truth.json lies beside it, the columns "given" and "off" say what should have been found;
+    nothing of it enters the fit.
 
     Writes OUT/lighting.json (coefficients and their standard deviations, null where undetermined), lighting-sh.exr,
     lighting-std.exr (its standard deviation), lighting-dual.exr, lighting-dual-std.exr, lighting.png (look at it).

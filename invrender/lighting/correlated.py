@@ -51,9 +51,16 @@ def _sums(index: NDArray[np.int64], values: Floats) -> Floats:
     return np.asarray(np.add.reduceat(values[order], starts, axis=0))
 
 
-def widened(covariance: Floats, shifts: Sequence[Floats], prior_std: float) -> Floats:
-    """A covariance (k, k), each deviation raised to that of the clusters' shifts (clusters, k), up to the prior's."""
+def shift_without(mean: Floats, covariance: Floats, first: int) -> Floats:
+    """By how much a posterior's mean (k,) would move if the unknowns from `first` on were known to be 0, (k,)."""
+    if not covariance[first:, first:].any():
+        return np.zeros_like(mean)
+    return np.asarray(covariance[:, first:] @ np.linalg.solve(covariance[first:, first:], mean[first:]))
+
+
+def widening_of(covariance: Floats, clusters: Sequence[Floats], priors: Floats) -> Floats:
+    """Factors (k,), >= 1, that raise deviations to those of clusters' pulls (clusters, k), up to the prior's (k,)."""
     std = np.sqrt(np.diagonal(covariance))
-    by_clusters = np.sqrt(np.max([(shift**2).sum(axis=0) for shift in shifts], axis=0))
-    wider = np.minimum(np.maximum(std, by_clusters), prior_std) / std
-    return covariance * np.outer(wider, wider)
+    by_clusters = np.sqrt(np.max([(pull**2).sum(axis=0) for pull in clusters], axis=0))
+    # A prior of 0 leaves no room at all.
+    return np.asarray(np.maximum(np.minimum(by_clusters, priors) / np.where(std > 0, std, np.inf), 1.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,8 @@ from numpy.typing import NDArray
 from capture.files.documents import numbers, software
 from invrender.lighting.coefficients import UNDETERMINED
 from invrender.lighting.estimate import Choices, LightResult
-from invrender.lighting.maps import TrueLight
 from invrender.model.microfacet import Microfacet
-from recon.harmonics import to_degree
+from recon.harmonics import degrees, to_degree
 
 Floats = NDArray[np.float64]
 
@@ -27,8 +27,12 @@ def light_document(
     results: Sequence[LightResult],
     files: Sequence[Mapping[str, str]],
     inputs: Mapping[str, str],
+    given_by: str,
 ) -> dict[str, Any]:
-    """The result as JSON-ready data. files : per lighting, what is drawn -> file in the result folder."""
+    """The result as JSON-ready data.
+
+    files : per lighting, what is drawn -> file in the result folder. given_by : the file that gives the true light.
+    """
     return {
         "format": 1,
         "name": name,
@@ -40,26 +44,55 @@ def light_document(
             "sigma": brdf.sigma,
         },
         "rung": choices.rung,
-        "lighting": [_lighting(result, named) for result, named in zip(results, files, strict=True)],
+        "lighting": [
+            _lighting(result, named, given_by) for result, named in zip(results, files, strict=True)
+        ],
         "inputs": dict(inputs),
         "software": software(),
     }
 
 
-def truth_error(result: LightResult) -> tuple[float, float] | None:
-    """Largest error of the first nine coefficients over the true L_00, and RMS of all errors over their deviations."""
+@dataclass(frozen=True)
+class TruthError:
+    """Errors of recovered light against the given one.
+
+    nine, dual : largest of the first nine coefficients over the true L_00, of the direct and of the dual method; dual
+    is None where there is none. over_std, dual_over_std : RMS of all errors, and of the dual nine, over their
+    deviations.
+    """
+
+    nine: float
+    over_std: float
+    dual: float | None
+    dual_over_std: float | None
+
+
+def truth_error(result: LightResult) -> TruthError | None:
+    """How far a result is off; None where its light isn't given."""
     if result.truth is None:
         return None
-    off = result.direct.values - _true_coefficients(result.truth, result.direct.degree)
-    nine = np.abs(off[:_NINE] / result.truth.coefficients[0]).max()
-    return float(nine), float(np.sqrt(np.mean((off / result.direct.std) ** 2)))
+    true, direct = result.truth.coefficients, result.direct
+    off = direct.values - to_degree(true, direct.degree)
+    nine, dual, dual_over_std = np.abs(off[:_NINE] / true[0]).max(), None, None
+    if result.dual is not None:
+        off_dual = result.dual.nine - true[:_NINE]
+        dual = float(np.abs(off_dual / true[0]).max())
+        dual_over_std = float(np.sqrt(np.mean((off_dual / result.dual.nine_std) ** 2)))
+    return TruthError(float(nine), float(np.sqrt(np.mean((off / direct.std) ** 2))), dual, dual_over_std)
 
 
-def _true_coefficients(truth: TrueLight, degree: int) -> Floats:
-    return to_degree(truth.coefficients, degree)
+def degree_errors(result: LightResult) -> Floats | None:
+    """Per degree (degree + 1, 3): RMS true coefficient, RMS error, the same over deviations; None if not given."""
+    if result.truth is None:
+        return None
+    direct = result.direct
+    true = to_degree(result.truth.coefficients, direct.degree)
+    off, l = direct.values - true, degrees(direct.degree)
+    squares = np.stack([each**2 for each in (true, off, off / direct.std)], axis=-1).mean(axis=1)
+    return np.sqrt(np.stack([squares[l == degree].mean(axis=0) for degree in range(direct.degree + 1)]))
 
 
-def _lighting(result: LightResult, files: Mapping[str, str]) -> dict[str, Any]:
+def _lighting(result: LightResult, files: Mapping[str, str], given_by: str) -> dict[str, Any]:
     direct, dual = result.direct, result.dual
     against = truth_error(result)
     return {
@@ -95,7 +128,13 @@ def _lighting(result: LightResult, files: Mapping[str, str]) -> dict[str, Any]:
         ],
         "truth": None
         if against is None
-        else {"first_nine_error": against[0], "rms_error_over_std": against[1]},
+        else {
+            "given_by": given_by,
+            "first_nine_error": against.nine,
+            "rms_error_over_std": against.over_std,
+            "dual_first_nine_error": against.dual,
+            "dual_rms_error_over_std": against.dual_over_std,
+        },
         "warnings": list(result.warnings),
         "files": dict(files),
     }

@@ -23,7 +23,7 @@ from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.lighting.coefficients import LightCoefficients
 from invrender.lighting.rows import PhotoRows, Rung, lobe_blur, mirrored_views
 from invrender.model.microfacet import Microfacet
-from recon.harmonics import degrees, evaluate_harmonics, to_degree
+from recon.harmonics import degree_of, degrees, evaluate_harmonics
 
 Floats = NDArray[np.float64]
 
@@ -79,11 +79,12 @@ def estimate_dual(
     height = map_height(brdf.sigma)
     directions = latlong_directions(height).reshape(-1, 3)
     solid_angles = np.repeat(latlong_solid_angles(height)[:, 0], 2 * height)
-    blur = lobe_blur(brdf, max(direct.degree, _L_MAX), rung)[degrees(max(direct.degree, _L_MAX))]
+    l_max = degree_of(len(direct.full_values))
+    blur = lobe_blur(brdf, l_max, rung)[degrees(l_max)]
     grid = _Grid(
         *_gathering(photos, directions, _REACH * np.pi / height),
         projection=evaluate_harmonics(directions, _L_MAX).T * solid_angles,
-        blurred=evaluate_harmonics(directions, direct.degree) * blur[: len(direct.values)],
+        blurred=evaluate_harmonics(directions, l_max) * blur,
         blur=blur[:_NINE],
     )
     found = [_solve(grid, photos, brdf, direct, channel, rung) for channel in range(3)]
@@ -122,62 +123,75 @@ def _solve(
     rung: Rung,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """One channel's map (P,) and nine coefficients (9,), each followed by its standard deviations."""
-    values, covariance = direct.values[:, channel], direct.covariance[channel]
-    seen = _seen(photos, brdf, direct, channel, rung)
+    values, covariance = direct.full_values[:, channel], direct.full_covariance(channel)
+    seen = _seen(photos, brdf, direct, channel)
     mean = grid.kernel * (1 / seen.variance)
     mean = mean.multiply(1 / np.maximum(mean.sum(axis=1), 1e-300)[:, None]).tocsr()
-    shown, diffuse = mean @ seen.radiance, mean @ seen.diffuse
-    if rung == "exact":
-        shown += grid.blurred[grid.reached] @ values
+    # What is gathered is added to `known`, whose blurred map and nine coefficients are exact.
+    known = values if rung == "exact" else np.zeros_like(values)
+    left = seen.radiance - seen.rows @ known
+    shown, diffuse = mean @ left, mean @ seen.diffuse
     missing = grid.blurred[~grid.reached]
-    # The map's nine, of `shown - diffuse @ nine` where reached and of the completion elsewhere, must be blur * nine.
+    # The map's nine, of `shown - diffuse @ (nine - known)` where reached, must be blur * (nine - known).
     projection = grid.projection[:, grid.reached]
     system = np.diag(grid.blur) + projection @ diffuse
     from_map = np.linalg.solve(system, projection)
     from_direct = np.linalg.solve(system, grid.projection[:, ~grid.reached] @ missing)
-    nine = from_map @ shown + from_direct @ values
+    added = from_map @ shown + from_direct @ (values - known)
+    nine = known[:_NINE] + added
     # The samples' noise, by way of the map, and what the completion doesn't know.
     from_samples = mean.T @ from_map.T
     weighted = from_samples * seen.variance[:, None]
     spread = weighted.T @ from_samples + from_direct @ covariance @ from_direct.T
     light, variance = np.empty(len(grid.reached)), np.empty(len(grid.reached))
-    light[grid.reached] = shown - diffuse @ nine
+    light[grid.reached] = grid.blurred[grid.reached] @ known + shown - diffuse @ added
     own, shared = mean.power(2) @ seen.variance, ((mean @ weighted) * diffuse).sum(axis=1)
     variance[grid.reached] = own - 2 * shared + _quadratic(diffuse, spread)
     light[~grid.reached] = missing @ values
     variance[~grid.reached] = _quadratic(missing, covariance)
-    return light, np.sqrt(np.maximum(variance, 0)), nine, np.sqrt(np.diagonal(spread))
+    nine_variance = np.diagonal(spread)
+    if rung == "exact":
+        # The samples are the direct method's too. What they leave of its prediction does not depend on its error, and
+        # varies by what its answer has not taken up of their noise.
+        by_rows = from_samples.T @ seen.rows
+        of_fit = _quadratic(by_rows, direct.posterior[channel])
+        of_left = np.maximum((from_samples**2).T @ left**2 - of_fit, 0)
+        shift = direct.shift[:_NINE, channel] - by_rows @ direct.shift[:, channel]
+        own = np.diagonal(direct.posterior[channel]) * direct.widening[:, channel] ** 2
+        nine_variance = own[:_NINE] + of_left + shift**2
+    return light, np.sqrt(np.maximum(variance, 0)), nine, np.sqrt(nine_variance)
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
     """What is gathered of the samples of one channel, (n,): radiance over Ks F, and its variance.
 
-    diffuse : (n, 9), what each of the nine coefficients adds to the radiance by diffuse reflection.
+    rows : (n, K), what each coefficient of the light adds to it. diffuse : (n, 9), what the first nine do by diffuse
+    reflection.
     """
 
     radiance: Floats
     variance: Floats
+    rows: Floats
     diffuse: Floats
 
 
-def _seen(
-    photos: Sequence[PhotoRows], brdf: Microfacet, direct: LightCoefficients, channel: int, rung: Rung
-) -> _Seen:
-    kd, ks, light = brdf.kd[channel], brdf.ks[channel], direct.values[:, channel]
+def _seen(photos: Sequence[PhotoRows], brdf: Microfacet, direct: LightCoefficients, channel: int) -> _Seen:
+    degree = degree_of(len(direct.full_values))
     parts = []
     for photo, weight in zip(photos, direct.weights, strict=True):
         assert photo.specular is not None
         # The specular row's first entry is its answer to light Y_00 from everywhere: per unit of light, Ks F.
-        gain = ks * np.sqrt(4 * np.pi) * photo.specular[:, 0].astype(float)
-        radiance = photo.field.radiance[:, channel] / gain
-        diffuse = kd * photo.diffuse[:, :_NINE] / gain[:, None]
-        if rung == "exact":
-            radiance -= photo.of_channel(brdf, channel, direct.degree) @ light / gain
-            radiance += diffuse @ to_degree(light, _L_MAX)
-        parts.append((radiance, 1 / (weight[:, channel] * gain**2), diffuse))
-    radiance, variance, diffuse = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return _Seen(radiance, variance, diffuse)
+        gain = brdf.ks[channel] * np.sqrt(4 * np.pi) * photo.specular[:, 0].astype(float)
+        parts.append(
+            (
+                photo.field.radiance[:, channel] / gain,
+                1 / (weight[:, channel] * gain**2),
+                photo.of_channel(brdf, channel, degree) / gain[:, None],
+                brdf.kd[channel] * photo.diffuse[:, :_NINE] / gain[:, None],
+            )
+        )
+    return _Seen(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def _gathering(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from capture.progress import Track, silent
 from capture.wording import some_of
 from invrender.lighting.coefficients import (
     DETERMINED,
+    HIGHEST_DEGREE,
     UNDETERMINED,
     LightCoefficients,
     candidate_degree,
@@ -25,15 +26,14 @@ from invrender.lighting.maps import TrueLight, true_light
 from invrender.lighting.rows import PhotoRows, Rung, photo_rows
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import relative_rms
-from recon.knownlight import read_lighting
 from recon.samples.find import find_body
 from recon.samples.stream import light_fields
 from recon.sampling import NO_SOURCES
 
 # The dual method's coefficients.
 _LEAST_DEGREE = 2
-# Degrees above a chosen one whose transfer is computed, so that it is known what is left out.
-_SPARE_DEGREES = 6
+# Degrees above the highest of interest that are fitted as well, so that they don't pass for lower ones.
+_SPARE_DEGREES = 4
 # A structured residual that widens the error bars notably.
 _STRUCTURED = 0.005
 # Times the usual error of fitted photographs beyond which one that was held out calls for words.
@@ -46,7 +46,7 @@ class LightResult:
 
     direct : coefficients [RH01, eq. 25]. dual : map and nine coefficients; None where a channel has no specular part.
     photos, held_out : (label, relative RMS of the direct answer's prediction) of the photographs fitted, and of others.
-    truth : the light, where the set or the user tells it. brdf : by which it was seen.
+    truth : the light, where it is given. brdf : by which it was seen.
     """
 
     name: str
@@ -86,17 +86,18 @@ def estimate_light(
     photoset: PhotoSet,
     brdf: Microfacet,
     choices: Choices,
-    truth: Lighting | None = None,
+    truths: Mapping[str, Lighting] | None = None,
     track: Track = silent,
 ) -> tuple[LightResult, ...]:
-    """Every lighting of a photo set of a sphere of known BRDF, each from the photographs under it."""
+    """Every lighting of a photo set of a sphere of known BRDF, each from the photographs under it.
+
+    truths : lights by the photographs' names for them, to hold the results against; no fit sees them.
+    """
     _check_scope(photoset, choices)
     found = find_body(photoset, track)
     names = list(dict.fromkeys(photo.lighting for photo in photoset.photos if not photo.held_out))
-    l_max = candidate_degree(brdf, choices.samples)
-    if choices.degree is not None:
-        l_max = max(min(l_max, choices.degree + _SPARE_DEGREES), choices.degree)
-    l_max = max(l_max, _LEAST_DEGREE)
+    degree = candidate_degree(brdf, choices.samples) if choices.degree is None else choices.degree
+    l_max = min(max(degree, _LEAST_DEGREE) + _SPARE_DEGREES, HIGHEST_DEGREE)
     sources = {photo.lighting: NO_SOURCES for photo in photoset.photos}
     streamed = light_fields(photoset, found.body, sources, choices.samples, found.mask_of)
     rows: list[PhotoRows] = []
@@ -126,7 +127,7 @@ def estimate_light(
             samples=sum(len(photo.field) for photo in mine),
             photos=scores[0],
             held_out=scores[1],
-            truth=_truth(photoset, name, truth),
+            truth=true_light(truths[name]) if truths and name in truths else None,
             brdf=brdf,
             warnings=(*found.warnings, *_warnings(brdf, direct, dual), *_held_out_warnings(*scores)),
         )
@@ -167,17 +168,6 @@ def _scores(
         trust = rows[k].field.weight[:, None] * noise / (noise + hidden)
         scores.append((photoset.photos[k].label, relative_rms(seen - predicted, seen, trust)))
     return tuple(scores)
-
-
-def _truth(photoset: PhotoSet, name: str, truth: Lighting | None) -> TrueLight | None:
-    """What the user tells, or else the manifest where it knows all of the light."""
-    if truth is not None:
-        return true_light(truth)
-    for table in photoset.lightings:
-        if table.name == name and not table.unknown:
-            lighting = read_lighting(photoset, table)
-            return None if lighting.recovers else true_light(lighting)
-    return None
 
 
 def _warnings(brdf: Microfacet, direct: LightCoefficients, dual: DualLight | None) -> list[str]:

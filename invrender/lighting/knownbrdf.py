@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from invrender.compare.truth import TRUTH_NAME, is_truth, truth_side
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
-from invrender.render.saved import saved_form
+from invrender.render.saved import RESULT_NAME, saved_form
 
-RESULT_NAME = "result.json"
+_GIVE = "the result.json of `lightfactor process`, or the truth.json of `lightfactor synth`"
 
 
 def known_brdf(
@@ -48,10 +49,23 @@ def known_brdf(
 
 
 def read_brdf(path: Path) -> Microfacet:
-    """The BRDF of a `result.json` or of the folder that holds it; ValueError where it is none or undetermined."""
-    path = path / RESULT_NAME if path.is_dir() else path
+    """The BRDF of a `result.json`, of a `truth.json`, or of the folder that holds one of them.
+
+    ValueError where it is none, where it is undetermined, and where no form of ours is the true material's.
+    """
+    if path.is_dir():
+        named = [path / name for name in (RESULT_NAME, TRUTH_NAME)]
+        path = next((file for file in named if file.is_file()), named[0])
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file; give the result.json of `lightfactor process`")
+        raise ValueError(f"{path}: there is no such file; give {_GIVE}")
+    try:
+        return _true_brdf(path) if is_truth(path) else _found_brdf(path)
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
+
+
+def _found_brdf(path: Path) -> Microfacet:
+    """The BRDF of a `result.json`."""
     try:
         table = json.loads(path.read_text(encoding="utf-8"))["brdf"]
         model = table["model"]
@@ -62,12 +76,24 @@ def read_brdf(path: Path) -> Microfacet:
         own = {name: float(number["value"]) for name, number in table.get("form_numbers", {}).items()}
     except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ValueError(
-            f"{path}: holds no BRDF (brdf with model, kd, ks, mu, sigma); give the result.json of `lightfactor process`"
+            f"{path}: holds no BRDF (brdf with model, kd, ks, mu, sigma); give {_GIVE}"
         ) from error
-    try:
-        return known_brdf(kd, ks or [0.0], mu, sigma if ks else None, saved_form(model, own))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    return known_brdf(kd, ks or [0.0], mu, sigma if ks else None, saved_form(model, own))
+
+
+def _true_brdf(path: Path) -> Microfacet:
+    """The BRDF of a `truth.json`, in the unit of the set's photographs."""
+    side = truth_side(path)
+    if side.paint is not None:
+        raise ValueError("its object is painted: light is recovered from objects of one BRDF only")
+    if side.brdf is None:
+        raise ValueError(
+            f"its material is {side.material!r}, which none of our forms describes; give a result of"
+            " `lightfactor process`, or numbers by --kd, --ks, --mu and --sigma"
+        )
+    brdf = side.brdf
+    ks = brdf.ks if brdf.sigma is not None else np.zeros(3)
+    return known_brdf(brdf.kd.tolist(), ks.tolist(), brdf.mu, brdf.sigma, brdf.form)
 
 
 def _value(quantity: dict[str, Any] | None, path: Path, name: str) -> Any:

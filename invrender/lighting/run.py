@@ -13,12 +13,13 @@ from capture.files.documents import input_hashes, write_json
 from capture.files.imagefile import write_exr
 from capture.files.outfolder import result_folder
 from capture.lighting import Lighting, read_latlong
-from capture.photoset import load_photoset
+from capture.photoset import PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.lighting.coefficients import HIGHEST_DEGREE
-from invrender.lighting.document import light_document, truth_error
+from invrender.lighting.document import degree_errors, light_document, truth_error
 from invrender.lighting.estimate import Choices, LightResult, estimate_light
 from invrender.lighting.figure import light_figure
+from invrender.lighting.given import GivenLight, given_lights
 from invrender.lighting.knownbrdf import known_brdf, read_brdf
 from invrender.lighting.maps import coefficient_map, coefficient_std_map
 from invrender.lighting.rows import RUNGS
@@ -71,19 +72,31 @@ def run_light(
         raise ValueError(f"--samples is {samples}; take {_LEAST_SAMPLES} or more")
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
-    true = None if truth is None else Lighting("truth", read_latlong(truth), NO_SOURCES, NO_SOURCES)
+    given = _given(photoset, truth)
     choices = Choices(degree, chosen, samples)
     with result_folder(out, OWN_FILES) as folder:
-        results = estimate_light(photoset, brdf, choices, true, track)
+        lights = {name: entry.lighting for name, entry in given.items()}
+        results = estimate_light(photoset, brdf, choices, lights, track)
         files = [_write_maps(folder, result, len(results) > 1) for result in results]
         light_figure(results).savefig(folder / "lighting.png")
         inputs = [photoset.manifest, *photoset.calibration_files]
         inputs += [path for photo in photoset.photos for path in (photo.file, photo.mask) if path is not None]
-        document = light_document(photoset.name, brdf, choices, results, files, input_hashes(inputs))
+        given_by = ", ".join(dict.fromkeys(entry.given_by for entry in given.values()))
+        document = light_document(
+            photoset.name, brdf, choices, results, files, input_hashes(inputs), given_by
+        )
         write_json(folder / "lighting.json", document)
     for result in results:
-        _report(result)
+        _report(result, given_by)
     console.print(f"Results: {out / 'lighting.json'}   Look at it: {out / 'lighting.png'}", soft_wrap=True)
+
+
+def _given(photoset: PhotoSet, truth: Path | None) -> dict[str, GivenLight]:
+    """The known lights of a set, or the map that the user names for all of them."""
+    if truth is None:
+        return given_lights(photoset)
+    light = GivenLight(Lighting("truth", read_latlong(truth), NO_SOURCES, NO_SOURCES), str(truth))
+    return {photo.lighting: light for photo in photoset.photos}
 
 
 def _numbers(text: str | None, option: str) -> Sequence[float]:
@@ -107,19 +120,29 @@ def _write_maps(folder: Path, result: LightResult, several: bool) -> dict[str, s
     return names
 
 
-def _report(result: LightResult) -> None:
+def _report(result: LightResult, given_by: str) -> None:
     direct, dual = result.direct, result.dual
     table = Table(
         title=escape(f"{result.name}: light up to degree {direct.degree}, from {result.samples} samples"),
         title_justify="left",
     )
-    for heading in ("degree", "determined", "", "RMS coefficient", "± std"):
-        table.add_column(heading, justify="right")
+    headings = ["l", "share", "", "RMS", "± std"]
+    for heading in headings + (["given", "off", "off / std"] if result.truth is not None else []):
+        # The longest of the statuses, which have no heading.
+        table.add_column(heading, justify="right", min_width=None if heading else len("undetermined"))
+    errors = degree_errors(result)
     for l, (share, status) in enumerate(zip(direct.share_per_degree, result.statuses, strict=True)):
         band = slice(l * l, (l + 1) ** 2)
         value, std = (np.sqrt(np.mean(each[band] ** 2)) for each in (direct.values, direct.std))
         shown = "-" if status == "undetermined" else f"{value:.4g}"
-        table.add_row(str(l), f"{share:.1%}", status, shown, f"{std:.2g}")
+        row = [str(l), f"{share:.1%}", status, shown, f"{std:.2g}"]
+        if errors is not None:
+            true, off, ratio = errors[l]
+            row += [
+                f"{true:.4g}",
+                *(("", "") if status == "undetermined" else (f"{off:.2g}", f"{ratio:.1f}")),
+            ]
+        table.add_row(*row)
     console.print(table)
     said = f"RMS residual {result.rms:.2%} of the radiance"
     if result.held_out:
@@ -130,9 +153,13 @@ def _report(result: LightResult) -> None:
     console.print(f"{said}.", soft_wrap=True)
     against = truth_error(result)
     if against is not None:
+        said = f"the first nine coefficients are off by up to {against.nine:.4f} of L00"
+        if against.dual is not None:
+            said += f", those of the dual method by {against.dual:.4f}"
+            said += f" ({against.dual_over_std:.1f} standard deviations, RMS)"
         console.print(
-            f"Against the truth: the first nine coefficients are off by up to {against[0]:.4f} of L00; errors are"
-            f" {against[1]:.2f} standard deviations (RMS).",
+            f"Against the truth ({escape(given_by)}): {said}; errors of all are {against.over_std:.2f} standard"
+            " deviations (RMS).",
             soft_wrap=True,
         )
     for warning in result.warnings:

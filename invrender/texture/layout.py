@@ -191,7 +191,7 @@ class TexelLayout:
             square += (at[pairs[:, 0]] - at[pairs[:, 1]]) ** 2
         return pairs[square < _APART**2 * np.median(square)]
 
-    def finer(self) -> tuple[Layout, Ints]:
+    def finer(self) -> tuple[TexelLayout, Ints]:
         finer = _rastered(self.body, self.corners, 2 * self.side)
         assert isinstance(finer, TexelLayout)
         return finer, self._numbers[finer.rows // 2, finer.columns // 2].astype(np.int64)
@@ -236,6 +236,12 @@ def find_layout(body: MeshBody, footprint: float) -> tuple[TexelLayout | VertexL
         return replace(layout, made=found), warnings
     warnings.append(f"the texture is given at the mesh's vertices: {layout}")
     return VertexLayout(body), warnings
+
+
+def texel_layout(body: MeshBody, side: int) -> TexelLayout | str:
+    """The layout of a map of so many texels a side over a mesh's own texture coordinates, or what is wrong."""
+    assert body.mesh.uv is not None
+    return _rastered(body, body.mesh.uv[body.mesh.faces], side)
 
 
 def _fault(mesh: TriangleMesh, corners: Floats) -> str:

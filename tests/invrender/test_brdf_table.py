@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 
 from invrender.brdf.fit import fit_table, table_misfit
-from invrender.brdf.halfangles import cosines, half_angles
-from invrender.brdf.table import BRDFTable, bin_centres, bin_of, measure_table
+from invrender.brdf.halfangles import HalfAngles, cosines, half_angles
+from invrender.brdf.near import measure_under
+from invrender.brdf.samples import Source, lit_fields, lit_samples
+from invrender.brdf.table import SMALL, BRDFTable, bin_centres, bin_of, fitting_bins, measure_table
 from invrender.model.microfacet import Microfacet as ParametricMicrofacet
 from recon.lightfield import LightField
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials import tabulated
+from synthetic.materials.facets import GGX
+from synthetic.materials.material import Material
 from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.smith import Smith
 from synthetic.render.lobes import reflected_radiance
 
 TEFLON = Microfacet(np.array([0.25, 0.2, 0.15]), np.array([0.03, 0.04, 0.05]), 1.78, 0.12)
@@ -59,8 +64,11 @@ def noisy(fields: list[LightField], rng: np.random.Generator) -> list[LightField
     ]
 
 
-def table_of(fields: list[LightField], lamp: DirectionalSource) -> BRDFTable:
-    return measure_table(fields, [lamp.direction] * len(fields), [lamp.irradiance] * len(fields))
+def table_of(
+    fields: list[LightField], lamp: DirectionalSource, shape: tuple[int, int, int] = SMALL
+) -> BRDFTable:
+    sources = [Source(lamp.direction, lamp.irradiance)] * len(fields)
+    return measure_table(lit_samples(lit_fields(fields, sources), sources, np.zeros(3)), shape)
 
 
 def value_at_centres(material: Microfacet, shape: tuple[int, ...]) -> np.ndarray:
@@ -155,6 +163,85 @@ def test_the_fit_to_the_table_finds_the_parameters_within_its_errors(
     assert table_misfit(table, other) > 2 * fit.misfit
 
 
+@pytest.mark.parametrize("shape", [(12, 9, 6), (24, 18, 12), (40, 30, 20)])
+def test_no_width_of_bins_is_taken_for_another_lobe(
+    black: list[LightField], lamp: DirectionalSource, rng: np.random.Generator, shape: tuple[int, int, int]
+) -> None:
+    # A lobe three times narrower than teflon's: within a bin of 12 rows it falls to nothing.
+    narrow = Microfacet(TEFLON.kd, TEFLON.ks, TEFLON.mu, 0.04)
+    fields = noisy(photographs(black, narrow, lamp), rng)
+    fit = fit_table(table_of(fields, lamp, shape))
+    # Noise alone: 1, of some hundred to some thousand bins; the noise itself is known to a tenth.
+    assert 0.8 < fit.chi2 < 1.3
+    assert fit.brdf.sigma == pytest.approx(0.04, abs=4 * fit.std[7])
+    assert fit.std[7] < 0.001
+
+
+def test_bins_are_as_fine_as_lobe_and_samples_ask_for() -> None:
+    def at(theta_d: np.ndarray) -> HalfAngles:
+        return HalfAngles(np.full_like(theta_d, 0.01), theta_d, np.zeros_like(theta_d))
+
+    def even(count: int) -> HalfAngles:
+        return at(np.linspace(0, 1.4, count))
+
+    assert fitting_bins(even(10_000), 0.5) == (24, 18, 12)
+    for sigma in (0.03, 0.12):
+        rows, across, around = fitting_bins(even(10**6), sigma)
+        assert (across, around) == (36, 24)
+        edges = np.pi / 2 * (np.arange(rows + 1) / rows) ** 2
+        assert np.diff(edges)[np.searchsorted(edges, sigma) - 1] == pytest.approx(sigma / 4, rel=0.15)
+    # Two samples a bin: nearly half of all bins hold none, light or viewer being below the surface.
+    assert 15_000 / np.prod(fitting_bins(even(15_000), 0.1)) == pytest.approx(2, rel=0.1)
+    # Photographs 3 degrees apart, one of them held out: no bin of theta_d fits between its neighbours.
+    shots = np.delete(np.arange(0.1, 1.3, np.radians(1.5)), 20)
+    _, across, _ = fitting_bins(at(np.repeat(shots, 5000)), 0.12)
+    assert np.pi / 2 / across > 2 * np.radians(1.5)
+
+
+def lit_from(fields: list[LightField], material: Material, place: np.ndarray) -> list[LightField]:
+    """Photographs under a lamp at a place (3,), whose irradiance at the origin is 2, with noise of a percent."""
+    rng, distance = np.random.default_rng(4), np.linalg.norm(place)
+    lit = []
+    for field in fields:
+        towards = place - field.positions
+        far = np.linalg.norm(towards, axis=1, keepdims=True)
+        towards = towards / far
+        cos = np.maximum((towards * field.normals).sum(axis=1, keepdims=True), 0)
+        rays = material.evaluate(field.normals, towards, field.views) * cos * 2 * (distance / far) ** 2
+        seen = np.asarray(field.mean_over_rays(rays))
+        lit.append(replace(field, radiance=seen * (1 + 0.01 * rng.standard_normal(seen.shape))))
+    return lit
+
+
+def test_a_lamp_that_is_near_is_found_to_be_so(black: list[LightField], lamp: DirectionalSource) -> None:
+    # 45 radii away, as RH01's.
+    fields = lit_from(black, TEFLON, 0.9 * lamp.direction)
+    sources = [Source(lamp.direction, np.full(3, 2.0))] * len(fields)
+    found = measure_under(fields, sources, np.zeros(3))
+    assert found.distance is not None
+    assert abs(found.distance[0] - 0.9) < 4 * found.distance[1] < 0.1
+    assert found.fit.chi2 < 1.3
+    truth = np.array([*TEFLON.kd, *TEFLON.ks, TEFLON.mu, TEFLON.sigma])
+    assert np.abs((found.fit.parameters - truth) / found.fit.std).max() < 4
+    # As of a source that is far, Kd is 2 in a thousand too high.
+    far = fit_table(table_of(fields, DirectionalSource(lamp.direction, np.full(3, 2.0))))
+    assert far.chi2 > 2 * found.fit.chi2
+
+
+@pytest.mark.parametrize(
+    ("material", "explained"),
+    [(TEFLON, True), (Smith(TEFLON.kd, 4 * TEFLON.ks, 1.5, GGX(0.12, 0.12)), False)],
+    ids=["RH01's", "GGX"],
+)
+def test_no_far_lamp_counts_as_near_whatever_the_lobe(
+    black: list[LightField], lamp: DirectionalSource, material: Material, explained: bool
+) -> None:
+    fields = lit_from(black, material, 1e4 * lamp.direction)
+    found = measure_under(fields, [Source(lamp.direction, np.full(3, 2.0))] * len(fields), np.zeros(3))
+    assert found.distance is None
+    assert (found.fit.chi2 < 1.3) == explained
+
+
 def test_lookup_finds_the_values_and_says_where_there_are_none(
     black: list[LightField], lamp: DirectionalSource
 ) -> None:
@@ -169,10 +256,10 @@ def test_lookup_finds_the_values_and_says_where_there_are_none(
 def test_bad_input_is_refused_with_what_to_do(black: list[LightField], lamp: DirectionalSource) -> None:
     fields = photographs(black, LAMBERTIAN, lamp)[:1]
     with pytest.raises(ValueError, match=r"irradiance is \[1.0, 0.0, 1.0\]; every channel must be > 0"):
-        measure_table(fields, [lamp.direction], [np.array([1.0, 0.0, 1.0])])
+        table_of(fields, DirectionalSource(lamp.direction, np.array([1.0, 0.0, 1.0])))
     behind = -fields[0].views.mean(axis=0)
     with pytest.raises(ValueError, match=r"no sample is lit by its source"):
-        measure_table(fields, [behind / np.linalg.norm(behind)], [lamp.irradiance])
+        table_of(fields, DirectionalSource(behind / np.linalg.norm(behind), lamp.irradiance))
     measured = table_of(fields, lamp)
     empty = replace(measured, counts=np.zeros_like(measured.counts))
     with pytest.raises(ValueError, match=r"parameters can't be fitted to so few"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -117,6 +118,64 @@ def test_sets_out_of_scope_are_refused(small_set: Path, tmp_path: Path, old: str
     manifest.write_text(text.replace(old, new))
     done = light(small_set, tmp_path / "out", *BRDF)
     assert message in str(done.exception)
+
+
+def forget_light(folder: Path) -> None:
+    """Leave out of a set's manifest what it says of the light."""
+    manifest = folder / "photoset.toml"
+    manifest.write_text(re.sub(r"(?ms)^\[\[lighting\]\].*?(?=^\[\[photo\]\])", "", manifest.read_text()))
+
+
+@pytest.mark.parametrize("given", ["truth.json", "."])
+def test_the_truth_that_lies_beside_a_set_gives_the_brdf_and_judges_the_light(
+    small_set: Path, tmp_path: Path, given: str
+):
+    forget_light(small_set)
+    options = ["--brdf", str(small_set / given), "--samples", "2000", "--degree", "3"]
+    done = light(small_set, tmp_path / "out", *options)
+    assert done.exit_code == 0, done.output
+    printed = " ".join(done.output.split())
+    assert "Against the truth (truth.json)" in printed
+    for heading in ("given", "off"):
+        assert heading in printed
+    document = json.loads((tmp_path / "out" / "lighting.json").read_text())
+    assert document["brdf"]["kd"] == pytest.approx(DELRIN.kd.tolist())
+    (found,) = document["lighting"]
+    assert found["truth"]["given_by"] == "truth.json"
+    # A lamp and a window by degree 3, of a light that the manifest does not say.
+    assert found["truth"]["first_nine_error"] < 0.05
+    assert found["truth"]["dual_first_nine_error"] < 0.05
+
+
+def test_a_truth_whose_lamps_are_near_judges_no_distant_light(small_set: Path, tmp_path: Path):
+    forget_light(small_set)
+    path = small_set / "truth.json"
+    truth = json.loads(path.read_text())
+    truth["lighting"][0]["lamps"] = [{"position": [0, 0, 1], "intensity": [1, 1, 1]}]
+    path.write_text(json.dumps(truth))
+    done = light(small_set, tmp_path / "out", *BRDF, "--samples", "1000", "--degree", "1")
+    assert done.exit_code == 0, done.output
+    assert "Against the truth" not in done.output
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": "table", "sigma": None}, "its material is 'table', which none of our forms describes"),
+        ({"kd_map": "kd.exr", "ks_map": "ks.exr"}, "its object is painted"),
+        ({"sigma": 0.9}, "sigma is 0.9; roughnesses are"),
+    ],
+)
+def test_a_true_brdf_that_is_none_of_ours_is_refused(
+    small_set: Path, change: dict[str, object], message: str
+):
+    path = small_set / "truth.json"
+    truth = json.loads(path.read_text())
+    truth["brdf"] |= change
+    truth["object"] = {"mesh": "object.obj"}
+    path.write_text(json.dumps(truth))
+    with pytest.raises(ValueError, match=re.escape(f"{path}: {message}")):
+        read_brdf(path)
 
 
 def quantity(value: object, status: str = "determined") -> dict[str, object]:
