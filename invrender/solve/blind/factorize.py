@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
-from invrender.model.lobes import FORMS, PLASTICS
+from invrender.model.lobes import PRINTED
 from invrender.model.lobetable import TRANSFERS, Transfer
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.antipodes import Sides, likelier_sides
 from invrender.solve.blind.certainty import Certainty, certainty_of
-from invrender.solve.blind.forms import Formed, choose_form
+from invrender.solve.blind.forms import ALL_FORMS, Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.remarks import remarks
@@ -85,10 +85,12 @@ def factorize_blind(
         dark = degree == 0 or (ladder and orders[0] == 0)
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
         assumed = _assumed(photos)
-        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed)
+        any_form = ladder and transfer == "exact"
+        forms = ALL_FORMS if any_form else (PRINTED,)
+        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed, forms)
         strays, thin = kept is not thin, kept
         formed = Formed(found, ())
-        if ladder and transfer == "exact":
+        if any_form:
             formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
         found = formed.found
         # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
@@ -129,7 +131,7 @@ def blind_steps(orders: Sequence[int] = ORDERS) -> int:
     """How often `factorize_blind` reports progress at most."""
     # Each order with a lobe and without, and of degree 2; lamps; other forms; the first fit, what may be left out, the
     # last.
-    return 2 * len(orders) + 6 + len(FORMS) + len(PLASTICS)
+    return 2 * len(orders) + 6 + len(ALL_FORMS)
 
 
 def _check(

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from invrender.model.lobes import FORMS, PLASTICS, PRINTED
-from invrender.solve.blind.projection import Fit
+from invrender.solve.blind.lampcount import brightest_each
 from invrender.solve.blind.rungs import as_good, cross_validate
 from invrender.solve.blind.sources import Found, examined, find_sources, off_borders
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import State
 
-# From RH01's best answer, after which forms differ by far more than they still gain.
-_ITERATIONS = 2
+# Every form that a lobe is tried as.
+ALL_FORMS = (*FORMS.values(), *PLASTICS.values())
+# From another's best answer, after which forms differ by far more than they still gain; in the dark, where they take no
+# time, until they are there.
+_ITERATIONS, _IN_THE_DARK = 2, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,30 +31,23 @@ class Formed:
 
 
 def choose_form(search: Search, found: Found, l_max: int) -> Formed:
-    """The form that predicts samples best; RH01's, as which `found` was fitted, unless that is clearly worse.
+    """The form that predicts samples best; RH01's unless that is clearly worse.
 
     Clearly is by more than a standard error, as on the ladder.
     """
     whole, search = search, off_borders(search, found.fit.state)
-    fits = [found.fit if search is whole else search.fit(found.fit.state, l_max)]
-    for form in (*FORMS.values(), *PLASTICS.values()):
-        if form is not PRINTED:
-            fits.append(search.fit(found.fit.state.with_form(form), l_max, _ITERATIONS))
-    rungs = [cross_validate(fit.state.form.name, search, fit) for fit in fits]
-    best = min(range(len(rungs)), key=lambda index: rungs[index].deviance.mean())
-    chosen = 0 if as_good(rungs[0], rungs[best]) else best
-    others = tuple(fit.state for index, fit in enumerate(fits) if index != chosen)
-    if chosen and not l_max:
-        # Light of degree 0 has no peaks to look for lamps at: those that were found stay.
+    own = found.fit if search is whole else search.fit(found.fit.state, l_max)
+    fits = {own.state.form: own}
+    for form in ALL_FORMS:
+        if form not in fits:
+            fits[form] = search.fit(own.state.with_form(form), l_max, _ITERATIONS if l_max else _IN_THE_DARK)
+    rungs = {form: cross_validate(form.name, search, fit) for form, fit in fits.items()}
+    best = min(rungs, key=lambda form: rungs[form].deviance.mean())
+    chosen = PRINTED if as_good(rungs[PRINTED], rungs[best]) else best
+    others = tuple(fit.state for form, fit in fits.items() if form is not chosen)
+    if chosen is not own.state.form and not l_max:
+        # Lamps in the dark were counted whatever the form is: those that were found stay.
         found = examined(whole, whole.fit(fits[chosen].state, l_max))
-    elif chosen:
-        found = examined(whole, find_sources(whole, _brightest_source(fits[chosen]), l_max))
+    elif chosen is not own.state.form:
+        found = examined(whole, find_sources(whole, brightest_each(fits[chosen]), l_max))
     return Formed(found, others)
-
-
-def _brightest_source(fit: Fit) -> State:
-    """The state with the brightest source alone in each lighting."""
-    state, brightness = fit.state, fit.irradiances.sum(axis=1)
-    first = {k: int(np.where(state.owners == k, brightness, -np.inf).argmax()) for k in state.owners.tolist()}
-    rest = [k for k in range(len(brightness)) if k not in first.values()]
-    return state.without_source(np.array(rest, int))

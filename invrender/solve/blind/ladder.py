@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from invrender.solve.blind.price import bright
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
-from invrender.solve.blind.sources import Lamps, bright, find_sources, sources_of_diffuse
+from invrender.solve.blind.sources import Lamps, find_sources, sources_of_diffuse
 from invrender.solve.blind.start import Search, of_degree
 from invrender.solve.blind.state import FIRST_MU, State
 

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.model.lobes import PRINTED, LobeForm
 from invrender.solve.blind.projection import Fit, predicted
 from invrender.solve.blind.sight import Sight, rows_of
 from invrender.solve.blind.sources import Found, Lamps, find_starts, likelier
@@ -38,22 +39,26 @@ _FEW, _GROSS, _HALF, _MOST_JUDGEMENTS = 0.003, 0.01, 0.5, 8
 
 
 def find_among_nonsense(
-    search: Search, l_max: int, in_the_dark: bool, noise: NoiseModel
+    search: Search,
+    l_max: int,
+    in_the_dark: bool,
+    noise: NoiseModel,
+    forms: Sequence[LobeForm] = (PRINTED,),
 ) -> tuple[Search, Found, Lamps | None]:
     """`sources.find_starts` with the samples that it was left with: the same, unless some stray; then these count for
     little, and the rest is weighed by an assumed noise."""
     first, trust = _middling(search, l_max or search.sights[0].l_max)
     if _distrusted(trust, _GROSS) < _FEW:
-        return search, *find_starts(search, l_max, in_the_dark)
+        return search, *find_starts(search, l_max, in_the_dark, forms)
     search = _by_own_noise(search, first)
-    fit = find_starts(search, l_max, in_the_dark)[0].fit
+    fit = find_starts(search, l_max, in_the_dark, forms)[0].fit
     for _ in range(_MOST_JUDGEMENTS):
         before, search = _distrusted(search.trust, _HALF), _by_own_noise(search, fit)
         if abs(_distrusted(search.trust, _HALF) - before) < _FEW / 3:
             break
         fit = search.fit(fit.state, fit.l_max)
     search = judged(search, fit, noise)
-    found, lamps = find_starts(search, l_max, in_the_dark)
+    found, lamps = find_starts(search, l_max, in_the_dark, forms)
     return search, likelier(search, found, fit.state), lamps
 
 

@@ -19,6 +19,8 @@ from recon.lightfield import LightField, pools
 Floats = NDArray[np.float64]
 
 _ROUGHNESSES, _SHARES, _TRIED = (0.08, 0.15, 0.3), (0.1, 0.6), 2
+# Where lamps are known, whose highlights may be narrow, and light beside them takes no time.
+_NARROW = 0.03
 _GRID = 20000
 # A diffuse body without sources.
 NOTHING = State(np.zeros(3), None, None, np.zeros((0, 3)))
@@ -110,11 +112,11 @@ class Search:
 def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
     """The likeliest of a few shares and roughnesses, with each lighting's source at a peak that they imply.
 
-    known : the sources to begin with.
+    known : the form of the lobe, and the sources to begin with.
     """
     trials = []
-    for sigma, share in product(_ROUGHNESSES, _SHARES):
-        bare = replace(known, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma)
+    for sigma, share in product(_ROUGHNESSES if l_max else (_NARROW, *_ROUGHNESSES), _SHARES):
+        bare = replace(known, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma).with_form(known.form)
         state, cost = bare, 0.0
         for lighting in search.lightings:
             own = search.only(lighting)

@@ -109,6 +109,10 @@ class State:
         """The same without Fresnel factor, and so without interface."""
         return replace(self, form=self.form.lobe, mu=None)
 
+    def without_lobe(self) -> State:
+        """The same sources on a diffuse body."""
+        return State(np.zeros(3), None, None, self.directions, owners=self.owners)
+
     def with_source(self, direction: Floats, lighting: int = 0) -> State:
         """The same with one more source."""
         return replace(

@@ -1,0 +1,217 @@
+"""How many lamps light an object in the dark, whatever its reflectance is.
+
+A lamp can repair the form of the lobe: where the model's base or highlights have another shape than the object's, lamps
+near the true one take up the difference. So each lighting begins with one lamp, and a further one must explain what
+that lamp explains under no reflectance: shading up to an attached shadow of its own, or a highlight elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.model.lobes import GGX_FORM, Angles, LobeForm
+from invrender.solve.blind.price import PER_SOURCE, bright
+from invrender.solve.blind.projection import Fit
+from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.blind.start import NOTHING, PEAK_WIDTH, Search, first_state
+from invrender.solve.blind.state import State, turns
+from invrender.solve.clusters import outstanding, tiles_of
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Widths, radians, of lobes whose sum is any lobe: each is twice the one before.
+_WIDTHS: Floats = 0.0125 * 2.0 ** np.arange(6, dtype=float)
+# Turn of a lamp, radians, over which its columns' slopes are taken; and iterations by which a form has shown its worth.
+_TURN, _ITERATIONS = 1e-4, 10
+# Directions of small highlights that are candidates in each lighting, at most. How often the lamps are counted anew after a fit with those that were kept.
+_HIGHLIGHTS, _ROUNDS = 6, 3
+# Of directions and of columns, what is no difference.
+_SAME, _CUT = 1e-9, 1e-9
+
+
+def fewest_lamps(search: Search, diffuse: Fit, forms: Sequence[LobeForm]) -> Fit:
+    """The best fit of lamps in the dark, of all forms, with no lamp that another reflectance makes needless.
+
+    search : prepared for light of degree 0. diffuse : lamps as a Lambertian body shows them, which are candidates.
+    """
+    candidates = _at_highlights(search, diffuse.state)
+    one = brightest_each(diffuse)
+    single = _counted(search, _best_form(search, one, forms), candidates)
+    if len(diffuse.state.directions) == len(one.directions):
+        return single
+    # Where a lighting has several lamps in truth, one alone may lead nowhere.
+    several = _counted(search, _best_form(search, diffuse.state, [single.state.form]), candidates)
+    lamps = NOTHING
+    for lighting in search.lightings:
+        own = search.only(lighting)
+        best = min((single, several), key=lambda fit: _cost(own, fit.state, _brightest_first(fit, lighting)))
+        for direction in best.state.under(lighting).directions:
+            lamps = lamps.with_source(direction, lighting)
+    if _same_lamps(lamps, single.state):
+        return single
+    return bright(search, _best_form(search, lamps, forms))
+
+
+def brightest_each(fit: Fit) -> State:
+    """The state of a fit with the brightest source alone in each lighting."""
+    state, brightness = fit.state, fit.irradiances.sum(axis=1)
+    first = {k: int(np.where(state.owners == k, brightness, -np.inf).argmax()) for k in state.owners.tolist()}
+    rest = [k for k in range(len(brightness)) if k not in first.values()]
+    return state.without_source(np.array(rest, int))
+
+
+def _brightest_first(fit: Fit, lighting: int) -> Floats:
+    """Directions (k, 3) of a lighting's lamps."""
+    own = np.flatnonzero(fit.state.owners == lighting)
+    return fit.state.directions[own[np.argsort(-fit.irradiances[own].sum(axis=1))]]
+
+
+def _at_highlights(search: Search, state: State) -> State:
+    """A state with lamps that small highlights would mirror beside its own, the brightest few of each lighting."""
+    for lighting in search.lightings:
+        ways, brightness = [], []
+        for sight in search.only(lighting).sights:
+            for photo in sight.photos:
+                bright = outstanding(photo)
+                mirrored = np.asarray(photo.mean_over_rays(photo.mirrored))[bright]
+                ways.append(mirrored / np.linalg.norm(mirrored, axis=1, keepdims=True))
+                brightness.append(photo.radiance[bright].sum(axis=1))
+        order = np.argsort(-np.concatenate(brightness))
+        for direction in _apart(np.concatenate(ways)[order], PEAK_WIDTH)[:_HIGHLIGHTS]:
+            state = state.with_source(direction, lighting)
+    return state
+
+
+def _best_form(search: Search, lamps: State, forms: Sequence[LobeForm]) -> Fit:
+    """The form that explains most under given lamps, all of which are fitted with it."""
+    fits = (search.fit(first_state(search, 0, lamps.with_form(form)), 0, _ITERATIONS) for form in forms)
+    return search.fit(min(fits, key=lambda fit: fit.cost).state, 0)
+
+
+def _counted(search: Search, fit: Fit, candidates: State) -> Fit:
+    """A fit with those lamps, of its own and of the candidates, that its lightings need."""
+    for _ in range(_ROUNDS):
+        needed = needed_lamps(search, fit, candidates)
+        if _same_lamps(needed, fit.state):
+            break
+        fit = bright(search, search.fit(needed, fit.l_max))
+    return fit
+
+
+def _same_lamps(one: State, other: State) -> bool:
+    """Whether all lamps of two states are the same, in any order."""
+    if len(one.directions) != len(other.directions):
+        return False
+    ways = one.directions @ other.directions.T - 3 * (one.owners[:, None] != other.owners)
+    return bool((ways.max(axis=1, initial=-1) > 1 - _SAME).all())
+
+
+def needed_lamps(search: Search, fit: Fit, candidates: State) -> State:
+    """A fit's state with the brightest lamp of each lighting, and those others that no reflectance makes needless.
+
+    candidates : lamps beside the fit's own that may be needed.
+    """
+    state = fit.state
+    result = state.without_source(np.arange(len(state.directions)))
+    for lighting in search.lightings:
+        ways = np.vstack([_brightest_first(fit, lighting), candidates.under(lighting).directions])
+        if len(ways):
+            ways = _apart(ways, state.sigma or PEAK_WIDTH)
+            for direction in ways[_needed(search.only(lighting), state, ways)]:
+                result = result.with_source(direction, lighting)
+    return result
+
+
+def _apart(directions: Floats, width: float) -> Floats:
+    """Those of directions (k, 3) that are no nearer to one before them than a width, radians."""
+    kept: list[int] = []
+    for k, along in enumerate(directions @ directions.T):
+        if (along[kept] < np.cos(width)).all():
+            kept.append(k)
+    return directions[kept]
+
+
+def _needed(search: Search, state: State, directions: Floats) -> list[int]:
+    """Which of one lighting's lamps are needed: the first, and others as long as one saves what its numbers cost."""
+    kept, rest = [0], list(range(1, len(directions)))
+    known = _any_reflectance(search, directions[0])
+    plain = _plain(search, state, directions)
+    while rest:
+        left = _left(search, known, plain[:, :, :0])
+        price = _price(search, *_left(search, known, plain[:, :, rest]))
+        saved = [left[0] - _left(search, known, plain[:, :, [k]])[0] for k in rest]
+        best = int(np.argmax(saved))
+        if saved[best] < price:
+            break
+        kept.append(rest.pop(best))
+        known = np.hstack([known, _any_reflectance(search, directions[kept[-1]])])
+    return kept
+
+
+def _cost(search: Search, state: State, directions: Floats) -> float:
+    """Squared residuals of one lighting under the first of some lamps with any reflectance, and the others' price."""
+    if not len(directions):
+        return np.inf
+    others = _plain(search, state, directions)[:, :, 1:]
+    left = _left(search, _any_reflectance(search, directions[0]), others)
+    return left[0] + _price(search, *left) * others.shape[2]
+
+
+def _any_reflectance(search: Search, direction: Floats) -> Floats:
+    """Columns (n, q) of a lamp under any reflectance, and of its turns: a smooth base and lobes of all widths.
+
+    The first is light from all sides.
+    """
+    found = []
+    for sight in search.sights:
+        at = _columns(sight, direction)
+        around = [_columns(sight, end) for end in turns(direction[None], _TURN)[0]]
+        columns = sight.within(np.hstack([at, *((end - at) / _TURN for end in around)]))
+        found.append(np.hstack([sight.within(sight.diffuse[:, :1]), columns]))
+    return np.vstack(found)
+
+
+def _plain(search: Search, state: State, directions: Floats) -> Floats:
+    """Columns (3, n, k) of lamps in directions (k, 3) as a state's BRDF reflects them, channel by channel."""
+    lamps = replace(state, directions=directions, owners=np.zeros(len(directions), int))
+    rows = [rows_of(sight, lamps, 0) for sight in search.sights]
+    return np.array([np.vstack([own.of_channel(kappa)[:, 1:] for own in rows]) for kappa in state.kappa])
+
+
+def _columns(sight: Sight, direction: Floats) -> Floats:
+    """Columns (n, q) of a lamp: reciprocal polynomials in both cosines, times that of incidence; and lobes."""
+    angles = Angles.between(sight.rays.normals, direction, sight.rays.views)
+    cos_i, cos_o = (np.clip(cos, 0, 1) for cos in (angles.cos_i, angles.cos_o))
+    base = [cos_i, cos_i * (cos_i + cos_o), cos_i * cos_i * cos_o, cos_i * (cos_i**2 + cos_o**2)]
+    lobes = [GGX_FORM.shape(angles, float(width)) for width in _WIDTHS]
+    lit = sight.free(direction[None])[:, 0]
+    return np.asarray(sight.field.mean_over_rays(np.stack([*base, *lobes], axis=-1) * lit[:, None]))
+
+
+def _left(search: Search, shared: Floats, own: Floats) -> tuple[float, float, int]:
+    """Squared residuals that columns (n, q) and each channel's own (3, n, k) leave.
+
+    Also how many of the residuals count as one witness, and how many numbers were fitted.
+    """
+    radiance = np.vstack([sight.radiance for sight in search.sights])
+    root = np.sqrt(np.vstack(search.weights))
+    left = np.empty_like(radiance)
+    for c in range(3):
+        whitened = np.hstack([shared, own[c]]) * root[:, c, None]
+        target = radiance[:, c] * root[:, c]
+        left[:, c] = target - whitened @ np.linalg.lstsq(whitened, target, rcond=_CUT)[0]
+    total = float((left**2).sum())
+    tiles = tiles_of([photo for sight in search.sights for photo in sight.photos])
+    together = float((np.bincount(tiles, left.sum(axis=1)) ** 2).sum()) / max(total, 1e-300)
+    return total, max(together, 1.0), 3 * (shared.shape[1] + own.shape[2])
+
+
+def _price(search: Search, left: float, together: float, fitted: int) -> float:
+    """Squared residuals that a lamp must save where so many are left and hang together."""
+    numbers = search.numbers
+    return float(PER_SOURCE * np.log(numbers) * left / max(numbers - fitted, 1) * together)
