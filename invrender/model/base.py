@@ -1,10 +1,11 @@
-"""The diffuse base below the lobe: Lambertian, or under a smooth interface, as of plastic and varnish.
+"""The diffuse base below the lobe: Lambertian, under a smooth interface, as of plastic and varnish, or coated.
 
     rho = Kd t(mu, theta_i) t(mu, theta_o) + Ks F W      t = (1 - F) over its mean
 
 The interface reflects, on either side, the more the more grazing light comes [Wolff 1994, "Diffuse-reflectance model
 for smooth dielectric surfaces", eq. 4; what bounces between base and interface is in Kd]. Means are per projected solid
-angle, so that pi Kd is the albedo of either base under light from all sides. One mu is the interface's and the lobe's.
+angle, so that pi Kd is the albedo of any base under light from all sides. One mu is the interface's and the lobe's. A coated base
+has t = (1 - coat (1 - cos)^5) over its mean (`richer`), without mu.
 """
 
 from __future__ import annotations
@@ -42,10 +43,8 @@ def passed(mu: float | Floats, cos: Floats) -> Floats:
 
 def let_through(form: LobeForm, mu: float | None, cos: Floats) -> Floats:
     """What counts of light above the base at cosines to the normal: 1 above a Lambertian one, else t."""
-    if not form.interface:
-        return np.ones(np.shape(cos))
-    assert mu is not None
-    return passed(mu, cos)
+    one = _one(form, mu)
+    return np.ones(np.shape(cos)) if one is None else np.asarray(one(cos)[..., 0])
 
 
 def base_share(form: LobeForm, mu: float | None, cos_i: Floats, cos_o: Floats) -> Floats:
@@ -62,6 +61,38 @@ class OneInterface:
     def __call__(self, cos: Floats) -> Floats:
         """(..., 1)."""
         return passed(self.mu, cos)[..., None]
+
+
+@dataclass(frozen=True)
+class OneCoat:
+    """t of a coat of one strength: one function."""
+
+    coat: float
+
+    def __call__(self, cos: Floats) -> Floats:
+        """(..., 1)."""
+        return coat_functions(cos) @ coat_coefficients(self.coat)[:, None]
+
+
+def coat_functions(cos: Floats) -> Floats:
+    """The two functions that t of any coat is a sum of, (..., 2), at cosines to the normal."""
+    return np.stack([np.ones_like(cos), (1 - np.clip(cos, 0, 1)) ** 5], axis=-1)
+
+
+def coat_coefficients(coat: float | Floats) -> Floats:
+    """What these count for at a strength, (2,); at several (f,), (f, 2). The mean of (1 - cos)^5 is 1/21."""
+    strength = np.asarray(coat, float)
+    return np.stack([np.ones_like(strength), -strength], axis=-1) / (1 - strength[..., None] / 21)
+
+
+def _one(form: LobeForm, mu: float | None) -> Passing | None:
+    """t of a form's base at mu; None of a Lambertian one."""
+    if form.coat is not None:
+        return OneCoat(form.coat)
+    if not form.interface:
+        return None
+    assert mu is not None
+    return OneInterface(mu)
 
 
 class InterfaceBasis:
@@ -93,7 +124,8 @@ def interface_basis() -> InterfaceBasis:
 
 def base_size(form: LobeForm) -> int:
     """How many columns the base below a lobe takes."""
-    return _RANK * (_RANK + 1) // 2 if form.interface else 1
+    rank = _RANK if form.interface else 1 if form.coat is None else 2
+    return rank * (rank + 1) // 2
 
 
 def base_columns(
@@ -103,18 +135,23 @@ def base_columns(
 
     normals, views : (m, 3) unit. sight : None where nothing is hidden.
     """
-    if not form.interface:
+    if not form.interface and form.coat is None:
         return seen_diffuse(element, normals, sight)[:, None]
-    return _through(interface_basis(), element, normals, views, sight)
+    passing: Passing = interface_basis() if form.interface else coat_functions
+    return _through(passing, element, normals, views, sight)
 
 
-def base_weights(form: LobeForm, mu: float | Floats | None) -> Floats:
-    """What the columns count for at mu, (size,); at several mu (f,), (f, size)."""
-    if not form.interface:
+def base_weights(form: LobeForm, mu: float | Floats | None, coat: float | Floats | None = None) -> Floats:
+    """What the columns count for at mu and a coat, which is the form's own if None, (size,); at several (f,), (f, size)."""
+    coat = form.coat if coat is None else coat
+    if coat is not None:
+        found = coat_coefficients(coat)
+    elif form.interface:
+        assert mu is not None
+        found = interface_basis().coefficients(mu)
+    else:
         return np.ones((*np.shape(mu), 1)) if mu is not None else np.ones(1)
-    assert mu is not None
-    found = interface_basis().coefficients(mu)
-    one, other = np.triu_indices(_RANK)
+    one, other = np.triu_indices(found.shape[-1])
     return np.asarray(found[..., one] * found[..., other])
 
 
@@ -122,10 +159,8 @@ def base_irradiance(
     form: LobeForm, mu: float | None, element: LightElement, normals: Floats, sight: Sight | None
 ) -> Floats:
     """Irradiance (m, channels), as far as it counts for the base, from a unit strength of the element."""
-    if not form.interface:
-        return seen_diffuse(element, normals, sight)
-    assert mu is not None
-    return entering(OneInterface(mu), element, normals, sight)[:, 0]
+    one = _one(form, mu)
+    return seen_diffuse(element, normals, sight) if one is None else entering(one, element, normals, sight)[:, 0]
 
 
 def base_transfer(
@@ -152,10 +187,10 @@ def base_rows(form: LobeForm, mu: float | None, normals: Floats, views: Floats, 
 
 def sky_factors(form: LobeForm, mu: float | None, l_max: int) -> Floats:
     """By what each harmonic of unoccluded light, ((l_max + 1)^2,), counts for the base, of its value at the normal."""
-    if not form.interface:
+    one = _one(form, mu)
+    if one is None:
         return clamped_cosine_transfer(l_max)[degrees(l_max)]
-    assert mu is not None
-    return np.asarray(_convolved(OneInterface(mu), l_max)[degrees(l_max), 0])
+    return np.asarray(_convolved(one, l_max)[degrees(l_max), 0])
 
 
 def _through(

@@ -24,7 +24,7 @@ from invrender.model.base import base_columns, base_size, base_weights
 from invrender.model.form_transfer import FresnelFunctions, OneIndex, forms_transfer
 from invrender.model.fresnel import FresnelBasis
 from invrender.model.lobes import PRINTED, LobeForm
-from invrender.model.microfacet import sigma_nodes, sigma_weights
+from invrender.model.microfacet import SIGMA_RANGE, sigma_nodes, sigma_weights
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Rays, Shadows, seen_specular
 from recon.lightfield import LightField, joined, pools
@@ -124,15 +124,16 @@ def _photo_columns(
 
             specular = seen_specular(element, sight, gather)
             means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
-            below: dict[bool, NDArray[np.floating]] = {}
+            # By their size, which tells the kinds of base apart.
+            below: dict[int, NDArray[np.floating]] = {}
             if diffuse is not None:
-                below[False] = diffuse[:, block, e, None]
+                below[1] = diffuse[:, block, e, None]
             for form, columns in zip(forms, found, strict=True):
-                if form.interface not in below:
-                    base = base_columns(form, element, part.normals, part.views, sight)
-                    below[form.interface] = part.mean_over_rays(base).transpose(2, 0, 1)
                 first = base_size(form)
-                columns[:, block, e, :first] = below[form.interface]
+                if first not in below:
+                    base = base_columns(form, element, part.normals, part.views, sight)
+                    below[first] = part.mean_over_rays(base).transpose(2, 0, 1)
+                columns[:, block, e, :first] = below[first]
                 columns[:, block, e, first:] = means[:, lobes.index(form.lobe)].transpose(2, 0, 1)
     names = tuple(element.name for element in elements)
     return [
@@ -190,20 +191,40 @@ def columns_of_forms(
     return {form: [found[k][place] for k in range(len(fields))] for place, form in enumerate(forms)}
 
 
-def specular_weights(mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED) -> Floats:
-    """a_k(mu) c_j(sigma) in the columns' order, (rank * nodes,); of several mu and sigma (f,), (f, rank * nodes)."""
-    nodes = sigma_weights(sigma)
+Numbers = Mapping[str, float | Floats]
+
+
+def specular_weights(
+    mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED, numbers: Numbers | None = None
+) -> Floats:
+    """a_k(mu) c_j(sigma) in the columns' order, (rank * nodes,); of several mu and sigma (f,), (f, rank * nodes).
+
+    numbers : the form's own, one or (f,) each; those that it has if None.
+    """
+    parts: Sequence[tuple[float | Floats, float | Floats]] = form.parts
+    if numbers is not None and "haze" in numbers:
+        parts = [(1 - numbers["haze"], 1.0), (numbers["haze"], numbers["spread"])]
+    sigma = np.asarray(sigma, float)
+    nodes = sum(
+        np.asarray(share)[..., None] * sigma_weights(np.minimum(factor * sigma, SIGMA_RANGE[1]))
+        for share, factor in parts
+    )
     if not form.has_fresnel:
-        return nodes
-    products = fresnel_basis().coefficients(mu)[..., :, None] * nodes[..., None, :]
-    return products.reshape(*nodes.shape[:-1], -1)
+        return np.asarray(nodes)
+    products = fresnel_basis().coefficients(mu)[..., :, None] * np.asarray(nodes)[..., None, :]
+    return np.asarray(products.reshape(*np.shape(nodes)[:-1], -1))
 
 
-def column_weights(mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED) -> Floats:
-    """What columns count for in the transfers of base and lobe, (q, 2); at several mu and sigma, (f, q, 2)."""
-    specular = specular_weights(mu, sigma, form)
+def column_weights(
+    mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED, numbers: Numbers | None = None
+) -> Floats:
+    """What columns count for in the transfers of base and lobe, (q, 2); at several mu and sigma, (f, q, 2).
+
+    numbers : as of `specular_weights`.
+    """
+    specular = specular_weights(mu, sigma, form, numbers)
     size = base_size(form)
     result = np.zeros((*specular.shape[:-1], size + specular.shape[-1], 2))
-    result[..., :size, 0] = base_weights(form, mu)
+    result[..., :size, 0] = base_weights(form, mu, (numbers or {}).get("coat"))
     result[..., size:, 1] = specular
     return result

@@ -29,7 +29,7 @@ Singles = NDArray[np.float32]
 FresnelFunctions = Callable[[Floats], Floats]
 
 # Roughnesses that tell G2 at all others to 2e-4, and cosines that its parts and Fresnel's are looked up at.
-_HIDING_NODES, _LOOKUP = 8, 4096
+_HIDING_NODES, _LOOKUP = 10, 4096
 # Rings in theta_h left out that weigh less than this share of the heaviest.
 _NEGLIGIBLE = 1e-6
 
@@ -73,6 +73,8 @@ def forms_transfer(
     forms : all of them facets', or one.
     """
     sigmas = np.atleast_1d(np.asarray(sigmas, float))
+    if any(len(form.parts) > 1 for form in forms):
+        return np.concatenate([_of_parts(form, element, normals, views, sigmas, fresnel) for form in forms], 1)
     if forms[0] is PRINTED:
         factors = fresnel((normals * views).sum(axis=1))
         plain = specular_transfer(element, normals, views, sigmas)
@@ -92,6 +94,22 @@ def forms_transfer(
     if element.prepared_map is not None:
         result += _map_transfer(forms, element.prepared_map, normals, views, sigmas, fresnel)
     return result
+
+
+def _of_parts(
+    form: LobeForm,
+    element: LightElement,
+    normals: Floats,
+    views: Floats,
+    sigmas: Floats,
+    fresnel: FresnelFunctions,
+) -> Floats:
+    """`forms_transfer` of a form that is a sum of lobes of several widths."""
+    shares, factors = np.transpose(form.parts)
+    widths = (factors[:, None] * sigmas).ravel()
+    found = forms_transfer((form.lobe,), element, normals, views, widths, fresnel)
+    apart = found.reshape(*found.shape[:3], len(factors), len(sigmas), -1)
+    return np.asarray(np.einsum("p,mfkpsc->mfksc", shares, apart))
 
 
 def _map_transfer(

@@ -24,7 +24,8 @@ from invrender.theory.specialcases import lobe
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-_FIRST_RING = 0.004
+# A quarter of the narrowest lobe.
+_FIRST_RING = 0.00133
 _RAYS_PER_CHUNK = 1024
 PAD = 2
 # Turns one ring against the next so that azimuths never line up.

@@ -10,7 +10,9 @@ one width of the highlight.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,16 +57,30 @@ class LobeForm:
     """A form of the specular part, and of what is below.
 
     name : as results call it. has_fresnel : whether it has a refractive index. interface : whether the diffuse base
-    lies under a smooth interface of that index (`base`); it is Lambertian otherwise.
+    lies under a smooth interface of that index (`base`). coat : strength of Shirley's coupled base, None where the base
+    is another; Lambertian where it is neither. parts : share and width over sigma of each lobe of the sum. numbers : the
+    form's own numbers, beside mu and sigma, by name.
     """
 
     name: str
     has_fresnel: bool = True
     interface: bool = False
+    coat: float | None = None
+    parts: tuple[tuple[float, float], ...] = ((1.0, 1.0),)
+    numbers: Mapping[str, float] = MappingProxyType({})
 
     @property
     def lobe(self) -> LobeForm:
-        """The same above a Lambertian base."""
+        """The single lobe, above a Lambertian base, that the form's specular part is a sum of."""
+        return self
+
+    @property
+    def family(self) -> LobeForm:
+        """What all forms are that differ from this one in their numbers only."""
+        return self
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> LobeForm:
+        """The form of the same family with other numbers, named as in `numbers`."""
         return self
 
     @abstractmethod
@@ -197,8 +213,12 @@ PRINTED, BECKMANN, GGX_FORM, PHONG = Printed(), Beckmann(), GGX(), Phong()
 FORMS = {form.name: form for form in (PRINTED, BECKMANN, GGX_FORM, PHONG)}
 # The same lobes above a base under an interface.
 PLASTICS: dict[LobeForm, LobeForm] = {BECKMANN: Beckmann(over=BECKMANN), GGX_FORM: GGX(over=GGX_FORM)}
-# The same with light and viewer hidden apart: no forms that a fit may have, but rivals of those that it has.
+# The same with light and viewer hidden apart.
 UNCORRELATED: dict[LobeForm, LobeForm] = {
     BECKMANN: Beckmann(correlated=False),
     GGX_FORM: GGX(correlated=False),
+}
+UNCORRELATED |= {
+    PLASTICS[BECKMANN]: Beckmann(correlated=False, over=UNCORRELATED[BECKMANN]),
+    PLASTICS[GGX_FORM]: GGX(correlated=False, over=UNCORRELATED[GGX_FORM]),
 }

@@ -7,7 +7,7 @@ where the form is RH01's own; `lobes` has the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 
 # Roughnesses between which the search looks: below, a highlight is narrower than the pixels of an
 # ordinary photograph; above, the lobe is no longer told from diffuse reflection.
-SIGMA_RANGE = (0.02, 0.7)
-_NODES = 20
+SIGMA_RANGE = (0.005, 0.7)
+_NODES = 27
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,12 @@ class Microfacet:
     def __post_init__(self) -> None:
         object.__setattr__(self, "kd", frozen_array(self.kd))
         object.__setattr__(self, "ks", frozen_array(self.ks))
+
+    def moved_to(self, name: str, value: float) -> Microfacet:
+        """The same with another mu, sigma or number of the form."""
+        if name in self.form.numbers:
+            return replace(self, form=self.form.with_numbers({name: value}))
+        return replace(self, **{name: value})
 
 
 def sigma_nodes() -> Floats:

@@ -56,20 +56,23 @@ def reflected(
     return diffuse, specular
 
 
-def transfers(photo: PhotoColumns, mu: float | None, sigma: float | None) -> tuple[Floats, Floats]:
-    """Diffuse and specular transfers of a photograph's samples at mu and sigma, (channels, n, elements) each."""
-    if sigma is None:
+def transfers(photo: PhotoColumns, brdf: Microfacet) -> tuple[Floats, Floats]:
+    """Diffuse and specular transfers of a photograph's samples, (channels, n, elements) each.
+
+    brdf : whose mu, sigma and form are taken; its form must be of the columns' family. ValueError otherwise.
+    """
+    if brdf.sigma is None and not photo.form.interface and photo.form.coat is None:
         diffuse = photo.columns[..., 0].astype(float)
         return diffuse, np.zeros_like(diffuse)
-    both = photo.columns @ column_weights(mu, sigma, photo.form).astype(np.float32)
+    if brdf.form.family is not photo.form.family or brdf.sigma is None:
+        raise ValueError(f"columns of the form {photo.form.name!r} can't predict {brdf.form.name!r}")
+    both = photo.columns @ column_weights(brdf.mu, brdf.sigma, brdf.form).astype(np.float32)
     return both[..., 0].astype(float), both[..., 1].astype(float)
 
 
 def predict_columns(photo: PhotoColumns, brdf: Microfacet, strengths: Floats) -> Floats:
     """Radiance (n, 3) of a photograph's samples through its columns, which must be of the BRDF's form."""
-    if (brdf.sigma is not None or photo.form.interface) and brdf.form is not photo.form:
-        raise ValueError(f"columns of the form {photo.form.name!r} can't predict {brdf.form.name!r}")
-    diffuse, specular = transfers(photo, brdf.mu, brdf.sigma)
+    diffuse, specular = transfers(photo, brdf)
     shading = brdf.kd[:, None, None] * diffuse + brdf.ks[:, None, None] * specular
     return np.einsum("cne,ec->nc", shading, strengths)
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.columns import column_weights
+from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import PRINTED, LobeForm
-from invrender.model.microfacet import Microfacet
+from invrender.model.microfacet import SIGMA_RANGE, Microfacet
+from invrender.model.richer import FIRST_NUMBER, NUMBER_RANGE
 from invrender.solve.linear import LinearPart, reduce_statistics, solve_linear
 from invrender.solve.statistics import Statistics, Subsets
 
@@ -30,7 +32,20 @@ class Model:
     @property
     def parameters(self) -> int:
         """Count of its numbers."""
-        return 3 + self.specular * (1 if self.neutral else 3) + self.specular + self.fresnel
+        return 3 + self.specular * (1 if self.neutral else 3) + len(self.coordinates)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The nonlinear numbers, as searches order them: "sigma", "mu", the form's own."""
+        if not self.specular:
+            return ()
+        return ("sigma", *(["mu"] if self.fresnel else []), *self.form.numbers)
+
+    @property
+    def of_base(self) -> tuple[int, ...]:
+        """Places of the coordinates that move the base below the lobe."""
+        moving = {"mu"} if self.form.interface else {"coat"}
+        return tuple(k for k, name in enumerate(self.coordinates) if name in moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +65,7 @@ class Estimate:
 
 
 def estimate_at(model: Model, statistics: Sequence[Statistics], point: Floats) -> Estimate:
-    """The best estimate at given coordinates (log sigma, log(mu - 1)), as many as the model has."""
+    """The best estimate at given coordinates (log sigma, log(mu - 1), the form's own), as many as the model has."""
     subsets = Subsets(tuple(statistics))
     points = np.asarray(point, float)[None]
     return estimates(model, subsets, points, solved(model, subsets, points))[0]
@@ -73,25 +88,57 @@ def combinations(model: Model, subsets: Subsets, points: Floats) -> Floats:
 
 def weights_at(model: Model, points: Floats) -> Floats:
     """`combinations` of a model that has a specular part."""
-    mu = 1 + np.exp(points[:, 1]) if model.fresnel else None
-    return column_weights(mu, np.exp(points[:, 0]), model.form)
+    values = _values(model, points)
+    numbers = {name: values[name] for name in model.form.numbers}
+    return column_weights(values.get("mu"), values["sigma"], model.form, numbers)
 
 
 def estimates(model: Model, subsets: Subsets, points: Floats, linear: LinearPart) -> list[Estimate]:
     """The estimates, one for each subset of the photographs, that were found at coordinates (f, n)."""
     result = []
     for fit, point in enumerate(points):
-        sigma = float(np.exp(point[0])) if model.specular else None
-        mu = 1 + float(np.exp(point[1])) if model.fresnel else None
-        brdf = Microfacet(linear.kd[fit], linear.ks[fit], mu, sigma, model.form)
+        values = {name: float(value) for name, value in _values(model, point).items()}
+        form = model.form.with_numbers({name: values[name] for name in model.form.numbers})
+        brdf = Microfacet(linear.kd[fit], linear.ks[fit], values.get("mu"), values.get("sigma"), form)
         shown = subsets.lightings(fit)
         strengths = {name: values[fit] for name, values in linear.strengths.items() if name in shown}
         result.append(Estimate(model, brdf, strengths, float(linear.cost[fit])))
     return result
 
 
-def coordinates(estimate: Estimate) -> Floats:
-    """Where an estimate of a specular model lies: (log sigma,) or (log sigma, log(mu - 1))."""
-    brdf = estimate.brdf
+def coordinates(model: Model, brdf: Microfacet) -> Floats:
+    """Where a specular model's search starts from a BRDF: at its numbers, and at usual ones where it lacks them."""
     assert brdf.sigma is not None
-    return np.log([brdf.sigma] if brdf.mu is None else [brdf.sigma, brdf.mu - 1])
+    values = {**FIRST_NUMBER, **brdf.form.numbers, "sigma": brdf.sigma, "mu": brdf.mu or _FIRST_MU}
+    return np.array([_COORDINATE[name](values[name]) for name in model.coordinates])
+
+
+def bounds_of(model: Model) -> tuple[Floats, Floats]:
+    """Bounds of the search's coordinates."""
+    ranges = {"sigma": SIGMA_RANGE, "mu": MU_RANGE, **NUMBER_RANGE}
+    bounds = [[_COORDINATE[name](end) for end in ranges[name]] for name in model.coordinates]
+    lower, upper = np.array(bounds, float).reshape(-1, 2).T
+    return lower, upper
+
+
+def _values(model: Model, points: Floats) -> dict[str, Floats]:
+    """The numbers at coordinates (..., n), by name."""
+    return {name: _VALUE[name](points[..., k]) for k, name in enumerate(model.coordinates)}
+
+
+# Coordinates of numbers, and numbers at coordinates: searches then move by shares of sigma, mu - 1 and the spread.
+_COORDINATE: Mapping[str, Callable[[float], float]] = {
+    "sigma": np.log,
+    "mu": lambda mu: np.log(mu - 1),
+    "coat": float,
+    "haze": float,
+    "spread": np.log,
+}
+_VALUE: Mapping[str, Callable[[Floats], Floats]] = {
+    "sigma": np.exp,
+    "mu": lambda x: 1 + np.exp(x),
+    "coat": np.asarray,
+    "haze": np.asarray,
+    "spread": np.exp,
+}
+_FIRST_MU = 1.5

@@ -102,16 +102,16 @@ def _normal_equations(model: Model, linear: LinearPart, reduced: Sequence[Reduce
     reduced : in the diffuse and the specular transfer, and their `_slopes`.
     """
     fits, _, _, combined = reduced[0].right.shape
-    coordinate_count = combined - 2 - model.form.interface
+    coordinate_count = len(model.coordinates)
     ks_at = coordinate_count + 3
     first = ks_at + (1 if model.neutral else 3)
     free = [(entry.lighting, name) for entry in reduced for name in entry.elements if name != "known"]
-    place = {pair: first + 3 * k for k, pair in enumerate(free)}
+    place_of = {pair: first + 3 * k for k, pair in enumerate(free)}
     gradient = np.zeros((fits, first + 3 * len(free)))
     hessian = np.zeros((*gradient.shape, gradient.shape[1]))
     for entry in reduced:
         strengths = linear.strengths[entry.lighting]
-        names = [(e, place[entry.lighting, n]) for e, n in enumerate(entry.elements) if n != "known"]
+        names = [(e, place_of[entry.lighting, n]) for e, n in enumerate(entry.elements) if n != "known"]
         size = len(entry.elements) * combined
         for c in range(3):
             shading = np.zeros((fits, combined))
@@ -120,8 +120,8 @@ def _normal_equations(model: Model, linear: LinearPart, reduced: Sequence[Reduce
             moved = np.zeros((fits, coordinate_count + 2 + len(names), len(entry.elements), combined))
             for k in range(coordinate_count):
                 moved[:, k, :, 2 + k] = strengths[:, :, c] * linear.ks[:, c, None]
-            if model.form.interface:
-                moved[:, coordinate_count - 1, :, -1] = strengths[:, :, c] * linear.kd[:, c, None]
+            for k, place in enumerate(model.of_base):
+                moved[:, place, :, 2 + coordinate_count + k] = strengths[:, :, c] * linear.kd[:, c, None]
             moved[:, coordinate_count, :, 0] = moved[:, coordinate_count + 1, :, 1] = strengths[:, :, c]
             for k, (e, _) in enumerate(names):
                 moved[:, coordinate_count + 2 + k, e] = shading
@@ -146,11 +146,10 @@ def _normal_equations(model: Model, linear: LinearPart, reduced: Sequence[Reduce
 def _slopes(model: Model, points: Floats) -> Floats:
     """Derivatives (f, q, n) of the specular transfer's combination of columns in each coordinate.
 
-    One more where the base is under an interface: of the diffuse transfer's, in log(mu - 1).
+    After them those of the diffuse transfer's, in the coordinates that move the base.
     """
     steps = _STEP * np.eye(points.shape[1])
     ends = points + np.stack([steps, -steps])[:, :, None]
     weights = weights_at(model, ends.reshape(-1, points.shape[1])).reshape(*ends.shape[:3], -1, 2)
     slopes = ((weights[0] - weights[1]) / (2 * _STEP)).transpose(1, 2, 0, 3)
-    below = [slopes[:, :, -1:, 0]] if model.form.interface else []
-    return np.concatenate([slopes[..., 1], *below], axis=2)
+    return np.concatenate([slopes[..., 1], slopes[:, :, list(model.of_base), 0]], axis=2)

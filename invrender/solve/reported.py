@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 class Report:
     """The numbers that are reported, as one vector of the fitted ones, in a fixed gauge.
 
-    places : block -> slice: "mu", "sigma", "kd", "ks", "kd_normalised", "ks_normalised", "strengths".
+    places : block -> slice: "mu", "sigma", the form's numbers, "kd", "ks", "kd_normalised", "ks_normalised", "strengths".
     """
 
     def __init__(self, parameters: Parameters, has_known: bool) -> None:
@@ -62,9 +62,8 @@ class Report:
         scale = np.ones(3)
         if not self.is_absolute:
             scale = vector[self._gauge_places].mean(axis=0)
-        blocks = {
-            name: vector[parameters.places[name]] for name in ("mu", "sigma") if name in parameters.places
-        }
+        scalars = ("mu", "sigma", *parameters.form.numbers)
+        blocks = {name: vector[parameters.places[name]] for name in scalars if name in parameters.places}
         blocks["kd"] = brdf.kd * scale
         total = brdf.kd + brdf.ks
         safe = np.where(total > 0, total, 1.0)

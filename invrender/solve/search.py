@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm
-from invrender.model.microfacet import SIGMA_RANGE
-from invrender.solve.models import Estimate, Model, estimates, solved
+from invrender.solve.models import Estimate, Model, bounds_of, coordinates, estimates, solved
 from invrender.solve.newton import SMALL, gauss_newton
 from invrender.solve.statistics import Statistics, Subsets
 
@@ -70,7 +68,7 @@ def fit(
     if not model.specular or (start is not None and start.brdf.sigma is not None):
         return fit_subsets(model, subsets, start, small)[0]
     lower, upper = bounds_of(model)
-    grid = np.array(_coarse_grid(lower, upper))
+    grid = _grid(model)
     costs = solved(model, subsets.take([0] * len(grid)), grid).cost
     starts = grid[_rivals(grid, costs)]
     rivals = gauss_newton(model, subsets.take([0] * len(starts)), starts, lower, upper, _TELLING)
@@ -86,19 +84,18 @@ def fit_subsets(
         points = np.zeros((count, 0))
         return estimates(model, subsets, points, solved(model, subsets, points))
     assert start is not None
-    assert start.brdf.sigma is not None
     lower, upper = bounds_of(model)
-    point = np.log([start.brdf.sigma, (start.brdf.mu or 1.5) - 1])[: len(lower)]
+    point = coordinates(model, start.brdf)
     return gauss_newton(model, subsets, np.tile(point, (count, 1)), lower, upper, small)
 
 
-def bounds_of(model: Model) -> tuple[Floats, Floats]:
-    """Bounds of the search's coordinates: log sigma, and log(mu - 1) where the model has a Fresnel factor."""
-    bounds = [np.log(SIGMA_RANGE)]
-    if model.fresnel:
-        bounds.append(np.log(np.array(MU_RANGE) - 1))
-    lower, upper = np.array(bounds).T
-    return lower, upper
+def _grid(model: Model) -> Floats:
+    """Coordinates (g, n) that a search starts at the best of."""
+    lower, upper = bounds_of(model)
+    sigma, mu = _axes(lower, upper)
+    own = {"coat": [0.5], "haze": [0.25], "spread": np.log([2.5, 6.0])}
+    axes = {"sigma": sigma, "mu": mu, **own}
+    return np.array(list(product(*(axes[name] for name in model.coordinates))))
 
 
 def searched(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> Floats:
@@ -115,8 +112,12 @@ def _rivals(grid: Floats, costs: Floats) -> list[int]:
 
 
 def _coarse_grid(lower: Floats, upper: Floats) -> list[Floats]:
-    axes = [np.linspace(lower[0] + 0.2, upper[0] - 0.2, 14), np.log(np.array([0.2, 0.4, 0.7, 1.2]))]
-    return [np.array(point) for point in product(*axes[: len(lower)])]
+    return [np.array(point) for point in product(*_axes(lower, upper)[: len(lower)])]
+
+
+def _axes(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """Points over log sigma and over log(mu - 1)."""
+    return np.linspace(lower[0] + 0.2, upper[0] - 0.2, 18), np.log(np.array([0.2, 0.4, 0.7, 1.2]))
 
 
 def simplex(

@@ -18,6 +18,7 @@ from invrender.model.columns import PhotoColumns, together
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import LobeForm
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
+from invrender.model.richer import NUMBER_RANGE
 from invrender.model.predict import predict_columns, transfers
 from invrender.solve.clusters import patch_of, sums_by, tiles_of
 from invrender.solve.linear import symmetric_pinv
@@ -40,10 +41,10 @@ PRIOR_STD = {
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """An estimate as one vector: mu, sigma (where the model has them), Kd, Ks, free strengths.
+    """An estimate as one vector: mu, sigma, the form's own numbers (where the model has them), Kd, Ks, free strengths.
 
-    places : name of a block -> slice. Names are "mu", "sigma", "kd", "ks" and "lighting/element"; all but the first two
-    have three numbers, and a neutral Ks one. form : of the specular part.
+    places : name of a block -> slice. Names are "mu", "sigma", those of the form's numbers, "kd", "ks" and
+    "lighting/element"; the last three have three numbers each, and a neutral Ks one. form : of the specular part.
     """
 
     vector: Floats
@@ -55,7 +56,8 @@ class Parameters:
         mu = float(vector[self.places["mu"]][0]) if "mu" in self.places else None
         sigma = float(vector[self.places["sigma"]][0]) if "sigma" in self.places else None
         ks = vector[self.places["ks"]] if "ks" in self.places else np.zeros(3)
-        return Microfacet(vector[self.places["kd"]], np.broadcast_to(ks, 3), mu, sigma, self.form)
+        form = self.form.with_numbers({name: float(vector[self.places[name]][0]) for name in self.form.numbers})
+        return Microfacet(vector[self.places["kd"]], np.broadcast_to(ks, 3), mu, sigma, form)
 
 
 def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameters:
@@ -65,6 +67,7 @@ def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameter
         blocks["mu"] = np.array([estimate.brdf.mu])
     if estimate.brdf.sigma is not None:
         blocks["sigma"] = np.array([estimate.brdf.sigma])
+        blocks |= {name: np.array([value]) for name, value in estimate.brdf.form.numbers.items()}
     blocks["kd"] = estimate.brdf.kd
     if estimate.model.specular:
         blocks["ks"] = estimate.brdf.ks[:1] if estimate.model.neutral else estimate.brdf.ks
@@ -76,7 +79,7 @@ def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameter
     for name, values in blocks.items():
         places[name] = slice(start, start + len(values))
         start += len(values)
-    return Parameters(np.concatenate(list(blocks.values())), places, estimate.model.form)
+    return Parameters(np.concatenate(list(blocks.values())), places, estimate.brdf.form)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +152,9 @@ def uncertainty_of(
 def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -> list[Floats]:
     """Derivatives (n, parameters) of a photograph's radiance, one per channel."""
     brdf, strengths = estimate.brdf, estimate.strengths[photo.lighting]
-    diffuse, specular = transfers(photo, brdf.mu, brdf.sigma)
-    slopes = {name: _slope(photo, brdf, name) for name in ("mu", "sigma") if name in parameters.places}
+    diffuse, specular = transfers(photo, brdf)
+    scalars = ("mu", "sigma", *brdf.form.numbers)
+    slopes = {name: _slope(photo, brdf, name) for name in scalars if name in parameters.places}
     result = []
     for c in range(3):
         row = min(c, diffuse.shape[0] - 1)
@@ -172,15 +176,12 @@ def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) 
 
 
 def _slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> Floats:
-    """Central difference (2, ...) of the transfers in mu or sigma, within the search's bounds."""
-    value = getattr(brdf, name)
-    low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE}[name]
-    step = 1e-3 * value
+    """Central difference (2, ...) of the transfers in mu, sigma or a number of the form, within the search's bounds."""
+    value = brdf.form.numbers[name] if name in brdf.form.numbers else getattr(brdf, name)
+    low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE, **NUMBER_RANGE}[name]
+    step = 1e-3 * max(value, 0.01)
     ends = np.clip([value - step, value + step], low, high)
-    moved = [
-        np.stack(transfers(photo, end if name == "mu" else brdf.mu, end if name == "sigma" else brdf.sigma))
-        for end in ends
-    ]
+    moved = [np.stack(transfers(photo, brdf.moved_to(name, float(end)))) for end in ends]
     return (moved[1] - moved[0]) / (ends[1] - ends[0])
 
 

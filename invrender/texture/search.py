@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.solve.models import Model
-from invrender.solve.search import bounds_of, models_of, searched, simplex
+from invrender.solve.models import bounds_of
+from invrender.solve.search import models_of, searched, simplex
 from invrender.texture.stack import Numbers, Stack
 from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd
 

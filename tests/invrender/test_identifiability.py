@@ -126,7 +126,7 @@ def test_a_fit_at_the_edge_of_its_range_is_no_value(bench):
     for value in (*SIGMA_RANGE, np.nan):
         found = assess_sigma(Scalar(value, 0.001, 0.0), lighting_degree([bench.known_lighting()]), 0.11)
         assert found.status == "undetermined"
-        assert "edge of its range, 0.02 to 0.7" in found.reason
+        assert "edge of its range, 0.005 to 0.7" in found.reason
 
 
 def test_a_tenth_of_the_value_parts_weak_from_determined(bench):

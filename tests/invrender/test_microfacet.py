@@ -36,4 +36,5 @@ def test_interpolated_lobe_agrees_with_the_lobe_at_every_sigma():
 
 def test_interpolation_is_exact_at_its_nodes():
     nodes = sigma_nodes()
-    assert_allclose([sigma_weights(node) for node in nodes], np.eye(len(nodes)), atol=1e-12, equal_nan=False)
+    # Weights hold ratios of squared nodes, up to 2e4, of which doubles keep sixteen digits.
+    assert_allclose([sigma_weights(node) for node in nodes], np.eye(len(nodes)), atol=1e-10, equal_nan=False)

@@ -12,10 +12,11 @@ from scipy.optimize import minimize
 from invrender.model.lobes import GGX_FORM, PLASTICS, PRINTED
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict_columns
+from invrender.model.richer import COATED, COATED_HAZY
 from invrender.model.transfer import light_elements
 from invrender.solve.forms import columns_of
-from invrender.solve.models import Estimate, Model, coordinates, estimate_at
-from invrender.solve.search import LADDER, bounds_of, fit, fit_subsets, models_of, with_neutral
+from invrender.solve.models import Estimate, Model, bounds_of, coordinates, estimate_at
+from invrender.solve.search import LADDER, fit, fit_subsets, models_of, with_neutral
 from invrender.solve.statistics import Statistics, Subsets, by_lighting, photo_statistics
 from invrender.solve.uncertainty import pack, uncertainty_of
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
@@ -25,7 +26,7 @@ ANGLES = np.linspace(0, 180, 6)
 
 def long_simplex(model: Model, statistics: tuple[Statistics, ...], start: Estimate) -> Estimate:
     lower, upper = bounds_of(model)
-    point = np.clip(coordinates(start) + 0.1, lower, upper)
+    point = np.clip(coordinates(start.model, start.brdf) + 0.1, lower, upper)
     scale = start.cost
     for size in (0.1, 0.02, 0.02):
         simplex = np.vstack([point, point + size * np.eye(len(point))])
@@ -49,10 +50,14 @@ def long_simplex(model: Model, statistics: tuple[Statistics, ...], start: Estima
         # Where mu moves the base, too.
         ("neutral GGX plastic", {}),
         ("GGX plastic", {"recover_irradiance": True}),
+        # Whose own numbers are searched, too: of the base, of the lobe, of both.
+        ("neutral GGX on a coated base", {}),
+        ("GGX on a coated base with haze", {"recover_irradiance": True}),
     ],
 )
 def test_the_answer_is_a_long_simplexs(name: str, recover: dict[str, bool], bench, rng):
-    models = with_neutral((*LADDER, *models_of(PLASTICS[GGX_FORM])))
+    families = (PLASTICS[GGX_FORM], COATED[GGX_FORM], COATED_HAZY[GGX_FORM])
+    models = with_neutral((*LADDER, *(model for form in families for model in models_of(form))))
     model = next(m for m in models if m.name == name)
     told = bench.known_lighting(**recover)
     photos = bench.photograph(radiometric(RH01_MATERIALS["delrin"]), ANGLES, told=told, samples=100)
@@ -86,7 +91,7 @@ def test_it_converges_from_far_off_and_stays_within_bounds(bench, rng):
     for sigma, mu in ((0.05, 1.2), (0.3, 3.0), (0.08, 1.11)):
         start = estimate_at(LADDER[-1], statistics, np.log([sigma, mu - 1]))
         again = fit(LADDER[-1], statistics, start)
-        assert_allclose(coordinates(again), coordinates(best), atol=1e-5)
+        assert_allclose(coordinates(again.model, again.brdf), coordinates(best.model, best.brdf), atol=1e-5)
     # Columns of a noise-free mirror without diffuse part and with F constant push mu to its end, not beyond.
     flat = bench.photograph(radiometric(RH01_MATERIALS["steel"]), ANGLES, samples=60)
     weights = [(0.01 * p.radiance) ** -2.0 for p in flat]
@@ -119,4 +124,4 @@ def test_fits_to_subsets_are_those_to_the_other_photographs(bench, rng):
             # Sums of products less some of them keep twelve digits; steps end at a thousandth of a standard deviation.
             assert_allclose(found.cost, expected.cost, rtol=1e-6)
             if model.specular:
-                assert_allclose(coordinates(found), coordinates(expected), atol=1e-4)
+                assert_allclose(coordinates(found.model, found.brdf), coordinates(expected.model, expected.brdf), atol=1e-4)
