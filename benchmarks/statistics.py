@@ -21,9 +21,8 @@ from capture.parallel import one_blas_thread
 from invrender.model.columns import PhotoColumns, specular_weights
 from invrender.model.fresnel import FresnelBasis
 from invrender.model.microfacet import sigma_nodes
-from invrender.solve.models import coordinates, estimate_at
+from invrender.solve.models import bounds_of, coordinates, estimate_at
 from invrender.solve.newton import newton_steps
-from invrender.solve.models import bounds_of
 from invrender.solve.search import LADDER, fit
 from invrender.solve.statistics import Subsets, by_lighting, weighted_statistics
 from invrender.theory.specialcases import lobe

@@ -33,11 +33,13 @@ def read_samples(
     samples: int,
     clock: Clock,
     track: Track,
+    highlights: bool = False,
 ) -> tuple[dict[str, LightField], list[str]]:
     """Samples of every photograph by its label, on all cores; and sentences on what was left out.
 
     sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
-    how many in all, evenly over the photographs that are fitted; each that is held out gets as many.
+    how many in all, evenly over the photographs that are fitted; each that is held out gets as many. highlights : as
+    of `sample_body`.
     """
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
@@ -51,7 +53,7 @@ def read_samples(
             directions = sources.get(photo.lighting, NO_SOURCES)
             # Seeded by place, so that neither order nor threads change what is drawn.
             rng = np.random.default_rng(index)
-            drawn = sample_body(found.body, photo.camera, image, mask, directions, budget, rng)
+            drawn = sample_body(found.body, photo.camera, image, mask, directions, budget, rng, highlights)
             drawn = off_terminators(drawn, directions)
             check_usable(photo, image, drawn, mask)
         saturated = float(image.saturated[_inside(image, mask)].mean())

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from capture.camera import Camera
 from capture.radiance import RadianceImage
 from recon.bodies import Body, SurfaceHits, body_window
+from recon.highlights import small_highlights
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -37,6 +38,8 @@ _RAYS_PER_SIDE = ((0.02, 1), (0.08, 2), (np.inf, 4))
 _SPARE = 8
 # Bands of latitude by which normals are told apart; twice as many sectors in each, all of one solid angle.
 _BANDS = 16
+# Of a budget, what of small highlights is taken beside it at most.
+_HIGHLIGHTS = 0.2
 # Cosine to a facet below which it is seen edge on: a pixel's footprint on its plane says nothing of the surface.
 _EDGE_ON = 0.05
 # For who asks for no source's visibility.
@@ -51,24 +54,33 @@ def sample_body(
     sources: Floats,
     budget: int | None,
     rng: np.random.Generator,
+    highlights: bool = False,
 ) -> LightField:
     """Samples of a body in one photograph, at most `budget` of them, spread over its normals.
 
     coverage : (h, w) mask in 0 to 1, or None to trust the shape alone. sources : (k, 3) unit, towards them.
     Pixels are usable when they show one smooth piece of surface, a pixel away from the mask's border, are not
-    saturated and not too grazing.
+    saturated and not too grazing. highlights : whether more of small highlights are taken beside the budget, up to a
+    fifth of it, all of which then count for as much as the few would that the budget has of them.
     """
     rows, columns = _candidates(body, camera, image, coverage, budget, rng)
     geometry = body.pixel_geometry(camera, rows, columns)
     usable = np.flatnonzero(geometry.whole & (geometry.cos >= MIN_COS_EXITANT) & (geometry.turn <= _MAX_TURN))
+    share = np.ones(len(usable))
     if budget is not None and len(usable) > budget:
-        usable = usable[spread(geometry.normals[usable], budget, rng)]
+        normals = geometry.normals[usable]
+        drawn = spread(normals, budget, rng)
+        if highlights:
+            at = rows[usable], columns[usable]
+            bright = small_highlights(*at, image.radiance[at].astype(np.float64))
+            drawn, share = _with_highlights(drawn, bright, cells_of(normals), rng)
+        usable = usable[drawn]
     rows, columns = rows[usable], columns[usable]
     clear = geometry.clear[usable] & ~_any_within(image.saturated, rows, columns, _CLEARANCE)
     if coverage is not None:
         clear &= ~_any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
     grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
-    weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
+    weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR) * share
     return _gather(body, camera, image, rows, columns, geometry.turn[usable], weight, sources)[0]
 
 
@@ -102,16 +114,40 @@ def ray_squares(field: LightField) -> tuple[Floats, Floats]:
     return np.column_stack([field.columns, field.rows])[field.ray_sample] + within, 1 / side
 
 
+def cells_of(normals: Floats) -> Ints:
+    """The cell (n,) that each normal (n, 3) is in, of a sphere's that are all of one solid angle."""
+    band = np.minimum(((normals[:, 2] + 1) / 2 * _BANDS).astype(int), _BANDS - 1)
+    azimuth = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi) + 0.5
+    sectors = 2 * _BANDS
+    return np.asarray(band * sectors + np.minimum((azimuth * sectors).astype(int), sectors - 1))
+
+
+def _with_highlights(
+    drawn: Ints, bright: NDArray[np.bool_], cells: Ints, rng: np.random.Generator
+) -> tuple[Ints, Floats]:
+    """Samples (k,) of n that were drawn, with more of the bright ones (n,), and what each of them counts for, (k,).
+
+    A bright one counts for the chance by which it would be drawn, over that by which it is [Horvitz & Thompson 1952].
+    """
+    chance = np.bincount(cells[drawn], minlength=cells.max() + 1) / np.maximum(np.bincount(cells), 1)
+    kept = np.zeros(len(cells), bool)
+    kept[drawn] = True
+    left = np.flatnonzero(bright & ~kept)
+    more = rng.permutation(left)[: int(_HIGHLIGHTS * len(drawn))]
+    taken = len(more) / max(len(left), 1)
+    kept[more] = True
+    own = chance[cells]
+    share = np.where(bright, own / (own + (1 - own) * taken), 1.0)
+    return np.flatnonzero(kept), share[kept]
+
+
 def spread(normals: Floats, budget: int, rng: np.random.Generator) -> NDArray[np.int64]:
     """Which `budget` of n samples to take, ascending, so that all normals (n, 3) count as evenly as can be.
 
     The sphere of normals is cut into cells of one solid angle; the same number is drawn from each, all from those that
     have fewer. A flat face of a mesh would otherwise take the budget of all that curves.
     """
-    band = np.minimum(((normals[:, 2] + 1) / 2 * _BANDS).astype(int), _BANDS - 1)
-    azimuth = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi) + 0.5
-    sectors = 2 * _BANDS
-    cell = band * sectors + np.minimum((azimuth * sectors).astype(int), sectors - 1)
+    cell = cells_of(normals)
     # In an order that is random within each cell, a sample's rank says whether its cell's quota takes it.
     order = rng.permutation(len(cell))
     order = order[np.argsort(cell[order], kind="stable")]

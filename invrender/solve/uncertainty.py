@@ -18,8 +18,8 @@ from invrender.model.columns import PhotoColumns, together
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import LobeForm
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
-from invrender.model.richer import NUMBER_RANGE
 from invrender.model.predict import predict_columns, transfers
+from invrender.model.richer import NUMBER_RANGE
 from invrender.solve.clusters import patch_of, sums_by, tiles_of
 from invrender.solve.linear import symmetric_pinv
 from invrender.solve.models import Estimate
@@ -56,7 +56,9 @@ class Parameters:
         mu = float(vector[self.places["mu"]][0]) if "mu" in self.places else None
         sigma = float(vector[self.places["sigma"]][0]) if "sigma" in self.places else None
         ks = vector[self.places["ks"]] if "ks" in self.places else np.zeros(3)
-        form = self.form.with_numbers({name: float(vector[self.places[name]][0]) for name in self.form.numbers})
+        form = self.form.with_numbers(
+            {name: float(vector[self.places[name]][0]) for name in self.form.numbers}
+        )
         return Microfacet(vector[self.places["kd"]], np.broadcast_to(ks, 3), mu, sigma, form)
 
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.lobes import PRINTED, LobeForm
-from invrender.solve.models import Model
-from invrender.solve.models import bounds_of
+from invrender.solve.models import Model, bounds_of
 from invrender.solve.search import models_of, searched, simplex
 from invrender.texture.stack import Numbers, Stack
 from invrender.texture.sums import PointValues, Sums, common_ks, solve_both, solve_kd

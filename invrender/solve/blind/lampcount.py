@@ -15,21 +15,24 @@ from numpy.typing import NDArray
 
 from invrender.model.lobes import GGX_FORM, Angles, LobeForm
 from invrender.solve.blind.price import PER_SOURCE, bright
-from invrender.solve.blind.projection import Fit
+from invrender.solve.blind.projection import Fit, predicted
 from invrender.solve.blind.sight import Sight, rows_of
-from invrender.solve.blind.start import NOTHING, PEAK_WIDTH, Search, first_state
+from invrender.solve.blind.start import PEAK_WIDTH, Search, first_states
 from invrender.solve.blind.state import State, turns
-from invrender.solve.clusters import outstanding, tiles_of
+from invrender.solve.clusters import tiles_of
+from recon.highlights import small_highlights
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 # Widths, radians, of lobes whose sum is any lobe: each is twice the one before.
 _WIDTHS: Floats = 0.0125 * 2.0 ** np.arange(6, dtype=float)
+# Half-angles in sigma within which a highlight's form decides: what is there is no evidence for another lamp.
+_AROUND = 1.5
 # Turn of a lamp, radians, over which its columns' slopes are taken; and iterations by which a form has shown its worth.
 _TURN, _ITERATIONS = 1e-4, 10
-# Directions of small highlights that are candidates in each lighting, at most. How often the lamps are counted anew after a fit with those that were kept.
-_HIGHLIGHTS, _ROUNDS = 6, 3
+# Directions of small highlights that are candidates in each lighting, at most; how often lamps are counted anew.
+_HIGHLIGHTS, _ROUNDS = 6, 4
 # Of directions and of columns, what is no difference.
 _SAME, _CUT = 1e-9, 1e-9
 
@@ -39,22 +42,15 @@ def fewest_lamps(search: Search, diffuse: Fit, forms: Sequence[LobeForm]) -> Fit
 
     search : prepared for light of degree 0. diffuse : lamps as a Lambertian body shows them, which are candidates.
     """
-    candidates = _at_highlights(search, diffuse.state)
-    one = brightest_each(diffuse)
-    single = _counted(search, _best_form(search, one, forms), candidates)
-    if len(diffuse.state.directions) == len(one.directions):
-        return single
-    # Where a lighting has several lamps in truth, one alone may lead nowhere.
-    several = _counted(search, _best_form(search, diffuse.state, [single.state.form]), candidates)
-    lamps = NOTHING
-    for lighting in search.lightings:
-        own = search.only(lighting)
-        best = min((single, several), key=lambda fit: _cost(own, fit.state, _brightest_first(fit, lighting)))
-        for direction in best.state.under(lighting).directions:
-            lamps = lamps.with_source(direction, lighting)
-    if _same_lamps(lamps, single.state):
-        return single
-    return bright(search, _best_form(search, lamps, forms))
+    single = _best_form(search, brightest_each(diffuse), forms)
+    fit = single
+    for _ in range(_ROUNDS):
+        needed = needed_lamps(search, fit, _at_highlights(search, fit, diffuse.state))
+        if _same_lamps(needed, fit.state):
+            break
+        fit = bright(search, search.fit(needed, fit.l_max))
+    # With other lamps another form may be the best.
+    return fit if fit is single else _best_form(search, fit.state, forms)
 
 
 def brightest_each(fit: Fit) -> State:
@@ -71,36 +67,29 @@ def _brightest_first(fit: Fit, lighting: int) -> Floats:
     return fit.state.directions[own[np.argsort(-fit.irradiances[own].sum(axis=1))]]
 
 
-def _at_highlights(search: Search, state: State) -> State:
-    """A state with lamps that small highlights would mirror beside its own, the brightest few of each lighting."""
-    for lighting in search.lightings:
-        ways, brightness = [], []
-        for sight in search.only(lighting).sights:
-            for photo in sight.photos:
-                bright = outstanding(photo)
-                mirrored = np.asarray(photo.mean_over_rays(photo.mirrored))[bright]
-                ways.append(mirrored / np.linalg.norm(mirrored, axis=1, keepdims=True))
-                brightness.append(photo.radiance[bright].sum(axis=1))
-        order = np.argsort(-np.concatenate(brightness))
-        for direction in _apart(np.concatenate(ways)[order], PEAK_WIDTH)[:_HIGHLIGHTS]:
+def _at_highlights(search: Search, fit: Fit, state: State) -> State:
+    """A state with lamps beside its own: those that small highlights would mirror which a fit leaves, the brightest."""
+    left: dict[int, list[tuple[Floats, Floats]]] = {lighting: [] for lighting in search.lightings}
+    for sight, rows in zip(search.sights, fit.rows, strict=True):
+        residuals = sight.split(sight.radiance - predicted(sight, fit, rows))
+        for photo, residual in zip(sight.photos, residuals, strict=True):
+            bright = small_highlights(photo.rows, photo.columns, residual)
+            mirrored = np.asarray(photo.mean_over_rays(photo.mirrored))[bright]
+            left[sight.lighting].append((mirrored, residual[bright].sum(axis=1)))
+    for lighting, parts in left.items():
+        ways, brightness = (np.concatenate(of) for of in zip(*parts, strict=True))
+        ways = ways[np.argsort(-brightness)]
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        for direction in _apart(ways, PEAK_WIDTH)[:_HIGHLIGHTS]:
             state = state.with_source(direction, lighting)
     return state
 
 
 def _best_form(search: Search, lamps: State, forms: Sequence[LobeForm]) -> Fit:
-    """The form that explains most under given lamps, all of which are fitted with it."""
-    fits = (search.fit(first_state(search, 0, lamps.with_form(form)), 0, _ITERATIONS) for form in forms)
+    """The form that explains most with given lamps, which are fitted with it, from a narrow lobe and from a wide one."""
+    starts = [start for form in forms for start in first_states(search, lamps.with_form(form))]
+    fits = (search.fit(start, 0, _ITERATIONS) for start in starts)
     return search.fit(min(fits, key=lambda fit: fit.cost).state, 0)
-
-
-def _counted(search: Search, fit: Fit, candidates: State) -> Fit:
-    """A fit with those lamps, of its own and of the candidates, that its lightings need."""
-    for _ in range(_ROUNDS):
-        needed = needed_lamps(search, fit, candidates)
-        if _same_lamps(needed, fit.state):
-            break
-        fit = bright(search, search.fit(needed, fit.l_max))
-    return fit
 
 
 def _same_lamps(one: State, other: State) -> bool:
@@ -141,10 +130,12 @@ def _needed(search: Search, state: State, directions: Floats) -> list[int]:
     kept, rest = [0], list(range(1, len(directions)))
     known = _any_reflectance(search, directions[0])
     plain = _plain(search, state, directions)
+    width = max(_AROUND * state.roughness, PEAK_WIDTH)
     while rest:
-        left = _left(search, known, plain[:, :, :0])
-        price = _price(search, *_left(search, known, plain[:, :, rest]))
-        saved = [left[0] - _left(search, known, plain[:, :, [k]])[0] for k in rest]
+        away = _off_highlights(search, directions[kept], width)
+        left = _left(away, known, plain[:, :, :0])
+        price = _price(away, *_left(away, known, plain[:, :, rest]))
+        saved = [left[0] - _left(away, known, plain[:, :, [k]])[0] for k in rest]
         best = int(np.argmax(saved))
         if saved[best] < price:
             break
@@ -153,13 +144,14 @@ def _needed(search: Search, state: State, directions: Floats) -> list[int]:
     return kept
 
 
-def _cost(search: Search, state: State, directions: Floats) -> float:
-    """Squared residuals of one lighting under the first of some lamps with any reflectance, and the others' price."""
-    if not len(directions):
-        return np.inf
-    others = _plain(search, state, directions)[:, :, 1:]
-    left = _left(search, _any_reflectance(search, directions[0]), others)
-    return left[0] + _price(search, *left) * others.shape[2]
+def _off_highlights(search: Search, directions: Floats, width: float) -> Search:
+    """The same without samples whose normal is nearer than a width, radians, to the one that mirrors a lamp."""
+    weights = []
+    for sight, weight in zip(search.sights, search.weights, strict=True):
+        angles = Angles.between(sight.rays.normals[:, None], directions, sight.rays.views[:, None])
+        near = sight.field.mean_over_rays((angles.theta_h < width).any(axis=1).astype(float))
+        weights.append(weight * (near == 0)[:, None])
+    return replace(search, weights=weights)
 
 
 def _any_reflectance(search: Search, direction: Floats) -> Floats:
@@ -213,5 +205,5 @@ def _left(search: Search, shared: Floats, own: Floats) -> tuple[float, float, in
 
 def _price(search: Search, left: float, together: float, fitted: int) -> float:
     """Squared residuals that a lamp must save where so many are left and hang together."""
-    numbers = search.numbers
+    numbers = sum(np.count_nonzero(weight) for weight in search.weights)
     return float(PER_SOURCE * np.log(numbers) * left / max(numbers - fitted, 1) * together)

@@ -19,8 +19,8 @@ from recon.lightfield import LightField, pools
 Floats = NDArray[np.float64]
 
 _ROUGHNESSES, _SHARES, _TRIED = (0.08, 0.15, 0.3), (0.1, 0.6), 2
-# Where lamps are known, whose highlights may be narrow, and light beside them takes no time.
-_NARROW = 0.03
+# Where there are lamps only, whose highlights may be narrow: the roughnesses of narrow lobes, and those of wide ones.
+_IN_THE_DARK = (0.02, 0.05), (0.1, 0.3)
 _GRID = 20000
 # A diffuse body without sources.
 NOTHING = State(np.zeros(3), None, None, np.zeros((0, 3)))
@@ -112,11 +112,11 @@ class Search:
 def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
     """The likeliest of a few shares and roughnesses, with each lighting's source at a peak that they imply.
 
-    known : the form of the lobe, and the sources to begin with.
+    known : the sources to begin with.
     """
     trials = []
-    for sigma, share in product(_ROUGHNESSES if l_max else (_NARROW, *_ROUGHNESSES), _SHARES):
-        bare = replace(known, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma).with_form(known.form)
+    for sigma, share in product(_ROUGHNESSES, _SHARES):
+        bare = replace(known, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma)
         state, cost = bare, 0.0
         for lighting in search.lightings:
             own = search.only(lighting)
@@ -129,6 +129,18 @@ def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
                 state = state.with_source(direction, lighting)
         trials.append((cost, state))
     return min(trials, key=lambda trial: trial[0])[1]
+
+
+def first_states(search: Search, lamps: State) -> list[State]:
+    """The likelier share and roughness of a narrow lobe, and of a wide one, for given lamps in the dark and form."""
+    found = []
+    for roughnesses in _IN_THE_DARK:
+        trials = [
+            replace(lamps, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma).with_form(lamps.form)
+            for sigma, share in product(roughnesses, _SHARES)
+        ]
+        found.append(min(trials, key=lambda state: search.at(state, 0).cost))
+    return found
 
 
 def light_peaks(light: Floats, region: Region | None) -> Floats:
