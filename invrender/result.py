@@ -55,6 +55,11 @@ def result_document(
             "kd": _quantity(quantities["kd"]),
             "ks": _quantity(quantities.get("ks")),
             **scalars,
+            "form_numbers": {
+                name: _quantity(quantities[name], scalar=True)
+                for name in result.brdf.form.numbers
+                if name in quantities
+            },
             "albedo": _quantity(quantities.get("albedo")),
             "normalised": {
                 "kd": _quantity(quantities.get("kd_normalised")),

@@ -147,8 +147,9 @@ def _print_summary(result: Factorization) -> None:
         status = row["status"] if quantity or result.misfits else "not needed"
         for label, text in _lines(row["parameter"], quantity, result.is_absolute):
             table.add_row(label, text, status)
-    if exponent := result.quantities.get("exponent"):
-        table.add_row(*_lines("exponent", exponent)[0], exponent.status)
+    for name in ("exponent", *result.brdf.form.numbers):
+        if quantity := result.quantities.get(name):
+            table.add_row(*_lines(name, quantity)[0], quantity.status)
     console.print(table)
     if result.textures is not None:
         console.print(
@@ -165,7 +166,7 @@ def _print_summary(result: Factorization) -> None:
     if result.interreflection is not None:
         console.print(str(result.interreflection))
     for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
-        names = [_LABELS[row["parameter"]] for row in rows if row["reason"] == reason]
+        names = [_LABELS.get(row["parameter"], row["parameter"]) for row in rows if row["reason"] == reason]
         console.print(f"{', '.join(names)}: {reason}. To settle it: {remedy}.")
     for warning in result.warnings:
         console.print(f"Warning: {warning}", style="yellow")
@@ -184,14 +185,14 @@ def _ladder(result: Factorization) -> str:
 
 
 _MOST_MODELS = 5
-_LABELS = {"kd": "Kd", "ks": "Ks", "mu": "mu", "sigma": "sigma", "exponent": "exponent"}
-_UNITS = {"kd": " (1/sr)", "ks": "", "mu": "", "sigma": " (rad)", "exponent": ""}
+_LABELS = {"kd": "Kd", "ks": "Ks", "spread": "haze / core width"}
+_UNITS = {"kd": " (1/sr)", "sigma": " (rad)"}
 
 
 def _lines(name: str, quantity: Quantity | None, is_absolute: bool = True) -> list[tuple[str, str]]:
     """Label and text of each number of a parameter."""
-    unit = _UNITS[name] if is_absolute or name != "kd" else ""
-    label = _LABELS[name] + unit
+    unit = _UNITS.get(name, "") if is_absolute or name != "kd" else ""
+    label = _LABELS.get(name, name) + unit
     if quantity is None or quantity.value is None or quantity.std is None:
         return [(label, "-")]
     texts = [with_error(value, std) for value, std in zip(quantity.value, quantity.std, strict=True)]

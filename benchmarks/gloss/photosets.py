@@ -61,7 +61,9 @@ def write_photoset(
     for k in (*fitted, *held_out):
         lines.append(f'[[lighting]]\nname = "lamp {lamps.names[k]}"')
         if known or k in held_out:
-            direction, irradiance = (json.dumps(values[k].tolist()) for values in (lamps.directions, lamps.irradiances))
+            direction, irradiance = (
+                json.dumps(values[k].tolist()) for values in (lamps.directions, lamps.irradiances)
+            )
             lines.append(f"directional = [{{ direction = {direction}, irradiance = {irradiance} }}]\n")
         else:
             lines.append("unknown = true\ndark = true\n")

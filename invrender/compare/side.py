@@ -13,7 +13,7 @@ from capture.lighting import Lighting
 from invrender.model.lobes import LobeForm
 from invrender.model.microfacet import Microfacet
 from invrender.render.reflectance import reflectance
-from invrender.render.saved import SavedQuantity, SavedResult, saved_form
+from invrender.render.saved import SavedQuantity, SavedResult
 
 Floats = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ def result_side(result: SavedResult) -> Side:
         ),
         brdf=reflectance(result, {}).brdf if known else None,
         pictures=_predicted(result),
-        form=None if brdf.sigma is None else saved_form(brdf.model),
+        form=None if brdf.sigma is None else brdf.form,
         notes=() if content.texture is None else (f"Kd and Ks of {result.path} are means over its object.",),
         photo_errors={photo.file: photo.rms_relative for photo in content.photos},
         held_out=frozenset(photo.file for photo in content.photos if photo.held_out),

@@ -21,7 +21,7 @@ def comparison_notes(first: Side, second: Side, lights: Sequence[LightPair]) -> 
             f"The gauge of {' and '.join(which)} is relative: Kd and Ks are compared by their shares, lightings up to a"
             " factor per channel."
         )
-    if first.form is not None and second.form is not None and first.form is not second.form:
+    if first.form is not None and second.form is not None and first.form.family is not second.form.family:
         notes.append(
             f"The lobe of A is of the form {first.form.name!r}, that of B {second.form.name!r}: sigma and Ks mean the"
             " same near normal incidence only, and numbers may differ by more than their standard deviations."

@@ -59,12 +59,13 @@ def read_brdf(path: Path) -> Microfacet:
         kd, ks, sigma = (_value(found[name], path, name) for name in ("kd", "ks", "sigma"))
         # Without a value the model has no Fresnel factor, or the photographs don't show which.
         mu = None if found["mu"] is None else found["mu"]["value"]
+        own = {name: float(number["value"]) for name, number in table.get("form_numbers", {}).items()}
     except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ValueError(
             f"{path}: holds no BRDF (brdf with model, kd, ks, mu, sigma); give the result.json of `lightfactor process`"
         ) from error
     try:
-        return known_brdf(kd, ks or [0.0], mu, sigma if ks else None, saved_form(model))
+        return known_brdf(kd, ks or [0.0], mu, sigma if ks else None, saved_form(model, own))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

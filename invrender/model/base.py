@@ -160,7 +160,9 @@ def base_irradiance(
 ) -> Floats:
     """Irradiance (m, channels), as far as it counts for the base, from a unit strength of the element."""
     one = _one(form, mu)
-    return seen_diffuse(element, normals, sight) if one is None else entering(one, element, normals, sight)[:, 0]
+    return (
+        seen_diffuse(element, normals, sight) if one is None else entering(one, element, normals, sight)[:, 0]
+    )
 
 
 def base_transfer(

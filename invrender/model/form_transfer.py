@@ -74,7 +74,9 @@ def forms_transfer(
     """
     sigmas = np.atleast_1d(np.asarray(sigmas, float))
     if any(len(form.parts) > 1 for form in forms):
-        return np.concatenate([_of_parts(form, element, normals, views, sigmas, fresnel) for form in forms], 1)
+        return np.concatenate(
+            [_of_parts(form, element, normals, views, sigmas, fresnel) for form in forms], 1
+        )
     if forms[0] is PRINTED:
         factors = fresnel((normals * views).sum(axis=1))
         plain = specular_transfer(element, normals, views, sigmas)

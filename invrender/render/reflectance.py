@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
-from invrender.render.saved import SavedQuantity, SavedResult, saved_form
+from invrender.render.saved import SavedQuantity, SavedResult
 from invrender.render.textures import Textures, read_textures
 from invrender.solve.identifiability import lighting_degree
 
@@ -50,7 +50,7 @@ def reflectance(result: SavedResult, assumed: Mapping[str, float], means: bool =
     although it is determined.
     """
     saved = result.content.brdf
-    form = saved_form(saved.model)
+    form = saved.form
     for name, value in assumed.items():
         _check_assumed(result, name, value, getattr(saved, name))
     values: dict[str, Floats | None] = {}

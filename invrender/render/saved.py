@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Literal
 
 import numpy as np
@@ -15,7 +16,8 @@ from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
 from capture.files.tables import Table
 from capture.lighting import Lighting, check_latlong
-from invrender.model.lobes import FORMS, PLASTICS, PRINTED, LobeForm
+from invrender.model.lobes import FORMS, PLASTICS, PRINTED, UNCORRELATED, LobeForm
+from invrender.model.richer import RICHER
 
 RESULT_NAME = "result.json"
 _MANIFEST_NAME = "photoset.toml"
@@ -58,7 +60,7 @@ def _is_known(model: str) -> str:
 class SavedBrdf(_Lenient):
     """The BRDF's numbers; None where the chosen model has no such parameter.
 
-    model : the name of the lobe's form, or "lambertian".
+    model : the name of the lobe's form, or "lambertian". form_numbers : the form's own (a coat, a haze), if it has any.
     """
 
     model: Annotated[str, AfterValidator(_is_known)]
@@ -66,8 +68,17 @@ class SavedBrdf(_Lenient):
     ks: SavedQuantity | None
     mu: SavedQuantity | None
     sigma: SavedQuantity | None
+    form_numbers: dict[str, SavedQuantity] = {}
     normalised: _Shares
     covariance: _Covariance
+
+    @property
+    def form(self) -> LobeForm:
+        """The form of the lobe with its own numbers."""
+        values = {
+            name: float(np.mean(np.array(number.value, float))) for name, number in self.form_numbers.items()
+        }
+        return saved_form(self.model, values)
 
 
 class _Object(_Lenient):
@@ -240,16 +251,19 @@ def read_result(path: Path) -> SavedResult:
     return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=("texture", "interreflection")))
 
 
-def saved_form(model: str) -> LobeForm:
-    """The form of the lobe of a result's brdf.model; of a Lambertian one RH01's, which then stands for none."""
+def saved_form(model: str, numbers: Mapping[str, float] = MappingProxyType({})) -> LobeForm:
+    """The form of the lobe of a result's brdf.model; of a Lambertian one RH01's, which then stands for none.
+
+    numbers : the form's own, by name; what it has and isn't given is at its usual value.
+    """
     if model == "lambertian":
         return PRINTED
-    forms = FORMS | {form.name: form for form in PLASTICS.values()}
+    forms = FORMS | RICHER | {form.name: form for form in (*PLASTICS.values(), *UNCORRELATED.values())}
     if model not in forms:
         raise ValueError(
             f"the form {model!r} of the lobe is unknown; {nearest(str(model), ['lambertian', *forms])}"
         )
-    return forms[model]
+    return forms[model].with_numbers(numbers)
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -10,7 +10,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from invrender.factorization import Quantity
-from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED
+from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, UNCORRELATED
+from invrender.model.richer import COATED, COATED_HAZY, HAZY
 from invrender.pipeline import Prediction, Run
 from invrender.report.pictures import (
     difference_picture,
@@ -38,6 +39,9 @@ _NAMES = {
     "ks": ("K<sub>s</sub>", ""),
     "mu": ("μ", "refractive index"),
     "sigma": ("σ", "rad"),
+    "coat": ("coat", "share of grazing light that it keeps out"),
+    "haze": ("haze", "share of the highlight"),
+    "spread": ("spread", "width of the haze over the core's"),
     "exponent": ("s", "Phong's exponent"),
     "albedo": ("albedo", "π K<sub>d</sub>"),
     "kd_normalised": ("K<sub>d</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),
@@ -54,6 +58,16 @@ _FORMS = {
 _FORMS |= {
     plastic: f"{_FORMS[lobe]}, above a diffuse base under a smooth interface, as of plastic"
     for lobe, plastic in PLASTICS.items()
+}
+_FORMS |= {
+    apart: f"{_FORMS[form]}; what hides the light and what hides the viewer are taken for independent"
+    for form, apart in UNCORRELATED.items()
+}
+_FORMS |= {coated: f"{_FORMS[form]}, above a coated base" for form, coated in COATED.items()}
+_FORMS |= {
+    hazy: f"{_FORMS[form]}, with a haze around the core"
+    for richer in (HAZY, {COATED[form]: both for form, both in COATED_HAZY.items()})
+    for form, hazy in richer.items()
 }
 
 
@@ -99,7 +113,7 @@ class ReportWriter:
             document=self._document,
             result=result,
             model=result.model.estimate.model,
-            form=_FORMS[result.brdf.form],
+            form=_FORMS[result.brdf.form.family],
             best=min(result.rungs, key=lambda rung: rung.error),
             parameters=_parameters(self._run),
             rows=self._rows,

@@ -22,6 +22,7 @@ from invrender.solve.identifiability import (
     Scalar,
     assess_linear,
     assess_mu,
+    assess_number,
     assess_sigma,
     lighting_degree,
 )
@@ -270,6 +271,8 @@ def _quantities(
     quantities["sigma"] = assess_sigma(scalars["sigma"], degree, ks_share)
     if form is PHONG:
         quantities["exponent"] = _as_exponent(quantities["sigma"])
+    for name in form.numbers:
+        quantities[name] = assess_number(*block(name))
     if "mu" in scalars:
         quantities["mu"] = assess_mu(scalars["mu"], photos, ks_share)
     return quantities

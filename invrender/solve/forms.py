@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.columns import PhotoColumns, columns_of_forms
-from invrender.model.lobes import PRINTED, LobeForm, Smith
+from invrender.model.lobes import PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.model.richer import COATED, COATED_HAZY, HAZY, Richer
 from invrender.model.transfer import LightElement
 from invrender.solve.evidence import Rung, climb_ladder, patches_of
 from invrender.solve.models import Model
@@ -53,10 +54,10 @@ def try_forms(
     elements: Elements,
     on_step: Callable[[], None] = lambda: None,
 ) -> dict[LobeForm, Trial]:
-    """Every form, RH01's among them, on the same share of the samples; photos are columns of RH01's.
+    """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's.
 
-    The noise is read off the residuals of the form that fits best: what another misses is no noise. `on_step` is called
-    `len(OTHER_FORMS)` times at most.
+    Beside `OTHER_FORMS` those that the best of them may be a part of (`kin`). The noise is read off the residuals of the
+    form that fits best: what another misses is no noise. `on_step` is called `len(OTHER_FORMS)` times at most.
     """
     kept = [_share(photo, sum(len(p.field) for p in photos)) for photo in photos]
     share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
@@ -66,6 +67,10 @@ def try_forms(
         on_step()
     first = [Weights(w.trust[keep], w.weight[keep]) for w, keep in zip(weights, kept, strict=True)]
     costs = {form: _cost(models_of(form)[-1], part, first) for form, part in columns.items()}
+    facets = min((form for form in costs if isinstance(form, Smith)), key=lambda form: costs[form])
+    more = columns_of(kin(facets), share, elements)
+    columns |= more
+    costs |= {form: _cost(models_of(form)[-1], part, first) for form, part in more.items()}
     best = min(costs, key=lambda form: costs[form])
     own = weigh(columns[best], models_of(best)[-1], first)[1]
     patches = patches_of(photos)
@@ -75,13 +80,19 @@ def try_forms(
     }
 
 
+def kin(form: Smith) -> tuple[LobeForm, ...]:
+    """Forms that differ from one of facets by what they hide, the base, or a haze."""
+    lobe = form.lobe
+    return UNCORRELATED[form], COATED[lobe], HAZY[form], COATED_HAZY[lobe]
+
+
 def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:
     return fit(model, total_statistics(photos, [w.weight for w in weights])).cost
 
 
 def together(forms: Sequence[LobeForm]) -> list[tuple[LobeForm, ...]]:
     """Forms in groups whose columns are made at once: those of facets, which reflect the same rays; each other one."""
-    facets = tuple(form for form in forms if isinstance(form, Smith))
+    facets = tuple(form for form in forms if isinstance(form, Smith | Richer))
     others: list[tuple[LobeForm, ...]] = [(form,) for form in forms if form not in facets]
     return [facets, *others] if facets else others
 

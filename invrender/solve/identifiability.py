@@ -161,6 +161,14 @@ def assess_linear(value: Floats, std: Floats, scale: Floats, name: str) -> Quant
     )
 
 
+def assess_number(value: Floats, std: Floats) -> Quantity:
+    """A number of the form's own (1,) with its status; it always has a value, without which the form means nothing."""
+    if (std <= _WEAK * np.maximum(value, 1.0)).all():
+        return Quantity(value, std, "determined")
+    why = "its standard deviation is above a tenth: what it adds to the form is small or looks like another part"
+    return Quantity(value, std, "weak", why, "add photographs with highlights in view, and at grazing angles")
+
+
 def _determined(found: Scalar, remedy: str) -> Quantity:
     value, std = np.array([found.value]), np.array([found.std])
     if found.std <= _WEAK * found.value:

@@ -124,4 +124,8 @@ def test_fits_to_subsets_are_those_to_the_other_photographs(bench, rng):
             # Sums of products less some of them keep twelve digits; steps end at a thousandth of a standard deviation.
             assert_allclose(found.cost, expected.cost, rtol=1e-6)
             if model.specular:
-                assert_allclose(coordinates(found.model, found.brdf), coordinates(expected.model, expected.brdf), atol=1e-4)
+                assert_allclose(
+                    coordinates(found.model, found.brdf),
+                    coordinates(expected.model, expected.brdf),
+                    atol=1e-4,
+                )
