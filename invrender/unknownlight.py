@@ -16,6 +16,7 @@ from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict
+from invrender.model.richer import NUMBER_RANGE
 from invrender.newlight import new_lights, scored_lighting, used_tables
 from invrender.reading import read_samples
 from invrender.solve.blind import (
@@ -203,7 +204,7 @@ def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
     made_of: dict[str, dict[str, float]] = {}
     for name, sign in (("kd", -1.0), ("ks", 1.0)):
         made_of |= {f"{name}.{c}": {f"kappa {c}": sign} for c in "rgb" if f"kappa {c}" in fitted}
-    made_of |= {name: {name: 1.0} for name in ("mu", "sigma") if name in fitted}
+    made_of |= {name: {name: 1.0} for name in ("mu", "sigma", *NUMBER_RANGE) if name in fitted}
     parts = [[parts.get(name, 0.0) for name in fitted] for parts in made_of.values()]
     return tuple(made_of), np.array(parts).reshape(len(made_of), len(fitted))
 

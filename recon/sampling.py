@@ -74,6 +74,8 @@ def sample_body(
             at = rows[usable], columns[usable]
             bright = small_highlights(*at, image.radiance[at].astype(np.float64))
             drawn, share = _with_highlights(drawn, bright, cells_of(normals), rng)
+        else:
+            share = np.ones(len(drawn))
         usable = usable[drawn]
     rows, columns = rows[usable], columns[usable]
     clear = geometry.clear[usable] & ~_any_within(image.saturated, rows, columns, _CLEARANCE)

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
-from invrender.model.lobes import PRINTED
+from invrender.model.lobes import GGX_FORM, PRINTED
 from invrender.model.lobetable import TRANSFERS, Transfer
+from invrender.model.richer import COATED_HAZY
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.antipodes import Sides, likelier_sides
 from invrender.solve.blind.certainty import Certainty, certainty_of
-from invrender.solve.blind.forms import ALL_FORMS, Formed, choose_form
+from invrender.solve.blind.forms import MOST_FORMS, Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.remarks import remarks
@@ -86,8 +87,8 @@ def factorize_blind(
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
         assumed = _assumed(photos)
         any_form = ladder and transfer == "exact"
-        forms = ALL_FORMS if any_form else (PRINTED,)
-        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed, forms)
+        form = COATED_HAZY[GGX_FORM] if any_form else PRINTED
+        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed, form)
         strays, thin = kept is not thin, kept
         formed = Formed(found, ())
         if any_form:
@@ -131,7 +132,7 @@ def blind_steps(orders: Sequence[int] = ORDERS) -> int:
     """How often `factorize_blind` reports progress at most."""
     # Each order with a lobe and without, and of degree 2; lamps; other forms; the first fit, what may be left out, the
     # last.
-    return 2 * len(orders) + 6 + len(ALL_FORMS)
+    return 2 * len(orders) + 6 + MOST_FORMS
 
 
 def _check(

@@ -87,7 +87,7 @@ def neighbours(rungs: Sequence[BlindRung], chosen: int) -> list[int]:
         for index, rung in enumerate(rungs)
         if rung.fit.l_max > own.l_max
         and rung.fit.state.names == own.state.names
-        and rung.fit.state.form is own.state.form
+        and rung.fit.state.form.family is own.state.form.family
     ]
     return [chosen, *sorted(richer, key=lambda index: rungs[index].fit.l_max)[:1]]
 

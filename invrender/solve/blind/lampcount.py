@@ -7,7 +7,6 @@ that lamp explains under no reflectance: shading up to an attached shadow of its
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from invrender.solve.blind.start import PEAK_WIDTH, Search, first_states
 from invrender.solve.blind.state import State, turns
 from invrender.solve.clusters import tiles_of
 from recon.highlights import small_highlights
+from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,28 +29,32 @@ Ints = NDArray[np.int64]
 _WIDTHS: Floats = 0.0125 * 2.0 ** np.arange(6, dtype=float)
 # Half-angles in sigma within which a highlight's form decides: what is there is no evidence for another lamp.
 _AROUND = 1.5
-# Turn of a lamp, radians, over which its columns' slopes are taken; and iterations by which a form has shown its worth.
-_TURN, _ITERATIONS = 1e-4, 10
-# Directions of small highlights that are candidates in each lighting, at most; how often lamps are counted anew.
-_HIGHLIGHTS, _ROUNDS = 6, 4
+# How far to the side of a lamp, radians, other lobes of it are; and iterations by which a start has shown its worth.
+_BESIDE, _ITERATIONS = 0.06, 10
+# How far off a lamp may be, radians, by its shading on a body that isn't Lambertian.
+_ASTRAY = 0.35
+# Deviations from which on a residual may be a highlight's; directions of these that are candidates in each lighting, at
+# most; and how often lamps are counted anew.
+_OUTSTANDING, _HIGHLIGHTS, _ROUNDS = 6.0, 6, 4
+# By how much more a lamp must save than one does whose place isn't sought among many.
+_SOUGHT = 2.0
 # Of directions and of columns, what is no difference.
 _SAME, _CUT = 1e-9, 1e-9
 
 
-def fewest_lamps(search: Search, diffuse: Fit, forms: Sequence[LobeForm]) -> Fit:
-    """The best fit of lamps in the dark, of all forms, with no lamp that another reflectance makes needless.
+def fewest_lamps(search: Search, diffuse: Fit, form: LobeForm) -> Fit:
+    """The best fit of lamps in the dark, with no lamp that another reflectance makes needless.
 
     search : prepared for light of degree 0. diffuse : lamps as a Lambertian body shows them, which are candidates.
+    form : of the lobe, the more general the better.
     """
-    single = _best_form(search, brightest_each(diffuse), forms)
-    fit = single
+    fit = _best_start(search, _towards_highlights(search, brightest_each(diffuse)).with_form(form))
     for _ in range(_ROUNDS):
         needed = needed_lamps(search, fit, _at_highlights(search, fit, diffuse.state))
         if _same_lamps(needed, fit.state):
             break
         fit = bright(search, search.fit(needed, fit.l_max))
-    # With other lamps another form may be the best.
-    return fit if fit is single else _best_form(search, fit.state, forms)
+    return search.fit(fit.state, 0)
 
 
 def brightest_each(fit: Fit) -> State:
@@ -68,28 +72,52 @@ def _brightest_first(fit: Fit, lighting: int) -> Floats:
 
 
 def _at_highlights(search: Search, fit: Fit, state: State) -> State:
-    """A state with lamps beside its own: those that small highlights would mirror which a fit leaves, the brightest."""
-    left: dict[int, list[tuple[Floats, Floats]]] = {lighting: [] for lighting in search.lightings}
+    """A state with lamps beside its own: those that would mirror what a fit leaves of highlights, the brightest few."""
+    ways: dict[int, list[Floats]] = {lighting: [] for lighting in search.lightings}
+    heights: dict[int, list[Floats]] = {lighting: [] for lighting in search.lightings}
     for sight, rows in zip(search.sights, fit.rows, strict=True):
-        residuals = sight.split(sight.radiance - predicted(sight, fit, rows))
+        residuals = sight.split((sight.radiance - predicted(sight, fit, rows)).sum(axis=1))
         for photo, residual in zip(sight.photos, residuals, strict=True):
-            bright = small_highlights(photo.rows, photo.columns, residual)
-            mirrored = np.asarray(photo.mean_over_rays(photo.mirrored))[bright]
-            left[sight.lighting].append((mirrored, residual[bright].sum(axis=1)))
-    for lighting, parts in left.items():
-        ways, brightness = (np.concatenate(of) for of in zip(*parts, strict=True))
-        ways = ways[np.argsort(-brightness)]
-        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-        for direction in _apart(ways, PEAK_WIDTH)[:_HIGHLIGHTS]:
+            high = residual > _OUTSTANDING * 1.4826 * np.median(np.abs(residual))
+            ways[sight.lighting].append(_mirrored(photo, high))
+            heights[sight.lighting].append(residual[high])
+    for lighting in search.lightings:
+        order = np.argsort(-np.concatenate(heights[lighting]))
+        found = np.concatenate(ways[lighting])[order]
+        peaks = _apart(found, PEAK_WIDTH)
+        # Dust stands out alone.
+        several = (peaks @ found.T > np.cos(PEAK_WIDTH)).sum(axis=1) > 1
+        for direction in peaks[several][:_HIGHLIGHTS]:
             state = state.with_source(direction, lighting)
     return state
 
 
-def _best_form(search: Search, lamps: State, forms: Sequence[LobeForm]) -> Fit:
-    """The form that explains most with given lamps, which are fitted with it, from a narrow lobe and from a wide one."""
-    starts = [start for form in forms for start in first_states(search, lamps.with_form(form))]
-    fits = (search.fit(start, 0, _ITERATIONS) for start in starts)
-    return search.fit(min(fits, key=lambda fit: fit.cost).state, 0)
+def _towards_highlights(search: Search, lamps: State) -> State:
+    """Lamps turned to where the small highlight nearest to what they would mirror has them: shading tells less."""
+    directions = lamps.directions.copy()
+    for k, (direction, lighting) in enumerate(zip(lamps.directions, lamps.owners.tolist(), strict=True)):
+        photos = [photo for sight in search.only(lighting).sights for photo in sight.photos]
+        found = [(photo, small_highlights(photo.rows, photo.columns, photo.radiance)) for photo in photos]
+        ways = np.concatenate([_mirrored(photo, bright) for photo, bright in found])
+        brightness = np.concatenate([photo.radiance[bright].sum(axis=1) for photo, bright in found])
+        near = ways @ direction > np.cos(_ASTRAY)
+        if near.any():
+            peak = ways[np.where(near, brightness, 0).argmax()]
+            mean = brightness[near] @ (ways[near] * (ways[near] @ peak > np.cos(PEAK_WIDTH))[:, None])
+            directions[k] = mean / np.linalg.norm(mean)
+    return replace(lamps, directions=directions)
+
+
+def _mirrored(photo: LightField, chosen: NDArray[np.bool_]) -> Floats:
+    """Unit directions (k, 3) that chosen samples (n,) mirror."""
+    ways = np.asarray(photo.mean_over_rays(photo.mirrored))[chosen]
+    return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
+
+
+def _best_start(search: Search, lamps: State) -> Fit:
+    """The best fit near given lamps, from a narrow lobe and from a wide one."""
+    fits = (search.fit(start, 0, _ITERATIONS) for start in first_states(search, lamps))
+    return min(fits, key=lambda fit: fit.cost)
 
 
 def _same_lamps(one: State, other: State) -> bool:
@@ -110,7 +138,8 @@ def needed_lamps(search: Search, fit: Fit, candidates: State) -> State:
     for lighting in search.lightings:
         ways = np.vstack([_brightest_first(fit, lighting), candidates.under(lighting).directions])
         if len(ways):
-            ways = _apart(ways, state.sigma or PEAK_WIDTH)
+            # A lobe in half-angles is half as wide as in the mirrored direction.
+            ways = _apart(ways, max(2 * state.roughness, PEAK_WIDTH))
             for direction in ways[_needed(search.only(lighting), state, ways)]:
                 result = result.with_source(direction, lighting)
     return result
@@ -155,16 +184,15 @@ def _off_highlights(search: Search, directions: Floats, width: float) -> Search:
 
 
 def _any_reflectance(search: Search, direction: Floats) -> Floats:
-    """Columns (n, q) of a lamp under any reflectance, and of its turns: a smooth base and lobes of all widths.
+    """Columns (n, q) of a lamp under any reflectance: light from all sides, then smooth bases and lobes of all widths.
 
-    The first is light from all sides.
+    These there and to all sides of it, so that no highlight drawn out or lopsided takes another lamp, either.
     """
+    ways = np.vstack([direction[None], *(turns(direction[None], angle)[0] for angle in (_BESIDE, -_BESIDE))])
     found = []
     for sight in search.sights:
-        at = _columns(sight, direction)
-        around = [_columns(sight, end) for end in turns(direction[None], _TURN)[0]]
-        columns = sight.within(np.hstack([at, *((end - at) / _TURN for end in around)]))
-        found.append(np.hstack([sight.within(sight.diffuse[:, :1]), columns]))
+        columns = np.hstack([_columns(sight, way) for way in ways])
+        found.append(np.hstack([sight.within(sight.diffuse[:, :1]), sight.within(columns)]))
     return np.vstack(found)
 
 
@@ -206,4 +234,4 @@ def _left(search: Search, shared: Floats, own: Floats) -> tuple[float, float, in
 def _price(search: Search, left: float, together: float, fitted: int) -> float:
     """Squared residuals that a lamp must save where so many are left and hang together."""
     numbers = sum(np.count_nonzero(weight) for weight in search.weights)
-    return float(PER_SOURCE * np.log(numbers) * left / max(numbers - fitted, 1) * together)
+    return float(_SOUGHT * PER_SOURCE * np.log(numbers) * left / max(numbers - fitted, 1) * together)

@@ -41,7 +41,7 @@ def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> 
         _instead(own, rung.fit.state)
         for rung in tried
         if rung.fit.state.sigma is not None
-        and rung.fit.state.form is not own.form
+        and rung.fit.state.form.family is not own.form.family
         and rung.error < _PROMISING * error
     ]
     if own.form in UNCORRELATED:
@@ -88,6 +88,8 @@ def _moved(own: State, rival: State) -> dict[str, float]:
         for c, here, there in zip("rgb", own.kappa, rival.kappa, strict=True)
     }
     moved["sigma"] = rival.roughness - own.roughness
+    numbers = own.form.numbers
+    moved |= {name: value - numbers[name] for name, value in rival.form.numbers.items() if name in numbers}
     if own.mu is not None and rival.mu is not None:
         moved["mu"] = rival.mu - own.mu
     turned = np.einsum("kaj,kj->ka", tangents(own.directions), rival.directions)

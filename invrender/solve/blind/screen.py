@@ -43,22 +43,22 @@ def find_among_nonsense(
     l_max: int,
     in_the_dark: bool,
     noise: NoiseModel,
-    forms: Sequence[LobeForm] = (PRINTED,),
+    form: LobeForm = PRINTED,
 ) -> tuple[Search, Found, Lamps | None]:
     """`sources.find_starts` with the samples that it was left with: the same, unless some stray; then these count for
     little, and the rest is weighed by an assumed noise."""
     first, trust = _middling(search, l_max or search.sights[0].l_max)
     if _distrusted(trust, _GROSS) < _FEW:
-        return search, *find_starts(search, l_max, in_the_dark, forms)
+        return search, *find_starts(search, l_max, in_the_dark, form)
     search = _by_own_noise(search, first)
-    fit = find_starts(search, l_max, in_the_dark, forms)[0].fit
+    fit = find_starts(search, l_max, in_the_dark, form)[0].fit
     for _ in range(_MOST_JUDGEMENTS):
         before, search = _distrusted(search.trust, _HALF), _by_own_noise(search, fit)
         if abs(_distrusted(search.trust, _HALF) - before) < _FEW / 3:
             break
         fit = search.fit(fit.state, fit.l_max)
     search = judged(search, fit, noise)
-    found, lamps = find_starts(search, l_max, in_the_dark, forms)
+    found, lamps = find_starts(search, l_max, in_the_dark, form)
     return search, likelier(search, found, fit.state), lamps
 
 

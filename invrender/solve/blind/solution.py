@@ -161,7 +161,12 @@ def predict_parts(
 def _reflected(state: State, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
     """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
     if state.form is not PRINTED:
-        return form_radiance(field, lighting, state.form.lobe, state.mu, state.roughness)
+        return np.asarray(
+            sum(
+                share * form_radiance(field, lighting, state.form.lobe, state.mu, factor * state.roughness)
+                for share, factor in state.form.parts
+            )
+        )
     cos = np.einsum("nk,nk->n", field.normals, field.views)
     return normalised_fresnel(state.mu, cos)[:, None] * specular_radiance(
         field, lighting, state.roughness, transfer

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -200,17 +199,17 @@ class Lamps:
 
 
 def find_starts(
-    search: Search, l_max: int, in_the_dark: bool, forms: Sequence[LobeForm] = (PRINTED,)
+    search: Search, l_max: int, in_the_dark: bool, form: LobeForm = PRINTED
 ) -> tuple[Found, Lamps | None]:
     """Sources beside light of degree l_max, as a body with a lobe shows them, and lamps in the dark if that may be it.
 
     Lamps alone are fitted to the search as prepared for degree 0: lobes take time with the degree that they are for.
-    in_the_dark : whether lamps are looked for; they always are at degree 0. forms : of the lobe, the best of which
-    lamps alone are counted with.
+    in_the_dark : whether lamps are looked for; they always are at degree 0. form : of the lobe, that lamps
+    alone are counted with.
     """
     if not l_max:
         dark = of_degree(search, 0)
-        alone = fewest_lamps(dark, _diffuse_lamps(search), forms)
+        alone = fewest_lamps(dark, _diffuse_lamps(search), form)
         return examined(dark, alone), Lamps(alone, dark.fit(alone.state.without_lobe(), 0))
     found = examined(search, find_sources(search, first_state(search, l_max), l_max))
     lamps = _lamps_alone(search, found.fit) if in_the_dark else None
