@@ -15,6 +15,7 @@ from capture.progress import Track
 from invrender.clock import Clock
 from invrender.findings import POOR, brightness_warning, find_warnings
 from invrender.interreflection import Accounted, account_for_bounces, unknown_scale
+from invrender.leverage import importances
 from invrender.lightframe import other_frame
 from invrender.model.bounce import Bounced, Parts
 from invrender.model.columns import PhotoColumns, all_columns, photo_columns
@@ -43,7 +44,8 @@ def solve_known_light(
     with clock.on("recon"):
         lightings = _used_lightings(photoset)
     sources = {name: lighting.directions for name, lighting in lightings.items()}
-    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track)
+    telling = importances(photoset, specimen, lightings, clock)
+    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track, telling)
     with clock.on("invrender"):
         elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
         columns = _columns(photoset, fields, elements, specimen.shadows)

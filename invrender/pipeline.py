@@ -73,6 +73,11 @@ class Run:
         photos, body = self.photoset.photos, self.specimen.body
         return max(larger_pixels(body, photo.camera, _PREDICTED) for photo in photos)
 
+    @cached_property
+    def _sources(self) -> dict[str, NDArray[np.float64]]:
+        """Directions (k, 3) of each lighting's sources, by its name."""
+        return {entry.lighting.name: entry.lighting.directions for entry in self.result.lightings}
+
     def predictions(self) -> Iterator[Prediction]:
         """Predicted photographs in the set's order, a few at a time in memory."""
         with one_blas_thread():
@@ -87,9 +92,10 @@ class Run:
         rows, columns = body_pixels(body, photo.camera)
         predicted = np.zeros_like(observed.radiance)
         inside = np.zeros(observed.saturated.shape, bool)
+        glints = self._sources[photo.lighting]
         for part in np.array_split(np.arange(len(rows)), len(rows) // _PIXELS_AT_A_TIME + 1):
             pixels = rows[part], columns[part]
-            samples = facing(samples_at(body, photo.camera, observed, *pixels, NO_SOURCES))
+            samples = facing(samples_at(body, photo.camera, observed, *pixels, NO_SOURCES, glints))
             radiance = self._radiance(photo, samples)
             # Pixels with a hole, and where a texture isn't known, are left out.
             known = np.isfinite(radiance).all(axis=1)

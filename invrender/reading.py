@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from capture.radiance import RadianceImage
 from invrender.clock import Clock
 from recon.lightfield import LightField, off_terminators
 from recon.samples.find import FoundBody
-from recon.sampling import NO_SOURCES, WHOLE, sample_body
+from recon.sampling import NO_SOURCES, WHOLE, Importance, sample_body
 
 _MIN_SAMPLES_PER_PHOTO = 20
 # Noise about black makes half of a dark photograph's numbers negative.
@@ -33,13 +34,14 @@ def read_samples(
     samples: int,
     clock: Clock,
     track: Track,
+    importance: Mapping[str, Importance] = MappingProxyType({}),
     highlights: bool = False,
 ) -> tuple[dict[str, LightField], list[str]]:
     """Samples of every photograph by its label, on all cores; and sentences on what was left out.
 
     sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
-    how many in all, evenly over the photographs that are fitted; each that is held out gets as many. highlights : as
-    of `sample_body`.
+    how many in all, evenly over the photographs that are fitted; each that is held out gets as many. importance : per
+    lighting, how much pixels tell; of one without it samples are spread evenly. highlights : as of `sample_body`.
     """
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
@@ -53,7 +55,9 @@ def read_samples(
             directions = sources.get(photo.lighting, NO_SOURCES)
             # Seeded by place, so that neither order nor threads change what is drawn.
             rng = np.random.default_rng(index)
-            drawn = sample_body(found.body, photo.camera, image, mask, directions, budget, rng, highlights)
+            telling = importance.get(photo.lighting)
+            view = found.body, photo.camera, image, mask, directions
+            drawn = sample_body(*view, budget, rng, telling, highlights)
             drawn = off_terminators(drawn, directions)
             check_usable(photo, image, drawn, mask)
         saturated = float(image.saturated[_inside(image, mask)].mean())

@@ -29,7 +29,7 @@ _INTEGERS = {
 }
 _BOOLEANS = {"reflected_visible": np.bool_, "sources_visible": np.bool_}
 # What belongs to samples; the rest belongs to rays.
-_OF_SAMPLES = ("rows", "columns", "radiance", "variance", "weight", "place")
+_OF_SAMPLES = ("rows", "columns", "radiance", "variance", "weight", "stands_for", "place")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,8 @@ class LightField:
         texture is blended by these. None of both on a sphere.
     footprints : (m, 2, 3) metres on a mesh's facet, across a ray's part of its pixel, to the right and down; zero where
         it is seen edge on. None where nobody asks what varies within.
+    stands_for : (n,) how much each sample counts for in sums over the surface, 1 on average: less where it was the likelier
+        drawn. None where all count alike.
     place : (n,) int, of the points of the surface that photographs are compared at, the one that a sample shows. None
         where samples lie anywhere.
     """
@@ -66,6 +68,7 @@ class LightField:
     faces: NDArray[np.int64] | None = None
     corner_weights: Floats | None = None
     footprints: Floats | None = None
+    stands_for: Floats | None = None
     place: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
@@ -82,6 +85,11 @@ class LightField:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    @property
+    def shares(self) -> Floats:
+        """What each sample counts for (n,), 1 on average."""
+        return np.ones(len(self)) if self.stands_for is None else self.stands_for
 
     def mean_over_rays(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
         """Means (n, ...) over each sample's rays of per-ray values (m, ...)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,8 @@ from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+# How much pixels tell (n,) by their normals and views, (n, 3) unit.
+Importance = Callable[[Floats, Floats], Floats]
 
 # Exitant angles beyond 81 degrees are left out: the microfacet model grows without bound there
 # (RH01 section 5.2: grazing observations "are usually assigned low confidence anyway").
@@ -34,12 +38,17 @@ WHOLE = 0.98
 # centre; others are grids of 2-point Gauss rules. One rule in all would make 1 / cos theta_o, as the model
 # has it, 2.6% too small at cos theta_o = 0.15 on a sphere of 53 px.
 _RAYS_PER_SIDE = ((0.02, 1), (0.08, 2), (np.inf, 4))
+# In highlights of sources, which may be as narrow as 0.005 radians; and how far from the mirror direction these reach.
+_RAYS_OF_HIGHLIGHTS = ((0.004, 1), (0.008, 2), (0.016, 4), (np.inf, 8))
+_GLINT = 0.02
+# Part of the budget that is drawn by what pixels tell, and rounds in which probabilities that reach 1 are set aside.
+_TELLING, _ROUNDS = 0.4, 8
+# Of a budget, what of small highlights is taken beside it at most.
+_HIGHLIGHTS = 0.2
 # How many times the budget is looked at in choosing it.
 _SPARE = 8
 # Bands of latitude by which normals are told apart; twice as many sectors in each, all of one solid angle.
 _BANDS = 16
-# Of a budget, what of small highlights is taken beside it at most.
-_HIGHLIGHTS = 0.2
 # Cosine to a facet below which it is seen edge on: a pixel's footprint on its plane says nothing of the surface.
 _EDGE_ON = 0.05
 # For who asks for no source's visibility.
@@ -54,44 +63,82 @@ def sample_body(
     sources: Floats,
     budget: int | None,
     rng: np.random.Generator,
+    importance: Importance | None = None,
     highlights: bool = False,
 ) -> LightField:
     """Samples of a body in one photograph, at most `budget` of them, spread over its normals.
 
     coverage : (h, w) mask in 0 to 1, or None to trust the shape alone. sources : (k, 3) unit, towards them.
+    importance : how much pixels tell, by which a part of the budget is drawn; None spreads all of it evenly.
+    highlights : whether, where no importance is known, all of small highlights is taken beside the budget, up to a fifth
+    of it, and seen through finer rays.
     Pixels are usable when they show one smooth piece of surface, a pixel away from the mask's border, are not
-    saturated and not too grazing. highlights : whether more of small highlights are taken beside the budget, up to a
-    fifth of it, all of which then count for as much as the few would that the budget has of them.
+    saturated and not too grazing.
     """
     rows, columns = _candidates(body, camera, image, coverage, budget, rng)
     geometry = body.pixel_geometry(camera, rows, columns)
     usable = np.flatnonzero(geometry.whole & (geometry.cos >= MIN_COS_EXITANT) & (geometry.turn <= _MAX_TURN))
-    share = np.ones(len(usable))
-    if budget is not None and len(usable) > budget:
-        normals = geometry.normals[usable]
-        drawn = spread(normals, budget, rng)
+    shares, bright = None, np.zeros(len(usable), bool)
+    if highlights:
+        at = rows[usable], columns[usable]
+        bright = small_highlights(*at, image.radiance[at].astype(np.float64))
+        shares = np.ones(len(usable))
+    if budget is not None and len(usable) > budget and importance is None:
+        drawn = spread(geometry.normals[usable], budget, rng)
         if highlights:
-            at = rows[usable], columns[usable]
-            bright = small_highlights(*at, image.radiance[at].astype(np.float64))
-            drawn, share = _with_highlights(drawn, bright, cells_of(normals), rng)
-        else:
-            share = np.ones(len(drawn))
-        usable = usable[drawn]
+            drawn, shares = _with_highlights(drawn, bright, _cells(geometry.normals[usable]), rng)
+        usable, bright = usable[drawn], bright[drawn]
+    elif budget is not None and importance is not None:
+        telling = importance(geometry.normals[usable], _views(camera, rows[usable], columns[usable]))
+        drawn, shares = draw(geometry.normals[usable], telling, budget, rng)
+        usable, bright = usable[drawn], bright[drawn]
     rows, columns = rows[usable], columns[usable]
     clear = geometry.clear[usable] & ~_any_within(image.saturated, rows, columns, _CLEARANCE)
     if coverage is not None:
         clear &= ~_any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
     grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
-    weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR) * share
-    return _gather(body, camera, image, rows, columns, geometry.turn[usable], weight, sources)[0]
+    weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
+    near = _near_mirror(
+        geometry.normals[usable], _views(camera, rows, columns), geometry.turn[usable], sources
+    )
+    near |= bright
+    field, complete = _gather(
+        body, camera, image, rows, columns, geometry.turn[usable], weight, sources, near
+    )
+    return field if shares is None else replace(field, stands_for=shares[complete])
 
 
 def samples_at(
-    body: Body, camera: Camera, image: RadianceImage, rows: Ints, columns: Ints, sources: Floats
+    body: Body,
+    camera: Camera,
+    image: RadianceImage,
+    rows: Ints,
+    columns: Ints,
+    sources: Floats,
+    glints: Floats = NO_SOURCES,
 ) -> LightField:
-    """The samples of given pixels that lie wholly on the body, usable for a fit or not; their weight is 1."""
-    turn = body.pixel_geometry(camera, rows, columns).turn
-    return _gather(body, camera, image, rows, columns, turn, np.ones(len(rows)), sources)[0]
+    """The samples of given pixels that lie wholly on the body, usable for a fit or not; their weight is 1.
+
+    glints : (k, 3) unit, towards sources whose highlights are seen through finer rays.
+    """
+    geometry = body.pixel_geometry(camera, rows, columns)
+    near = _near_mirror(geometry.normals, _views(camera, rows, columns), geometry.turn, glints)
+    return _gather(body, camera, image, rows, columns, geometry.turn, np.ones(len(rows)), sources, near)[0]
+
+
+def _views(camera: Camera, rows: Ints, columns: Ints) -> Floats:
+    """Unit vectors (n, 3) from pixels' centres to the camera."""
+    return np.asarray(-camera.rays(np.column_stack([columns, rows]) + 0.5)[1])
+
+
+def _near_mirror(normals: Floats, views: Floats, turn: Floats, sources: Floats) -> NDArray[np.bool_]:
+    """Pixels (n,) in which a highlight of some source may be narrower than they are wide."""
+    near = np.zeros(len(normals), bool)
+    for source in sources:
+        half = views + source
+        half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
+        near |= np.linalg.norm(np.cross(half, normals), axis=1) < _GLINT + 2 * turn
+    return near
 
 
 def samples_around(
@@ -116,31 +163,67 @@ def ray_squares(field: LightField) -> tuple[Floats, Floats]:
     return np.column_stack([field.columns, field.rows])[field.ray_sample] + within, 1 / side
 
 
-def cells_of(normals: Floats) -> Ints:
-    """The cell (n,) that each normal (n, 3) is in, of a sphere's that are all of one solid angle."""
-    band = np.minimum(((normals[:, 2] + 1) / 2 * _BANDS).astype(int), _BANDS - 1)
-    azimuth = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi) + 0.5
-    sectors = 2 * _BANDS
-    return np.asarray(band * sectors + np.minimum((azimuth * sectors).astype(int), sectors - 1))
+def draw(
+    normals: Floats, telling: Floats, budget: int, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], Floats]:
+    """About `budget` of n samples, ascending, and what each stands for: evenly over normals, more where more is told.
+
+    normals : (n, 3). telling : (n,) >= 0, in any unit. A part of the budget is spread evenly over normals, the rest drawn
+    with probabilities in proportion to what pixels tell (RMB07, section 6: sampling by gradients). A sample stands for its
+    probability in an even draw over that in this one [Horvitz and Thompson 1952], so that sums stay unbiased.
+    """
+    even = _inclusion(_cells(normals), budget)
+    drawn = 1 - (1 - (1 - _TELLING) * even) * (1 - _proportional(telling, _TELLING * budget))
+    # Systematically along a random order: as many as the probabilities add up to, none twice.
+    order = rng.permutation(len(normals))
+    total = np.cumsum(drawn[order]) + rng.random()
+    taken = np.sort(order[np.floor(total) > np.floor(total - drawn[order])])
+    shares = even[taken] / drawn[taken]
+    return taken, shares / shares.mean()
 
 
 def _with_highlights(
     drawn: Ints, bright: NDArray[np.bool_], cells: Ints, rng: np.random.Generator
 ) -> tuple[Ints, Floats]:
-    """Samples (k,) of n that were drawn, with more of the bright ones (n,), and what each of them counts for, (k,).
+    """Samples (k,) of n that were drawn, with more of the bright ones (n,), and what each of them stands for, (k,).
 
-    A bright one counts for the chance by which it would be drawn, over that by which it is [Horvitz & Thompson 1952].
+    A bright one stands for the chance by which it would be drawn, over that by which it is [Horvitz and Thompson 1952].
     """
-    chance = np.bincount(cells[drawn], minlength=cells.max() + 1) / np.maximum(np.bincount(cells), 1)
+    _, place, counts = np.unique(cells, return_inverse=True, return_counts=True)
+    chance = (np.bincount(place[drawn], minlength=len(counts)) / counts)[place]
     kept = np.zeros(len(cells), bool)
     kept[drawn] = True
     left = np.flatnonzero(bright & ~kept)
     more = rng.permutation(left)[: int(_HIGHLIGHTS * len(drawn))]
     taken = len(more) / max(len(left), 1)
     kept[more] = True
-    own = chance[cells]
-    share = np.where(bright, own / (own + (1 - own) * taken), 1.0)
-    return np.flatnonzero(kept), share[kept]
+    shares = np.where(bright, chance / (chance + (1 - chance) * taken), 1.0)[kept]
+    return np.flatnonzero(kept), shares / shares.mean()
+
+
+def _inclusion(cell: Ints, budget: float) -> Floats:
+    """Probabilities (n,) with which an even draw over cells takes samples, given each one's cell."""
+    _, place, counts = np.unique(cell, return_inverse=True, return_counts=True)
+    if len(cell) <= budget:
+        return np.ones(len(cell))
+    # The quota that fills the budget: cells with fewer give all that they have.
+    ascending = np.sort(counts)
+    before = np.cumsum(ascending) - ascending
+    quotas = (budget - before) / (len(ascending) - np.arange(len(ascending)))
+    quota = quotas[np.argmax(quotas <= ascending)]
+    return np.asarray(np.minimum(1, quota / counts)[place])
+
+
+def _proportional(telling: Floats, budget: float) -> Floats:
+    """Probabilities (n,) in proportion to numbers, as far as 1 allows, that add up to a budget where they can."""
+    result = np.zeros(len(telling))
+    rest = telling > 0
+    for _ in range(_ROUNDS):
+        if not rest.any() or result.sum() >= budget:
+            break
+        result[rest] = np.minimum(1, telling[rest] * ((budget - result[~rest].sum()) / telling[rest].sum()))
+        rest &= result < 1
+    return result
 
 
 def spread(normals: Floats, budget: int, rng: np.random.Generator) -> NDArray[np.int64]:
@@ -149,7 +232,7 @@ def spread(normals: Floats, budget: int, rng: np.random.Generator) -> NDArray[np
     The sphere of normals is cut into cells of one solid angle; the same number is drawn from each, all from those that
     have fewer. A flat face of a mesh would otherwise take the budget of all that curves.
     """
-    cell = cells_of(normals)
+    cell = _cells(normals)
     # In an order that is random within each cell, a sample's rank says whether its cell's quota takes it.
     order = rng.permutation(len(cell))
     order = order[np.argsort(cell[order], kind="stable")]
@@ -159,6 +242,14 @@ def spread(normals: Floats, budget: int, rng: np.random.Generator) -> NDArray[np
     # Ranks in turn: the first of each cell, the second of each ...; within one rank cells in random order.
     turn = np.lexsort((rng.random(len(order)), rank))
     return np.sort(order[turn[:budget]])
+
+
+def _cells(normals: Floats) -> Ints:
+    """The cell (n,) of the sphere of normals that each lies in; all have one solid angle."""
+    band = np.minimum(((normals[:, 2] + 1) / 2 * _BANDS).astype(int), _BANDS - 1)
+    azimuth = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi) + 0.5
+    sectors = 2 * _BANDS
+    return np.asarray(band * sectors + np.minimum((azimuth * sectors).astype(int), sectors - 1))
 
 
 def _candidates(
@@ -206,16 +297,20 @@ def _gather(
     turn: Floats,
     weight: Floats,
     sources: Floats,
+    near_mirror: NDArray[np.bool_] | None = None,
 ) -> tuple[LightField, NDArray[np.bool_]]:
-    """Samples of pixels whose centres are half a pixel right of and below (columns, rows), and which are complete."""
-    limits = [limit for limit, _ in _RAYS_PER_SIDE]
-    sides = [side for _, side in _RAYS_PER_SIDE]
-    per_side = np.array(sides)[np.searchsorted(limits, turn)]
+    """Samples of pixels whose centres are half a pixel right of and below (columns, rows), and which are complete.
+
+    near_mirror : (n,) those that take the finer rays of highlights.
+    """
+    per_side = _per_side(_RAYS_PER_SIDE, turn)
+    if near_mirror is not None:
+        per_side = np.where(near_mirror, _per_side(_RAYS_OF_HIGHLIGHTS, turn), per_side)
     ray_sample = np.repeat(np.arange(len(rows)), per_side**2)
     first = np.flatnonzero(np.diff(ray_sample, prepend=-1))
     which = np.arange(len(ray_sample)) - first[ray_sample]
     offsets = np.zeros((len(ray_sample), 2))
-    for side in sides:
+    for side in np.unique(per_side).tolist():
         mine = per_side[ray_sample] == side
         nodes = _gauss_nodes(side)
         offsets[mine] = np.column_stack([nodes[which[mine] % side], nodes[which[mine] // side]])
@@ -247,6 +342,11 @@ def _gather(
     complete = np.ones(len(rows), bool)
     complete[ray_sample[~hits.hit]] = False
     return (field if complete.all() else field.where(complete)), complete
+
+
+def _per_side(table: Sequence[tuple[float, int]], turn: Floats) -> Ints:
+    """Rays (n,) along a pixel's side, by how far the normal turns across it."""
+    return np.array([side for _, side in table])[np.searchsorted([limit for limit, _ in table], turn)]
 
 
 def _footprints(camera: Camera, points: Floats, hits: SurfaceHits, widths: Floats) -> Floats | None:

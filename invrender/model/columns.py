@@ -23,8 +23,8 @@ from capture.parallel import parallel_map
 from invrender.model.base import base_columns, base_size, base_weights
 from invrender.model.form_transfer import FresnelFunctions, OneIndex, forms_transfer
 from invrender.model.fresnel import FresnelBasis
-from invrender.model.lobes import PRINTED, LobeForm
-from invrender.model.microfacet import SIGMA_RANGE, sigma_nodes, sigma_weights
+from invrender.model.lobes import PRINTED, LobeForm, part_width
+from invrender.model.microfacet import sigma_nodes, sigma_weights
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Rays, Shadows, seen_specular
 from recon.lightfield import LightField, joined, pools
@@ -206,8 +206,7 @@ def specular_weights(
         parts = [(1 - numbers["haze"], 1.0), (numbers["haze"], numbers["spread"])]
     sigma = np.asarray(sigma, float)
     nodes = sum(
-        np.asarray(share)[..., None] * sigma_weights(np.minimum(factor * sigma, SIGMA_RANGE[1]))
-        for share, factor in parts
+        np.asarray(share)[..., None] * sigma_weights(part_width(factor, sigma)) for share, factor in parts
     )
     if not form.has_fresnel:
         return np.asarray(nodes)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.half_vectors import Frame, PreparedMap, chunks, facet_ring, mirror_ring, ring_weights
-from invrender.model.lobes import PRINTED, Angles, LobeForm, Smith, phong_exponent
+from invrender.model.lobes import PRINTED, Angles, LobeForm, Smith, part_width, phong_exponent
 from invrender.model.transfer import LightElement, specular_transfer
 
 Floats = NDArray[np.float64]
@@ -108,7 +108,7 @@ def _of_parts(
 ) -> Floats:
     """`forms_transfer` of a form that is a sum of lobes of several widths."""
     shares, factors = np.transpose(form.parts)
-    widths = (factors[:, None] * sigmas).ravel()
+    widths = part_width(factors[:, None], sigmas).ravel()
     found = forms_transfer((form.lobe,), element, normals, views, widths, fresnel)
     apart = found.reshape(*found.shape[:3], len(factors), len(sigmas), -1)
     return np.asarray(np.einsum("p,mfkpsc->mfksc", shares, apart))

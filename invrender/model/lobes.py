@@ -23,6 +23,7 @@ from invrender.theory.specialcases import lobe
 
 Floats = NDArray[np.float64]
 
+_WIDEST_HAZE = 0.3
 # Below, the half-angle's tangent and the secants of grazing light lose all digits.
 _LEAST_COS = 1e-6
 
@@ -207,6 +208,15 @@ def phong_exponent(sigma: float | Floats) -> Floats:
 def phong_sigma(exponent: float) -> float:
     """The roughness, radians, whose `phong_exponent` is a given one, > 0."""
     return float(np.sqrt(1 / (2 * exponent)))
+
+
+def part_width(factor: float | Floats, sigma: float | Floats) -> Floats:
+    """The width of a part of a form that is so many times as wide as sigma, radians; a haze ends at 0.3.
+
+    Wider ones look like the base, and would pass for it.
+    """
+    sigma = np.asarray(sigma, float)
+    return np.minimum(factor * sigma, np.maximum(_WIDEST_HAZE, sigma))
 
 
 PRINTED, BECKMANN, GGX_FORM, PHONG = Printed(), Beckmann(), GGX(), Phong()

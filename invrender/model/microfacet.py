@@ -45,7 +45,7 @@ class Microfacet:
         """The same with another mu, sigma or number of the form."""
         if name in self.form.numbers:
             return replace(self, form=self.form.with_numbers({name: value}))
-        return replace(self, **{name: value})
+        return replace(self, mu=value) if name == "mu" else replace(self, sigma=value)
 
 
 def sigma_nodes() -> Floats:

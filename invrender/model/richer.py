@@ -15,11 +15,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, UNCORRELATED, Angles, LobeForm
+from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, UNCORRELATED, Angles, LobeForm, part_width
 
 Floats = NDArray[np.float64]
 
-# Between which values fits look. A haze wider than ten cores passes for the base.
+# Between which values fits look.
 NUMBER_RANGE = {"coat": (0.0, 1.0), "haze": (0.0, 0.9), "spread": (1.5, 10.0)}
 # What a family's own form has, from which fits start.
 FIRST_NUMBER = {"coat": 0.5, "haze": 0.25, "spread": 4.0}
@@ -53,7 +53,7 @@ class Richer(LobeForm):
         return Richer(self._of, {**self.numbers, **numbers}, self._family)
 
     def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
-        lobes = [share * self._of.shape(angles, factor * np.asarray(sigma)) for share, factor in self.parts]
+        lobes = [share * self._of.shape(angles, part_width(factor, sigma)) for share, factor in self.parts]
         return np.asarray(sum(lobes))
 
     def fresnel_cosine(self, angles: Angles) -> Floats:

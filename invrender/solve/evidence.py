@@ -177,6 +177,7 @@ def _parts(photos: Sequence[PhotoColumns], weights: Sequence[Weights], patches: 
         trust, weight = (
             np.concatenate([getattr(weights[k], name) for k in own]) for name in ("trust", "weight")
         )
+        trust = trust * photo.field.shares[:, None]
         photo_of = np.repeat(np.arange(len(own)), [len(photos[k].field) for k in own])
         patch = np.searchsorted(patches, patch_of(photo.field))
         parts.append(_Part(folds[own[0]], np.array(own), photo, Weights(trust, weight), photo_of, patch))

@@ -6,7 +6,7 @@ it remains for costs that come without slopes. Inside: Kd, Ks and what is unknow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -93,9 +93,9 @@ def _grid(model: Model) -> Floats:
     """Coordinates (g, n) that a search starts at the best of."""
     lower, upper = bounds_of(model)
     sigma, mu = _axes(lower, upper)
-    own = {"coat": [0.5], "haze": [0.25], "spread": np.log([2.5, 6.0])}
-    axes = {"sigma": sigma, "mu": mu, **own}
-    return np.array(list(product(*(axes[name] for name in model.coordinates))))
+    own: dict[str, Iterable[float]] = {"coat": [0.5], "haze": [0.25], "spread": np.log([2.5, 6.0])}
+    axes: dict[str, Iterable[float]] = {"sigma": sigma, "mu": mu, **own}
+    return np.array(list(product(*[axes[name] for name in model.coordinates])))
 
 
 def searched(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> Floats:

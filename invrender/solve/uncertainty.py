@@ -106,10 +106,10 @@ def uncertainty_of(
 ) -> Uncertainty:
     """Uncertainty of reported numbers, `report(vector)`, which must not depend on the gauge.
 
-    weights : (n, 3) per photo, inverse variances.
+    weights : (n, 3) per photo, inverse variances times what samples stand for.
     """
     size = len(parameters.vector)
-    information = np.zeros((size, size))
+    information, noisy = np.zeros((2, size, size))
     chi2, count = 0.0, 0
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
@@ -119,10 +119,12 @@ def uncertainty_of(
         predicted = predict_columns(photo, estimate.brdf, estimate.strengths[photo.lighting])
         residual = photo.radiance - predicted
         # Side by side, the scores of the residuals and those of a model that is off by all its radiance.
-        scores = np.zeros((len(photo.field), 2 * size))
+        scores, shares = np.zeros((len(photo.field), 2 * size)), photo.field.shares[:, None]
         for channel, jacobian in enumerate(_jacobians(photo, parameters, estimate)):
             weighted = jacobian * weight[:, channel, None]
             information += weighted.T @ jacobian
+            # A sample that stands for several has the noise of one.
+            noisy += weighted.T @ (shares * jacobian)
             scores[:, :size] += weighted * residual[:, channel, None]
             scores[:, size:] += weighted * predicted[:, channel, None]
         chi2 += float((weight * residual**2).sum())
@@ -137,7 +139,8 @@ def uncertainty_of(
     reduced = chi2 / max(count - size, 1)
     inverse = symmetric_pinv(information / reduced + np.diag(prior))
     derivative = _numerical_jacobian(report, parameters.vector)
-    independent = derivative @ inverse @ derivative.T
+    moved = derivative @ inverse
+    independent = moved @ (noisy / reduced + np.diag(prior)) @ moved.T
     ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
     for clusters in (np.array(by_tile), np.array(list(by_patch.values()))):
         few = len(clusters) / max(len(clusters) - 1, 1)
