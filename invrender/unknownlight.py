@@ -72,7 +72,9 @@ def solve_unknown_light(
     orders = orders_of(photoset, others)
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     sources = {name: other.lighting.directions for name, other in others.items()}
-    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track, highlights=True)
+    fields, left_out = read_samples(
+        photoset, specimen.found, sources, samples, clock, track, highlights=orders == _DARK
+    )
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))

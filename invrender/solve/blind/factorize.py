@@ -22,7 +22,7 @@ from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.remarks import remarks
 from invrender.solve.blind.rivals import rivals_of, with_rivals
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
-from invrender.solve.blind.screen import find_among_nonsense, judged, weights_of
+from invrender.solve.blind.screen import find_among_nonsense, highlight_of, judged, misfit_noise, weights_of
 from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
 from invrender.solve.blind.sources import Found
@@ -187,7 +187,7 @@ def _check(
 def _first_weights(sights: Sequence[Sight], region: Region | None) -> Search:
     assumed = _assumed([photo for sight in sights for photo in sight.photos])
     fields = [sight.field for sight in sights]
-    weights = [field.weight[:, None] / assumed.variance(field.radiance) for field in fields]
+    weights = [(field.weight * field.shares)[:, None] / assumed.variance(field.radiance) for field in fields]
     trust = [np.ones_like(field.radiance) for field in fields]
     return Search(sights, weights, trust, light_scale(sights), region)
 
@@ -208,12 +208,13 @@ def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weight
     predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
     residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
-    noise = fit_noise(brightness, residuals)
+    highlights = [highlight_of(sight, fit) for sight in search.sights]
+    noise = misfit_noise(search, fit_noise(brightness, residuals), brightness, highlights, residuals)
     weights, counted_trust = [], []
-    judged_by = weights_of(search, noise, brightness, residuals)
+    judged_by = weights_of(search, noise, brightness, residuals, highlights)
     for sight, found in zip(search.sights, judged_by, strict=True):
         sources = fit.state.under(sight.lighting).directions
-        counted = (sight.field.weight * _off_terminators(sight, sources))[:, None]
+        counted = (sight.field.weight * sight.field.shares * _off_terminators(sight, sources))[:, None]
         if fit.state.sigma is not None:
             counted = counted * np.where(sight.off_edges(fit.state.sigma), 1, _AT_EDGES)[:, None]
         weights.append(Weights(found.trust, found.weight * counted))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from invrender.model.lobes import GGX_FORM, Angles, LobeForm
 from invrender.solve.blind.price import PER_SOURCE, bright
 from invrender.solve.blind.projection import Fit, predicted
-from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.blind.sight import Sight, source_rows
 from invrender.solve.blind.start import PEAK_WIDTH, Search, first_states
 from invrender.solve.blind.state import State, turns
 from invrender.solve.clusters import tiles_of
@@ -199,8 +199,8 @@ def _any_reflectance(search: Search, direction: Floats) -> Floats:
 def _plain(search: Search, state: State, directions: Floats) -> Floats:
     """Columns (3, n, k) of lamps in directions (k, 3) as a state's BRDF reflects them, channel by channel."""
     lamps = replace(state, directions=directions, owners=np.zeros(len(directions), int))
-    rows = [rows_of(sight, lamps, 0) for sight in search.sights]
-    return np.array([np.vstack([own.of_channel(kappa)[:, 1:] for own in rows]) for kappa in state.kappa])
+    rows = [source_rows(sight, lamps) for sight in search.sights]
+    return np.array([np.vstack([own.of_channel(kappa) for own in rows]) for kappa in state.kappa])
 
 
 def _columns(sight: Sight, direction: Floats) -> Floats:

@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.lobes import PRINTED, LobeForm
+from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.blind.projection import Fit, predicted
-from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.blind.sight import Sight, rows_of, source_rows
 from invrender.solve.blind.sources import Found, Lamps, find_starts, likelier
 from invrender.solve.blind.start import NOTHING, Search
-from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
+from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights, with_misfit
+from invrender.solve.weighing import FLANKS
 
 Floats = NDArray[np.float64]
 
@@ -71,7 +73,7 @@ def judged(search: Search, fit: Fit, noise: NoiseModel) -> Search:
         low, high = np.sort([_NEAR * prediction, prediction / _NEAR], axis=0)
         level = np.clip(sight.field.radiance, low, high)
         trust.append(own.trust)
-        weights.append(own.trust * sight.field.weight[:, None] / noise.variance(level))
+        weights.append(own.trust * (sight.field.weight * sight.field.shares)[:, None] / noise.variance(level))
     return replace(search, weights=weights, trust=trust)
 
 
@@ -79,7 +81,8 @@ def _by_own_noise(search: Search, fit: Fit) -> Search:
     """Samples as a fit judges them, weighed by what it leaves of most: so what strays doesn't outweigh all else."""
     found = _found_by(search, fit)[1]
     weights = [
-        own.weight * sight.field.weight[:, None] for sight, own in zip(search.sights, found, strict=True)
+        own.weight * (sight.field.weight * sight.field.shares)[:, None]
+        for sight, own in zip(search.sights, found, strict=True)
     ]
     return replace(search, weights=weights, trust=[own.trust for own in found])
 
@@ -92,17 +95,49 @@ def _found_by(search: Search, fit: Fit) -> tuple[list[Floats], list[Weights]]:
     ]
     residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
-    left = fit_noise(brightness, residuals)
-    return brightness, weights_of(search, left, brightness, residuals)
+    highlights = [highlight_of(sight, fit) for sight in search.sights]
+    left = misfit_noise(search, fit_noise(brightness, residuals), brightness, highlights, residuals)
+    return brightness, weights_of(search, left, brightness, residuals, highlights)
+
+
+def highlight_of(sight: Sight, fit: Fit) -> Floats:
+    """Radiance (n, 3) of the lobes of sources, or of ones a few times as wide where that is more (`lobe_reach`)."""
+    state = fit.state.under(sight.lighting)
+    if state.sigma is None or not len(state.directions):
+        return np.zeros_like(sight.radiance)
+    sent = fit.light[sight.lighting][(fit.l_max + 1) ** 2 :]
+    wide = replace(state, sigma=min(FLANKS * state.sigma, SIGMA_RANGE[1]))
+    reach = [source_rows(sight, each).per_specular @ sent for each in (state, wide)]
+    return np.asarray(state.kappa * np.maximum(*reach))
+
+
+def misfit_noise(
+    search: Search,
+    noise: NoiseModel,
+    predictions: Sequence[Floats],
+    highlights: Sequence[Floats],
+    residuals: Sequence[Floats],
+) -> NoiseModel:
+    """`noise.with_misfit` of all photographs; all (n, 3) per sight."""
+    parts = [
+        of_photo
+        for sight, *of in zip(search.sights, predictions, highlights, residuals, strict=True)
+        for of_photo in zip(*map(sight.split, (*of, sight.field.shares)), strict=True)
+    ]
+    return with_misfit(noise, *(list(of) for of in zip(*parts, strict=True)))
 
 
 def weights_of(
-    search: Search, noise: NoiseModel, predictions: Sequence[Floats], residuals: Sequence[Floats]
+    search: Search,
+    noise: NoiseModel,
+    predictions: Sequence[Floats],
+    residuals: Sequence[Floats],
+    highlights: Sequence[Floats],
 ) -> list[Weights]:
     """`noise.photo_weights` of each sight's samples, photograph by photograph."""
     weights = []
-    for sight, *pair in zip(search.sights, predictions, residuals, strict=True):
-        own = [photo_weights(noise, *of) for of in zip(*map(sight.split, pair), strict=True)]
+    for sight, *parts in zip(search.sights, predictions, residuals, highlights, strict=True):
+        own = [photo_weights(noise, *of) for of in zip(*map(sight.split, parts), strict=True)]
         weights.append(
             Weights(np.concatenate([w.trust for w in own]), np.concatenate([w.weight for w in own]))
         )

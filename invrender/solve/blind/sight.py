@@ -24,9 +24,8 @@ from scipy.sparse import csr_array
 from invrender.model.base import base_share, let_through, sky_factors
 from invrender.model.formtable import form_rows
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobes import PRINTED, Angles, LobeForm
+from invrender.model.lobes import PRINTED, Angles, LobeForm, part_width
 from invrender.model.lobetable import Transfer, specular_rows
-from invrender.model.microfacet import SIGMA_RANGE
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.places import less_in_common
 from invrender.solve.blind.state import State, turns
@@ -205,7 +204,7 @@ class Sight:
             by_sigma, by_mu = np.zeros((2, len(self.cos), light.shape[1]))
             for share, factor in state.form.parts:
                 (_, of_sigma, of_mu), *_ = self._form(state, degree_of(len(light)), factor)
-                by_sigma += share * (of_sigma @ single)
+                by_sigma += share * _widens(factor, state.roughness) * (of_sigma @ single)
                 by_mu += share * (of_mu @ single)
             return by_sigma, by_mu
         nodes, *weights = self._printed(state.roughness)
@@ -229,7 +228,7 @@ class Sight:
         else:
             _, (share, factor) = state.form.parts
             (_, wider, _), *_ = self._form(state, l_max, factor)
-            lobe = share * (wider @ light)
+            lobe = share * _widens(factor, state.roughness) * (wider @ light)
         return base, lobe
 
     def off_borders(self, directions: Floats) -> Mask:
@@ -261,7 +260,7 @@ class Sight:
         factor : width of the lobe over sigma. The last are kept: who solves at a state asks for slopes there, and most
         steps of a search are its last, tiny ones.
         """
-        width = float(np.clip(factor * state.roughness, *SIGMA_RANGE))
+        width = float(part_width(factor, state.roughness))
         for (form, degree, mu, sigma), lobes in self._last.items():
             if (form, degree) == (state.form.lobe, l_max) and (mu is None) == (state.mu is None):
                 wider = np.log(width / sigma)
@@ -356,6 +355,16 @@ def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     return Rows(sight.within(diffuse), sight.within(lobe))
 
 
+def source_rows(sight: Sight, state: State) -> Rows:
+    """`rows_of` over the state's sources alone, (n, j) each."""
+    mean, free = sight.field.mean_over_rays, sight.free(state.directions)
+    falling = mean(_falling(sight, state.directions, state) * free)
+    if state.sigma is None:
+        return Rows(sight.within(falling), np.zeros((1, falling.shape[1])))
+    highlights = mean(_highlights(sight, state.directions, state) * free)
+    return Rows(sight.within(falling), sight.within(highlights))
+
+
 def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     """Derivatives (n, 3, parameters of a channel) of radiance, in the order of `State.own`.
 
@@ -410,6 +419,11 @@ def _falling(sight: Sight, directions: Floats, state: State, mu: float | None = 
     return cos * base_share(state.form, mu or state.mu, cos, sight.exitant[:, None])
 
 
+def _widens(factor: float, sigma: float) -> float:
+    """1 where a part of a form widens with sigma and its factor, 0 where it is as wide as can be."""
+    return float(part_width(factor, sigma) == factor * sigma)
+
+
 def _more(form: LobeForm, name: str) -> LobeForm:
     """A form with one of its numbers a small step further on, as `State` counts it."""
     value = form.numbers[name]
@@ -450,4 +464,6 @@ def _one_sample_per_ray(samples: LightField) -> LightField:
     """The same rays, each a sample of its own."""
     names = ("rows", "columns", "radiance", "variance", "weight")
     of_samples = {name: getattr(samples, name)[samples.ray_sample] for name in names}
-    return replace(samples, **of_samples, place=None, ray_sample=np.arange(len(samples.ray_sample)))
+    return replace(
+        samples, **of_samples, stands_for=None, place=None, ray_sample=np.arange(len(samples.ray_sample))
+    )
