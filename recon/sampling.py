@@ -41,6 +41,8 @@ _RAYS_PER_SIDE = ((0.02, 1), (0.08, 2), (np.inf, 4))
 # In highlights of sources, which may be as narrow as 0.005 radians; and how far from the mirror direction these reach.
 _RAYS_OF_HIGHLIGHTS = ((0.004, 1), (0.008, 2), (0.016, 4), (np.inf, 8))
 _GLINT = 0.02
+# Rays along a pixel's side at most: where a source's highlight is, and where one may be.
+_FINEST, _FINE = 8, 4
 # Part of the budget that is drawn by what pixels tell, and rounds in which probabilities that reach 1 are set aside.
 _TELLING, _ROUNDS = 0.4, 8
 # Of a budget, what of small highlights is taken beside it at most.
@@ -101,9 +103,9 @@ def sample_body(
     near = _near_mirror(
         geometry.normals[usable], _views(camera, rows, columns), geometry.turn[usable], sources
     )
-    near |= bright
+    finest = np.where(near, _FINEST, np.where(bright, _FINE, 0))
     field, complete = _gather(
-        body, camera, image, rows, columns, geometry.turn[usable], weight, sources, near
+        body, camera, image, rows, columns, geometry.turn[usable], weight, sources, finest
     )
     return field if shares is None else replace(field, stands_for=shares[complete])
 
@@ -123,7 +125,8 @@ def samples_at(
     """
     geometry = body.pixel_geometry(camera, rows, columns)
     near = _near_mirror(geometry.normals, _views(camera, rows, columns), geometry.turn, glints)
-    return _gather(body, camera, image, rows, columns, geometry.turn, np.ones(len(rows)), sources, near)[0]
+    finest = np.where(near, _FINEST, 0)
+    return _gather(body, camera, image, rows, columns, geometry.turn, np.ones(len(rows)), sources, finest)[0]
 
 
 def _views(camera: Camera, rows: Ints, columns: Ints) -> Floats:
@@ -297,15 +300,15 @@ def _gather(
     turn: Floats,
     weight: Floats,
     sources: Floats,
-    near_mirror: NDArray[np.bool_] | None = None,
+    finest: Ints | None = None,
 ) -> tuple[LightField, NDArray[np.bool_]]:
     """Samples of pixels whose centres are half a pixel right of and below (columns, rows), and which are complete.
 
-    near_mirror : (n,) those that take the finer rays of highlights.
+    finest : (n,) how many rays along a side those take at most that take the finer ones of highlights; 0 of others.
     """
     per_side = _per_side(_RAYS_PER_SIDE, turn)
-    if near_mirror is not None:
-        per_side = np.where(near_mirror, _per_side(_RAYS_OF_HIGHLIGHTS, turn), per_side)
+    if finest is not None:
+        per_side = np.maximum(per_side, np.minimum(_per_side(_RAYS_OF_HIGHLIGHTS, turn), finest))
     ray_sample = np.repeat(np.arange(len(rows)), per_side**2)
     first = np.flatnonzero(np.diff(ray_sample, prepend=-1))
     which = np.arange(len(ray_sample)) - first[ray_sample]

@@ -22,7 +22,7 @@ FIRST_FORMS = (*FORMS.values(), *PLASTICS.values())
 MOST_FORMS = len(FIRST_FORMS) + len(kin(GGX_FORM))
 # From another's best answer, after which forms differ by far more than they still gain; in the dark, where they take no
 # time, until they are there.
-_ITERATIONS, _IN_THE_DARK = 2, 10
+_ITERATIONS, _IN_THE_DARK, _FEW = 2, 6, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     others = tuple(rung.fit.state for form, rung in rungs.items() if form is not chosen)
     if chosen is not own.state.form.family and not l_max:
         # Lamps in the dark were counted whatever the form is: those that were found stay.
-        found = examined(whole, whole.fit(rungs[chosen].fit.state, l_max))
+        found = Found(whole.fit(rungs[chosen].fit.state, l_max, _FEW), None)
     elif chosen is not own.state.form.family:
         found = examined(whole, find_sources(whole, brightest_each(rungs[chosen].fit), l_max))
     return Formed(found, others)

@@ -53,8 +53,8 @@ def fewest_lamps(search: Search, diffuse: Fit, form: LobeForm) -> Fit:
         needed = needed_lamps(search, fit, _at_highlights(search, fit, diffuse.state))
         if _same_lamps(needed, fit.state):
             break
-        fit = bright(search, search.fit(needed, fit.l_max))
-    return search.fit(fit.state, 0)
+        fit = bright(search, search.fit(needed, 0, _ITERATIONS))
+    return fit
 
 
 def brightest_each(fit: Fit) -> State:

@@ -210,7 +210,8 @@ def find_starts(
     if not l_max:
         dark = of_degree(search, 0)
         alone = fewest_lamps(dark, _diffuse_lamps(search), form)
-        return examined(dark, alone), Lamps(alone, dark.fit(alone.state.without_lobe(), 0))
+        # Of two that are nearer to each other than the lobe is wide nothing tells in the dark.
+        return Found(alone, None), Lamps(alone, dark.fit(alone.state.without_lobe(), 0))
     found = examined(search, find_sources(search, first_state(search, l_max), l_max))
     lamps = _lamps_alone(search, found.fit) if in_the_dark else None
     if lamps is None:
