@@ -18,6 +18,7 @@ from invrender.solve.blind.antipodes import Sides, likelier_sides
 from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import MOST_FORMS, Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
+from invrender.solve.blind.lampcount import needed_lamps
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.remarks import remarks
 from invrender.solve.blind.rivals import rivals_of, with_rivals
@@ -100,7 +101,9 @@ def factorize_blind(
             few = judged(few, found.fit, assumed)
         fit = few.fit(found.fit.state, degree)
         few, noise, weights = _weighed(few, fit)
-        fit = few.fit(fit.state, degree)
+        # What a lamp in the dark explains is judged again by the noise that was found.
+        state = fit.state if degree else needed_lamps(few, fit)
+        fit = few.fit(state, degree)
         on_step()
         rungs = [cross_validate(model_name(fit), few, fit)]
         if ladder:

@@ -16,7 +16,7 @@ from invrender.model.lobes import GGX_FORM, Angles, LobeForm
 from invrender.solve.blind.price import PER_SOURCE, bright
 from invrender.solve.blind.projection import Fit, predicted
 from invrender.solve.blind.sight import Sight, source_rows
-from invrender.solve.blind.start import PEAK_WIDTH, Search, first_states
+from invrender.solve.blind.start import NOTHING, PEAK_WIDTH, Search, first_states
 from invrender.solve.blind.state import State, turns
 from invrender.solve.clusters import tiles_of
 from recon.highlights import small_highlights
@@ -128,7 +128,7 @@ def _same_lamps(one: State, other: State) -> bool:
     return bool((ways.max(axis=1, initial=-1) > 1 - _SAME).all())
 
 
-def needed_lamps(search: Search, fit: Fit, candidates: State) -> State:
+def needed_lamps(search: Search, fit: Fit, candidates: State = NOTHING) -> State:
     """A fit's state with the brightest lamp of each lighting, and those others that no reflectance makes needless.
 
     candidates : lamps beside the fit's own that may be needed.
