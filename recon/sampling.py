@@ -72,8 +72,8 @@ def sample_body(
 
     coverage : (h, w) mask in 0 to 1, or None to trust the shape alone. sources : (k, 3) unit, towards them.
     importance : how much pixels tell, by which a part of the budget is drawn; None spreads all of it evenly.
-    highlights : whether, where no importance is known, all of small highlights is taken beside the budget, up to a fifth
-    of it, and seen through finer rays.
+    highlights : whether, where no importance is known, all of small highlights is taken beside the budget, up to a
+    fifth of it, and seen through finer rays.
     Pixels are usable when they show one smooth piece of surface, a pixel away from the mask's border, are not
     saturated and not too grazing.
     """
@@ -200,7 +200,9 @@ def _with_highlights(
     more = rng.permutation(left)[: int(_HIGHLIGHTS * len(drawn))]
     taken = len(more) / max(len(left), 1)
     kept[more] = True
-    shares = np.where(bright, chance / (chance + (1 - chance) * taken), 1.0)[kept]
+    # By chance nothing of a highlight's cell may be drawn, nor more of it.
+    either = np.maximum(chance + (1 - chance) * taken, 1e-12)
+    shares = np.where(bright, chance / either, 1.0)[kept]
     return np.flatnonzero(kept), shares / shares.mean()
 
 

@@ -6,15 +6,17 @@ it may stand for its faults: so the form comes first.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from invrender.model.lobes import FORMS, GGX_FORM, PLASTICS, PRINTED, LobeForm, Smith
-from invrender.solve.blind.lampcount import brightest_each
+from invrender.model.lobes import FORMS, GGX_FORM, PLASTICS, PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.solve.blind.lampcount import brightest_each, is_endless
+from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung, as_good, cross_validate
 from invrender.solve.blind.sources import Found, examined, find_sources, off_borders
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import State
+from invrender.solve.evidence import CLEARLY_WORSE
 from invrender.solve.forms import kin
 
 # Forms that a lobe is tried as; beside the best of facets its kin, if RH01's isn't as good.
@@ -34,31 +36,36 @@ class Formed:
 
 
 def choose_form(search: Search, found: Found, l_max: int) -> Formed:
-    """The simplest form that predicts samples as well as the best does; of several RH01's, or the best of them.
+    """The form that predicts samples best; RH01's unless that is worse by a standard error, as on the ladder.
 
-    As well is within a standard error, as on the ladder.
+    One with numbers of its own is chosen only where all simpler ones are clearly worse: of several, one will be a
+    little better by chance.
     """
     whole, search = search, off_borders(search, found.fit.state)
     own = found.fit if search is whole else search.fit(found.fit.state, l_max)
     rungs: dict[LobeForm, BlindRung] = {}
 
-    def trying(forms: Iterable[LobeForm]) -> None:
+    def trying(forms: Iterable[LobeForm], start: Fit) -> None:
         for form in forms:
-            fit = own
-            if form is not own.state.form.family:
+            fit = start
+            if start is not own or form is not own.state.form.family:
                 iterations = _ITERATIONS if l_max else _IN_THE_DARK
-                fit = search.fit(own.state.with_form(form), l_max, iterations)
-            rungs[form] = cross_validate(form.name, search, fit)
+                fit = search.fit(start.state.with_form(form), l_max, iterations)
+            if form is PRINTED or not is_endless(fit.state):
+                rungs[form] = cross_validate(form.name, search, fit)
 
-    trying(FIRST_FORMS)
-    if not as_good(rungs[PRINTED], min(rungs.values(), key=_deviance)):
+    trying(FIRST_FORMS, own)
+    if not as_good(rungs[PRINTED], min(rungs.values(), key=_deviance)) and any(
+        isinstance(f, Smith) for f in rungs
+    ):
         facets = min(
             (form for form in rungs if isinstance(form, Smith)), key=lambda form: _deviance(rungs[form])
         )
-        trying(kin(facets))
-    best = min(rungs.values(), key=_deviance)
-    good = [form for form, rung in rungs.items() if as_good(rung, best)]
-    chosen = min(good, key=lambda form: (rungs[form].parameters, form is not PRINTED, _deviance(rungs[form])))
+        # Those that hold it must not be better for having gone on for longer.
+        trying([facets], rungs[facets].fit)
+        # Beside lamps alone there is no light that could take up what a coat or a haze explains.
+        trying([UNCORRELATED[facets]] if l_max else kin(facets), rungs[facets].fit)
+    chosen = _simplest(rungs)
     others = tuple(rung.fit.state for form, rung in rungs.items() if form is not chosen)
     if chosen is not own.state.form.family and not l_max:
         # Lamps in the dark were counted whatever the form is: those that were found stay.
@@ -66,6 +73,18 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     elif chosen is not own.state.form.family:
         found = examined(whole, find_sources(whole, brightest_each(rungs[chosen].fit), l_max))
     return Formed(found, others)
+
+
+def _simplest(rungs: Mapping[LobeForm, BlindRung]) -> LobeForm:
+    """RH01's form if it is as good as the best single lobe, or this; one with more numbers if that is clearly worse."""
+    single = {form: rung for form, rung in rungs.items() if not form.numbers}
+    best = min(single, key=lambda form: _deviance(rungs[form]))
+    chosen = PRINTED if as_good(rungs[PRINTED], rungs[best]) else best
+    richer = sorted((form for form in rungs if form.numbers), key=lambda form: rungs[form].parameters)
+    for form in richer:
+        if not as_good(rungs[chosen], rungs[form], CLEARLY_WORSE):
+            chosen = form
+    return chosen
 
 
 def _deviance(rung: BlindRung) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.lobes import GGX_FORM, Angles, LobeForm
+from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.blind.price import PER_SOURCE, bright
 from invrender.solve.blind.projection import Fit, predicted
 from invrender.solve.blind.sight import Sight, source_rows
@@ -38,8 +39,8 @@ _ASTRAY = 0.35
 _OUTSTANDING, _HIGHLIGHTS, _ROUNDS = 6.0, 6, 4
 # By how much more a lamp must save than one does whose place isn't sought among many.
 _SOUGHT = 2.0
-# Of directions and of columns, what is no difference.
-_SAME, _CUT = 1e-9, 1e-9
+# Of directions, of columns and of widths, what is no difference.
+_SAME, _CUT, _SAME_WIDTH = 1e-9, 1e-9, 1e-3
 
 
 def fewest_lamps(search: Search, diffuse: Fit, form: LobeForm) -> Fit:
@@ -115,9 +116,14 @@ def _mirrored(photo: LightField, chosen: NDArray[np.bool_]) -> Floats:
 
 
 def _best_start(search: Search, lamps: State) -> Fit:
-    """The best fit near given lamps, from a narrow lobe and from a wide one."""
-    fits = (search.fit(start, 0, _ITERATIONS) for start in first_states(search, lamps))
-    return min(fits, key=lambda fit: fit.cost)
+    """The best fit near given lamps, from a narrow lobe and from a wide one that stays a lobe."""
+    fits = [search.fit(start, 0, _ITERATIONS) for start in first_states(search, lamps)]
+    return min(fits, key=lambda fit: (is_endless(fit.state), fit.cost))
+
+
+def is_endless(state: State) -> bool:
+    """Whether a lobe has become as wide as it can, and so a part of the base that no highlight tells of."""
+    return state.sigma is not None and state.sigma >= (1 - _SAME_WIDTH) * SIGMA_RANGE[1]
 
 
 def _same_lamps(one: State, other: State) -> bool:

@@ -35,6 +35,9 @@ _LEVEL = 0.8
 _USUAL, _DARKEST = 1.0, 0.5
 # Share of a prediction within which a sample's own brightness tells its noise.
 _NEAR = 0.5
+# Of the brightest of a photograph's highlights, the least that tells what residuals are usual there; and how many times
+# as large the largest are that pass for misfit.
+_FAINT, _STRAYS = 0.1, 6.0
 # Share of samples four times as bright as they should be at first that calls for care; and, of those that have lost
 # half of their say, a third of which is a change that calls for another judgement. How many of these there may be.
 _FEW, _GROSS, _HALF, _MOST_JUDGEMENTS = 0.003, 0.01, 0.5, 8
@@ -118,13 +121,23 @@ def misfit_noise(
     highlights: Sequence[Floats],
     residuals: Sequence[Floats],
 ) -> NoiseModel:
-    """`noise.with_misfit` of all photographs; all (n, 3) per sight."""
-    parts = [
-        of_photo
-        for sight, *of in zip(search.sights, predictions, highlights, residuals, strict=True)
-        for of_photo in zip(*map(sight.split, (*of, sight.field.shares)), strict=True)
-    ]
+    """`noise.with_misfit` but for what strays from most of a highlight; all (n, 3) per sight."""
+    parts = []
+    for sight, *of in zip(search.sights, predictions, highlights, residuals, strict=True):
+        for prediction, highlight, residual, share in zip(
+            *map(sight.split, (*of, sight.field.shares)), strict=True
+        ):
+            parts.append((prediction, highlight, _usual(highlight, residual), share))
     return with_misfit(noise, *(list(of) for of in zip(*parts, strict=True)))
+
+
+def _usual(highlight: Floats, residual: Floats) -> Floats:
+    """Residuals (n, 3), cut to a few times what most of a photograph's are over its highlight."""
+    lit = highlight > _FAINT * highlight.max(initial=0)
+    if not lit.any():
+        return residual
+    most = _STRAYS * 1.4826 * float(np.median(np.abs(residual[lit]) / highlight[lit])) * highlight
+    return np.asarray(np.clip(residual, -most, most))
 
 
 def weights_of(
