@@ -23,14 +23,14 @@ from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.remarks import remarks
 from invrender.solve.blind.rivals import rivals_of, with_rivals
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
-from invrender.solve.blind.screen import find_among_nonsense, highlight_of, judged, misfit_noise, weights_of
+from invrender.solve.blind.screen import find_among_nonsense, judged, noise_and_weights
 from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
 from invrender.solve.blind.sources import Found
 from invrender.solve.blind.start import Region, Search, of_degree, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
-from invrender.solve.noise import NoiseModel, Weights, fit_noise
+from invrender.solve.noise import NoiseModel, Weights
 from recon.harmonics import check_degree
 from recon.lightfield import LightField, off_terminators, pools
 
@@ -211,10 +211,8 @@ def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weight
     predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
     residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
-    highlights = [highlight_of(sight, fit) for sight in search.sights]
-    noise = misfit_noise(search, fit_noise(brightness, residuals), brightness, highlights, residuals)
     weights, counted_trust = [], []
-    judged_by = weights_of(search, noise, brightness, residuals, highlights)
+    noise, judged_by = noise_and_weights(search, fit, brightness, residuals)
     for sight, found in zip(search.sights, judged_by, strict=True):
         sources = fit.state.under(sight.lighting).directions
         counted = (sight.field.weight * sight.field.shares * _off_terminators(sight, sources))[:, None]

@@ -76,10 +76,12 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
 
 
 def _simplest(rungs: Mapping[LobeForm, BlindRung]) -> LobeForm:
-    """RH01's form if it is as good as the best single lobe, or this; one with more numbers if that is clearly worse."""
-    single = {form: rung for form, rung in rungs.items() if not form.numbers}
-    best = min(single, key=lambda form: _deviance(rungs[form]))
+    """RH01's form if it is as good as the best, or this; light and viewer hidden apart if it is worse than that by a
+    standard error; one with more numbers if it is clearly worse."""
+    best = min((form for form in FIRST_FORMS if form in rungs), key=lambda form: _deviance(rungs[form]))
     chosen = PRINTED if as_good(rungs[PRINTED], rungs[best]) else best
+    for apart in set(rungs) & set(UNCORRELATED.values()):
+        chosen = chosen if as_good(rungs[chosen], rungs[apart]) else apart
     richer = sorted((form for form in rungs if form.numbers), key=lambda form: rungs[form].parameters)
     for form in richer:
         if not as_good(rungs[chosen], rungs[form], CLEARLY_WORSE):

@@ -33,7 +33,7 @@ _AROUND = 1.5
 # How far to the side of a lamp, radians, other lobes of it are; and iterations by which a start has shown its worth.
 _BESIDE, _ITERATIONS = 0.06, 10
 # How far off a lamp may be, radians, by its shading on a body that isn't Lambertian.
-_ASTRAY = 0.35
+_ASTRAY = 0.8
 # Deviations from which on a residual may be a highlight's; directions of these that are candidates in each lighting, at
 # most; and how often lamps are counted anew.
 _OUTSTANDING, _HIGHLIGHTS, _ROUNDS = 6.0, 6, 4
@@ -144,8 +144,8 @@ def needed_lamps(search: Search, fit: Fit, candidates: State = NOTHING) -> State
     for lighting in search.lightings:
         ways = np.vstack([_brightest_first(fit, lighting), candidates.under(lighting).directions])
         if len(ways):
-            # A lobe in half-angles is half as wide as in the mirrored direction.
-            ways = _apart(ways, max(2 * state.roughness, PEAK_WIDTH))
+            # Of two that share a highlight one may repair the other's: half-angles are half of directions' angles.
+            ways = _apart(ways, 2 * _highlight_width(state))
             for direction in ways[_needed(search.only(lighting), state, ways)]:
                 result = result.with_source(direction, lighting)
     return result
@@ -165,7 +165,7 @@ def _needed(search: Search, state: State, directions: Floats) -> list[int]:
     kept, rest = [0], list(range(1, len(directions)))
     known = _any_reflectance(search, directions[0])
     plain = _plain(search, state, directions)
-    width = max(_AROUND * state.roughness, PEAK_WIDTH)
+    width = _highlight_width(state)
     while rest:
         away = _off_highlights(search, directions[kept], width)
         left = _left(away, known, plain[:, :, :0])
@@ -177,6 +177,11 @@ def _needed(search: Search, state: State, directions: Floats) -> list[int]:
         kept.append(rest.pop(best))
         known = np.hstack([known, _any_reflectance(search, directions[kept[-1]])])
     return kept
+
+
+def _highlight_width(state: State) -> float:
+    """Half-angle, radians, within which a highlight's form decides what is seen."""
+    return max(_AROUND * state.roughness, PEAK_WIDTH)
 
 
 def _off_highlights(search: Search, directions: Floats, width: float) -> Search:

@@ -1,7 +1,8 @@
 """Other forms of the lobe that explain the photographs as well, and what they put elsewhere.
 
 As under known light, what models say that the photographs don't speak against belongs into the error bars. The forms
-are those that were tried before the ladder, and the chosen one's with light and viewer hidden apart, or together. All are fitted to the same samples, whose noise is in each alike: what they differ by counts whole.
+are those that were tried before the ladder, and the chosen one's with light and viewer hidden apart, or together. All
+are fitted to the same samples, whose noise is in each alike: what they differ by counts whole.
 """
 
 from __future__ import annotations

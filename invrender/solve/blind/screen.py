@@ -98,9 +98,22 @@ def _found_by(search: Search, fit: Fit) -> tuple[list[Floats], list[Weights]]:
     ]
     residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
-    highlights = [highlight_of(sight, fit) for sight in search.sights]
-    left = misfit_noise(search, fit_noise(brightness, residuals), brightness, highlights, residuals)
-    return brightness, weights_of(search, left, brightness, residuals, highlights)
+    return brightness, noise_and_weights(search, fit, brightness, residuals)[1]
+
+
+def noise_and_weights(
+    search: Search, fit: Fit, predictions: Sequence[Floats], residuals: Sequence[Floats]
+) -> tuple[NoiseModel, list[Weights]]:
+    """The noise that a fit's residuals (n, 3) per sight show, and what its samples count for by it.
+
+    Where there are lamps only it holds the lobe's misfit: beside other light a first fit has yet to find its lobe.
+    predictions : radiance (n, 3) per sight by which noise is judged.
+    """
+    noise, highlights = fit_noise(predictions, residuals), [np.zeros_like(of) for of in residuals]
+    if not fit.l_max:
+        highlights = [highlight_of(sight, fit) for sight in search.sights]
+        noise = misfit_noise(search, noise, predictions, highlights, residuals)
+    return noise, weights_of(search, noise, predictions, residuals, highlights)
 
 
 def highlight_of(sight: Sight, fit: Fit) -> Floats:
