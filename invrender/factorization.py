@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from invrender.diagnostics.named import NamedCause
 from invrender.interreflection import Interreflection
 from invrender.model.microfacet import Microfacet
 from invrender.solve.evidence import HOPELESS, Rung
@@ -100,6 +101,7 @@ class Factorization:
     structured : the part of the residuals that isn't noise, relative RMS.
     covariance, covariance_names : of the BRDF's numbers, in the order named.
     textures : Kd and Ks over the surface, where they vary; those of `brdf` and `quantities` are then means.
+    causes : of what the model leaves beyond noise, the best supported first; none where nothing stands out.
     interreflection : light that bounces between the object's parts; None where there is none that matters.
     """
 
@@ -120,6 +122,7 @@ class Factorization:
     warnings: tuple[str, ...]
     textures: Textures | None = None
     interreflection: Interreflection | None = None
+    causes: tuple[NamedCause, ...] = ()
 
     @property
     def is_absolute(self) -> bool:

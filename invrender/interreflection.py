@@ -1,7 +1,8 @@
 """Light that bounces between an object's parts: predicted from the fit, taken off its photographs, fitted again.
 
 What bounces depends on the albedo and is part of what the albedo is read off, so fit and prediction take turns until
-neither changes. Then the photographs judge: with s times the bounced light taken off and all else fitted, the residuals
+neither changes; a fit that explains less than that to the photographs as they are tells nothing of what bounces, and
+isn't followed. Then the photographs judge: with s times the bounced light taken off and all else fitted, the residuals
 are r(s) = r(0) + s (r(1) - r(0)), and least squares tell which s they ask for: 1, if the prediction is right. It stays
 taken off where photographs that were not fitted are then predicted better; by how much s misses 1, and by how much it
 is uncertain, is how far the prediction isn't believed.
@@ -11,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +39,10 @@ MATTERS = 5e-4
 ROUNDS, STILL = 20, 1e-5
 # Of what lacks, the least and the most that is taken in a round.
 _SHARES = 0.05, 1.0
+# By what a share is divided that leaves more unexplained than photographs as they are do.
+_BACK = 4.0
 # The albedo at which its size is told where none is known.
-_SUPPOSED = 0.5
+SUPPOSED = 0.5
 _LABELS = {"Kd": "kd", "Ks": "ks", "mu": "mu", "sigma": "sigma"}
 # Share of the samples whose part of bounced light is smaller than what is called the highest.
 _HIGHEST = 0.99
@@ -50,7 +55,8 @@ class Interreflection:
     relative, highest : its RMS over that of the radiance, and its largest share of a sample's but for one percent of
     them. taken_off : whether the result is without it. asked, asked_std : how many times the prediction the photographs
     ask for. error_with, error_without : relative RMS on unseen photographs with it taken off, and not.
-    without : the BRDF that the same model has where it isn't taken off. corrected : that where it is.
+    without : the BRDF that the same model has where it isn't taken off. corrected : that where it is. albedo : (3,), in
+    unknown light, of which it would be so much; None where the fit tells the albedo.
     """
 
     relative: float
@@ -62,6 +68,7 @@ class Interreflection:
     error_without: float
     without: Microfacet
     corrected: Microfacet
+    albedo: Floats | None = None
 
     @property
     def doubt(self) -> float:
@@ -84,6 +91,9 @@ class Interreflection:
             f"Light that bounces between the object's parts should be {self.relative:.1%} of the radiance (RMS), up to"
             f" {self.highest:.0%} in its folds"
         )
+        if self.albedo is not None:
+            size += f", at an albedo of {', '.join(f'{each:.2f}' for each in self.albedo)}"
+            size += ", the one that explains most" if self.taken_off else ""
         asked = f"{self.asked:.2f} ± {self.asked_std:.2f} times as much"
         errors = f"{self.error_with:.2%} with it taken off, {self.error_without:.2%} as they are"
         if not self.taken_off:
@@ -134,24 +144,19 @@ def account_for_bounces(
     photos : columns of RH01's form. known : their explanation without bounced light, whose scale must be absolute.
     `on_step` is called `explanation.EXPLANATION_STEPS` times at most.
     """
-    first = estimate = known.rungs[known.chosen].estimate
-    scale = rms([photo.radiance for photo in photos])
-    less, lacking, share = [np.zeros_like(photo.radiance) for photo in photos], None, np.ones(3)
-    for _ in range(ROUNDS):
+    first, photographed = known.rungs[known.chosen].estimate, [photo.radiance for photo in photos]
+
+    def predict(estimate: Estimate) -> list[Floats]:
         bounced = _bounced(parts, estimate, elements)
-        predicted = [bounced[photo.lighting].radiance(photo.field, estimate.brdf) for photo in photos]
-        before, lacking = lacking, np.concatenate(predicted) - np.concatenate(less)
-        if before is not None:
-            share = relaxed(share, before, lacking)
-        elif rms(predicted) < MATTERS * scale:
-            # Nothing was taken off as yet, so that no albedo is higher.
-            return None
-        less = [old + share * (new - old) for new, old in zip(predicted, less, strict=True)]
-        estimate = refitted(known, less)
-        if rms([lacking]) < STILL * scale:
-            break
-    found = _judged(known.photos, known.weights, less, first, estimate)
-    if found.taken_off:
+        return [bounced[photo.lighting].radiance(photo.field, estimate.brdf) for photo in photos]
+
+    once = predict(first)
+    # Nothing was taken off as yet, so that no albedo is higher.
+    if rms(once) < MATTERS * rms(photographed):
+        return None
+    agreed = settled(first, predict, partial(refitted, known), photographed)
+    if agreed is not None and _judged(known.photos, known.weights, agreed[0], first, agreed[1]).taken_off:
+        less, estimate = agreed
         corrected = [photo.less(radiance) for photo, radiance in zip(photos, less, strict=True)]
         better = explain(corrected, lightings, on_step)
         original = [photo.less(-radiance) for photo, radiance in zip(better.photos, less, strict=True)]
@@ -160,9 +165,58 @@ def account_for_bounces(
         if found.taken_off:
             shares = _left(original, better.weights, less)
             rungs = tuple(replace(rung, photo_errors=shares * rung.photo_errors) for rung in better.rungs)
-            known = replace(better, rungs=rungs)
-    doubts = [found.doubt * radiance for radiance in less]
-    return Accounted(parts, known, found, doubts, bounced if found.taken_off else {})
+            doubts = [found.doubt * radiance for radiance in less]
+            taken = _bounced(parts, estimate, elements)
+            return Accounted(parts, replace(better, rungs=rungs), found, doubts, taken)
+    left_in = replace(
+        _judged(known.photos, known.weights, once, first, refitted(known, once)), taken_off=False
+    )
+    return Accounted(parts, known, left_in, [left_in.doubt * radiance for radiance in once], {})
+
+
+class Explained(Protocol):
+    """A fit with its squared residuals."""
+
+    @property
+    def cost(self) -> float: ...
+
+
+Fitted = TypeVar("Fitted", bound=Explained)
+
+
+def settled(
+    first: Fitted,
+    predict: Callable[[Fitted], list[Floats]],
+    refit: Callable[[list[Floats]], Fitted],
+    photographed: Sequence[Floats],
+) -> tuple[list[Floats], Fitted] | None:
+    """Bounced light (n, 3) per photograph and the fit without it, which predicts as much.
+
+    first : the fit to the photographs as they are. predict : what bounces by a fit. refit : the fit with that off.
+    None where not even a small share of the prediction, taken off, lets the model explain the photographs better: what
+    bounces would then be predicted from fits that go astray.
+    """
+    fit, less = first, [np.zeros_like(radiance) for radiance in photographed]
+    lacking, share = None, np.ones(3)
+    for _ in range(ROUNDS):
+        predicted = predict(fit)
+        before, lacking = lacking, np.concatenate(predicted) - np.concatenate(less)
+        if before is not None:
+            share = relaxed(share, before, lacking)
+        tried = _taken(less, predicted, share)
+        while (better := refit(tried)).cost > first.cost:
+            share = share / _BACK
+            if share.max() < _SHARES[0]:
+                return None if fit is first else (less, fit)
+            tried = _taken(less, predicted, share)
+        less, fit = tried, better
+        if rms([lacking]) < STILL * rms(photographed):
+            break
+    return less, fit
+
+
+def _taken(less: Sequence[Floats], predicted: Sequence[Floats], share: Floats) -> list[Floats]:
+    return [old + share * (new - old) for old, new in zip(less, predicted, strict=True)]
 
 
 def relaxed(share: Floats, before: Floats, lacking: Floats) -> Floats:
@@ -181,7 +235,7 @@ def unknown_scale(
 ) -> list[str]:
     """A sentence on light that bounces where no light's strength is known and so no albedo; none if it can't matter."""
     estimate = known.rungs[known.chosen].estimate
-    scale = _SUPPOSED / float(albedo(estimate.brdf).mean())
+    scale = SUPPOSED / float(albedo(estimate.brdf).mean())
     brdf = replace(estimate.brdf, kd=scale * estimate.brdf.kd, ks=scale * estimate.brdf.ks)
     bounced = _bounced(parts, replace(estimate, brdf=brdf), elements)
     less = [bounced[photo.lighting].radiance(photo.field, brdf) for photo in known.photos]
@@ -190,7 +244,7 @@ def unknown_scale(
         return []
     return [
         "Light that bounces between the object's parts isn't taken off: no light of known strength tells the albedo. At"
-        f" an albedo of {_SUPPOSED} it would be {relative:.1%} of the radiance (RMS), and Kd too high by about as much"
+        f" an albedo of {SUPPOSED} it would be {relative:.1%} of the radiance (RMS), and Kd too high by about as much"
         " where it is even; the irradiance of one source would settle it."
     ]
 
@@ -237,10 +291,17 @@ def _judged(
 
 
 def _left(photos: Sequence[PhotoColumns], weights: Sequence[Weights], less: Sequence[Floats]) -> Floats:
-    """By what (photos,) errors relative to what is left of photographs (RMS) are relative to all of them."""
+    return left_of([photo.radiance for photo in photos], [own.trust for own in weights], less)
+
+
+def left_of(radiance: Sequence[Floats], trust: Sequence[Floats], less: Sequence[Floats]) -> Floats:
+    """By what (photos,) errors relative to what is left of photographs (RMS) are relative to all of them.
+
+    radiance, trust, less : (n, 3) of each photograph.
+    """
     squares = [
-        [(own.trust * radiance**2).sum() for radiance in (photo.radiance - off, photo.radiance)]
-        for photo, own, off in zip(photos, weights, less, strict=True)
+        [(own * of**2).sum() for of in (shown - off, shown)]
+        for shown, own, off in zip(radiance, trust, less, strict=True)
     ]
     left, whole = np.array(squares).T
     return np.asarray(np.sqrt(left / np.maximum(whole, 1e-300)))

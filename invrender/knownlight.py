@@ -13,7 +13,10 @@ from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
-from invrender.findings import POOR, brightness_warning, find_warnings
+from invrender.diagnostics.diagnosis import diagnose
+from invrender.diagnostics.knownlight import known_light_remainders
+from invrender.diagnostics.named import NamedCause, named_causes
+from invrender.findings import POOR, find_warnings
 from invrender.interreflection import Accounted, account_for_bounces, unknown_scale
 from invrender.leverage import importances
 from invrender.lightframe import other_frame
@@ -24,17 +27,21 @@ from invrender.model.transfer import LightElement, light_elements
 from invrender.model.visibility import Shadows
 from invrender.newlight import scored_lighting, used_tables
 from invrender.reading import read_samples
+from invrender.refine.spherechange import place_changes
 from invrender.render.manypixels import ManyPixels
-from invrender.solve.evidence import fit_strengths
+from invrender.solve.evidence import fit_strengths, outlying
 from invrender.solve.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.solve.factorize import Solution, conclude
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
+from recon.bodies import Body, SphereBody
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField
 
 # Of what photographs differ from the model, the share (RMS) by which pictures of it may be off: they differ 3% more.
 _PICTURES_OFF = 0.25
+# Deviation of a sphere's place, of its radius, below which normals are known well enough: a twentieth of a degree.
+_PLACED_WELL = 8e-4
 
 
 def solve_known_light(
@@ -67,7 +74,10 @@ def solve_known_light(
             bounces = _bounces(parts, given, known, used, elements, track)
         elif parts is not None:
             remarks = unknown_scale(parts, known, elements)
-        solution = conclude(bounces.known, used, bounces.doubts) if bounces else conclude(known, used)
+        concluded = bounces.known if bounces else known
+        doubts = [bounces.doubts] if bounces and bounces.doubts is not None else []
+        doubts += _of_place(specimen.body, concluded, elements)
+        solution = conclude(concluded, used, doubts)
         columns = _in_form(photoset, solution, columns, elements)
         bounced: Mapping[str, Bounced] = {}
         if bounces is not None and bounces.bounced:
@@ -85,15 +95,20 @@ def solve_known_light(
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
         }
-    observed = {photo.label: columns[photo.label].radiance for photo in fitted}
-    brightness = brightness_warning(photoset.radiometry.exposure, observed, residuals)
-    warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings), *remarks]
-    warnings += [brightness] if brightness else []
-    if solution.rungs[solution.chosen].error > POOR and not any(light.recovers for light in used):
+    elsewhere, chosen = None, solution.rungs[solution.chosen]
+    if chosen.error > POOR and not any(light.recovers for light in used):
         elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
-        warnings += [elsewhere] if elsewhere else []
+    causes: tuple[NamedCause, ...] = ()
+    if elsewhere is None:
+        left = {photo.label: columns[photo.label] for photo in fitted}
+        scene = known_light_remainders(solution, specimen, left, lightings, elements, residuals)
+        causes = named_causes(
+            diagnose(scene, bool(outlying(chosen.photo_errors).any())), photoset.radiometry.exposure
+        )
+    warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings, causes), *remarks]
+    warnings += [elsewhere] if elsewhere else []
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
-    result = replace(result, interreflection=None if bounces is None else bounces.found)
+    result = replace(result, interreflection=None if bounces is None else bounces.found, causes=causes)
 
     def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
         return shown + bounced[photo.lighting].radiance(field, result.brdf) if bounced else shown
@@ -151,6 +166,24 @@ def _bounces(
     for _ in steps:
         pass
     return found
+
+
+def _of_place(
+    body: Body, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
+) -> list[list[NDArray[np.float64]]]:
+    """What a sphere's place and radius leave in doubt of each photograph's radiance, where that is notable."""
+    if not isinstance(body, SphereBody):
+        return []
+    deviation = np.sqrt(np.linalg.eigvalsh(body.sphere.covariance).max())
+    if deviation < _PLACED_WELL * body.sphere.radius:
+        return []
+    estimate, photos = known.rungs[known.chosen].estimate, known.photos
+
+    def radiance(k: int, field: LightField) -> NDArray[np.float64]:
+        name = photos[k].lighting
+        return predict(estimate.brdf, elements[name], estimate.strengths[name], field)
+
+    return place_changes([photo.field for photo in photos], body.sphere, radiance)
 
 
 def _less_bounced(

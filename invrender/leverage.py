@@ -1,8 +1,9 @@
 """How much pixels tell about a BRDF under known light, by which samples are drawn.
 
 A narrow highlight is a handful of pixels, and all that is seen of the lobe's width. Samples are drawn by leverage: how
-far the numbers of a first fit would move if a pixel's radiance did, in standard deviations of both. It holds the gradient
-of the predicted radiance, as RMB07's gradient-based sampling does (section 6), in the numbers that are looked for.
+far the numbers of a first fit would move if a pixel's radiance did, in standard deviations of both. It holds the
+gradient of the predicted radiance, as RMB07's gradient-based sampling does (section 6), in the numbers that are looked
+for.
 """
 
 from __future__ import annotations
@@ -94,8 +95,9 @@ def _first_fit(photos: Sequence[PhotoColumns], elements: Mapping[str, Sequence[L
     information = np.zeros((3, 3))
     for photo in photos:
         field = photo.field
-        views = np.asarray(field.mean_over_rays(field.views))
-        rows, radiance = _gradient(brdf, elements[photo.lighting], field.sample_normals, views)
+        mean = field.sample_normals, np.asarray(field.mean_over_rays(field.views))
+        normals, views = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in mean)
+        rows, radiance = _gradient(brdf, elements[photo.lighting], normals, views)
         weight = field.shares / noise.variance(radiance)
         information += rows.T @ (weight[:, None] * rows)
     return _FirstFit(brdf, noise, symmetric_pinv(information))

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.blocks import block_means
 from capture.decode import decode_photo
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
@@ -19,6 +20,7 @@ from invrender.clock import Clock
 from invrender.factorization import Factorization
 from invrender.knownlight import solve_known_light
 from invrender.model.visibility import facing
+from invrender.solve.evidence import PictureError, picture_error
 from invrender.solved import Solved
 from invrender.specimen import Specimen, find_specimen
 from invrender.texture.solve import solve_textured
@@ -26,9 +28,11 @@ from invrender.unknownlight import solve_unknown_light
 from invrender.unknownpaint import solve_unknown_paint
 from recon.bodies import MeshBody, body_pixels, larger_pixels
 from recon.lightfield import LightField
-from recon.sampling import NO_SOURCES, samples_at
+from recon.sampling import NO_SOURCES, WHOLE, samples_around, samples_at
 
 DEFAULT_SAMPLES = 60_000
+# Places in a pixel at the outline that rays go through, in parts of it.
+_WITHIN = (np.stack(np.meshgrid(*2 * [np.arange(8)]), axis=-1).reshape(-1, 2) + 0.5) / 8
 # Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
 _PIXELS_AT_A_TIME = 20_000
 # About how many pixels an object has in predictions, what is around it included: one of 12 megapixels would show no
@@ -38,15 +42,24 @@ _PREDICTED = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """One photograph beside its prediction: (h, w, 3) float32; `inside` (h, w) marks where it is predicted.
+    """One photograph beside its prediction: (h, w, 3) float32; `inside` (h, w) marks the object's whole pixels.
 
-    observed, predicted : in pixels of the size that the run predicts.
+    observed, predicted : in pixels of the size that the run predicts; at the outline a pixel is predicted as the share
+    of it that shows the object, before black. counted : (h, w), the pixels of the object that errors are of: all that
+    are predicted and not saturated, and that the mask, if there is one, calls the object's.
     """
 
     photo: Photo
     observed: RadianceImage
     predicted: NDArray[np.float32]
     inside: NDArray[np.bool_]
+    counted: NDArray[np.bool_]
+
+    @property
+    def error(self) -> PictureError:
+        """How far the prediction is off."""
+        observed, predicted = self.observed.radiance[self.counted], self.predicted[self.counted]
+        return picture_error(observed.astype(float), predicted.astype(float))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +97,7 @@ class Run:
             yield from parallel_map(self._predict, self.photoset.photos)
 
     def _predict(self, photo: Photo) -> Prediction:
-        observed = decode_photo(self.photoset, photo)
+        observed, mask = decode_photo(self.photoset, photo), self.specimen.found.mask_of(photo)
         if self.binning > 1:
             observed = observed.binned(self.binning)
             photo = replace(photo, camera=photo.camera.binned(self.binning))
@@ -101,7 +114,31 @@ class Run:
             known = np.isfinite(radiance).all(axis=1)
             predicted[samples.rows[known], samples.columns[known]] = radiance[known]
             inside[samples.rows[known], samples.columns[known]] = True
-        return Prediction(photo, observed, predicted, inside)
+        shown = inside
+        if mask is not None:
+            own = (mask if self.binning == 1 else block_means(mask[..., None], self.binning)[..., 0]) >= WHOLE
+            shown = inside & own
+            if self.result.textures is None:
+                rows, columns = body_pixels(body, photo.camera, outline=True)
+                rows, columns = rows[own[rows, columns]], columns[own[rows, columns]]
+                predicted[rows, columns] = self._at_outline(photo, observed, rows, columns)
+                shown[rows, columns] = True
+        return Prediction(photo, observed, predicted, inside, shown & ~observed.saturated)
+
+    def _at_outline(
+        self, photo: Photo, observed: RadianceImage, rows: NDArray[np.int64], columns: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Radiance (n, 3) of pixels that the object covers partly, by a few rays through each."""
+        places = np.column_stack([columns, rows]).repeat(len(_WITHIN), axis=0) + np.tile(
+            _WITHIN, (len(rows), 1)
+        )
+        rays, on_body = samples_around(
+            self.specimen.body, photo.camera, observed, places.astype(float), across=False
+        )
+        radiance = np.zeros((len(places), 3))
+        if on_body.any():
+            radiance[on_body] = self._radiance(photo, facing(rays))
+        return radiance.reshape(len(rows), len(_WITHIN), 3).mean(axis=1)
 
     def _radiance(self, photo: Photo, samples: LightField) -> NDArray[np.float64]:
         """Radiance (n, 3) of samples; paint is the mean around each ray, across which light varies little."""

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
+from invrender.diagnostics.named import NamedCause
 from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
 from invrender.interreflection import Interreflection
-from invrender.solve.evidence import MISFIT_REMEDY, misfit_reason
+from invrender.solve.evidence import MISFIT_REMEDY, PictureError, misfit_reason
 from invrender.texture.layout import TexelLayout
 from invrender.texture.textures import (
     KD_NAME,
@@ -91,6 +92,7 @@ def result_document(
             for photo in result.photos
         ],
         "interreflection": None if result.interreflection is None else _bounces(result.interreflection),
+        "causes": [_cause(cause) for cause in result.causes],
         "identifiability": identifiability(result),
         "models": [
             {
@@ -106,6 +108,68 @@ def result_document(
         "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
         "inputs": dict(inputs),
         "software": software(),
+    }
+
+
+def with_picture_errors(document: Mapping[str, Any], errors: Mapping[str, PictureError]) -> dict[str, Any]:
+    """The result with the errors of predicted pictures, by photograph, in place of those of the samples.
+
+    One measure for all: RMS over all unsaturated pixels of the object. What a fit that has not seen a photograph misses
+    beyond one that has is known of its samples, and added.
+    """
+    photos = []
+    for photo in document["photos"]:
+        error, unseen = errors[photo["file"]], photo["cross_validated_rms_relative"]
+        if unseen is not None:
+            unseen = float(np.sqrt(max(error.rms**2 + unseen**2 - photo["rms_relative"] ** 2, 0)))
+        photos.append(
+            {
+                **photo,
+                "rms_relative": error.rms,
+                "cross_validated_rms_relative": unseen,
+                "error_in_brightest_2_percent": error.brightest,
+            }
+        )
+
+    def mean(key: str, held_out: bool) -> float | None:
+        values = [photo[key] for photo in photos if photo["held_out"] == held_out]
+        return float(np.mean(values)) if values and None not in values else None
+
+    fit = {
+        **document["fit"],
+        "rms_relative": mean("rms_relative", False),
+        "cross_validated_rms_relative": mean("cross_validated_rms_relative", False),
+        "held_out_rms_relative": mean("rms_relative", True),
+        "error_in_brightest_2_percent": {
+            "fitted": mean("error_in_brightest_2_percent", False),
+            "held_out": mean("error_in_brightest_2_percent", True),
+        },
+    }
+    return {**document, "photos": photos, "fit": fit}
+
+
+def errors_in_words(fit: Mapping[str, Any]) -> str:
+    """How far predicted pictures are off, in a sentence; `fit` as result.json has it."""
+    bright = fit["error_in_brightest_2_percent"]
+    parts = [f"{fit['rms_relative']:.2%} in the photographs that were fitted"]
+    if fit["cross_validated_rms_relative"] is not None:
+        parts.append(f"{fit['cross_validated_rms_relative']:.2%} in each by a fit without it")
+    if fit["held_out_rms_relative"] is not None:
+        parts.append(f"{fit['held_out_rms_relative']:.2%} in those held out")
+    share = bright["fitted"] if bright["held_out"] is None else bright["held_out"]
+    return (
+        f"Predicted pictures are off by {', '.join(parts)} (RMS over all unsaturated pixels of the object, relative to"
+        f" the photograph's). {share:.0%} of the squared error lies in the brightest 2% of the pixels."
+    )
+
+
+def _cause(cause: NamedCause) -> dict[str, Any]:
+    return {
+        "cause": cause.name,
+        "share": cause.share,
+        "numbers": numbers(cause.numbers),
+        "photo": cause.photo,
+        "text": cause.text,
     }
 
 
@@ -129,6 +193,7 @@ def _bounces(found: Interreflection) -> dict[str, Any]:
         "rms_relative": found.relative,
         "highest_relative": found.highest,
         "taken_off": found.taken_off,
+        "albedo": None if found.albedo is None else numbers(found.albedo),
         "asked": {"value": found.asked, "std": found.asked_std},
         "cross_validated_rms_relative": {"taken_off": found.error_with, "left": found.error_without},
         "moved": {

@@ -18,7 +18,13 @@ from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.factorization import Factorization, Quantity
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
 from invrender.report.page import ReportWriter
-from invrender.result import identifiability, lighting_map, result_document
+from invrender.result import (
+    errors_in_words,
+    identifiability,
+    lighting_map,
+    result_document,
+    with_picture_errors,
+)
 from invrender.texture.textures import TEXTURE_FILES
 from invrender.wording import with_error
 
@@ -36,7 +42,8 @@ def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
     _print_summary(run.result)
     # What was found is safe now, whatever becomes of the pictures.
     with added_files(out, PICTURES) as folder:
-        write_pictures(run, folder, document)
+        document = write_pictures(run, folder, document)
+    console.print(errors_in_words(document["fit"]))
     console.print(
         f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True
     )
@@ -93,17 +100,22 @@ def write_fit(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> 
     return document
 
 
-def write_pictures(run: Run, folder: Path, document: Mapping[str, Any]) -> None:
-    """Write a run's predicted photographs, its report, and its result.json with what it says of these."""
+def write_pictures(run: Run, folder: Path, document: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a run's predicted photographs, its report, and its result.json with the errors of these, which is
+    returned.
+    """
     (folder / "predicted").mkdir()
-    document = {**document, "predicted_binning": run.binning}
-    report = ReportWriter(run, document)
+    report = ReportWriter(run)
     names = _predicted_names([photo.label for photo in run.photoset.photos])
+    errors = {}
     for prediction in _with_progress(run):
         write_exr(folder / "predicted" / names[prediction.photo.label], prediction.predicted)
+        errors[prediction.photo.label] = prediction.error
         report.add(prediction)
-    report.write(folder / "report.html")
-    write_json(folder / "result.json", document)
+    complete = {**with_picture_errors(document, errors), "predicted_binning": run.binning}
+    report.write(folder / "report.html", complete)
+    write_json(folder / "result.json", complete)
+    return complete
 
 
 def _with_progress(run: Run) -> Iterator[Prediction]:
@@ -156,12 +168,7 @@ def _print_summary(result: Factorization) -> None:
             f"Kd{' and Ks vary' if result.textures.ks_varies else ' varies'} over the surface: these are means over the"
             f" {result.textures.share_known:.0%} of it that the photographs determine; the maps lie beside the report."
         )
-    held_out = result.rms(held_out=True)
-    console.print(
-        f"RMS residual {result.rms(held_out=False):.2%} of the radiance, {result.model.error:.2%} on unseen photographs"
-        + (f", {held_out:.2%} on those held out" if held_out is not None else "")
-        + f". Scale: {result.gauge}."
-    )
+    console.print(f"Scale: {result.gauge}.")
     console.print(_ladder(result))
     if result.interreflection is not None:
         console.print(str(result.interreflection))

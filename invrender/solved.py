@@ -78,7 +78,7 @@ def _scores(
     weights = iter(solution.weights)
     for photo in photoset.photos:
         field, residual = fields[photo.label], residuals[photo.label]
-        trust = None if photo.held_out else next(weights).trust
+        trust = field.shares[:, None] * (1.0 if photo.held_out else next(weights).trust)
         scores.append(
             PhotoScore(
                 label=photo.label,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,13 +12,19 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
+from invrender.blindbounces import Sent, account_for_bounces
 from invrender.clock import Clock
+from invrender.diagnostics.diagnosis import diagnose
+from invrender.diagnostics.named import named_causes
+from invrender.diagnostics.unknownlight import unknown_light_remainders
 from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
+from invrender.model.bounce import Bounced, Parts
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict
 from invrender.model.richer import NUMBER_RANGE
-from invrender.newlight import new_lights, scored_lighting, used_tables
+from invrender.model.visibility import Shadows
+from invrender.newlight import NewLight, new_lights, scored_lighting, used_tables
 from invrender.reading import read_samples
 from invrender.solve.blind import (
     ORDERS,
@@ -27,6 +34,7 @@ from invrender.solve.blind import (
     factorize_blind,
     predict_blind,
 )
+from invrender.solve.blind.ladder import without_rows
 from invrender.solve.blind.state import State
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import Rung
@@ -44,6 +52,8 @@ Floats = NDArray[np.float64]
 _MAP_HEIGHT = 64
 # Turns to a map that is nowhere negative; the degree up to which it keeps the light's harmonics.
 _CUTS, _SHADED = 30, 4
+# Turns of strengths and what bounces by them; each leaves a share of the error that is as small as what bounces.
+_TURNS = 3
 # Of the light in a dark room: the same from all sides.
 _DARK = (0,)
 _NO_SCALE = Quantity(
@@ -77,43 +87,58 @@ def solve_unknown_light(
     )
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
-        steps = iter(track(range(blind_steps(orders)), "Fitting light and BRDF"))
-        next(steps)
-        blind = factorize(
-            [fields[photo.label] for photo in fitted],
-            [photo.lighting for photo in fitted],
-            on_step=lambda: next(steps, None),
-            shadows=specimen.shadows,
-        )
-        for _ in steps:
-            pass
+        names, seen = [photo.lighting for photo in fitted], [fields[photo.label] for photo in fitted]
+
+        def solve(photos: Sequence[LightField], doing: str) -> BlindSolution:
+            steps = iter(track(range(blind_steps(orders)), doing))
+            next(steps)
+            found = factorize(photos, names, on_step=lambda: next(steps, None), shadows=specimen.shadows)
+            for _ in steps:
+                pass
+            # Rows take up far more than all else, and nobody asks for them again.
+            return replace(found, rungs=tuple(map(without_rows, found.rungs)))
+
+        blind = solve(seen, "Fitting light and BRDF")
+        parts = None if specimen.shadows is None else Parts.of(specimen.shadows)
+        bounces = None
+        if parts is not None:
+            without = partial(solve, doing="Fitting without light that bounces")
+            bounces = account_for_bounces(parts, seen, names, blind, without)
+            blind = blind if bounces is None else bounces.blind
+        sent = None if bounces is None else bounces.sent
+        numbers = {name: number for number, name in enumerate(blind.lights)}
 
         def recovered(photo: Photo, field: LightField) -> Floats:
-            return predict_blind(blind, field, blind.lights[photo.lighting], specimen.shadows)
+            shown = predict_blind(blind, field, blind.lights[photo.lighting], specimen.shadows)
+            return shown if sent is None else shown + sent.radiance(numbers[photo.lighting], field)
 
-        seen = [fields[photo.label] for photo in fitted]
         left = [field.radiance - recovered(photo, field) for photo, field in zip(fitted, seen, strict=True)]
         solution = _solution(blind, seen, left)
-        strengths = {
-            photo.label: others[photo.lighting].strengths(solution, fields[photo.label], specimen.shadows)
+        brdf = solution.estimate.brdf
+        under = {
+            photo.label: _under(others[photo.lighting], solution, fields[photo.label], specimen.shadows, sent)
             for photo in photoset.photos
             if photo.lighting in others
         }
+        strengths = {label: own for label, (own, _) in under.items()}
 
         def radiance(photo: Photo, field: LightField) -> Floats:
             if photo.lighting not in others:
                 return recovered(photo, field)
-            other = others[photo.lighting]
-            return predict(
-                solution.estimate.brdf, other.elements, strengths[photo.label], field, specimen.shadows
-            )
+            own, bounced = under[photo.label]
+            shown = predict(brdf, others[photo.lighting].elements, own, field, specimen.shadows)
+            return shown if bounced is None else shown + bounced.radiance(field, brdf)
 
         residuals = dict(zip([photo.label for photo in fitted], left, strict=True))
         for photo in photoset.photos:
             if photo.held_out:
                 field = fields[photo.label]
                 residuals[photo.label] = field.radiance - radiance(photo, field)
-    warnings = (*left_out, *sentences(blind.warnings), *find_warnings(photoset, solution, specimen, {}))
+        given = [(photo.label, photo.lighting, fields[photo.label]) for photo in fitted]
+        scene = unknown_light_remainders(blind, solution.estimate.brdf, specimen, given, left)
+        causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
+    found = find_warnings(photoset, solution, specimen, {}, causes)
+    warnings = (*left_out, *sentences(blind.warnings), *found)
     # Of several photographs under such a light the first tells its strength in the result.
     firsts = {
         photo.lighting: strengths[photo.label]
@@ -122,7 +147,23 @@ def solve_unknown_light(
     }
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
+    result = replace(result, causes=causes, interreflection=None if bounces is None else bounces.found)
     return Solved(result, fields, residuals, radiance)
+
+
+def _under(
+    other: NewLight, solution: Solution, field: LightField, shadows: Shadows | None, sent: Sent | None
+) -> tuple[Floats, Bounced | None]:
+    """Strengths of a known light that suit a photograph under it best, and what bounces there at a known albedo."""
+    strengths = other.strengths(solution, field, shadows)
+    if sent is None:
+        return strengths, None
+    brdf = solution.estimate.brdf
+    for _ in range(_TURNS):
+        bounced = sent.parts.bounced(other.elements, strengths, brdf, sent.albedo)
+        less = replace(field, radiance=field.radiance - bounced.radiance(field, brdf))
+        strengths = other.strengths(solution, less, shadows)
+    return strengths, bounced
 
 
 def _check_held_out(photoset: PhotoSet, others: Collection[str]) -> None:

@@ -225,16 +225,19 @@ def body_coverage(body: Body, camera: Camera, stride: int = 1) -> NDArray[np.boo
     return covered
 
 
-def body_pixels(body: Body, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the pixels whose corners all lie on the body."""
+def body_pixels(
+    body: Body, camera: Camera, outline: bool = False
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the pixels whose corners all lie on the body; of those that only some do if `outline`."""
     corners = np.zeros((camera.height + 1, camera.width + 1), bool)
     top, left, bottom, right = body_window(body, camera)
     for rows, columns in _bands((top, left, bottom + 1, right + 1)):
         y, x = np.mgrid[rows, columns]
         pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)
         corners[rows, columns] = body.hits(camera, pixels).hit.reshape(y.shape)
-    whole = corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]
-    rows_, columns_ = np.nonzero(whole)
+    four = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]])
+    whole = four.all(axis=0)
+    rows_, columns_ = np.nonzero(four.any(axis=0) & ~whole if outline else whole)
     return rows_, columns_
 
 

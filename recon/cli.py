@@ -28,7 +28,7 @@ def mirrorball(
         typer.Option(
             help="Image that is nonzero where the ball is: one for all views, or one for each, in order"
             " (repeat the option). Without it, --ball and --background, the ball must stand out bright from the"
-            " background."
+            " background, or nearly all of its outline must show."
         ),
     ] = None,
     ball: Annotated[

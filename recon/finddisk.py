@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 Picture = NDArray[np.float32]
 
 # Pixels along the longer side of the picture in which circles are searched for.
-_SEARCHED_PX = 480
+SEARCHED_PX = 480
 # Edges that are looked for and that vote, and circles that are looked at closely.
 _EDGES, _VOTERS, _CANDIDATES = 8000, 2000, 8
 # Smallest radius in pixels of the picture that is searched, and largest as a share of its longer side.
@@ -79,7 +79,7 @@ def find_rim(camera: Camera, image: RadianceImage) -> Rim | None:
     """
     coarse, *finer = _levels(image)
     rims = []
-    for disk in _candidates(_contrast(coarse.picture)):
+    for disk in likely_circles(coarse.picture):
         sphere = disk_sphere(
             camera, Disk(*(value / coarse.factor for value in (disk.x, disk.y, disk.radius)))
         )
@@ -116,7 +116,7 @@ def _levels(image: RadianceImage) -> Iterator[_Level]:
     """The photograph at the size at which spheres are searched for, at thrice that, and so on up to its own."""
     height, width = image.saturated.shape
     saturated = image.saturated.astype(np.float32)
-    factor = _SEARCHED_PX / max(height, width)
+    factor = SEARCHED_PX / max(height, width)
     while factor < 1:
         size = (round(width * factor), round(height * factor))
         small, clipped = (
@@ -180,7 +180,9 @@ def _contrast(radiance: Picture) -> Picture:
     return np.asarray(positive / (positive + max(float(positive.mean()), 1e-12)), np.float32)
 
 
-def _candidates(picture: Picture) -> list[Disk]:
+def likely_circles(radiance: Picture) -> list[Disk]:
+    """The circles along which a small picture (h, w, 3) has most edges, eight at most; the likeliest first."""
+    picture = _contrast(radiance)
     points, normals = _edges(picture)
     if len(points) < 20:
         return []

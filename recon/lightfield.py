@@ -48,7 +48,7 @@ class LightField:
         texture is blended by these. None of both on a sphere.
     footprints : (m, 2, 3) metres on a mesh's facet, across a ray's part of its pixel, to the right and down; zero where
         it is seen edge on. None where nobody asks what varies within.
-    stands_for : (n,) how much each sample counts for in sums over the surface, 1 on average: less where it was the likelier
+    stands_for : (n,) what each sample counts for in sums over the surface, 1 on average: less where it was the likelier
         drawn. None where all count alike.
     place : (n,) int, of the points of the surface that photographs are compared at, the one that a sample shows. None
         where samples lie anywhere.

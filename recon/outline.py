@@ -17,6 +17,10 @@ Coverage = NDArray[np.float32]
 _SIDE = 3
 # Coverage beyond which a pixel counts as wholly inside, or wholly outside if less than its complement.
 _WHOLE = 0.9
+# A binary mask doesn't show at what coverage it was cut: anywhere in the middle third of a pixel, uniform.
+_CUT_PX = 1 / (6 * 3**0.5)
+# Share of an outline's crossings without a grey level from which on a mask counts as binary; antialiased ones have 0.2.
+_BINARY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +29,15 @@ class Silhouette:
 
     points : (n, 2) of its outline, pixels. hidden_px : standard deviation of errors that they share, so that no
     scatter shows them. packed : of a mask, bits of the pixels at least half covered, row by row; None without one.
-    shape : (height, width) of the image.
+    shape : (height, width) of the image. edge_px : standard deviation by which the outline lies too far out, or in,
+    all around, and those of the set's other photographs with it.
     """
 
     points: Floats
     hidden_px: float
     packed: NDArray[np.uint8] | None
     shape: tuple[int, int]
+    edge_px: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen_array(self.points))
@@ -46,7 +52,10 @@ class Silhouette:
 
 
 def mask_silhouette(coverage: Coverage) -> Silhouette:
-    """The silhouette that a mask (h, w) in 0 to 1 of something about as round as a disk shows."""
+    """The silhouette that a mask (h, w) in 0 to 1 of something about as round as a disk shows.
+
+    The edge of a binary mask is known to where in a pixel it was cut; that of one with grey levels is exact.
+    """
     height, width = coverage.shape
     inside = coverage >= 0.5
     points = outline_points(coverage)
@@ -56,7 +65,19 @@ def mask_silhouette(coverage: Coverage) -> Silhouette:
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
         radius = np.sqrt(inside.sum() / np.pi)
         points = points + outward / (24 * radius * np.abs(outward).max(axis=1, keepdims=True) ** 2)
-    return Silhouette(points, 0.0, np.packbits(inside), (height, width))
+    edge = _CUT_PX if _is_binary(coverage) else 0.0
+    return Silhouette(points, 0.0, np.packbits(inside), (height, width), edge)
+
+
+def _is_binary(coverage: Coverage) -> bool:
+    """Whether a mask (h, w) passes from wholly inside to wholly outside without a grey level, nearly everywhere."""
+    sharp = crossings = 0
+    for one, other in ((coverage[:, 1:], coverage[:, :-1]), (coverage[1:], coverage[:-1])):
+        at = (one >= 0.5) != (other >= 0.5)
+        pair = np.sort([one[at], other[at]], axis=0)
+        sharp += int(((pair[0] <= 1 - _WHOLE) & (pair[1] >= _WHOLE)).sum())
+        crossings += int(at.sum())
+    return sharp > _BINARY * crossings
 
 
 def outline_points(coverage: Coverage) -> Floats:

@@ -85,12 +85,14 @@ def sample_body(
         at = rows[usable], columns[usable]
         bright = small_highlights(*at, image.radiance[at].astype(np.float64))
         shares = np.ones(len(usable))
-    if budget is not None and len(usable) > budget and importance is None:
+    if budget is None or len(usable) <= budget:
+        pass
+    elif importance is None:
         drawn = spread(geometry.normals[usable], budget, rng)
         if highlights:
             drawn, shares = _with_highlights(drawn, bright, _cells(geometry.normals[usable]), rng)
         usable, bright = usable[drawn], bright[drawn]
-    elif budget is not None and importance is not None:
+    else:
         telling = importance(geometry.normals[usable], _views(camera, rows[usable], columns[usable]))
         drawn, shares = draw(geometry.normals[usable], telling, budget, rng)
         usable, bright = usable[drawn], bright[drawn]
@@ -171,9 +173,10 @@ def draw(
 ) -> tuple[NDArray[np.int64], Floats]:
     """About `budget` of n samples, ascending, and what each stands for: evenly over normals, more where more is told.
 
-    normals : (n, 3). telling : (n,) >= 0, in any unit. A part of the budget is spread evenly over normals, the rest drawn
-    with probabilities in proportion to what pixels tell (RMB07, section 6: sampling by gradients). A sample stands for its
-    probability in an even draw over that in this one [Horvitz and Thompson 1952], so that sums stay unbiased.
+    normals : (n, 3). telling : (n,) >= 0, in any unit. A part of the budget is spread evenly over normals, the rest
+    drawn with probabilities in proportion to what pixels tell (RMB07, section 6: sampling by gradients). A sample
+    stands for its probability in an even draw over that in this one [Horvitz and Thompson 1952], so that sums stay
+    unbiased.
     """
     even = _inclusion(_cells(normals), budget)
     drawn = 1 - (1 - (1 - _TELLING) * even) * (1 - _proportional(telling, _TELLING * budget))

@@ -13,10 +13,11 @@ Floats = NDArray[np.float64]
 def jackknife(curvatures: Floats, gradients: Floats, arcs: NDArray[np.int64]) -> Floats:
     """Covariance of a fit from what leaving out one arc after the other changes, to first order.
 
-    curvatures : (n, p), whose square is the cost's Hessian. gradients : (n, p) of the cost.
+    curvatures : (n, p), whose square is the cost's Hessian. gradients : (n, p) of the cost. arcs : (n,), in any order.
     """
-    _, place = np.unique(arcs, return_inverse=True)
-    starts = np.flatnonzero(np.diff(place, prepend=-1))
+    order = np.argsort(arcs, kind="stable")
+    curvatures, gradients = curvatures[order], gradients[order]
+    starts = np.flatnonzero(np.diff(arcs[order], prepend=-1))
     total = curvatures.T @ curvatures
     parts = np.add.reduceat(curvatures[:, :, None] * curvatures[:, None, :], starts, axis=0)
     pushes = np.add.reduceat(gradients, starts, axis=0)

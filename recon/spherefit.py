@@ -8,7 +8,7 @@ number of views in one least-squares problem.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,8 +72,30 @@ def fit_sphere(
 ) -> Sphere:
     """Fit a sphere to its silhouettes, one per camera; what is given is kept.
 
-    centre : (3,) metres or None. radius : metres or None. See `fit_to_outlines`.
+    centre : (3,) metres or None. radius : metres or None. See `fit_to_outlines`. One mask that several photographs from
+    one place share is one measurement.
     """
+    keys = [_key(*pair) for pair in zip(cameras, silhouettes, strict=True)]
+    first = {key: place for place, key in reversed(list(enumerate(keys)))}
+    places = sorted(first.values())
+    found = _fit_distinct([cameras[k] for k in places], [silhouettes[k] for k in places], centre, radius)
+    rank = {place: number for number, place in enumerate(places)}
+    return replace(found, residual_px=tuple(found.residual_px[rank[first[key]]] for key in keys))
+
+
+def _key(camera: Camera, silhouette: Silhouette) -> tuple[object, ...]:
+    """What two photographs have in common if their outlines are one measurement: camera, pose and points."""
+    arrays = camera.params, camera.world_to_camera, silhouette.points
+    return camera.model, camera.width, camera.height, *(np.asarray(array).tobytes() for array in arrays)
+
+
+def _fit_distinct(
+    cameras: Sequence[Camera],
+    silhouettes: Sequence[Silhouette],
+    centre: Sequence[float] | None,
+    radius: float | None,
+) -> Sphere:
+    """`fit_sphere` of outlines each of which is a measurement of its own."""
     outlines = [_around(silhouette.points) for silhouette in silhouettes]
     guess = _first_guess(cameras, outlines, radius)
     if centre is not None:
@@ -82,7 +104,8 @@ def fit_sphere(
         guess[3] = radius
     free = np.array([centre is None] * 3 + [radius is None])
     hidden = [silhouette.hidden_px for silhouette in silhouettes]
-    return fit_to_outlines(cameras, outlines, guess, free, hidden)
+    edge = [silhouette.edge_px for silhouette in silhouettes]
+    return fit_to_outlines(cameras, outlines, guess, free, hidden, edge)
 
 
 def fit_to_outlines(
@@ -91,14 +114,16 @@ def fit_to_outlines(
     guess: Floats,
     free: Bools,
     hidden_px: Sequence[float],
+    edge_px: Sequence[float] | None = None,
 ) -> Sphere:
     """The sphere that rays through outline points touch.
 
     outlines : (n, 2) pixels per camera, in any order. guess : (4,) centre and radius in metres. free : (4,) which of
     them are fitted. Points that stray further than the others, such as those of a stand that a mask includes, count
     for nothing. The covariance comes from how arcs of the outlines, and photographs, disagree; to it are added
-    errors that neither shows, by which a whole outline may be shifted, and all together be grown: `hidden_px` per
-    camera, standard deviations.
+    errors that neither shows, standard deviations: `hidden_px` per camera, by which a whole outline may be shifted, and
+    all together be grown; `edge_px` per camera, by which all together may be grown without a shift.
+    One outline in several cameras errs in all of them alike.
 
     ValueError where an outline has fewer than 12 points or the lens distortion can't be undone.
     """
@@ -111,10 +136,17 @@ def fit_to_outlines(
         cameras, np.concatenate([o for o, _ in rays]), np.concatenate([d for _, d in rays]), view
     )
     sphere, scatter = _solve(touching, guess, free)
-    arcs = np.concatenate([np.arange(len(each)) * _ARCS // len(each) for each in points]) + _ARCS * view
+    numbers: dict[bytes, int] = {}
+    same = [numbers.setdefault(each.tobytes(), len(numbers)) for each in points]
+    arcs = [
+        np.arange(len(each)) * _ARCS // len(each) + _ARCS * k for each, k in zip(points, same, strict=True)
+    ]
+    growth = np.hypot(hidden_px, 0.0 if edge_px is None else edge_px)
     covariance = np.zeros((4, 4))
     if free.any():
-        covariance[np.ix_(free, free)] = _covariance(touching, sphere, scatter, free, arcs, hidden_px)
+        covariance[np.ix_(free, free)] = _covariance(
+            touching, sphere, scatter, free, np.concatenate(arcs), hidden_px, growth
+        )
     residual = touching.residuals(sphere)[0]
     per_photo = tuple(_robust_rms(residual[view == k]) for k in range(len(points)))
     return Sphere(sphere[:3], float(abs(sphere[3])), covariance, per_photo)
@@ -209,6 +241,7 @@ def _covariance(
     free: Bools,
     arcs: NDArray[np.int64],
     hidden_px: Sequence[float],
+    growth_px: Sequence[float] | Floats,
 ) -> Floats:
     """Covariance of the free parameters: the jackknife over arcs, and what makes photographs disagree beyond it."""
     residual, slope = touching.residuals(sphere)
@@ -230,10 +263,10 @@ def _covariance(
     for part, fitted in ((slice(0, 2), int(free[:3].sum())), (slice(2, 3), int(free[3]))):
         spread = common_spread(moves[:, part], spreads[:, part, part], fitted)
         covariance += spread * sum(response[:, part] @ response[:, part].T for response in responses)
-    pushed = [hidden * response for hidden, response in zip(hidden_px, responses, strict=True)]
-    covariance += sum(each[:, :2] @ each[:, :2].T for each in pushed)
-    growth = sum(each[:, 2] for each in pushed)
-    return np.asarray(covariance + np.outer(growth, growth))
+    for hidden, response in zip(hidden_px, responses, strict=True):
+        covariance += hidden**2 * response[:, :2] @ response[:, :2].T
+    grown = sum(growth * response[:, 2] for growth, response in zip(growth_px, responses, strict=True))
+    return np.asarray(covariance + np.outer(grown, grown))
 
 
 def seen_by(camera: Camera, sphere: Floats) -> Floats:

@@ -260,21 +260,30 @@ def missing(view: BoardView, board: Board) -> str:
     return "the board was not found: is it in the picture, sharp, evenly lit, and not covered?"
 
 
-def check_sizes(views: Sequence[BoardView]) -> None:
-    """ValueError unless all photographs have one size in pixels."""
+def odd_sizes(views: Sequence[BoardView]) -> dict[str, str]:
+    """Why photographs are left out that have another size in pixels than most, in words, by name.
+
+    ValueError if no size is that of more than half of them.
+    """
     sizes = Counter(view.size for view in views)
-    if len(sizes) == 1:
-        return
     (usual, count), *others = sizes.most_common()
-    odd = [view for view in views if view.size != usual]
-    turned = all(size == usual[::-1] for size, _ in others)
+    turned = bool(others) and all(size == usual[::-1] for size, _ in others)
     remedy = (
         "some were turned to portrait; use the files as the camera wrote them"
         if turned
         else "use photos of one camera at one resolution, not cropped"
     )
-    shown = ", ".join(f"{view.name} {view.size[0]}x{view.size[1]}" for view in odd[:3])
-    raise ValueError(
-        f"photos differ in size: {count} of {len(views)} are {usual[0]}x{usual[1]} pixels, but {shown}"
-        f"{', ...' if len(odd) > 3 else ''}; {remedy}"
-    )
+    if count <= len(views) / 2:
+        listed = ", ".join(
+            f"{number} of {width}x{height}" for (width, height), number in sizes.most_common(3)
+        )
+        raise ValueError(
+            f"photos differ in size, and none is that of more than half of the {len(views)}: {listed}"
+            f"{', ...' if len(sizes) > 3 else ''} pixels; {remedy}"
+        )
+    return {
+        view.name: f"left out because its size is {view.size[0]}x{view.size[1]} pixels, and {count} of"
+        f" {len(views)} photos have {usual[0]}x{usual[1]}; {remedy}"
+        for view in views
+        if view.size != usual
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.imageheader import Header, is_raw, read_header
+from capture.files.jpegscan import jpeg_fault
+from capture.files.tiff import inflates
 
 # Larger images than any camera makes are taken for a decompression bomb: a small file that fills the memory.
 MAX_PIXELS = 400_000_000
@@ -62,9 +65,25 @@ def _contents(path: Path) -> tuple[NDArray[np.generic], NDArray[np.generic] | No
     if kind == "EXR":
         channels = _exr_channels(path)
         return _of_exr(path, channels), channels.get("A"), header
+    time = path.stat().st_mtime_ns
+    fault = _fault(path, kind, (time, data.size))
+    if fault is not None:
+        raise ValueError(f"{path}: {_DAMAGED} ({fault})")
     stored = _stored(path, data, kind)
     alpha = stored[..., 3] if stored.ndim == 3 and stored.shape[2] == 4 else None
     return _in_rgb(stored, kind), alpha, header
+
+
+@lru_cache(maxsize=10_000)
+def _fault(path: Path, kind: str, state: tuple[int, int]) -> str | None:
+    """What is wrong with a file's compressed data that OpenCV doesn't say; None if nothing is seen.
+
+    state : time and size, so that a file which is decoded again is not looked at again.
+    """
+    data = read_file(path)
+    if kind == "JPEG":
+        return jpeg_fault(data.tobytes())
+    return "its checksums are wrong" if kind == "TIFF" and not inflates(data.data) else None
 
 
 def read_file(path: Path) -> NDArray[np.uint8]:

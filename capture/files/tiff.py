@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ _WANTED = {_SUBFILE, _WIDTH, _HEIGHT, _COMPRESSION, _SUB_IFDS, _DNG_VERSION}
 _WANTED |= {tag for pair in _DATA for tag in pair}
 _FORMATS = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}
 _JPEG = (6, 7)  # of Compression: old-style, and as in TIFF's technical note 2
+_DEFLATE = (8, 32946)
 _REDUCED = 1  # bit of NewSubfileType: a smaller copy of another image in the file
 _MOST_DIRECTORIES = 64  # a damaged file may chain its directories in a circle
 
@@ -57,6 +59,20 @@ def tiff_summary(data: bytes | memoryview) -> TiffSummary | None:
     size = (first[_WIDTH][0], first[_HEIGHT][0]) if _WIDTH in first and _HEIGHT in first else None
     lossy = first.get(_COMPRESSION, (1,))[0] in _JPEG
     return TiffSummary(size, whole, preview or _DNG_VERSION in first, lossy)
+
+
+def inflates(data: bytes | memoryview) -> bool:
+    """Whether what Deflate compressed of a whole TIFF's first image has the checksums that were written with it."""
+    directory = next(_directories(data, "<" if bytes(data[:2]) == b"II" else ">"), {})
+    if directory.get(_COMPRESSION, (1,))[0] not in _DEFLATE:
+        return True
+    try:
+        for offsets, counts in _DATA:
+            for offset, count in zip(directory.get(offsets, ()), directory.get(counts, ()), strict=False):
+                zlib.decompress(data[offset : offset + count])
+    except zlib.error:
+        return False
+    return True
 
 
 def _directories(data: bytes | memoryview, order: str) -> Iterator[Directory]:

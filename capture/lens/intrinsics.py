@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from capture.boards.board import Board, Detection, parse_board
-from capture.boards.boardsearch import check_board, check_sizes, missing, view_of_file
+from capture.boards.boardsearch import check_board, missing, odd_sizes, view_of_file
 from capture.camera import Camera
 from capture.lens import intrinsicschecks as checks
 from capture.lens.boardshape import board_shape
@@ -118,10 +118,10 @@ def calibrate_camera(
 ) -> CameraCalibration:
     """Calibrate a camera from photographs of a board.
 
-    photos : image files of one size, taken with one lens, focus and zoom; at least three that show the board, tilted in
-        different ways. board : a `Board` or its text, such as "chessboard:9x6:0.025". track : wraps the list of
-        photographs, to show progress.
-    ValueError says what is wrong: a board that isn't the one that was said, photographs of different sizes, a focal
+    photos : image files, taken with one lens, focus and zoom; at least three that show the board, tilted in different
+        ways. Those of another size than most are left out. board : a `Board` or its text, such as
+        "chessboard:9x6:0.025". track : wraps the list of photographs, to show progress.
+    ValueError says what is wrong: a board that isn't the one that was said, photographs without a usual size, a focal
     length that they leave undetermined, a fit that failed.
     """
     board = parse_board(board) if isinstance(board, str) else board
@@ -140,10 +140,11 @@ def calibrate_camera(
     if len(set(names)) < len(names):
         names = [str(path) for path in paths]
     seen = [view_of_file(path, board, name) for path, name in zip(track(paths), names, strict=True)]
-    check_sizes(seen)
-    check_board(seen, board)
-    found = {view.name: view.detection for view in seen if view.detection is not None}
-    lost = {view.name: missing(view, board) for view in seen if view.detection is None}
+    lost = odd_sizes(seen)
+    alike = [view for view in seen if view.name not in lost]
+    check_board(alike, board)
+    found = {view.name: view.detection for view in alike if view.detection is not None}
+    lost |= {view.name: missing(view, board) for view in alike if view.detection is None}
     if len(found) < MIN_VIEWS:
         raise ValueError(
             f"the board {board.spec} was found in {len(found)} of {len(seen)} photos, but {MIN_VIEWS} are needed:"

@@ -43,7 +43,7 @@ def run_factor(source: Path, out: Path, choices: Choices) -> Run:
         more = {"choices": choices.document(), "given": given_document(given, error)}
         document = write_fit(run, folder, more)
     with added_files(out, PICTURES) as folder:
-        write_pictures(run, folder, document)
+        document = write_pictures(run, folder, document)
         factor_figure(run.result, given, _pictured(run)).savefig(folder / "factor.png")
     _print_numbers(run.result, given)
     _print_light(run.result, given, error)

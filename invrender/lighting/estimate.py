@@ -11,6 +11,7 @@ from capture.lighting import Lighting
 from capture.parallel import one_blas_thread
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
+from capture.wording import some_of
 from invrender.lighting.coefficients import (
     DETERMINED,
     UNDETERMINED,
@@ -208,12 +209,14 @@ def _warnings(brdf: Microfacet, direct: LightCoefficients, dual: DualLight | Non
 def _held_out_warnings(
     fitted: Sequence[tuple[str, float]], held_out: Sequence[tuple[str, float]]
 ) -> list[str]:
-    """A sentence for each photograph that was held out and is explained far worse than those fitted."""
+    """A sentence on the photographs that were held out and are explained far worse than those fitted."""
     usual = float(np.median([error for _, error in fitted]))
+    worse = [(label, error) for label, error in held_out if error > _FAR_WORSE * usual]
+    if not worse:
+        return []
+    worse.sort(key=lambda entry: -entry[1])
+    named = some_of([f"{label} by {error:.1%} of its radiance" for label, error in worse], 8)
     return [
-        f"{label}, which was held out, is off by {error:.1%} of its radiance, {error / usual:.0f} times as much as what"
-        " was fitted: the light is sharper than its degree, such as a lamp; raise --degree, or let `lightfactor"
-        " process` find lamps."
-        for label, error in held_out
-        if error > _FAR_WORSE * usual
+        f"Held-out photographs are off: {named}; up to {worse[0][1] / usual:.0f} times as much as what was fitted: the"
+        " light is sharper than its degree, such as a lamp; raise --degree, or let `lightfactor process` find lamps."
     ]

@@ -4,8 +4,8 @@
 
 The interface reflects, on either side, the more the more grazing light comes [Wolff 1994, "Diffuse-reflectance model
 for smooth dielectric surfaces", eq. 4; what bounces between base and interface is in Kd]. Means are per projected solid
-angle, so that pi Kd is the albedo of any base under light from all sides. One mu is the interface's and the lobe's. A coated base
-has t = (1 - coat (1 - cos)^5) over its mean (`richer`), without mu.
+angle, so that pi Kd is the albedo of any base under light from all sides. One mu is the interface's and the lobe's. A
+coated base has t = (1 - coat (1 - cos)^5) over its mean (`richer`), without mu.
 """
 
 from __future__ import annotations
@@ -142,7 +142,9 @@ def base_columns(
 
 
 def base_weights(form: LobeForm, mu: float | Floats | None, coat: float | Floats | None = None) -> Floats:
-    """What the columns count for at mu and a coat, which is the form's own if None, (size,); at several (f,), (f, size)."""
+    """What the columns count for at mu and a coat, which is the form's own if None, (size,); at several (f,), (f,
+    size).
+    """
     coat = form.coat if coat is None else coat
     if coat is not None:
         found = coat_coefficients(coat)

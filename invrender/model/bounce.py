@@ -33,7 +33,7 @@ _UNIFORM = LightElement("uniform", np.zeros((0, 3)), np.zeros((0, 1)), uniform=1
 # Cosines of views by which the albedo is averaged.
 _VIEWS = 64
 # No surface sends back more than it receives; and what further reflections would add below this share is left out.
-_BRIGHTEST, _NEGLIGIBLE, _MOST = 0.99, 1e-5, 100
+BRIGHTEST, _NEGLIGIBLE, _MOST = 0.99, 1e-5, 100
 # Steradian; of shadows in single precision, turned into the world. One ray that is met weighs a hundred times as much.
 _ROUNDING = 1e-5
 
@@ -58,16 +58,31 @@ class Parts:
     def body(self) -> MeshBody:
         return self.shadows.body
 
-    def bounced(self, elements: Sequence[LightElement], strengths: Floats, brdf: Microfacet) -> Bounced:
-        """What bounces under a lighting; strengths : (elements, 3). brdf : its kd and ks may be each face's, (f, 3)."""
+    def bounced(
+        self,
+        elements: Sequence[LightElement],
+        strengths: Floats,
+        brdf: Microfacet,
+        share: Floats | None = None,
+    ) -> Bounced:
+        """What bounces under a lighting.
+
+        strengths : (elements, 3). brdf : its kd and ks may be each face's, (f, 3). share : (3,), albedo of a BRDF that
+        is known up to a scale; None for the BRDF's own.
+        """
         mesh = self.body.mesh
         direct = np.zeros((len(mesh.vertices), 3))
         for element, strength in zip(elements, strengths, strict=True):
             sight = self.shadows.of_vertices(element)
             direct += strength * base_irradiance(brdf.form, brdf.mu, element, mesh.normals, sight)
+        return self.exchanged(direct, albedo(brdf) if share is None else share)
+
+    def exchanged(self, direct: Floats, albedo: Floats) -> Bounced:
+        """What bounces where light itself sends vertices an irradiance (v, 3); albedo : (3,) or each face's (f, 3)."""
         # A recovered strength may be negative; light isn't.
         direct = np.maximum(direct, 0)
-        share = np.minimum(albedo(brdf), _BRIGHTEST) / np.pi
+        share = np.minimum(albedo, BRIGHTEST) / np.pi
+        mesh = self.body.mesh
         exchanged, sent = np.zeros_like(direct), np.zeros((len(mesh.faces), 3))
         for _ in range(_MOST):
             sent = share * (direct + exchanged)[mesh.faces].mean(axis=1)

@@ -59,8 +59,8 @@ class LobeForm:
 
     name : as results call it. has_fresnel : whether it has a refractive index. interface : whether the diffuse base
     lies under a smooth interface of that index (`base`). coat : strength of Shirley's coupled base, None where the base
-    is another; Lambertian where it is neither. parts : share and width over sigma of each lobe of the sum. numbers : the
-    form's own numbers, beside mu and sigma, by name.
+    is another; Lambertian where it is neither. parts : share and width over sigma of each lobe of the sum. numbers :
+    the form's own numbers, beside mu and sigma, by name.
     """
 
     name: str

@@ -75,7 +75,7 @@ class Shadows:
     def of_vertices(self, element: LightElement) -> Sight:
         """What vertices see of an element's light; nothing is said of mirrored rays, which they have none of."""
         mesh, coefficients = self.body.mesh, _sky(element, self.l_max)
-        hidden = None if coefficients is None else self._kept_off(coefficients)
+        hidden = None if coefficients is None else self.kept_off(coefficients)
         sources = [self._seen(mesh.vertices, mesh.normals, direction) for direction in element.directions]
         return Sight(_columns(sources, len(mesh.vertices)), np.zeros(len(mesh.vertices), bool), hidden)
 
@@ -149,11 +149,11 @@ class Shadows:
 
     def hidden(self, field: LightField, lighting: Floats) -> Floats:
         """Irradiance (m, c) at rays that the mesh keeps off, of harmonic light ((l + 1)^2, c)."""
-        return self.at_rays(self._kept_off(to_degree(lighting, self.l_max)), field)
+        return self.at_rays(self.kept_off(lighting), field)
 
-    def _kept_off(self, lighting: Floats) -> Floats:
-        """Irradiance (v, c) that the mesh keeps off its vertices."""
-        return np.asarray(self.shadow @ lighting.astype(np.float32), float)
+    def kept_off(self, lighting: Floats) -> Floats:
+        """Irradiance (v, c) that the mesh keeps off its vertices, of harmonic light ((l + 1)^2, c)."""
+        return np.asarray(self.shadow @ to_degree(lighting, self.l_max).astype(np.float32), float)
 
     def hidden_rows(self, field: LightField, l_max: int) -> Floats:
         """Rows (n, (l_max + 1)^2) of samples that yield what `hidden` does from light of degree l_max."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invrender.model.bounce import Bounced, Parts
 from invrender.model.microfacet import Microfacet
@@ -14,11 +15,16 @@ from invrender.model.transfer import LightElement
 from invrender.render.reflectance import Reflectance
 from invrender.render.subject import Subject
 
+Floats = NDArray[np.float64]
 
-def bounces_of(subject: Subject, reflectance: Reflectance) -> Callable[[LightElement], Bounced | None]:
+
+def bounces_of(
+    subject: Subject, reflectance: Reflectance, albedo: Floats | None = None
+) -> Callable[[LightElement], Bounced | None]:
     """What bounces under an element of known strength, the last one's kept; nothing on a body that doesn't see itself.
 
-    Where the photographs left Kd and Ks open, their means are taken: what is there sends light, too.
+    albedo : (3,), of a reflectance that is known up to a scale; None of one that is absolute. Where the photographs
+    left Kd and Ks open, their means are taken: what is there sends light, too.
     """
     parts = None if subject.shadows is None else Parts.of(subject.shadows)
     if parts is None:
@@ -29,8 +35,8 @@ def bounces_of(subject: Subject, reflectance: Reflectance) -> Callable[[LightEle
         known = paint.known[:, None]
         brdf = replace(brdf, kd=np.where(known, paint.kd, brdf.kd), ks=np.where(known, paint.ks, brdf.ks))
 
-    return lru_cache(maxsize=1)(partial(_under, parts, brdf))
+    return lru_cache(maxsize=1)(partial(_under, parts, brdf, albedo))
 
 
-def _under(parts: Parts, brdf: Microfacet, element: LightElement) -> Bounced:
-    return parts.bounced([element], np.ones((1, 3)), brdf)
+def _under(parts: Parts, brdf: Microfacet, albedo: Floats | None, element: LightElement) -> Bounced:
+    return parts.bounced([element], np.ones((1, 3)), brdf, albedo)

@@ -11,6 +11,7 @@ import numpy as np
 from capture.files.outfolder import result_files, result_folder
 from capture.photoset import PhotoSet
 from capture.terminal import console, leave_cleanly_when_stopped
+from invrender.model.bounce import Bounced
 from invrender.model.transfer import LightElement
 from invrender.render.bounces import bounces_of
 from invrender.render.files import automatic_exposure, exposure_note, write_picture, write_png
@@ -43,7 +44,8 @@ def run_render(options: RenderOptions) -> None:
     frames, notes = _frames(result, photoset, options, subject)
     notes = [*material.notes, *assumption_notes(material, lighting), *subject.warnings, *notes]
     inputs = [result.path, *(path for path in (options.light, options.mesh, options.mesh_to_world) if path)]
-    take = _photographer(subject, material, element, options.std, result.bounces)
+    bounces = bounces_of(subject, material, result.albedo) if result.bounces else None
+    take = _photographer(subject, material, element, options.std, bounces)
     if options.turntable is None:
         (frame,) = frames
         with result_files(options.out, inputs=inputs) as folder:
@@ -147,12 +149,15 @@ def _frames(
 
 
 def _photographer(
-    subject: Subject, material: Reflectance, element: LightElement, with_std: bool, with_bounces: bool
+    subject: Subject,
+    material: Reflectance,
+    element: LightElement,
+    with_std: bool,
+    bounces: Callable[[LightElement], Bounced | None] | None,
 ) -> Callable[[Frame], Picture]:
     """What takes a frame's picture."""
     # Frames in which the light rests share what is prepared of it.
     under = lru_cache(maxsize=1)(partial(turned, element))
-    bounces = bounces_of(subject, material) if with_bounces else None
 
     def take(frame: Frame) -> Picture:
         light = under(frame.light_turn)

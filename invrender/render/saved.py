@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, ConfigDict
 
 from capture.files.documents import read_json
@@ -68,7 +69,7 @@ class SavedBrdf(_Lenient):
     ks: SavedQuantity | None
     mu: SavedQuantity | None
     sigma: SavedQuantity | None
-    form_numbers: dict[str, SavedQuantity] = {}
+    form_numbers: Mapping[str, SavedQuantity] = MappingProxyType({})
     normalised: _Shares
     covariance: _Covariance
 
@@ -114,9 +115,13 @@ class _Texture(_Lenient):
 
 
 class _Bounces(_Lenient):
-    """Light that bounces between the object's parts. taken_off : whether Kd and Ks are without it."""
+    """Light that bounces between the object's parts.
+
+    taken_off : whether Kd and Ks are without it. albedo : of Kd and Ks that are known up to a scale.
+    """
 
     taken_off: bool
+    albedo: _Triple | None = None
 
 
 class _Source(_Lenient):
@@ -189,10 +194,18 @@ class SavedResult:
     def bounces(self) -> bool:
         """Whether light that parts of an object send each other adds to what Kd and Ks predict.
 
-        Not where they are known up to a factor only, nor where photographs spoke against taking it off: they hold it.
+        Not where nothing tells the albedo, nor where photographs spoke against taking it off: they hold it.
         """
         found = self.content.interreflection
-        return self.is_absolute and (found is None or found.taken_off)
+        if found is None:
+            return self.is_absolute
+        return found.taken_off and (self.is_absolute or found.albedo is not None)
+
+    @property
+    def albedo(self) -> NDArray[np.float64] | None:
+        """The albedo (3,) that bounced light was taken off with where Kd and Ks don't tell it."""
+        found = self.content.interreflection
+        return None if found is None or found.albedo is None else np.array(found.albedo)
 
     @property
     def label(self) -> str:

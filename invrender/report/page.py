@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from invrender.factorization import Quantity
+from invrender.factorization import FittedLighting, Quantity
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, UNCORRELATED
 from invrender.model.richer import COATED, COATED_HAZY, HAZY
 from invrender.pipeline import Prediction, Run
+from invrender.report.causefigure import cause_figure
 from invrender.report.pictures import (
     difference_picture,
     figure_url,
@@ -32,6 +34,8 @@ from invrender.wording import with_error
 # Photographs beyond this many are listed with their errors, without pictures: the page stays small.
 _MAX_PICTURES = 24
 _MARGIN = 0.08
+# Lightings whose table is in plain view.
+_FEW_LIGHTINGS = 6
 # Shares of a photograph's white at which the colours of differences saturate.
 _LIMITS = (0.02, 0.05, 0.1, 0.2, 0.5)
 _NAMES = {
@@ -74,9 +78,8 @@ _FORMS |= {
 class ReportWriter:
     """Collects the predictions of a run, then writes its page."""
 
-    def __init__(self, run: Run, document: Mapping[str, Any]) -> None:
+    def __init__(self, run: Run) -> None:
         self._run = run
-        self._document = document
         self._rows: list[dict[str, Any]] = []
         # One colour scale for all differences, wide enough for three times the usual residual.
         rms = run.result.rms(held_out=False) or 0.0
@@ -89,16 +92,34 @@ class ReportWriter:
 
     def add(self, prediction: Prediction) -> None:
         """Take in one photograph with its prediction; nothing of its size is kept."""
-        label = prediction.photo.label
-        score = next(score for score in self._run.result.photos if score.label == label)
-        row: dict[str, Any] = {"score": score, "pictures": None}
-        if label in self._pictured:
+        label, error = prediction.photo.label, prediction.error
+        row: dict[str, Any] = {"label": label, "pictures": None, "highlight": error.rms**2 * error.brightest}
+        worst = max(self._rows, key=lambda other: other["highlight"], default=row)
+        if row["highlight"] >= worst["highlight"]:
+            # The photograph with the worst highlight so far has pictures, whichever it is.
+            if worst["label"] not in self._pictured:
+                worst["pictures"] = None
+            row["pictures"] = _pictures(prediction, self._limit)
+        elif label in self._pictured:
             row["pictures"] = _pictures(prediction, self._limit)
         self._rows.append(row)
 
-    def write(self, path: Path) -> None:
-        """Write the page as one self-contained file."""
+    def write(self, path: Path, document: Mapping[str, Any]) -> None:
+        """Write the page as one self-contained file; document : result.json, whose errors are those of the pictures."""
         result = self._run.result
+        errors = {photo["file"]: photo for photo in document["photos"]}
+        scores = [
+            replace(
+                score,
+                rms=errors[score.label]["rms_relative"],
+                cross_validated=errors[score.label]["cross_validated_rms_relative"],
+            )
+            for score in result.photos
+        ]
+        of_label = {score.label: score for score in scores}
+        rows = [{**row, "score": of_label[row["label"]]} for row in self._rows]
+        worst = max(row["highlight"] for row in rows)
+        rows.sort(key=lambda row: row["highlight"] < worst)
         textures = result.textures
         # Values at vertices make no picture.
         mapped = textures is not None and isinstance(textures.layout, TexelLayout)
@@ -110,24 +131,26 @@ class ReportWriter:
             lstrip_blocks=True,
         )
         page = environment.get_template("report.html.jinja").render(
-            document=self._document,
+            document=document,
             result=result,
             model=result.model.estimate.model,
             form=_FORMS[result.brdf.form.family],
             best=min(result.rungs, key=lambda rung: rung.error),
             parameters=_parameters(self._run),
-            rows=self._rows,
+            rows=rows,
             limit=self._limit,
             mapped=[
                 entry.lighting.name for entry in result.lightings if entry.lighting.radiance_map is not None
             ],
             with_error=with_error,
+            many_lightings=_many_lightings(result.lightings),
             median_unseen=float(
-                np.median([s.cross_validated for s in result.photos if s.cross_validated is not None])
+                np.median([s.cross_validated for s in scores if s.cross_validated is not None])
             ),
+            causes=[(cause, figure_url(cause_figure(cause))) for cause in result.causes],
             figures={
                 "residual": figure_url(residual_figure(self._run.fields, self._run.solved.residuals)),
-                "photos": figure_url(photo_error_figure(result.photos)),
+                "photos": figure_url(photo_error_figure(scores)),
                 "lighting": figure_url(lighting_figure(result.lightings)),
                 "texture": figure_url(texture_figure(textures)) if textures and mapped else None,
             },
@@ -150,6 +173,27 @@ def _pictures(prediction: Prediction, limit: float) -> dict[str, Any]:
         "difference": difference_picture(difference, limit * white, inside),
     }
     return {name: image_url(shrunk(picture), jpeg=name != "difference") for name, picture in pictures.items()}
+
+
+def _many_lightings(entries: Sequence[FittedLighting]) -> str | None:
+    """What lightings have in common, in a sentence, where they are too many for a table in plain view."""
+    if len(entries) <= _FEW_LIGHTINGS:
+        return None
+    recovered = sum(bool(entry.lighting.recovers) or entry.harmonics is not None for entry in entries)
+    made = f"{recovered} of them recovered" if recovered else "all given"
+    said = f"{len(entries)} lightings, {made}"
+    directions = np.concatenate([entry.lighting.directions for entry in entries])
+    if not len(directions):
+        return f"{said}, without directional sources."
+    strength = np.concatenate([entry.lighting.irradiances.mean(axis=1) for entry in entries])
+    mean = directions.mean(axis=0)
+    mean /= max(float(np.linalg.norm(mean)), 1e-9)
+    off = np.degrees(np.arccos(np.clip(directions @ mean, -1, 1))).max()
+    return (
+        f"{said}, with {len(directions)} directional sources up to {off:.0f} degrees from their mean direction"
+        f" ({', '.join(f'{value:.2f}' for value in mean)}); irradiance (mean of channels)"
+        f" {strength.min():.3g} to {strength.max():.3g}."
+    )
 
 
 def _parameters(run: Run) -> list[dict[str, Any]]:

@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 # Pixels along the longer side: three pictures abreast on a wide screen, twice as fine for sharp displays.
 _PICTURE_PX = 640
 _INK, _ACCENT, _SOFT = "#24292f", "#0b6bcb", "#b9c4d0"
+# Lightings of nothing but sources that have a panel each.
+_FEW_PLAIN = 4
 # Of texels that the photographs leave open, 8 bits: neither black, which is paint, nor of a colour scale.
 _UNKNOWN = 200
 
@@ -121,31 +123,50 @@ def photo_error_figure(scores: Sequence[PhotoScore]) -> Figure:
 
 
 def lighting_figure(entries: Sequence[FittedLighting]) -> Figure:
-    """The lightings as lat-long maps with their directional sources, one panel each (at most twelve)."""
-    shown = list(entries)[:12]
-    across = min(len(shown), 4)
-    down = -(-len(shown) // across)
+    """The lightings as lat-long maps with their directional sources, one panel each (at most twelve).
+
+    More than four that are nothing but sources share one panel, a dot for each source.
+    """
+    plain = [entry.lighting.radiance_map is None and entry.ambient is None for entry in entries]
+    crowd = sum(plain) > _FEW_PLAIN
+    together = [entry for entry, alone in zip(entries, plain, strict=True) if alone and crowd]
+    shown = [entry for entry, alone in zip(entries, plain, strict=True) if not (alone and crowd)][:12]
+    panels = len(shown) + bool(together)
+    across = min(panels, 4)
+    down = -(-panels // across)
     figure = Figure(figsize=(max(3.1 * across, 6.4), 1.95 * down + 0.5) if across > 1 else (6.4, 3.4))
     maps = [lighting_map(entry) for entry in shown]
-    white = max(max(float(np.percentile(radiance.max(axis=-1), 99)) for radiance in maps), 1e-12)
-    for k, (entry, radiance) in enumerate(zip(shown, maps, strict=True)):
+    white = max([float(np.percentile(radiance.max(axis=-1), 99)) for radiance in maps] + [1e-12])
+    for k in range(panels):
         axes = figure.add_subplot(down, across, k + 1)
-        axes.imshow(tone_mapped(radiance, white), extent=(0, 360, 180, 0), aspect="auto")
-        x, y, z = entry.lighting.directions.T
-        azimuth, polar = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arccos(np.clip(z, -1, 1)))
-        axes.plot(azimuth, polar, "*", color="#f5b301", mec="black", mew=0.6, ms=11)
+        if k < len(shown):
+            axes.imshow(tone_mapped(maps[k], white), extent=(0, 360, 180, 0), aspect="auto")
+            azimuth, polar = _angles(shown[k].lighting.directions)
+            axes.plot(azimuth, polar, "*", color="#f5b301", mec="black", mew=0.6, ms=11)
+            axes.set_title(shown[k].lighting.name, fontsize=9, color=_INK)
+        else:
+            strength = np.concatenate([entry.lighting.irradiances.mean(axis=1) for entry in together])
+            azimuth, polar = _angles(np.concatenate([entry.lighting.directions for entry in together]))
+            dots = axes.scatter(azimuth, polar, 26, strength, edgecolors="black", linewidths=0.5)
+            figure.colorbar(dots, ax=axes).set_label("irradiance, mean of channels", fontsize=8)
+            axes.set_title(f"sources of {len(together)} lightings", fontsize=9, color=_INK)
         axes.set_xlim(0, 360)
         axes.set_ylim(180, 0)
         axes.set_xticks([0, 90, 180, 270, 360])
         axes.set_yticks([0, 90, 180])
-        axes.set_title(entry.lighting.name, fontsize=9, color=_INK)
         axes.tick_params(labelsize=7)
-        if k // across == down - 1 or k + across >= len(shown):
+        if k // across == down - 1 or k + across >= panels:
             axes.set_xlabel("azimuth from +X (degrees)", fontsize=8)
         if k % across == 0:
             axes.set_ylabel("polar angle\nfrom +Z (degrees)", fontsize=8)
     figure.tight_layout()
     return figure
+
+
+def _angles(directions: Floats) -> tuple[Floats, Floats]:
+    """Azimuth and polar angle (k,) of directions (k, 3), degrees."""
+    x, y, z = directions.T
+    return np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arccos(np.clip(z, -1, 1)))
 
 
 def texture_figure(textures: Textures) -> Figure:

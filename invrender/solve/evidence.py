@@ -31,6 +31,8 @@ MISFIT_REMEDY = (
 )
 # Standard errors of a paired difference beyond which the simpler model is clearly worse.
 CLEARLY_WORSE = 3.0
+# Part of a picture's pixels that count as its highlights.
+_BRIGHTEST = 0.02
 # Part of a standard deviation that the last step of fits that leave photographs out may have: they start at the fit to
 # all, and what such a step leaves is far less.
 _NEAR_ENOUGH = 0.1
@@ -52,13 +54,14 @@ class Rung:
         are fitted to it, since nothing else could tell them).
     patch_energy : (patches,), the same squared residuals, as shares of each photograph's energy, by patches
         of the surface.
-    parameters : count of fitted numbers.
+    parameters : count of fitted numbers. folds : fits that each have not seen some of the photographs.
     """
 
     estimate: Estimate
     photo_errors: Floats
     patch_energy: Floats
     parameters: int
+    folds: tuple[Estimate, ...] = ()
 
     @property
     def error(self) -> float:
@@ -78,6 +81,29 @@ def relative_rms(residual: Floats, radiance: Floats, trust: Floats | None = None
     """
     trust = np.ones_like(residual) if trust is None else trust
     return float(np.sqrt((trust * residual**2).sum() / max(float((trust * radiance**2).sum()), 1e-300)))
+
+
+@dataclass(frozen=True)
+class PictureError:
+    """How far a predicted picture is off.
+
+    rms : relative RMS over its pixels. brightest : the share of the squared error that lies in the brightest 2% of
+    them.
+    """
+
+    rms: float
+    brightest: float
+
+
+def picture_error(observed: Floats, predicted: Floats) -> PictureError:
+    """The error of predicted radiance (n, 3) against a photograph's."""
+    square = ((observed - predicted) ** 2).sum(axis=1)
+    if not len(square):
+        return PictureError(0.0, 0.0)
+    count = max(int(_BRIGHTEST * len(square)), 1)
+    bright = np.argpartition(-(observed**2).sum(axis=1), count - 1)[:count]
+    share = float(square[bright].sum() / max(float(square.sum()), 1e-300))
+    return PictureError(relative_rms(observed - predicted, observed), share)
 
 
 def climb_ladder(
@@ -201,7 +227,7 @@ def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subset
         errors[part.photos] = np.sqrt(np.bincount(part.photo_of, square, minlength=own) / total)
         energy += np.bincount(part.patch_of, square / total[part.photo_of], minlength=patches)
     free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}
-    return Rung(full, errors, energy, model.parameters + 3 * len(free))
+    return Rung(full, errors, energy, model.parameters + 3 * len(free), tuple(trained))
 
 
 def fit_strengths(photo: PhotoColumns, weight: Floats, estimate: Estimate) -> Floats:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from invrender.model.columns import PhotoColumns
-from invrender.model.lobes import PRINTED, LobeForm
+from invrender.model.lobes import PRINTED, UNCORRELATED, LobeForm
 from invrender.model.transfer import light_elements
 from invrender.solve.evidence import Rung, choose, climb_ladder
 from invrender.solve.forms import Elements, Trial, beside, columns_of, try_forms
@@ -82,7 +82,7 @@ def explain(
 def _best_form(trials: Mapping[LobeForm, Trial]) -> LobeForm:
     """The form, not RH01's, that suits the share best: beside RH01's large errors two others look alike."""
     rungs = [rung for form, trial in trials.items() if form is not PRINTED for rung in trial.rungs]
-    rungs.sort(key=lambda rung: (rung.parameters, rung.error))
+    rungs.sort(key=_simplest_first)
     return rungs[choose(rungs)].estimate.model.form
 
 
@@ -125,7 +125,12 @@ def _others(reference: Rung, form: LobeForm, trials: Mapping[LobeForm, Trial]) -
         if other is not form
         for rung in trial.rungs
     ]
-    return sorted(found, key=lambda rung: (rung.parameters, rung.error))
+    return sorted(found, key=_simplest_first)
+
+
+def _simplest_first(rung: Rung) -> tuple[int, bool, float]:
+    """Order of rungs: few numbers first; of as many, facets that hide light and viewer together, then the best."""
+    return rung.parameters, rung.estimate.model.form in UNCORRELATED.values(), rung.error
 
 
 def _models(models: Sequence[Model], photos: Sequence[PhotoColumns]) -> Sequence[Model]:

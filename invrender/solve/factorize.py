@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from capture.lighting import Lighting
 from invrender.factorization import FittedLighting, Quantity
@@ -14,7 +15,7 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.half_vectors import is_rough
 from invrender.model.lobes import PHONG, LobeForm, phong_exponent
 from invrender.model.predict import predict_photos
-from invrender.solve.clusters import lobe_misfit, structured_rms
+from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
 from invrender.solve.explanation import Explanation, explain, refitted
 from invrender.solve.identifiability import (
@@ -29,7 +30,7 @@ from invrender.solve.identifiability import (
 from invrender.solve.models import Estimate
 from invrender.solve.noise import NoiseModel, Weights
 from invrender.solve.reported import Report
-from invrender.solve.uncertainty import FINEST, NUMERICAL, PRIOR_STD, pack, uncertainty_of
+from invrender.solve.uncertainty import FINEST, NUMERICAL, pack, uncertainty_of
 
 Floats = NDArray[np.float64]
 
@@ -70,11 +71,12 @@ def factorize(
 
 
 def conclude(
-    known: Explanation, lightings: Sequence[Lighting], doubts: Sequence[Floats] | None = None
+    known: Explanation, lightings: Sequence[Lighting], doubts: Sequence[Sequence[Floats]] = ()
 ) -> Solution:
     """What an explanation amounts to: numbers with their uncertainty, and which of them are determined.
 
-    doubts : (n, 3) per photograph, radiance by which its samples may all be off together, one standard deviation.
+    doubts : one for each thing in doubt, (n, 3) per photograph, the radiance by which its samples are all off together
+    if that is off by one standard deviation.
     """
     chosen, weights, photos = known.chosen, known.weights, known.photos
     measured = _measure(known.rungs[chosen], photos, weights)
@@ -83,8 +85,8 @@ def conclude(
     if "sigma" in report.places:
         place = report.places["sigma"].start
         covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
-    if doubts is not None:
-        moved = _moved(known, doubts) - values
+    for doubt in doubts:
+        moved = _moved(known, doubt) - values
         covariance += np.outer(moved, moved)
     std = np.sqrt(np.diag(covariance))
     form = known.rungs[chosen].estimate.model.form
@@ -136,20 +138,37 @@ def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weigh
     structured = _structured(photos, weights, rung)
     found = uncertainty_of(report, parameters, rung.estimate, photos, [w.weight for w in weights])
     values = report(parameters.vector)
-    # What the model itself leaves: quadratures, propagated; and whatever is structured in the residuals, of
-    # which nothing tells how it is shared among the parameters, as a share of each.
-    scale = report.scale(values)
-    own = np.hypot(NUMERICAL * found.fragility, FINEST * scale)
-    if "sigma" in report.places:
-        # A lobe that a wrong model has made narrow is not the better known for it.
-        place = report.places["sigma"]
-        scale[place] = np.maximum(scale[place], PRIOR_STD["sigma"])
-    own = np.hypot(own, structured * scale)
-    own = np.hypot(own, _lobe_misfit(photos, weights, rung) * found.fragility)
+    # What our own quadratures leave, propagated.
+    own = np.hypot(NUMERICAL * found.fragility, FINEST * report.scale(values))
+    # What a wrong model, light or pose does differs between photographs, and shows when some are left out.
+    apart = _between_photographs(rung, report, elements)
+    variance = np.diag(found.covariance)
+    own = np.hypot(
+        own, np.sqrt(np.where(apart > _beyond_chance(len(rung.folds)) * variance, apart - variance, 0))
+    )
     if rung.estimate.model.neutral:
         # One number has one error bar.
         own[report.places["ks"]] = own[report.places["ks"]].max()
     return _Measured(report, values, found.covariance + np.diag(own**2), found.fragility, structured)
+
+
+def _between_photographs(rung: Rung, report: Report, elements: Mapping[str, Sequence[str]]) -> Floats:
+    """Variances of reported numbers by the jackknife over photographs [Efron 1982, eq. 3.8]; 0 where folds say nothing.
+
+    A fold that lacks a lighting altogether has no strength of it, and says nothing.
+    """
+    free = {name: own for name, own in elements.items() if any(element != "known" for element in own)}
+    whole = [fold for fold in rung.folds if free.keys() <= fold.strengths.keys()]
+    if len(whole) < 2:
+        return np.zeros(len(report(report.parameters.vector)))
+    values = np.array([report(pack(fold, free).vector) for fold in whole])
+    return np.asarray((len(whole) - 1) / len(whole) * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
+
+
+def _beyond_chance(folds: int) -> float:
+    """How many times the variance a jackknife over so many folds finds by chance in one number of twenty."""
+    freedom = max(folds - 1, 1)
+    return float(chi2.ppf(0.95, freedom) / freedom)
 
 
 def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
@@ -176,12 +195,24 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
         std = doubt * np.sqrt(np.diag(there.covariance))
         for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
             theirs = there.report.places[name]
-            difference = (
-                np.abs(here.values[here.report.places[name]] - there.values[theirs]) - 2 * std[theirs]
-            )
+            ours, values = here.values[here.report.places[name]], there.values[theirs]
+            difference = np.abs(ours - values * _core_alone(name, there, here)) - 2 * std[theirs]
             mine = chosen.report.places[name]
             apart[mine] = np.maximum(apart[mine], difference)
     return apart
+
+
+def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
+    """What a number of a form with a haze is multiplied by to compare with one of a form that has a core alone."""
+    if "haze" not in there.report.places or "haze" in here.report.places:
+        return np.ones(1)
+    haze = float(there.values[there.report.places["haze"]][0])
+    if name == "ks":
+        return np.array([1 - haze])
+    if name in ("ks_normalised", "kd_normalised"):
+        rest = 1 - haze * there.values[there.report.places["ks_normalised"]]
+        return np.asarray((1 - haze if name == "ks_normalised" else 1) / rest)
+    return np.ones(1)
 
 
 def _count(photos: Sequence[PhotoColumns]) -> int:
@@ -218,23 +249,6 @@ def _width_of_pixels(lightings: Sequence[Lighting], sigma: float) -> float:
         elif lighting.radiance_map is not None and is_rough(lighting.radiance_map):
             pixels.append(np.pi / len(lighting.radiance_map))
     return float(min(pixels, default=0.0) ** 2 / (24 * sigma))
-
-
-def _lobe_misfit(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:
-    """What of highlights is left that isn't noise, relative to them; photographs that are wrong are left aside."""
-    brdf, strengths = rung.estimate.brdf, rung.estimate.strengths
-    if brdf.sigma is None:
-        return 0.0
-    predictions = predict_photos(photos, brdf, strengths)
-    lobes = predict_photos(photos, replace(brdf, kd=np.zeros(3)), strengths)
-    parts = [
-        (specular, predicted, photo.radiance - predicted, own.trust, own.weight)
-        for photo, own, specular, predicted, wrong in zip(
-            photos, weights, lobes, predictions, outlying(rung.photo_errors), strict=True
-        )
-        if not wrong
-    ]
-    return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else 0.0
 
 
 def _quantities(

@@ -56,8 +56,8 @@ def try_forms(
 ) -> dict[LobeForm, Trial]:
     """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's.
 
-    Beside `OTHER_FORMS` those that the best of them may be a part of (`kin`). The noise is read off the residuals of the
-    form that fits best: what another misses is no noise. `on_step` is called `len(OTHER_FORMS)` times at most.
+    Beside `OTHER_FORMS` those that the best of them may be a part of (`kin`). The noise is read off the residuals of
+    the form that fits best: what another misses is no noise. `on_step` is called `len(OTHER_FORMS)` times at most.
     """
     kept = [_share(photo, sum(len(p.field) for p in photos)) for photo in photos]
     share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]

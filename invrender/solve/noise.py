@@ -110,8 +110,8 @@ def photo_weights(
 
     A photograph with a wrong pose, light or mask strays by many times the noise in most of its samples: its
     variance is larger by as much. Single samples beyond four deviations lose trust with the square of
-    theirs, so that their pull fades the farther off they are. highlight : (n, 3), what the lobe makes of the prediction;
-    residuals as large as highlights commonly leave are misfit of the form, and stay.
+    theirs, so that their pull fades the farther off they are. highlight : (n, 3), what the lobe makes of the
+    prediction; residuals as large as highlights commonly leave are misfit of the form, and stay.
     """
     deviation = np.sqrt(noise.variance(prediction))
     typical = max(1.4826 * float(np.median(np.abs(residual) / deviation)), 1.0)

@@ -13,7 +13,8 @@ Floats = NDArray[np.float64]
 class Report:
     """The numbers that are reported, as one vector of the fitted ones, in a fixed gauge.
 
-    places : block -> slice: "mu", "sigma", the form's numbers, "kd", "ks", "kd_normalised", "ks_normalised", "strengths".
+    places : block -> slice: "mu", "sigma", the form's numbers, "kd", "ks", "kd_normalised", "ks_normalised",
+    "strengths".
     """
 
     def __init__(self, parameters: Parameters, has_known: bool) -> None:

@@ -2,8 +2,8 @@
 
 Two answers are formed for each parameter and the larger is kept: the one that independent pixel noise
 implies (Gauss-Newton), and the sandwich that lets residuals be correlated within clusters of samples, as
-they are where the model or the object falls short. Clusters are tiles of each photograph (light, pose)
-and patches of surface across all photographs (stains, dents).
+they are where the model or the object falls short. Clusters are tiles of each photograph (light, pose),
+patches of surface across all photographs (stains, dents), and levels of brightness (a black level, a curve).
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 # Kd + Ks, mu or sigma itself, better than which none is claimed to be known. Measured on the noise-free demonstration:
 # 8e-4 of mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
 NUMERICAL, FINEST = 5e-4, 5e-5
+# Levels of brightness, each with as many samples.
+_LEVELS = 16
 # A prior that is flat between the bounds of the search; without it a parameter that the photographs do
 # not touch would have an infinite variance and drag others with it.
 PRIOR_STD = {
@@ -113,7 +115,12 @@ def uncertainty_of(
     chi2, count = 0.0, 0
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
+    by_brightness: dict[int, Floats] = {}
     fields = [photo.field for photo in photos]
+    levels = np.quantile(
+        np.concatenate([field.radiance.mean(axis=1) for field in fields]),
+        np.linspace(0, 1, _LEVELS + 1)[1:-1],
+    )
     for pool in pools(fields, [photo.lighting for photo in photos]):
         photo, weight = together([photos[k] for k in pool]), np.concatenate([weights[k] for k in pool])
         predicted = predict_columns(photo, estimate.brdf, estimate.strengths[photo.lighting])
@@ -132,6 +139,8 @@ def uncertainty_of(
         by_tile += list(sums_by(tiles_of([fields[k] for k in pool]), scores).values())
         for patch, score in sums_by(patch_of(photo.field), scores).items():
             by_patch[patch] = by_patch.get(patch, 0) + score
+        for level, score in sums_by(np.searchsorted(levels, predicted.mean(axis=1)), scores).items():
+            by_brightness[level] = by_brightness.get(level, 0) + score
     prior = np.zeros(size)
     for name, std in PRIOR_STD.items():
         if name in parameters.places:
@@ -142,7 +151,7 @@ def uncertainty_of(
     moved = derivative @ inverse
     independent = moved @ (noisy / reduced + np.diag(prior)) @ moved.T
     ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
-    for clusters in (np.array(by_tile), np.array(list(by_patch.values()))):
+    for clusters in map(np.array, (by_tile, list(by_patch.values()), list(by_brightness.values()))):
         few = len(clusters) / max(len(clusters) - 1, 1)
         residual_pull, model_pull = (
             np.sqrt(few * ((derivative @ inverse @ half.T / reduced) ** 2).sum(axis=1))

@@ -128,8 +128,10 @@ def account_for_bounces(
         bounced = {name: parts.bounced(of, np.ones((len(of), 3)), painted) for name, of in elements.items()}
         by_mesh = [_by_mesh(one.seen, bounced[one.seen.lighting], fit.brdf) for one in shown]
         less = _less(shown, by_mesh, values, known)
-        if lacking is None and rms(less) < MATTERS * scale:
-            return None
+        if lacking is None:
+            once = by_mesh, less
+            if rms(less) < MATTERS * scale:
+                return None
         solved_for = _values(shown, by_mesh, fit, len(points))
         before, lacking = lacking, _both(solved_for)[np.tile(known, 2)] - _both(values)[np.tile(known, 2)]
         if before is not None:
@@ -148,6 +150,12 @@ def account_for_bounces(
     rungs = tuple(replace(rung, photo_errors=left * rung.photo_errors) for rung in better.rungs)
     better = replace(better, rungs=rungs)
     found = _judged(shown, (nothing, by_mesh), (without, values), less, (fit, better))
+    if not found.taken_off:
+        # What would bounce is told by the paint of the fit that stands, not by what followed from taking it off.
+        by_mesh, less = once
+        values = _values(shown, by_mesh, fit, len(points))
+        found = _judged(shown, (nothing, by_mesh), (without, values), less, (fit, better))
+        found = replace(found, taken_off=False)
     doubt = _doubt(found)
     pairs = ((values.kd, without.kd), (values.ks, without.ks))
     moved = [np.abs(own - other)[known] / np.maximum(own[known], 1e-300) for own, other in pairs]

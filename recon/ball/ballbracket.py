@@ -54,12 +54,12 @@ def view_bracket(
             )
     aligned = _aligned(images, WHOLE)
     merged = _merged(aligned, exposures)
-    sphere = find_ball(merged, camera, name, mask, background, disk)
+    sphere, guessed = find_ball(merged, camera, name, mask, background, disk)
     if len(images) > 1:
         # What is behind the ball moves otherwise than the ball does when the camera does.
         aligned = _aligned(images, _about(sphere, camera))
         merged = _merged(aligned, exposures)
-        sphere = find_ball(merged, camera, name, mask, background, disk)
+        sphere, guessed = find_ball(merged, camera, name, mask, background, disk)
     view = view_ball(merged, sphere, mask, camera, name, reflectance, camera_mask_deg)
     (left, top), (h, w) = view.corner, view.in_source.shape
     window = slice(top, top + h), slice(left, left + w)
@@ -68,7 +68,7 @@ def view_bracket(
         both = _above_noise(aligned[0], one) & _above_noise(aligned[0], other)
         shown = np.asarray(both.all(axis=2))
         factors.append(_factor(one, other, window, view.pixels.usable & shown[window]))
-    return replace(view, bracket_factors=tuple(factors)), merged
+    return replace(view, bracket_factors=tuple(factors), guessed=guessed), merged
 
 
 def _about(sphere: Sphere, camera: Camera) -> Window:

@@ -60,6 +60,13 @@ def refined(
     return sphere, float(clear.mean())
 
 
+def shown_share(picture: NDArray[np.float32], camera: Camera, sphere: Sphere) -> float:
+    """The share of a sphere's outline along which a picture (h, w, c) has a clear edge, within a pixel of it."""
+    outline, outward = rim(sphere, camera)
+    offset, clear = _edges(_change(profiles(picture, outline, outward, _NEAR_PX + 2)))
+    return float((clear & (np.abs(offset) < 1)).mean())
+
+
 def _change(profiles: Floats) -> Floats:
     """How much profiles (n, k, c) change per step, (n, k)."""
     return np.asarray(np.linalg.norm(gaussian_filter1d(profiles, 1.0, axis=1, order=1), axis=2))

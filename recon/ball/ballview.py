@@ -79,6 +79,7 @@ class BallView:
     sources : brightest first.
     bracket_factors : of a bracket, how many times as bright each photograph shows the ball as the one before it;
         1 where exposures and response are right. Empty for a single photograph.
+    guessed : the ball was taken for the clearest round outline, since nothing said where it is.
     """
 
     name: str
@@ -91,6 +92,7 @@ class BallView:
     in_camera_mask: Mask
     sources: tuple[BallSource, ...]
     bracket_factors: tuple[float, ...] = ()
+    guessed: bool = False
 
     @property
     def in_map(self) -> Mask:
@@ -170,9 +172,15 @@ def _mirrored_pixels(
     areas, stretch = np.zeros(usable.shape), np.zeros(usable.shape)
     at = np.column_stack([columns + low[1], rows + low[0]]).astype(float)
     directions[rows, columns] = mirrored_directions(sphere, camera, at + 0.5)[1]
-    # Pixels share corners, but the ball's pixels are few enough to trace each corner four times.
-    square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float)
-    corners = np.stack([mirrored_directions(sphere, camera, at + corner)[1] for corner in square])
+    traced = np.zeros((usable.shape[0] + 1, usable.shape[1] + 1), bool)
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)]  # x, y
+    for x, y in square:
+        traced[rows + y, columns + x] = True
+    down, across = np.nonzero(traced)
+    at_corners = np.column_stack([across + low[1], down + low[0]]).astype(float)
+    lattice = np.zeros((*traced.shape, 3))
+    lattice[traced] = mirrored_directions(sphere, camera, at_corners)[1]
+    corners = np.stack([lattice[rows + y, columns + x] for x, y in square])
     areas[rows, columns] = solid_angles(corners)
     stretch[rows, columns] = _stretch(corners)
     return (int(low[1]), int(low[0])), Pixels(

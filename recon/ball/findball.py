@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from recon.ball.ballcircle import refined
+from recon.ball.ballcircle import refined, shown_share
 from recon.ball.shift import moved, shift_between
 from recon.circle import Disk
-from recon.finddisk import find_rim
+from recon.finddisk import SEARCHED_PX, find_rim, likely_circles
 from recon.locate import View, locate_sphere
 from recon.outline import mask_silhouette
 from recon.sphere import Sphere
@@ -24,6 +24,11 @@ Coverage = NDArray[np.float32]
 
 # How far off, as shares of the radius, a circle may be that was drawn by hand, and one read off a difference.
 _BY_HAND, _BY_DIFFERENCE = 0.08, 0.3
+# And where it is read off edges in a small picture, and off a picture a third as fine.
+_BY_EDGES, _BY_LEVEL = 0.15, 0.0
+# Share of an outline that must show within a pixel, and pixels of it, in the small picture, where nothing else tells
+# the ball: of one in a room 0.89 to 0.92 show, of what else seems round 0.84 at most.
+_LEAST_AROUND, _LEAST_LENGTH_PX = 0.86, 100.0
 # Share of the best outline's score at which another is as good, in a picture and in a difference that was cut off.
 _AS_GOOD, _BEST = 0.95, 1.0
 # Relative differences from the empty room at which the ball may part from noise, moved edges and shadows.
@@ -41,9 +46,11 @@ def find_ball(
     mask: Coverage | None = None,
     background: RadianceImage | None = None,
     disk: Disk | None = None,
-) -> Sphere:
+) -> tuple[Sphere, bool]:
     """The mirror ball in a photograph, from the first of mask, disk and background that is given; with none, it
-    must stand out bright from the background.
+    must stand out bright from the background, or nearly all of its outline must show.
+
+    And whether it was only guessed from that outline: other things are round, too.
 
     mask : (h, w) in 0 to 1; the ball may be cut off by the image's edge. background : the room without the ball,
     from the same place; its exposure may differ. disk : the outline roughly, within 8% of the radius.
@@ -53,16 +60,14 @@ def find_ball(
     check_size(image.saturated, camera, f"{name}: the photograph")
     if mask is not None:
         check_size(mask, camera, f"{name}: the mask")
-        return locate_sphere([View(name, camera, mask_silhouette(mask))])
+        return locate_sphere([View(name, camera, mask_silhouette(mask))]), False
     if disk is not None:
-        return refined(_contrast(image), camera, disk, _BY_HAND, _AS_GOOD, name)[0]
+        return refined(_contrast(image), camera, disk, _BY_HAND, _AS_GOOD, name)[0], False
     if background is not None:
         check_size(background.saturated, camera, f"{name}: the background")
-        return _against(image, background, camera, name)
+        return _against(image, background, camera, name), False
     rim = find_rim(camera, image)
-    if rim is None:
-        raise ValueError(f"{name}: no mask is given and no ball stands out from the background; {_REMEDY}")
-    return rim.sphere
+    return (_roundest(image, camera, name), True) if rim is None else (rim.sphere, False)
 
 
 def check_size(pixels: NDArray[np.generic], camera: Camera, what: str) -> None:
@@ -76,6 +81,49 @@ def _contrast(image: RadianceImage) -> NDArray[np.float32]:
     """The picture (h, w, 3) in 0 to 1, in which dark and bright parts show their edges alike."""
     radiance = np.maximum(image.radiance, 0)
     return np.asarray(radiance / (radiance + max(float(np.median(radiance)), 1e-12)), np.float32)
+
+
+def _roundest(image: RadianceImage, camera: Camera, name: str) -> Sphere:
+    """The largest sphere whose outline shows nearly all around, found in a small picture and refined in finer ones."""
+    factor = max(1, -(-max(image.saturated.shape) // SEARCHED_PX))
+    small, eye = image.binned(factor), camera.binned(factor)
+    picture = _contrast(small)
+    found: list[tuple[float, Disk, bool]] = []
+    for disk in likely_circles(small.radiance):
+        try:
+            sphere = refined(picture, eye, disk, _BY_EDGES, _AS_GOOD, name)[0]
+        except ValueError:
+            continue
+        share, at = shown_share(picture, eye, sphere), _outline(sphere, eye)
+        length = 2 * np.pi * at.radius * share
+        found.append((length, at, share > _LEAST_AROUND and length > _LEAST_LENGTH_PX))
+    found.sort(key=lambda entry: -entry[0])
+    best = next((at for _, at, clear in found if clear), None)
+    if best is None:
+        guesses = [
+            ",".join(f"{factor * value:.0f}" for value in (at.x, at.y, at.radius)) for _, at, _ in found
+        ]
+        seen = f" (the likeliest circles are {' and '.join(guesses[:3])})" if guesses else ""
+        raise ValueError(
+            f"{name}: no mask is given and no ball stands out from the background{seen}; {_REMEDY}"
+        )
+    sphere = refined(picture, eye, best, _BY_HAND, _AS_GOOD, name)[0]
+    while factor > 1:
+        factor = -(-factor // 3)
+        eye = camera.binned(factor)
+        try:
+            sphere = refined(
+                _contrast(image.binned(factor)), eye, _outline(sphere, eye), _BY_LEVEL, _AS_GOOD, name
+            )[0]
+        except ValueError:
+            break  # A large photograph may be blurred over many of its pixels.
+    return sphere
+
+
+def _outline(sphere: Sphere, camera: Camera) -> Disk:
+    """A sphere's outline, nearly, pixels."""
+    x, y = camera.project(sphere.centre[None])[0]
+    return Disk(float(x), float(y), sphere.pixel_radius(camera))
 
 
 def _against(image: RadianceImage, background: RadianceImage, camera: Camera, name: str) -> Sphere:
@@ -102,11 +150,8 @@ def _against(image: RadianceImage, background: RadianceImage, camera: Camera, na
             " Otherwise give a mask, or the ball's centre and radius in pixels (ball)"
         )
     sphere = max(rough, key=lambda entry: entry[1])[0]
-    centre, radius = camera.project(sphere.centre[None])[0], sphere.pixel_radius(camera)
     # The cut moved the outline, and a background that is shifted a little leaves edges of its own.
-    return refined(
-        _contrast(image), camera, Disk(float(centre[0]), float(centre[1]), radius), _BY_HAND, _AS_GOOD, name
-    )[0]
+    return refined(_contrast(image), camera, _outline(sphere, camera), _BY_HAND, _AS_GOOD, name)[0]
 
 
 def _filling(changed: NDArray[np.float32], camera: Camera, sphere: Sphere) -> float:

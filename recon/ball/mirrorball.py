@@ -67,7 +67,8 @@ def ball_lighting(views: Sequence[BallView], name: str, height: int = 64) -> Bal
     if height < 2:
         raise ValueError(f"{name}: a lat-long map of {height} rows is asked for; it must have at least 2")
     sources, hidden, warnings = merge_sources(views)
-    warnings = tuple(map(_bracket_warning, filter(_is_off, views))) + warnings
+    guessed = (_guess_warning(view) for view in views if view.guessed)
+    warnings = (*guessed, *map(_bracket_warning, filter(_is_off, views)), *warnings)
     maps = [view_map(view, height, discs) for view, discs in zip(views, hidden, strict=True)]
     merged = blend(maps)
     radiance_map, seen = filled(merged)
@@ -112,6 +113,15 @@ def lighting_of_ball(
         recover_ambient="ambient" in recover,
         origin=f"mirror ball {ball.name}",
         warnings=ball.warnings,
+    )
+
+
+def _guess_warning(view: BallView) -> str:
+    x, y = view.camera.project(view.sphere.centre[None])[0]
+    return (
+        f"{view.name}: nothing says where the ball is; the clearest round outline was taken for its, at column"
+        f" {x:.0f}, row {y:.0f}, with a radius of {view.radius_px:.0f} pixels. Where that is something else,"
+        " give a mask, or the ball's centre and radius (ball)"
     )
 
 

@@ -43,12 +43,16 @@ def hull(
 
     It uses the masks of the set, or the brightness where the background is black. The mesh is in the world of the
     poses, so it needs no alignment: [object] shape = "mesh", mesh = "hull.ply". Hollows that no silhouette shows are
-    filled, and normals are off there: it is a stand-in, not a scan.
+    filled, and normals are off there: it is a stand-in, not a scan. Where silhouettes contradict each other, the
+    photographs and places are named: dark parts of the object need masks.
     """
+    from rich.markup import escape
+
     from capture.decode import decode_photo, photo_mask
     from capture.files.outfolder import result_files
     from capture.photoset import load_photoset
     from capture.terminal import console, leave_cleanly_when_stopped, track
+    from recon.hull.consistency import contradiction_warning, contradictions
     from recon.hull.silhouette import bright_region
     from recon.hull.visualhull import visual_hull
     from recon.trianglemesh import volume, write_mesh
@@ -67,8 +71,17 @@ def hull(
             coverages.append(mask)
             if not coverages[-1].any():
                 raise ValueError(f"{photo.file}: has no mask, and nothing in it is bright; give a mask")
-        mesh = visual_hull([photo.camera for photo in loaded.photos], coverages, cells, track)
+        cameras = [photo.camera for photo in loaded.photos]
+        mesh = visual_hull(cameras, coverages, cells, track)
         write_mesh(folder / output.name, mesh)
+    warning = contradiction_warning(
+        contradictions(mesh, cameras, coverages, cells),
+        [photo.label for photo in loaded.photos],
+        [photo.mask is not None for photo in loaded.photos],
+        background,
+    )
+    if warning is not None:
+        console.print(f"[bold]Warning:[/bold] {escape(warning)}", soft_wrap=True)
     size = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
     console.print(
         f"{len(mesh.faces)} faces, {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g}, volume {volume(mesh):.4g}, in the"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from capture.photoset import PhotoSet
+from capture.wording import some_of
 from recon.register.features import Matches
 
 _REMEDY = (
@@ -74,7 +75,7 @@ def unsteady(disagreement: float, rms_px: float, width: int) -> str | None:
 def some_missing(photoset: PhotoSet, reasons: Mapping[int, str], placed: int) -> str:
     """A warning that names photographs without a pose."""
     names = [photoset.photos[place].label for place in sorted(reasons)]
-    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    shown = some_of(names)
     first = min(reasons)
     return (
         f"{len(names)} of {placed + len(names)} photos have no pose: {shown}; {photoset.photos[first].label}:"

@@ -91,17 +91,35 @@ def test_colmap_and_opencv_project_alike_through_the_saved_camera(shots: Path, t
 
 def test_bad_photographs_are_named_and_leave_nothing_behind(shots: Path, tmp_path: Path) -> None:
     good = photos(shots)
-    cut, text, wide = tmp_path / "cut off.png", tmp_path / "text.jpg", tmp_path / "wide.png"
+    cut, text = tmp_path / "cut off.png", tmp_path / "text.jpg"
     cut.write_bytes(good[0].read_bytes()[:5000])
     text.write_text("no picture")
-    cv2.imwrite(str(wide), np.zeros((300, 500), np.uint8))
     out = tmp_path / "out" / "camera.json"
-    cases = {cut: "truncated", text: "not an image", wide: "500x300", tmp_path / "no.png": "not exist"}
+    cases = {cut: "truncated", text: "not an image", tmp_path / "no.png": "not exist"}
     for bad, says in cases.items():
         with pytest.raises(ValueError, match=says) as caught:
             run(camera, *good, bad, "--board", SPEC, "-o", out)
         assert bad.name in str(caught.value)
         assert not out.exists()
+
+
+def test_photographs_of_another_size_are_left_out_and_named(shots: Path, tmp_path: Path) -> None:
+    wide = [tmp_path / f"wide {k}.png" for k in range(2)]
+    for path in wide:
+        # The board itself shows: without a word it would be one more view of another lens.
+        picture = cv2.imdecode(np.fromfile(photos(shots)[0], np.uint8), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(path), cv2.resize(picture, (800, 600)))
+    alone, both = tmp_path / "alone.json", tmp_path / "both.json"
+    run(camera, *photos(shots), "--board", SPEC, "-o", alone)
+    text = run(camera, *wide, *photos(shots), "--board", SPEC, "-o", both)
+    assert "wide 0.png: left out because its size is 800x600 pixels, and 6 of 8 photos have 400x300" in text
+    documents = [json.loads(path.read_text(encoding="utf-8")) for path in (alone, both)]
+    # Sums in another order: rounding.
+    np.testing.assert_allclose(documents[0]["params"], documents[1]["params"], rtol=1e-5, atol=1e-5)
+    dropped = [view["photo"] for view in documents[1]["views"] if view["dropped"] is not None]
+    assert dropped == [path.name for path in wide]
+    with pytest.raises(ValueError, match=r"2 of 800x600, 2 of 400x300 pixels"):
+        run(camera, *wide, *photos(shots)[:2], "--board", SPEC, "-o", both)
 
 
 def test_a_photograph_without_a_board_is_named_and_does_no_harm(shots: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from capture.boards.board import Detection, parse_board
-from capture.boards.boardsearch import BoardView, check_sizes, detect_board
+from capture.boards.boardsearch import BoardView, detect_board, odd_sizes
 from capture.camera import Camera
 from capture.lens.distortion import LADDER, PARAM_NAMES, folds_at, picture_grid
 from capture.lens.intrinsics import calibrate_camera, calibrate_detections
@@ -286,7 +286,7 @@ def test_a_view_as_good_as_usual_ones_is_kept_among_better_ones():
     assert len(calibrate_detections(found, BOARD).used) == 9
 
 
-def test_too_few_photos_and_photos_of_different_sizes_are_refused(tmp_path):
+def test_too_few_photos_and_photos_without_a_usual_size_are_refused(tmp_path):
     with pytest.raises(ValueError, match="is a folder; give the photos in it"):
         calibrate_camera([tmp_path], BOARD)
     with pytest.raises(ValueError, match="1 photo is too few"):
@@ -295,9 +295,11 @@ def test_too_few_photos_and_photos_of_different_sizes_are_refused(tmp_path):
         calibrate_camera(["a.png", "b.png"], "chessboard:9x6:0.025")
     with pytest.raises(ValueError, match=r"a\.png: is given twice"):
         calibrate_camera(["a.png", "b.png", "a.png"], BOARD)
-    views = [BoardView(f"{k}.png", (640, 480) if k else (480, 640), None) for k in range(4)]
-    with pytest.raises(ValueError, match=r"3 of 4 are 640x480 pixels, but 0\.png 480x640.*portrait"):
-        check_sizes(views)
+    views = [BoardView(f"{k}.png", (640, 480) if k < 2 else (480, 640), None) for k in range(4)]
+    with pytest.raises(ValueError, match=r"more than half of the 4: 2 of 640x480, 2 of 480x640 .*portrait"):
+        odd_sizes(views)
+    assert odd_sizes(views[:3]).keys() == {"2.png"}
+    assert not odd_sizes(views[:2])
     with pytest.raises(ValueError, match="2 views are too few"):
         calibrate_detections(dict(list(detections(14, 3).items())[:2]), BOARD)
 

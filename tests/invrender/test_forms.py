@@ -106,9 +106,10 @@ def test_the_other_forms_stand_in_the_ladder_as_worse(solved):
     form, _, solution = solved
     best = solution.rungs[solution.chosen].error
     others = [rung for rung in solution.rungs if rung.estimate.model.form.name != form]
-    assert {rung.estimate.model.form.name for rung in others} | {form} == TRUTHS.keys()
+    assert {rung.estimate.model.form.name for rung in others} | {form} >= TRUTHS.keys()
     # These lights show grazing highlights, where forms differ by several percent of the radiance.
-    assert min(rung.error for rung in others if rung.estimate.model.specular) > 2 * best
+    apart = [rung for rung in others if rung.estimate.model.form.name in TRUTHS]
+    assert min(rung.error for rung in apart if rung.estimate.model.specular) > 2 * best
 
 
 def test_a_matte_object_tries_no_forms(bench):

@@ -268,6 +268,11 @@ def test_light_and_brdf_of_a_concave_mesh_from_three_photographs(
     document = result_document(blind, {"lab": "a.exr", "lamp": "b.exr"}, {}, {})
     assert [entry["recovered"] for entry in document["lighting"]] == [["all"], ["scale"]]
     assert blind.warnings == ()
+    # No light bounces in these photographs, of whatever albedo.
+    assert blind.interreflection is not None
+    assert not blind.interreflection.taken_off
+    assert abs(blind.interreflection.asked) < 0.03
+    assert blind.interreflection.doubt < 0.04
 
 
 def test_light_of_a_mesh_whose_shadows_are_ignored_is_several_times_as_wrong(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from capture.arc.gantry import look_at
@@ -19,6 +21,7 @@ from recon.ball.findball import find_ball
 from recon.ball.mirrorball import BallLighting, lighting_of_ball
 from recon.ball.mirrorball import ball_lighting as merged_lighting
 from recon.ball.reflection import mirrored_directions, mirroring_points, solid_angles
+from recon.circle import Disk
 from recon.sphere import Sphere
 
 Floats = NDArray[np.float64]
@@ -354,7 +357,7 @@ def test_a_ball_cut_off_by_the_image_is_read_as_far_as_it_goes() -> None:
 
 def test_without_a_mask_the_ball_is_found_if_it_stands_out() -> None:
     image, mask = photograph(FAR, background=0.4)
-    with_mask, without = (find_ball(image, FAR, "ball.exr", given) for given in (mask, None))
+    with_mask, without = (find_ball(image, FAR, "ball.exr", given)[0] for given in (mask, None))
     # Otsu's outline is a fraction of a pixel off the grey mask's.
     assert without.radius == pytest.approx(with_mask.radius, rel=0.01)
 
@@ -400,3 +403,25 @@ def test_photographs_of_a_chrome_ball(data_dir: Path) -> None:
     # The published directions are approximate: most are off the ball's by 1 to 3 degrees, three by 4 to 9.
     assert np.median(angles) < 3
     assert max(angles) < 9
+
+
+def test_a_ball_in_a_room_is_found_without_a_hint_in_nine_megapixels(data_dir: Path) -> None:
+    room, empty = (decode(data_dir / "mirrorball" / f"raw{k}.jpg", "srgb") for k in (1, 0))
+
+    def eye(image: RadianceImage) -> Camera:
+        height, width = image.saturated.shape
+        return Camera("ORTHOGRAPHIC", [], width, height, np.diag([1, -1, -1, 1]))
+
+    factor = 2.45
+    pixels = cv2.resize(room.radiance, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
+    large = RadianceImage(pixels, np.zeros_like(pixels), np.zeros(pixels.shape[:2], bool))
+    assert large.saturated.size > 9e6
+    by_hand, _ = find_ball(room, eye(room), "raw1.jpg", disk=Disk(756, 548, 72))
+    found, guessed = find_ball(large, eye(large), "large.jpg")
+    assert guessed
+    # By hand, the rim of small steps is found to a pixel of the photograph.
+    centres = [eye(image).project(ball.centre[None])[0] for image, ball in ((large, found), (room, by_hand))]
+    assert_allclose(centres[0], factor * centres[1], atol=factor)
+    assert found.radius == pytest.approx(factor * by_hand.radius, abs=factor)
+    with pytest.raises(ValueError, match=r"raw0\.jpg: .*likeliest circles are .*give a mask"):
+        find_ball(empty, eye(empty), "raw0.jpg")

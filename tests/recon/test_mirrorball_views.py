@@ -271,7 +271,7 @@ def test_the_ball_is_found_against_the_empty_room_and_by_hand(exposure: float) -
     photo = exposed(np.abs(radiance * exposure + noise[0]))
     background = exposed(np.abs(empty + noise[1]))
     for given in ({"background": background}, {"disk": Disk(half + 3, half - 2, OUTLINE - 3)}):
-        sphere = find_ball(photo, camera, "ball", **given)  # type: ignore[arg-type]
+        sphere, _ = find_ball(photo, camera, "ball", **given)  # type: ignore[arg-type]
         # The rim mirrors what is behind it, and so seems to begin up to half a pixel further in.
         np.testing.assert_allclose(camera.project(sphere.centre[None])[0], half, atol=0.6)
         assert sphere.pixel_radius(camera) == pytest.approx(OUTLINE, abs=0.8)

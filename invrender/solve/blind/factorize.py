@@ -266,6 +266,7 @@ def _solution(
         weights=weights,
         gauge=GAUGE,
         warnings=remarks(search, fit, found, certainty, sides, names),
+        certainty=certainty,
         transfer=transfer,
     )
 

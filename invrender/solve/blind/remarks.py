@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from capture.wording import some_of
 from invrender.solve.blind.antipodes import Sides
 from invrender.solve.blind.certainty import Certainty
 from invrender.solve.blind.projection import Fit
@@ -108,7 +109,7 @@ def _of_lonely(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...
     lonely = [repr(names[number]) for number in sorted(counts) if counts[number] == 1]
     if not lonely or not fit.l_max:
         return ()
-    some = ", ".join(lonely[:3]) + (f" and {len(lonely) - 3} more" if len(lonely) > 3 else "")
+    some = some_of(lonely)
     return (
         f"a single photograph was taken under lighting {some}: its light takes up whatever the BRDF's formula does not"
         " explain, which the error bars can't tell; add a photograph from another side, or write dark = true if there"

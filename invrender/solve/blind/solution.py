@@ -15,6 +15,7 @@ from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm, part_width
 from invrender.model.lobetable import Transfer, specular_radiance
 from invrender.model.visibility import Shadows
+from invrender.solve.blind.certainty import Certainty
 from invrender.solve.blind.rungs import BlindRung
 from invrender.solve.blind.state import State
 from invrender.solve.noise import NoiseModel, Weights
@@ -96,6 +97,7 @@ class BlindSolution:
     weights: tuple[Weights, ...]
     gauge: str
     warnings: tuple[str, ...]
+    certainty: Certainty
     transfer: Transfer = "exact"
 
     @property

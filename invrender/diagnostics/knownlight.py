@@ -1,0 +1,85 @@
+"""What a fit under known light leaves, as diagnoses look at it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
+from invrender.model.columns import PhotoColumns
+from invrender.model.microfacet import Microfacet
+from invrender.model.predict import reflected
+from invrender.model.transfer import LightElement
+from invrender.model.visibility import Shadows
+from invrender.solve.factorize import Solution
+from invrender.specimen import Specimen
+from recon.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+
+def known_light_remainders(
+    solution: Solution,
+    specimen: Specimen,
+    photos: Mapping[str, PhotoColumns],
+    lightings: Mapping[str, Lighting],
+    elements: Mapping[str, Sequence[LightElement]],
+    residuals: Mapping[str, Floats],
+) -> Remainders:
+    """The fitted photographs of a solution; photos, residuals : by label, in the order of the solution's weights."""
+    used = {photo.lighting for photo in photos.values()}
+    lights = {
+        name: _light(lightings[name], elements[name], solution.estimate.strengths[name], specimen.shadows)
+        for name in used
+    }
+    found = []
+    for (label, photo), own in zip(photos.items(), solution.weights, strict=True):
+        directions, irradiances, rest, recovered = lights[photo.lighting]
+        found.append(
+            Remainder(
+                label,
+                photo.lighting,
+                photo.field,
+                residuals[label],
+                own.weight / np.maximum(own.trust, 1e-12),
+                directions,
+                irradiances,
+                rest,
+                recovered,
+                any(element.slow_map is not None for element in elements[photo.lighting]),
+            )
+        )
+    trust = [own.trust for own in solution.weights]
+    return of_object(found, trust, solution.estimate.brdf, specimen.shadows, specimen.description)
+
+
+def _light(
+    lighting: Lighting, elements: Sequence[LightElement], strengths: Floats, shadows: Shadows | None
+) -> tuple[Floats, Floats, Rest | None, frozenset[str]]:
+    """Sources and their irradiances (k, 3) each, what is reflected of all else, and what of the light was fitted."""
+    count = len(lighting.directions)
+    irradiances, others, weights = lighting.irradiances.copy(), [], []
+    sources = 0
+    for element, strength in zip(elements, strengths, strict=True):
+        if element.name.startswith("source"):
+            irradiances[sources], sources = strength, sources + 1
+            continue
+        # Of known light the lighting's own sources come first, then those that its map holds.
+        own = 0 if lighting.recover_irradiance or element.name != "known" else count
+        rest = replace(element, directions=element.directions[own:], irradiances=element.irradiances[own:])
+        if len(rest.directions) or rest.slow_map is not None or rest.uniform:
+            others.append(rest)
+            weights.append(strength)
+    names = {"irradiance": lighting.recover_irradiance, "ambient": lighting.recover_ambient}
+    recovered = frozenset(name for name, found in names.items() if found)
+    if not others:
+        return lighting.directions, irradiances, None, recovered
+
+    def rest_of(brdf: Microfacet, field: LightField) -> tuple[Floats, Floats]:
+        return reflected(brdf, others, np.array(weights), field, shadows)
+
+    return lighting.directions, irradiances, remembered(rest_of), recovered

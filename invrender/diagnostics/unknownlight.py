@@ -1,0 +1,81 @@
+"""What a fit in unknown light leaves, as diagnoses look at it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
+from invrender.model.base import let_through, sky_factors
+from invrender.model.formtable import form_radiance
+from invrender.model.fresnel import normalised_fresnel
+from invrender.model.lobes import PRINTED
+from invrender.model.lobetable import specular_radiance
+from invrender.model.microfacet import Microfacet
+from invrender.model.visibility import Shadows
+from invrender.solve.blind import BlindLight, BlindSolution
+from invrender.specimen import Specimen
+from recon.harmonics import degree_of, evaluate_harmonics
+from recon.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+
+def unknown_light_remainders(
+    blind: BlindSolution,
+    brdf: Microfacet,
+    specimen: Specimen,
+    photos: Sequence[tuple[str, str, LightField]],
+    residuals: Sequence[Floats],
+) -> Remainders:
+    """The fitted photographs of a solution; photos : label, lighting and samples of each."""
+    lights = {name: _rest(blind, light, specimen.shadows) for name, light in blind.lights.items()}
+    found = []
+    for (label, lighting, field), residual, own in zip(photos, residuals, blind.weights, strict=True):
+        sources = blind.lights[lighting].sources
+        weight = own.weight / np.maximum(own.trust, 1e-12)
+        dark = len(blind.lights[lighting].coefficients) == 1
+        recovered = frozenset({"irradiance", "direction", "ambient" if dark else "sky"})
+        found.append(
+            Remainder(
+                label,
+                lighting,
+                field,
+                residual,
+                weight,
+                sources.directions,
+                sources.irradiances,
+                lights[lighting],
+                recovered,
+                not dark,
+            )
+        )
+    trust = [own.trust for own in blind.weights]
+    return of_object(found, trust, brdf, specimen.shadows, specimen.description)
+
+
+def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> Rest:
+    """What is reflected of a recovered light but its sources."""
+    coefficients, l_max = light.coefficients, degree_of(len(light.coefficients))
+
+    def rest(brdf: Microfacet, field: LightField) -> tuple[Floats, Floats]:
+        exitant = np.clip((field.normals * field.views).sum(axis=1), 0, 1)
+        factors = sky_factors(brdf.form, brdf.mu, l_max)
+        base = evaluate_harmonics(field.normals, l_max) @ (factors[:, None] * coefficients)
+        if shadows is not None:
+            base = base - shadows.hidden(field, coefficients)
+        base = base * let_through(brdf.form, brdf.mu, exitant)[:, None]
+        if brdf.sigma is None:
+            return base, np.zeros_like(base)
+        if brdf.form is PRINTED:
+            lobe = specular_radiance(field, coefficients, brdf.sigma, blind.transfer)
+            lobe = normalised_fresnel(brdf.mu, exitant)[:, None] * lobe
+        else:
+            lobe = form_radiance(field, coefficients, brdf.form.lobe, brdf.mu, brdf.sigma)
+        if shadows is not None:
+            lobe = lobe * field.reflected_visible[:, None]
+        return base, lobe
+
+    return remembered(rest)
