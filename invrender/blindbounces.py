@@ -32,10 +32,10 @@ from invrender.model.microfacet import Microfacet
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Shadows
 from invrender.solve.blind import BlindSolution
+from invrender.solve.blind.price import hanging_together
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.rungs import cross_validate
 from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.sources import hanging_together
 from invrender.solve.blind.start import Search, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import quantities_of

@@ -37,12 +37,13 @@ def read_samples(
     clock: Clock,
     track: Track,
     importance: Mapping[str, Importance] = MappingProxyType({}),
+    highlights: bool = False,
 ) -> tuple[dict[str, LightField], list[str]]:
     """Samples of every photograph by its label, on all cores; and sentences on what was left out.
 
     sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
     how many in all, evenly over the photographs that are fitted; each that is held out gets as many. importance : per
-    lighting, how much pixels tell; of one without it samples are spread evenly.
+    lighting, how much pixels tell; of one without it samples are spread evenly. highlights : as of `sample_body`.
     """
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
@@ -57,7 +58,8 @@ def read_samples(
             # Seeded by place, so that neither order nor threads change what is drawn.
             rng = np.random.default_rng(index)
             telling = importance.get(photo.lighting)
-            drawn = sample_body(found.body, photo.camera, image, mask, directions, budget, rng, telling)
+            view = found.body, photo.camera, image, mask, directions
+            drawn = sample_body(*view, budget, rng, telling, highlights)
             drawn = off_terminators(drawn, directions)
             check_usable(photo, image, drawn, mask)
         saturated = float(image.saturated[_inside(image, mask)].mean())

@@ -22,6 +22,7 @@ from invrender.findings import find_warnings
 from invrender.model.bounce import Bounced, Parts
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict
+from invrender.model.richer import NUMBER_RANGE
 from invrender.model.visibility import Shadows
 from invrender.newlight import NewLight, new_lights, scored_lighting, used_tables
 from invrender.reading import read_samples
@@ -81,7 +82,9 @@ def solve_unknown_light(
     orders = orders_of(photoset, others)
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     sources = {name: other.lighting.directions for name, other in others.items()}
-    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track)
+    fields, left_out = read_samples(
+        photoset, specimen.found, sources, samples, clock, track, highlights=orders == _DARK
+    )
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         names, seen = [photo.lighting for photo in fitted], [fields[photo.label] for photo in fitted]
@@ -244,7 +247,7 @@ def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
     made_of: dict[str, dict[str, float]] = {}
     for name, sign in (("kd", -1.0), ("ks", 1.0)):
         made_of |= {f"{name}.{c}": {f"kappa {c}": sign} for c in "rgb" if f"kappa {c}" in fitted}
-    made_of |= {name: {name: 1.0} for name in ("mu", "sigma") if name in fitted}
+    made_of |= {name: {name: 1.0} for name in ("mu", "sigma", *NUMBER_RANGE) if name in fitted}
     parts = [[parts.get(name, 0.0) for name in fitted] for parts in made_of.values()]
     return tuple(made_of), np.array(parts).reshape(len(made_of), len(fitted))
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from capture.camera import Camera
 from capture.radiance import RadianceImage
 from recon.bodies import Body, SurfaceHits, body_window
+from recon.highlights import small_highlights
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -40,8 +41,12 @@ _RAYS_PER_SIDE = ((0.02, 1), (0.08, 2), (np.inf, 4))
 # In highlights of sources, which may be as narrow as 0.005 radians; and how far from the mirror direction these reach.
 _RAYS_OF_HIGHLIGHTS = ((0.004, 1), (0.008, 2), (0.016, 4), (np.inf, 8))
 _GLINT = 0.02
+# Rays along a pixel's side at most: where a source's highlight is, and where one may be.
+_FINEST, _FINE = 8, 4
 # Part of the budget that is drawn by what pixels tell, and rounds in which probabilities that reach 1 are set aside.
 _TELLING, _ROUNDS = 0.4, 8
+# Of a budget, what of small highlights is taken beside it at most.
+_HIGHLIGHTS = 0.2
 # How many times the budget is looked at in choosing it.
 _SPARE = 8
 # Bands of latitude by which normals are told apart; twice as many sectors in each, all of one solid angle.
@@ -61,26 +66,36 @@ def sample_body(
     budget: int | None,
     rng: np.random.Generator,
     importance: Importance | None = None,
+    highlights: bool = False,
 ) -> LightField:
     """Samples of a body in one photograph, at most `budget` of them, spread over its normals.
 
     coverage : (h, w) mask in 0 to 1, or None to trust the shape alone. sources : (k, 3) unit, towards them.
     importance : how much pixels tell, by which a part of the budget is drawn; None spreads all of it evenly.
+    highlights : whether, where no importance is known, all of small highlights is taken beside the budget, up to a
+    fifth of it, and seen through finer rays.
     Pixels are usable when they show one smooth piece of surface, a pixel away from the mask's border, are not
     saturated and not too grazing.
     """
     rows, columns = _candidates(body, camera, image, coverage, budget, rng)
     geometry = body.pixel_geometry(camera, rows, columns)
     usable = np.flatnonzero(geometry.whole & (geometry.cos >= MIN_COS_EXITANT) & (geometry.turn <= _MAX_TURN))
-    shares = None
+    shares, bright = None, np.zeros(len(usable), bool)
+    if highlights:
+        at = rows[usable], columns[usable]
+        bright = small_highlights(*at, image.radiance[at].astype(np.float64))
+        shares = np.ones(len(usable))
     if budget is None or len(usable) <= budget:
         pass
     elif importance is None:
-        usable = usable[spread(geometry.normals[usable], budget, rng)]
+        drawn = spread(geometry.normals[usable], budget, rng)
+        if highlights:
+            drawn, shares = _with_highlights(drawn, bright, _cells(geometry.normals[usable]), rng)
+        usable, bright = usable[drawn], bright[drawn]
     else:
         telling = importance(geometry.normals[usable], _views(camera, rows[usable], columns[usable]))
         drawn, shares = draw(geometry.normals[usable], telling, budget, rng)
-        usable = usable[drawn]
+        usable, bright = usable[drawn], bright[drawn]
     rows, columns = rows[usable], columns[usable]
     clear = geometry.clear[usable] & ~_any_within(image.saturated, rows, columns, _CLEARANCE)
     if coverage is not None:
@@ -90,8 +105,9 @@ def sample_body(
     near = _near_mirror(
         geometry.normals[usable], _views(camera, rows, columns), geometry.turn[usable], sources
     )
+    finest = np.where(near, _FINEST, np.where(bright, _FINE, 0))
     field, complete = _gather(
-        body, camera, image, rows, columns, geometry.turn[usable], weight, sources, near
+        body, camera, image, rows, columns, geometry.turn[usable], weight, sources, finest
     )
     return field if shares is None else replace(field, stands_for=shares[complete])
 
@@ -111,7 +127,8 @@ def samples_at(
     """
     geometry = body.pixel_geometry(camera, rows, columns)
     near = _near_mirror(geometry.normals, _views(camera, rows, columns), geometry.turn, glints)
-    return _gather(body, camera, image, rows, columns, geometry.turn, np.ones(len(rows)), sources, near)[0]
+    finest = np.where(near, _FINEST, 0)
+    return _gather(body, camera, image, rows, columns, geometry.turn, np.ones(len(rows)), sources, finest)[0]
 
 
 def _views(camera: Camera, rows: Ints, columns: Ints) -> Floats:
@@ -169,6 +186,27 @@ def draw(
     taken = np.sort(order[np.floor(total) > np.floor(total - drawn[order])])
     shares = even[taken] / drawn[taken]
     return taken, shares / shares.mean()
+
+
+def _with_highlights(
+    drawn: Ints, bright: NDArray[np.bool_], cells: Ints, rng: np.random.Generator
+) -> tuple[Ints, Floats]:
+    """Samples (k,) of n that were drawn, with more of the bright ones (n,), and what each of them stands for, (k,).
+
+    A bright one stands for the chance by which it would be drawn, over that by which it is [Horvitz and Thompson 1952].
+    """
+    _, place, counts = np.unique(cells, return_inverse=True, return_counts=True)
+    chance = (np.bincount(place[drawn], minlength=len(counts)) / counts)[place]
+    kept = np.zeros(len(cells), bool)
+    kept[drawn] = True
+    left = np.flatnonzero(bright & ~kept)
+    more = rng.permutation(left)[: int(_HIGHLIGHTS * len(drawn))]
+    taken = len(more) / max(len(left), 1)
+    kept[more] = True
+    # By chance nothing of a highlight's cell may be drawn, nor more of it.
+    either = np.maximum(chance + (1 - chance) * taken, 1e-12)
+    shares = np.where(bright, chance / either, 1.0)[kept]
+    return np.flatnonzero(kept), shares / shares.mean()
 
 
 def _inclusion(cell: Ints, budget: float) -> Floats:
@@ -267,15 +305,15 @@ def _gather(
     turn: Floats,
     weight: Floats,
     sources: Floats,
-    near_mirror: NDArray[np.bool_] | None = None,
+    finest: Ints | None = None,
 ) -> tuple[LightField, NDArray[np.bool_]]:
     """Samples of pixels whose centres are half a pixel right of and below (columns, rows), and which are complete.
 
-    near_mirror : (n,) those that take the finer rays of highlights.
+    finest : (n,) how many rays along a side those take at most that take the finer ones of highlights; 0 of others.
     """
     per_side = _per_side(_RAYS_PER_SIDE, turn)
-    if near_mirror is not None:
-        per_side = np.where(near_mirror, _per_side(_RAYS_OF_HIGHLIGHTS, turn), per_side)
+    if finest is not None:
+        per_side = np.maximum(per_side, np.minimum(_per_side(_RAYS_OF_HIGHLIGHTS, turn), finest))
     ray_sample = np.repeat(np.arange(len(rows)), per_side**2)
     first = np.flatnonzero(np.diff(ray_sample, prepend=-1))
     which = np.arange(len(ray_sample)) - first[ray_sample]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from recon.highlights import small_highlights, tile_numbers
 from recon.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -16,17 +16,13 @@ _TILES_ACROSS = 6
 _PATCHES_PER_UNIT = 3
 # Highlights that a model misses by both signs show in small tiles only.
 _SAMPLES_PER_TILE, _MOST_ACROSS = 20, 24
-# Tiles across in which small highlights are looked for, and how many neighbours tell them from dust.
-_ACROSS, _NEAREST = 8, 4
 # Median absolute value of unit normal noise, and its relative standard deviation from one sample.
 _MEDIAN_OF_NORMAL, _MEDIAN_STD = 0.6745, 1.166
 
 
 def tile_of(field: LightField, across: int = _TILES_ACROSS) -> NDArray[np.int64]:
     """A number (n,) for each sample's tile of its photograph: a sixth of the object's width square, or another part."""
-    rows, columns = field.rows, field.columns
-    side = max(int(np.ptp(rows)), int(np.ptp(columns)), 1) / across
-    return ((rows - rows.min()) / side).astype(int) * 1000 + ((columns - columns.min()) / side).astype(int)
+    return tile_numbers(field.rows, field.columns, across)
 
 
 def tiles_of(photos: Sequence[LightField]) -> NDArray[np.int64]:
@@ -58,29 +54,8 @@ def finest_tiles(fields: Sequence[LightField]) -> int:
 
 
 def outstanding(field: LightField) -> NDArray[np.bool_]:
-    """Which samples (n,) are much brighter than most around them, as half of the nearest are: small highlights.
-
-    Brighter than the median of the tile by half, and by six standard deviations of what a tile's samples scatter. Dust
-    stands out alone.
-    """
-    if len(field) <= _NEAREST:
-        return np.zeros(len(field), bool)
-    radiance = np.asarray(field.radiance.sum(axis=1))
-    index = np.unique(tile_of(field, _ACROSS), return_inverse=True)[1]
-    level = _medians(radiance, index)[index]
-    scatter = 1.4826 * _medians(np.abs(radiance - level), index)[index]
-    bright = radiance - level > np.maximum(0.5 * np.abs(level), 6 * scatter)
-    places = np.stack([field.rows, field.columns], axis=-1)
-    _, near = cKDTree(places).query(places[bright], list(range(2, _NEAREST + 2)))
-    bright[bright] = bright[near].mean(axis=1) >= 0.5
-    return np.asarray(bright)
-
-
-def _medians(values: Floats, index: NDArray[np.int64]) -> Floats:
-    """Median of the values (n,) of each group; index : (n,), of groups 0, 1, ..."""
-    order = np.lexsort((values, index))
-    ends = np.cumsum(np.bincount(index))
-    return np.asarray(values[order][ends - (np.bincount(index) + 1) // 2])
+    """Which samples (n,) belong to small highlights (`small_highlights`)."""
+    return small_highlights(field.rows, field.columns, field.radiance)
 
 
 def structured_rms(

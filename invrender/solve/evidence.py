@@ -30,7 +30,7 @@ MISFIT_REMEDY = (
     " encoding and exposures, and if the model suits the object"
 )
 # Standard errors of a paired difference beyond which the simpler model is clearly worse.
-_CLEARLY_WORSE = 3.0
+CLEARLY_WORSE = 3.0
 # Part of a picture's pixels that count as its highlights.
 _BRIGHTEST = 0.02
 # Part of a standard deviation that the last step of fits that leave photographs out may have: they start at the fit to
@@ -160,7 +160,7 @@ def adequate(rungs: Sequence[Rung]) -> NDArray[np.bool_]:
         within = rung.photo_errors[trusted].mean() <= limit
         by_photo = _score(rung.photo_errors[trusted] ** 2 - errors**2)
         by_patch = _score(rung.patch_energy - best.patch_energy)
-        result.append(rung is best or bool(within and min(by_photo, by_patch) <= _CLEARLY_WORSE))
+        result.append(rung is best or bool(within and min(by_photo, by_patch) <= CLEARLY_WORSE))
     return np.array(result)
 
 

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 _ROUNDS = 2
 # How many times as wide as the lobe its flanks are looked for.
-_FLANKS = 3.0
+FLANKS = 3.0
 
 
 def weigh(
@@ -65,6 +65,6 @@ def lobe_reach(photos: Sequence[PhotoColumns], estimate: Estimate) -> list[Float
     brdf = replace(estimate.brdf, kd=np.zeros(3))
     if brdf.sigma is None:
         return [np.zeros_like(photo.radiance) for photo in photos]
-    wide = replace(brdf, sigma=min(_FLANKS * brdf.sigma, SIGMA_RANGE[1]))
+    wide = replace(brdf, sigma=min(FLANKS * brdf.sigma, SIGMA_RANGE[1]))
     pairs = (predict_photos(photos, each, estimate.strengths) for each in (brdf, wide))
     return [np.maximum(*pair) for pair in zip(*pairs, strict=True)]

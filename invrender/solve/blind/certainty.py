@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.model.richer import NUMBER_RANGE
 from invrender.solve.blind.antipodes import Sides
 from invrender.solve.blind.projection import Fit, joint_rows, predicted, prior_precision, reduced
 from invrender.solve.blind.rungs import joint_equations
@@ -109,7 +110,10 @@ def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
     if split is None or split.state.names[: len(fit.state.names)] != fit.state.names:
         return certainty
     state, other, kept = fit.state, split.state, len(fit.state.directions)
-    ends = [np.array([*of.kappa, *(x for x in (of.mu, of.sigma) if x is not None)]) for of in (state, other)]
+    ends = [
+        np.array([*of.kappa, *(x for x in (of.mu, of.sigma) if x is not None), *of.form.numbers.values()])
+        for of in (state, other)
+    ]
     off = np.concatenate([ends[1] - ends[0], np.zeros(2 * kept)])
     for second, owner in zip(other.directions[kept:], other.owners[kept:], strict=True):
         # The one stands between the two, on a line that it doesn't tell.
@@ -189,6 +193,8 @@ def _of_light(
 
 
 def _prior_std(name: str) -> float:
+    if name in NUMBER_RANGE:
+        return float(np.ptp(NUMBER_RANGE[name]) / np.sqrt(12))
     return PRIOR_STD.get(name, _SHARE_STD if name.startswith("kappa") else _TURN_STD)
 
 

@@ -10,25 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
-from invrender.model.lobes import FORMS, PLASTICS
+from invrender.model.lobes import GGX_FORM, PRINTED
 from invrender.model.lobetable import TRANSFERS, Transfer
+from invrender.model.richer import COATED_HAZY
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.antipodes import Sides, likelier_sides
 from invrender.solve.blind.certainty import Certainty, certainty_of
-from invrender.solve.blind.forms import Formed, choose_form
+from invrender.solve.blind.forms import MOST_FORMS, Formed, choose_form
 from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
+from invrender.solve.blind.lampcount import needed_lamps
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.remarks import remarks
 from invrender.solve.blind.rivals import rivals_of, with_rivals
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
-from invrender.solve.blind.screen import find_among_nonsense, judged, weights_of
+from invrender.solve.blind.screen import find_among_nonsense, judged, noise_and_weights
 from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.solution import GAUGE, BlindLight, BlindSolution, BlindSources
 from invrender.solve.blind.sources import Found
 from invrender.solve.blind.start import Region, Search, of_degree, thinned
 from invrender.solve.blind.state import State
 from invrender.solve.blind.verdicts import doubt_of, quantities_of
-from invrender.solve.noise import NoiseModel, Weights, fit_noise
+from invrender.solve.noise import NoiseModel, Weights
 from recon.harmonics import check_degree
 from recon.lightfield import LightField, off_terminators, pools
 
@@ -85,10 +87,12 @@ def factorize_blind(
         dark = degree == 0 or (ladder and orders[0] == 0)
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
         assumed = _assumed(photos)
-        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed)
+        any_form = ladder and transfer == "exact"
+        form = COATED_HAZY[GGX_FORM] if any_form else PRINTED
+        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed, form)
         strays, thin = kept is not thin, kept
         formed = Formed(found, ())
-        if ladder and transfer == "exact":
+        if any_form:
             formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
         found = formed.found
         # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
@@ -97,7 +101,9 @@ def factorize_blind(
             few = judged(few, found.fit, assumed)
         fit = few.fit(found.fit.state, degree)
         few, noise, weights = _weighed(few, fit)
-        fit = few.fit(fit.state, degree)
+        # What a lamp in the dark explains is judged again by the noise that was found.
+        state = fit.state if degree else needed_lamps(few, fit)
+        fit = few.fit(state, degree)
         on_step()
         rungs = [cross_validate(model_name(fit), few, fit)]
         if ladder:
@@ -129,7 +135,7 @@ def blind_steps(orders: Sequence[int] = ORDERS) -> int:
     """How often `factorize_blind` reports progress at most."""
     # Each order with a lobe and without, and of degree 2; lamps; other forms; the first fit, what may be left out, the
     # last.
-    return 2 * len(orders) + 6 + len(FORMS) + len(PLASTICS)
+    return 2 * len(orders) + 6 + MOST_FORMS
 
 
 def _check(
@@ -184,7 +190,7 @@ def _check(
 def _first_weights(sights: Sequence[Sight], region: Region | None) -> Search:
     assumed = _assumed([photo for sight in sights for photo in sight.photos])
     fields = [sight.field for sight in sights]
-    weights = [field.weight[:, None] / assumed.variance(field.radiance) for field in fields]
+    weights = [(field.weight * field.shares)[:, None] / assumed.variance(field.radiance) for field in fields]
     trust = [np.ones_like(field.radiance) for field in fields]
     return Search(sights, weights, trust, light_scale(sights), region)
 
@@ -205,12 +211,11 @@ def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weight
     predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
     residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
-    noise = fit_noise(brightness, residuals)
     weights, counted_trust = [], []
-    judged_by = weights_of(search, noise, brightness, residuals)
+    noise, judged_by = noise_and_weights(search, fit, brightness, residuals)
     for sight, found in zip(search.sights, judged_by, strict=True):
         sources = fit.state.under(sight.lighting).directions
-        counted = (sight.field.weight * _off_terminators(sight, sources))[:, None]
+        counted = (sight.field.weight * sight.field.shares * _off_terminators(sight, sources))[:, None]
         if fit.state.sigma is not None:
             counted = counted * np.where(sight.off_edges(fit.state.sigma), 1, _AT_EDGES)[:, None]
         weights.append(Weights(found.trust, found.weight * counted))

@@ -6,19 +6,25 @@ it may stand for its faults: so the form comes first.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
-from invrender.model.lobes import FORMS, PLASTICS, PRINTED
+from invrender.model.lobes import FORMS, GGX_FORM, PLASTICS, PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.solve.blind.lampcount import brightest_each, is_endless
 from invrender.solve.blind.projection import Fit
-from invrender.solve.blind.rungs import as_good, cross_validate
+from invrender.solve.blind.rungs import BlindRung, as_good, cross_validate
 from invrender.solve.blind.sources import Found, examined, find_sources, off_borders
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import State
+from invrender.solve.evidence import CLEARLY_WORSE
+from invrender.solve.forms import kin
 
-# From RH01's best answer, after which forms differ by far more than they still gain.
-_ITERATIONS = 2
+# Forms that a lobe is tried as; beside the best of facets its kin, if RH01's isn't as good.
+FIRST_FORMS = (*FORMS.values(), *PLASTICS.values())
+MOST_FORMS = len(FIRST_FORMS) + len(kin(GGX_FORM))
+# From another's best answer, after which forms differ by far more than they still gain; in the dark, where they take no
+# time, until they are there.
+_ITERATIONS, _IN_THE_DARK, _FEW = 2, 6, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,30 +36,58 @@ class Formed:
 
 
 def choose_form(search: Search, found: Found, l_max: int) -> Formed:
-    """The form that predicts samples best; RH01's, as which `found` was fitted, unless that is clearly worse.
+    """The form that predicts samples best; RH01's unless that is worse by a standard error, as on the ladder.
 
-    Clearly is by more than a standard error, as on the ladder.
+    One with numbers of its own is chosen only where all simpler ones are clearly worse: of several, one will be a
+    little better by chance.
     """
     whole, search = search, off_borders(search, found.fit.state)
-    fits = [found.fit if search is whole else search.fit(found.fit.state, l_max)]
-    for form in (*FORMS.values(), *PLASTICS.values()):
-        if form is not PRINTED:
-            fits.append(search.fit(found.fit.state.with_form(form), l_max, _ITERATIONS))
-    rungs = [cross_validate(fit.state.form.name, search, fit) for fit in fits]
-    best = min(range(len(rungs)), key=lambda index: rungs[index].deviance.mean())
-    chosen = 0 if as_good(rungs[0], rungs[best]) else best
-    others = tuple(fit.state for index, fit in enumerate(fits) if index != chosen)
-    if chosen and not l_max:
-        # Light of degree 0 has no peaks to look for lamps at: those that were found stay.
-        found = examined(whole, whole.fit(fits[chosen].state, l_max))
-    elif chosen:
-        found = examined(whole, find_sources(whole, _brightest_source(fits[chosen]), l_max))
+    own = found.fit if search is whole else search.fit(found.fit.state, l_max)
+    rungs: dict[LobeForm, BlindRung] = {}
+
+    def trying(forms: Iterable[LobeForm], start: Fit) -> None:
+        for form in forms:
+            fit = start
+            if start is not own or form is not own.state.form.family:
+                iterations = _ITERATIONS if l_max else _IN_THE_DARK
+                fit = search.fit(start.state.with_form(form), l_max, iterations)
+            if form is PRINTED or not is_endless(fit.state):
+                rungs[form] = cross_validate(form.name, search, fit)
+
+    trying(FIRST_FORMS, own)
+    if not as_good(rungs[PRINTED], min(rungs.values(), key=_deviance)) and any(
+        isinstance(f, Smith) for f in rungs
+    ):
+        facets = min(
+            (form for form in rungs if isinstance(form, Smith)), key=lambda form: _deviance(rungs[form])
+        )
+        # Those that hold it must not be better for having gone on for longer.
+        trying([facets], rungs[facets].fit)
+        # Beside lamps alone there is no light that could take up what a coat or a haze explains.
+        trying([UNCORRELATED[facets]] if l_max else kin(facets), rungs[facets].fit)
+    chosen = _simplest(rungs)
+    others = tuple(rung.fit.state for form, rung in rungs.items() if form is not chosen)
+    if chosen is not own.state.form.family and not l_max:
+        # Lamps in the dark were counted whatever the form is: those that were found stay.
+        found = Found(whole.fit(rungs[chosen].fit.state, l_max, _FEW), None)
+    elif chosen is not own.state.form.family:
+        found = examined(whole, find_sources(whole, brightest_each(rungs[chosen].fit), l_max))
     return Formed(found, others)
 
 
-def _brightest_source(fit: Fit) -> State:
-    """The state with the brightest source alone in each lighting."""
-    state, brightness = fit.state, fit.irradiances.sum(axis=1)
-    first = {k: int(np.where(state.owners == k, brightness, -np.inf).argmax()) for k in state.owners.tolist()}
-    rest = [k for k in range(len(brightness)) if k not in first.values()]
-    return state.without_source(np.array(rest, int))
+def _simplest(rungs: Mapping[LobeForm, BlindRung]) -> LobeForm:
+    """RH01's form if it is as good as the best, or this; light and viewer hidden apart if it is worse than that by a
+    standard error; one with more numbers if it is clearly worse."""
+    best = min((form for form in FIRST_FORMS if form in rungs), key=lambda form: _deviance(rungs[form]))
+    chosen = PRINTED if as_good(rungs[PRINTED], rungs[best]) else best
+    for apart in set(rungs) & set(UNCORRELATED.values()):
+        chosen = chosen if as_good(rungs[chosen], rungs[apart]) else apart
+    richer = sorted((form for form in rungs if form.numbers), key=lambda form: rungs[form].parameters)
+    for form in richer:
+        if not as_good(rungs[chosen], rungs[form], CLEARLY_WORSE):
+            chosen = form
+    return chosen
+
+
+def _deviance(rung: BlindRung) -> float:
+    return float(rung.deviance.mean())

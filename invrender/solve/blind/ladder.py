@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from invrender.solve.blind.price import bright
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
-from invrender.solve.blind.sources import Lamps, bright, find_sources, sources_of_diffuse
+from invrender.solve.blind.sources import Lamps, find_sources, sources_of_diffuse
 from invrender.solve.blind.start import Search, of_degree
 from invrender.solve.blind.state import FIRST_MU, State
 
@@ -86,7 +87,7 @@ def neighbours(rungs: Sequence[BlindRung], chosen: int) -> list[int]:
         for index, rung in enumerate(rungs)
         if rung.fit.l_max > own.l_max
         and rung.fit.state.names == own.state.names
-        and rung.fit.state.form is own.state.form
+        and rung.fit.state.form.family is own.state.form.family
     ]
     return [chosen, *sorted(richer, key=lambda index: rungs[index].fit.l_max)[:1]]
 

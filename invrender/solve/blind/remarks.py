@@ -19,6 +19,8 @@ from invrender.solve.blind.start import Search
 
 # Of highlights, what may be left unexplained before it is told.
 _NOTABLE_MISFIT = 0.05
+# Lamps that are named one by one where they look wide; more of them have one warning.
+_FEW = 3
 
 
 def remarks(
@@ -67,7 +69,14 @@ def _of_sides(sides: Sides | None, names: Sequence[str]) -> tuple[str, ...]:
 
 def _of_widths(certainty: Certainty, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
     warnings = []
-    for index in np.flatnonzero(certainty.radii).tolist():
+    wide = np.flatnonzero(certainty.radii)
+    if len(wide) > _FEW:
+        least, most = np.degrees([certainty.radii[wide].min(), certainty.radii.max()])
+        warnings.append(
+            f"{len(wide)} lamps are no points: they look like discs of {least:.1f} to {most:.1f} degrees' radius, or"
+            " the material is none of the models; error bars are widened by what such a width changes"
+        )
+    for index in wide.tolist() if len(wide) <= _FEW else []:
         near = ", ".join(f"{x:.2f}" for x in fit.state.directions[index])
         where = f" in lighting {names[fit.state.owners[index]]!r}" if len(names) > 1 else ""
         warnings.append(

@@ -1,8 +1,8 @@
 """Other forms of the lobe that explain the photographs as well, and what they put elsewhere.
 
 As under known light, what models say that the photographs don't speak against belongs into the error bars. The forms
-are those that were tried before the ladder, and the chosen one's with light and viewer hidden apart, which many
-renderers have. All are fitted to the same samples, whose noise is in each alike: what they differ by counts whole.
+are those that were tried before the ladder, and the chosen one's with light and viewer hidden apart, or together. All
+are fitted to the same samples, whose noise is in each alike: what they differ by counts whole.
 """
 
 from __future__ import annotations
@@ -37,15 +37,19 @@ def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> 
     own, error = chosen.fit.state, chosen.error
     if own.sigma is None:
         return ()
+    # The same with what hides light and viewer hidden together or apart starts at the chosen one itself.
+    like = {**UNCORRELATED, **{apart: form for form, apart in UNCORRELATED.items()}}.get(own.form)
     starts = [
         _instead(own, rung.fit.state)
         for rung in tried
         if rung.fit.state.sigma is not None
-        and rung.fit.state.form is not own.form
+        # One with more numbers is as good by these alone.
+        and rung.parameters <= chosen.parameters
+        and rung.fit.state.form.family is not own.form.family
+        and rung.fit.state.form is not like
         and rung.error < _PROMISING * error
     ]
-    if own.form in UNCORRELATED:
-        starts.append(own.with_form(UNCORRELATED[own.form]))
+    starts += [] if like is None else [own.with_form(like)]
     rungs = [chosen]
     for start in starts:
         fit = search.fit(start, chosen.fit.l_max, _ITERATIONS)
@@ -88,6 +92,8 @@ def _moved(own: State, rival: State) -> dict[str, float]:
         for c, here, there in zip("rgb", own.kappa, rival.kappa, strict=True)
     }
     moved["sigma"] = rival.roughness - own.roughness
+    numbers = own.form.numbers
+    moved |= {name: value - numbers[name] for name, value in rival.form.numbers.items() if name in numbers}
     if own.mu is not None and rival.mu is not None:
         moved["mu"] = rival.mu - own.mu
     turned = np.einsum("kaj,kj->ka", tangents(own.directions), rival.directions)

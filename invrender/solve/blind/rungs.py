@@ -62,13 +62,13 @@ def simplest(rungs: Sequence[BlindRung]) -> int:
     return min(fitting, key=lambda index: rungs[index].parameters)
 
 
-def as_good(rung: BlindRung, best: BlindRung) -> bool:
-    """Whether a rung's error is within one standard error of another's.
+def as_good(rung: BlindRung, best: BlindRung, errors: float = 1.0) -> bool:
+    """Whether a rung's error is within one standard error of another's, or so many.
 
     The standard error is that of the difference, group by group: what both find hard is no excuse for one.
     """
     worse = rung.deviance - best.deviance
-    return bool(worse.mean() <= worse.std(ddof=1) / np.sqrt(len(worse)))
+    return bool(worse.mean() <= errors * worse.std(ddof=1) / np.sqrt(len(worse)))
 
 
 def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:

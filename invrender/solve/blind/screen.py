@@ -15,11 +15,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.model.lobes import PRINTED, LobeForm
+from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.blind.projection import Fit, predicted
-from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.blind.sight import Sight, rows_of, source_rows
 from invrender.solve.blind.sources import Found, Lamps, find_starts, likelier
 from invrender.solve.blind.start import NOTHING, Search
-from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights
+from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights, with_misfit
+from invrender.solve.weighing import FLANKS
 
 Floats = NDArray[np.float64]
 
@@ -32,28 +35,35 @@ _LEVEL = 0.8
 _USUAL, _DARKEST = 1.0, 0.5
 # Share of a prediction within which a sample's own brightness tells its noise.
 _NEAR = 0.5
+# Of the brightest of a photograph's highlights, the least that tells what residuals are usual there; and how many times
+# as large the largest are that pass for misfit.
+_FAINT, _STRAYS = 0.1, 6.0
 # Share of samples four times as bright as they should be at first that calls for care; and, of those that have lost
 # half of their say, a third of which is a change that calls for another judgement. How many of these there may be.
 _FEW, _GROSS, _HALF, _MOST_JUDGEMENTS = 0.003, 0.01, 0.5, 8
 
 
 def find_among_nonsense(
-    search: Search, l_max: int, in_the_dark: bool, noise: NoiseModel
+    search: Search,
+    l_max: int,
+    in_the_dark: bool,
+    noise: NoiseModel,
+    form: LobeForm = PRINTED,
 ) -> tuple[Search, Found, Lamps | None]:
     """`sources.find_starts` with the samples that it was left with: the same, unless some stray; then these count for
     little, and the rest is weighed by an assumed noise."""
     first, trust = _middling(search, l_max or search.sights[0].l_max)
     if _distrusted(trust, _GROSS) < _FEW:
-        return search, *find_starts(search, l_max, in_the_dark)
+        return search, *find_starts(search, l_max, in_the_dark, form)
     search = _by_own_noise(search, first)
-    fit = find_starts(search, l_max, in_the_dark)[0].fit
+    fit = find_starts(search, l_max, in_the_dark, form)[0].fit
     for _ in range(_MOST_JUDGEMENTS):
         before, search = _distrusted(search.trust, _HALF), _by_own_noise(search, fit)
         if abs(_distrusted(search.trust, _HALF) - before) < _FEW / 3:
             break
         fit = search.fit(fit.state, fit.l_max)
     search = judged(search, fit, noise)
-    found, lamps = find_starts(search, l_max, in_the_dark)
+    found, lamps = find_starts(search, l_max, in_the_dark, form)
     return search, likelier(search, found, fit.state), lamps
 
 
@@ -66,7 +76,7 @@ def judged(search: Search, fit: Fit, noise: NoiseModel) -> Search:
         low, high = np.sort([_NEAR * prediction, prediction / _NEAR], axis=0)
         level = np.clip(sight.field.radiance, low, high)
         trust.append(own.trust)
-        weights.append(own.trust * sight.field.weight[:, None] / noise.variance(level))
+        weights.append(own.trust * (sight.field.weight * sight.field.shares)[:, None] / noise.variance(level))
     return replace(search, weights=weights, trust=trust)
 
 
@@ -74,7 +84,8 @@ def _by_own_noise(search: Search, fit: Fit) -> Search:
     """Samples as a fit judges them, weighed by what it leaves of most: so what strays doesn't outweigh all else."""
     found = _found_by(search, fit)[1]
     weights = [
-        own.weight * sight.field.weight[:, None] for sight, own in zip(search.sights, found, strict=True)
+        own.weight * (sight.field.weight * sight.field.shares)[:, None]
+        for sight, own in zip(search.sights, found, strict=True)
     ]
     return replace(search, weights=weights, trust=[own.trust for own in found])
 
@@ -87,17 +98,72 @@ def _found_by(search: Search, fit: Fit) -> tuple[list[Floats], list[Weights]]:
     ]
     residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
     brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
-    left = fit_noise(brightness, residuals)
-    return brightness, weights_of(search, left, brightness, residuals)
+    return brightness, noise_and_weights(search, fit, brightness, residuals)[1]
+
+
+def noise_and_weights(
+    search: Search, fit: Fit, predictions: Sequence[Floats], residuals: Sequence[Floats]
+) -> tuple[NoiseModel, list[Weights]]:
+    """The noise that a fit's residuals (n, 3) per sight show, and what its samples count for by it.
+
+    Where there are lamps only it holds the lobe's misfit: beside other light a first fit has yet to find its lobe.
+    predictions : radiance (n, 3) per sight by which noise is judged.
+    """
+    noise, highlights = fit_noise(predictions, residuals), [np.zeros_like(of) for of in residuals]
+    if not fit.l_max:
+        highlights = [highlight_of(sight, fit) for sight in search.sights]
+        noise = misfit_noise(search, noise, predictions, highlights, residuals)
+    return noise, weights_of(search, noise, predictions, residuals, highlights)
+
+
+def highlight_of(sight: Sight, fit: Fit) -> Floats:
+    """Radiance (n, 3) of the lobes of sources, or of ones a few times as wide where that is more (`lobe_reach`)."""
+    state = fit.state.under(sight.lighting)
+    if state.sigma is None or not len(state.directions):
+        return np.zeros_like(sight.radiance)
+    sent = fit.light[sight.lighting][(fit.l_max + 1) ** 2 :]
+    wide = replace(state, sigma=min(FLANKS * state.sigma, SIGMA_RANGE[1]))
+    reach = [source_rows(sight, each).per_specular @ sent for each in (state, wide)]
+    return np.asarray(state.kappa * np.maximum(*reach))
+
+
+def misfit_noise(
+    search: Search,
+    noise: NoiseModel,
+    predictions: Sequence[Floats],
+    highlights: Sequence[Floats],
+    residuals: Sequence[Floats],
+) -> NoiseModel:
+    """`noise.with_misfit` but for what strays from most of a highlight; all (n, 3) per sight."""
+    parts = []
+    for sight, *of in zip(search.sights, predictions, highlights, residuals, strict=True):
+        for prediction, highlight, residual, share in zip(
+            *map(sight.split, (*of, sight.field.shares)), strict=True
+        ):
+            parts.append((prediction, highlight, _usual(highlight, residual), share))
+    return with_misfit(noise, *(list(of) for of in zip(*parts, strict=True)))
+
+
+def _usual(highlight: Floats, residual: Floats) -> Floats:
+    """Residuals (n, 3), cut to a few times what most of a photograph's are over its highlight."""
+    lit = highlight > _FAINT * highlight.max(initial=0)
+    if not lit.any():
+        return residual
+    most = _STRAYS * 1.4826 * float(np.median(np.abs(residual[lit]) / highlight[lit])) * highlight
+    return np.asarray(np.clip(residual, -most, most))
 
 
 def weights_of(
-    search: Search, noise: NoiseModel, predictions: Sequence[Floats], residuals: Sequence[Floats]
+    search: Search,
+    noise: NoiseModel,
+    predictions: Sequence[Floats],
+    residuals: Sequence[Floats],
+    highlights: Sequence[Floats],
 ) -> list[Weights]:
     """`noise.photo_weights` of each sight's samples, photograph by photograph."""
     weights = []
-    for sight, *pair in zip(search.sights, predictions, residuals, strict=True):
-        own = [photo_weights(noise, *of) for of in zip(*map(sight.split, pair), strict=True)]
+    for sight, *parts in zip(search.sights, predictions, residuals, highlights, strict=True):
+        own = [photo_weights(noise, *of) for of in zip(*map(sight.split, parts), strict=True)]
         weights.append(
             Weights(np.concatenate([w.trust for w in own]), np.concatenate([w.weight for w in own]))
         )

@@ -24,7 +24,7 @@ from scipy.sparse import csr_array
 from invrender.model.base import base_share, let_through, sky_factors
 from invrender.model.formtable import form_rows
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobes import PRINTED, Angles, LobeForm
+from invrender.model.lobes import PRINTED, Angles, LobeForm, part_width
 from invrender.model.lobetable import Transfer, specular_rows
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.places import less_in_common
@@ -146,7 +146,7 @@ class Sight:
     def base_rows(self, state: State, l_max: int) -> NDArray[np.floating]:
         """Rows (n, (l_max + 1)^2) of samples over the lighting, of the base per unit of Kd."""
         size = (l_max + 1) ** 2
-        if not state.form.interface:
+        if not state.form.interface and state.form.coat is None:
             return self.diffuse[:, :size]
         out = let_through(state.form, state.mu, self.exitant)
         factors = sky_factors(state.form, state.mu, l_max)
@@ -189,8 +189,10 @@ class Sight:
     def lobe_rows(self, state: State, l_max: int) -> Singles:
         """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""
         if state.form is not PRINTED:
-            lobes, *way = self._form(state, l_max)
-            return np.tensordot(np.array([1, *way], np.float32), lobes, 1)
+            parts = state.form.parts
+            return np.asarray(
+                sum(share * self._at(state, l_max, factor) for share, factor in parts), np.float32
+            )
         nodes, weights, _ = self._printed(state.roughness)
         rows = np.tensordot(weights, nodes, 1)[:, : (l_max + 1) ** 2]
         return np.asarray(rows * normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32))
@@ -199,13 +201,35 @@ class Sight:
         """Derivatives (m, c) of what rays see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
         single = light.astype(np.float32)
         if state.form is not PRINTED:
-            (_, by_sigma, by_mu), *_ = self._form(state, degree_of(len(light)))
-            return (by_sigma @ single).astype(float), (by_mu @ single).astype(float)
+            by_sigma, by_mu = np.zeros((2, len(self.cos), light.shape[1]))
+            for share, factor in state.form.parts:
+                (_, of_sigma, of_mu), *_ = self._form(state, degree_of(len(light)), factor)
+                by_sigma += share * _widens(factor, state.roughness) * (of_sigma @ single)
+                by_mu += share * (of_mu @ single)
+            return by_sigma, by_mu
         nodes, *weights = self._printed(state.roughness)
         parts = nodes[:, :, : len(light)] @ single
         seen, widened = (np.einsum("j,jmc->mc", w, parts).astype(float) for w in weights)
         fresnel, change = _fresnel(state.mu, self.cos)
         return fresnel[:, None] * widened, change[:, None] * seen
+
+    def number_slope(self, state: State, light: Floats, name: str) -> tuple[Floats, Floats]:
+        """Derivatives of what is seen of lighting ((l_max + 1)^2, c) by one of the form's numbers, as `State` has it.
+
+        Of the base, (n, c), and of the lobe, (m, c).
+        """
+        l_max, base, lobe = degree_of(len(light)), np.zeros((1, 1)), np.zeros((1, 1))
+        if name == "coat":
+            more = replace(state, form=_more(state.form, name))
+            base = (self.base_rows(more, l_max) - self.base_rows(state, l_max)) @ light / _STEP
+        elif name == "haze":
+            core, haze = (self._at(state, l_max, factor) for _, factor in state.form.parts)
+            lobe = (haze - core) @ light
+        else:
+            _, (share, factor) = state.form.parts
+            (_, wider, _), *_ = self._form(state, l_max, factor)
+            lobe = share * _widens(factor, state.roughness) * (wider @ light)
+        return base, lobe
 
     def off_borders(self, directions: Floats) -> Mask:
         """Which samples (n,) are clear of the borders of the shadows that sources (k, 3) cast; all without shadows."""
@@ -225,22 +249,29 @@ class Sight:
                     clear &= (seen == self.field.reflected_visible) | ~rises
         return np.asarray(self.field.mean_over_rays(clear.astype(float)) == 1)
 
-    def _form(self, state: State, l_max: int) -> tuple[Singles, float, float]:
+    def _at(self, state: State, l_max: int, factor: float) -> Singles:
+        """Rows (m, (l_max + 1)^2) of rays of one lobe of a form, so many times as wide as sigma."""
+        lobes, *way = self._form(state, l_max, factor)
+        return np.tensordot(np.array([1, *way], np.float32), lobes, 1)
+
+    def _form(self, state: State, l_max: int, factor: float) -> tuple[Singles, float, float]:
         """Rows of rays and their slopes, (3, m, k), near a state, and the way to it in log sigma and in log(mu - 1).
 
-        The last are kept: who solves at a state asks for slopes there, and most steps of a search are its last, tiny
-        ones.
+        factor : width of the lobe over sigma. The last are kept: who solves at a state asks for slopes there, and most
+        steps of a search are its last, tiny ones.
         """
+        width = float(part_width(factor, state.roughness))
         for (form, degree, mu, sigma), lobes in self._last.items():
             if (form, degree) == (state.form.lobe, l_max) and (mu is None) == (state.mu is None):
-                wider = np.log(state.roughness / sigma)
+                wider = np.log(width / sigma)
                 denser = 0.0 if mu is None or state.mu is None else np.log((state.mu - 1) / (mu - 1))
                 if max(abs(wider), abs(denser)) <= _ALONG:
                     return lobes, float(wider), float(denser)
-        self._last.clear()
+        while len(self._last) >= len(state.form.parts):
+            del self._last[next(iter(self._last))]
         lobe = state.form.lobe
-        lobes = self._mirrored(form_rows(self.rays, l_max, lobe, state.mu, state.roughness))
-        self._last[lobe, l_max, state.mu, state.roughness] = lobes
+        lobes = self._mirrored(form_rows(self.rays, l_max, lobe, state.mu, width))
+        self._last[lobe, l_max, state.mu, width] = lobes
         return lobes, 0.0, 0.0
 
     def _printed(self, sigma: float) -> tuple[Singles, Singles, Singles]:
@@ -324,6 +355,16 @@ def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     return Rows(sight.within(diffuse), sight.within(lobe))
 
 
+def source_rows(sight: Sight, state: State) -> Rows:
+    """`rows_of` over the state's sources alone, (n, j) each."""
+    mean, free = sight.field.mean_over_rays, sight.free(state.directions)
+    falling = mean(_falling(sight, state.directions, state) * free)
+    if state.sigma is None:
+        return Rows(sight.within(falling), np.zeros((1, falling.shape[1])))
+    highlights = mean(_highlights(sight, state.directions, state) * free)
+    return Rows(sight.within(falling), sight.within(highlights))
+
+
 def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     """Derivatives (n, 3, parameters of a channel) of radiance, in the order of `State.own`.
 
@@ -352,6 +393,13 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
             base = sight.base_slope(state, coefficients) + mean(denser * free) @ irradiances
             columns.append(sight.within(kappa * mean(by_mu) + (1 - kappa) * base))
         columns.append(sight.within(kappa * mean(by_sigma)))
+        for name in state.form.numbers:
+            base, lobe = sight.number_slope(state, coefficients, name)
+            more = replace(state, form=_more(state.form, name))
+            lit = (_falling(sight, state.directions, more) - falling) / _STEP * free
+            shown = (_highlights(sight, state.directions, more) - highlights) / _STEP * free
+            of_lobe = mean(lobe + shown @ irradiances)
+            columns.append(sight.within(kappa * of_lobe + (1 - kappa) * (base + mean(lit) @ irradiances)))
         slopes = (_highlights(sight, ends, state).reshape(turned.shape) - highlights[..., None]) / _STEP
         # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
         same_side = free[..., None] & ((turned > 0) == (cosines > 0)[..., None])
@@ -366,9 +414,20 @@ def _falling(sight: Sight, directions: Floats, state: State, mu: float | None = 
     mu : in place of the state's.
     """
     cos = np.clip(sight.field.normals @ directions.T, 0, 1)
-    if not state.form.interface:
+    if not state.form.interface and state.form.coat is None:
         return cos
     return cos * base_share(state.form, mu or state.mu, cos, sight.exitant[:, None])
+
+
+def _widens(factor: float, sigma: float) -> float:
+    """1 where a part of a form widens with sigma and its factor, 0 where it is as wide as can be."""
+    return float(part_width(factor, sigma) == factor * sigma)
+
+
+def _more(form: LobeForm, name: str) -> LobeForm:
+    """A form with one of its numbers a small step further on, as `State` counts it."""
+    value = form.numbers[name]
+    return form.with_numbers({name: value * np.exp(_STEP) if name == "spread" else value + _STEP})
 
 
 def _denser(mu: float) -> float:
@@ -405,4 +464,6 @@ def _one_sample_per_ray(samples: LightField) -> LightField:
     """The same rays, each a sample of its own."""
     names = ("rows", "columns", "radiance", "variance", "weight")
     of_samples = {name: getattr(samples, name)[samples.ray_sample] for name in names}
-    return replace(samples, **of_samples, place=None, ray_sample=np.arange(len(samples.ray_sample)))
+    return replace(
+        samples, **of_samples, stands_for=None, place=None, ray_sample=np.arange(len(samples.ray_sample))
+    )

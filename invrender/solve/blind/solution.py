@@ -12,7 +12,7 @@ from invrender.factorization import Quantity
 from invrender.model.base import let_through, sky_factors
 from invrender.model.formtable import form_radiance
 from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobes import PRINTED, Angles, LobeForm
+from invrender.model.lobes import PRINTED, Angles, LobeForm, part_width
 from invrender.model.lobetable import Transfer, specular_radiance
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.certainty import Certainty
@@ -163,7 +163,15 @@ def predict_parts(
 def _reflected(state: State, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
     """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
     if state.form is not PRINTED:
-        return form_radiance(field, lighting, state.form.lobe, state.mu, state.roughness)
+        return np.asarray(
+            sum(
+                share
+                * form_radiance(
+                    field, lighting, state.form.lobe, state.mu, float(part_width(factor, state.roughness))
+                )
+                for share, factor in state.form.parts
+            )
+        )
     cos = np.einsum("nk,nk->n", field.normals, field.views)
     return normalised_fresnel(state.mu, cos)[:, None] * specular_radiance(
         field, lighting, state.roughness, transfer

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.fresnel import MU_RANGE
-from invrender.solve.blind.projection import Fit, predicted
+from invrender.model.lobes import PRINTED, LobeForm
+from invrender.solve.blind.lampcount import fewest_lamps
+from invrender.solve.blind.price import bright, price
+from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.start import NOTHING, PEAK_WIDTH, Search, first_state, light_peaks, of_degree
 from invrender.solve.blind.state import State, turn
-from invrender.solve.clusters import tiles_of
 
 Floats = NDArray[np.float64]
 
-# Squared residuals in noise units, per parameter and log of the count of numbers, that a source must save [Schwarz
-# 1978's criterion].
-_PER_SOURCE = 5
 # Iterations until a source has shown its worth.
 _FEW = 6
 _MOST_SOURCES = 6
@@ -160,7 +158,7 @@ def _second(search: Search, fit: Fit, lighting: int) -> Floats | None:
 def _worth_it(search: Search, fit: Fit, simpler: Fit, lighting: int) -> bool:
     """Whether a source of a lighting saves what its parameters cost; all are bright, and lie where they should."""
     own = fit.state.owners == lighting
-    saves = simpler.costs[lighting] - fit.costs[lighting] > _price(search, fit, lighting)
+    saves = simpler.costs[lighting] - fit.costs[lighting] > price(search, fit, lighting)
     inside = search.region is None or bool(search.region.holds(fit.state.directions[own]).all())
     return bool(saves and inside and (fit.irradiances[own].sum(axis=1) > 0).all())
 
@@ -174,32 +172,8 @@ def likelier(search: Search, found: Found, state: State) -> Found:
 def _likelier(search: Search, first: Fit, second: Fit) -> Fit:
     """The one of two fits of one degree that explains more for its sources' price."""
     best = min(first, second, key=lambda fit: fit.cost)
-    prices = {lighting: _price(search, best, lighting) for lighting in search.lightings}
+    prices = {lighting: price(search, best, lighting) for lighting in search.lightings}
     return min(first, second, key=lambda fit: fit.cost + sum(prices[k] for k in fit.state.owners.tolist()))
-
-
-def _price(search: Search, fit: Fit, lighting: int) -> float:
-    """Squared residuals that a source of a lighting must save."""
-    numbers = search.only(lighting).numbers
-    noise = max(fit.costs[lighting] / numbers, 1e-300) * hanging_together(search, fit, [lighting])
-    return float(_PER_SOURCE * np.log(numbers) * noise)
-
-
-def hanging_together(search: Search, fit: Fit, lightings: Collection[int]) -> float:
-    """How many residuals count as one witness, at least 1: those that hang together over tiles of a photograph."""
-    residuals, together = 0.0, 0.0
-    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
-        if sight.lighting in lightings:
-            left = np.sqrt(weight) * (sight.radiance - predicted(sight, fit, rows))
-            residuals += float((left**2).sum())
-            together += float((np.bincount(tiles_of(sight.photos), left.sum(axis=1)) ** 2).sum())
-    return max(together / max(residuals, 1e-300), 1.0)
-
-
-def bright(search: Search, fit: Fit) -> Fit:
-    """The fit without sources that would have to take light away."""
-    dark = np.flatnonzero(fit.irradiances.sum(axis=1) <= 0)
-    return search.fit(fit.state.without_source(dark), fit.l_max) if len(dark) else fit
 
 
 def _sensible(search: Search, fit: Fit) -> Fit:
@@ -224,16 +198,20 @@ class Lamps:
     diffuse: Fit
 
 
-def find_starts(search: Search, l_max: int, in_the_dark: bool) -> tuple[Found, Lamps | None]:
+def find_starts(
+    search: Search, l_max: int, in_the_dark: bool, form: LobeForm = PRINTED
+) -> tuple[Found, Lamps | None]:
     """Sources beside light of degree l_max, as a body with a lobe shows them, and lamps in the dark if that may be it.
 
     Lamps alone are fitted to the search as prepared for degree 0: lobes take time with the degree that they are for.
-    in_the_dark : whether lamps are looked for; they always are at degree 0.
+    in_the_dark : whether lamps are looked for; they always are at degree 0. form : of the lobe, that lamps
+    alone are counted with.
     """
     if not l_max:
-        diffuse, dark = _diffuse_lamps(search), of_degree(search, 0)
-        alone = dark.fit(first_state(dark, 0, diffuse.state), 0)
-        return examined(dark, alone), Lamps(alone, diffuse)
+        dark = of_degree(search, 0)
+        alone = fewest_lamps(dark, _diffuse_lamps(search), form)
+        # Of two that are nearer to each other than the lobe is wide nothing tells in the dark.
+        return Found(alone, None), Lamps(alone, dark.fit(alone.state.without_lobe(), 0))
     found = examined(search, find_sources(search, first_state(search, l_max), l_max))
     lamps = _lamps_alone(search, found.fit) if in_the_dark else None
     if lamps is None:

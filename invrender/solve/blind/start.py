@@ -19,6 +19,8 @@ from recon.lightfield import LightField, pools
 Floats = NDArray[np.float64]
 
 _ROUGHNESSES, _SHARES, _TRIED = (0.08, 0.15, 0.3), (0.1, 0.6), 2
+# Where there are lamps only, whose highlights may be narrow: the roughnesses of narrow lobes, and those of wide ones.
+_IN_THE_DARK = (0.02, 0.05), (0.1, 0.3)
 _GRID = 20000
 # A diffuse body without sources.
 NOTHING = State(np.zeros(3), None, None, np.zeros((0, 3)))
@@ -127,6 +129,18 @@ def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
                 state = state.with_source(direction, lighting)
         trials.append((cost, state))
     return min(trials, key=lambda trial: trial[0])[1]
+
+
+def first_states(search: Search, lamps: State) -> list[State]:
+    """The likelier share and roughness of a narrow lobe, and of a wide one, for given lamps in the dark and form."""
+    found = []
+    for roughnesses in _IN_THE_DARK:
+        trials = [
+            replace(lamps, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma).with_form(lamps.form)
+            for sigma, share in product(roughnesses, _SHARES)
+        ]
+        found.append(min(trials, key=lambda state: search.at(state, 0).cost))
+    return found
 
 
 def light_peaks(light: Floats, region: Region | None) -> Floats:

@@ -13,7 +13,7 @@ from invrender.model.columns import PhotoColumns
 from invrender.solve.blind.certainty import Certainty
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.sight import Sight
-from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_sigma
+from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_number, assess_sigma
 from invrender.solve.reached import reached_share
 from recon.harmonics import degrees
 from recon.lightfield import LightField
@@ -63,6 +63,8 @@ def quantities_of(fit: Fit, certainty: Certainty, sights: Sequence[Sight]) -> di
     if state.sigma is not None:
         scalar = Scalar(state.sigma, std["sigma"], fragility["sigma"])
         found["sigma"] = assess_sigma(scalar, varying_degree(fit), share)
+        for name, value in state.form.numbers.items():
+            found[name] = assess_number(np.array([value]), np.array([std[name]]))
     return found
 
 

@@ -1,0 +1,45 @@
+"""Small highlights among the pixels of a photograph, found by their brightness alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Tiles across in which small highlights are looked for, and how many neighbours tell them from dust.
+_ACROSS, _NEAREST = 8, 4
+
+
+def tile_numbers(rows: Ints, columns: Ints, across: int) -> Ints:
+    """A number (n,) for the tile of each pixel (n,), so many of which go across all pixels."""
+    side = max(int(np.ptp(rows)), int(np.ptp(columns)), 1) / across
+    return ((rows - rows.min()) / side).astype(int) * 1000 + ((columns - columns.min()) / side).astype(int)
+
+
+def small_highlights(rows: Ints, columns: Ints, radiance: Floats) -> NDArray[np.bool_]:
+    """Which pixels (n,) are much brighter than most around them, as half of the nearest are.
+
+    rows, columns : (n,). radiance : (n, 3). Brighter than the median of the tile by half, and by six standard
+    deviations of what a tile's pixels scatter. Dust stands out alone.
+    """
+    if len(rows) <= _NEAREST:
+        return np.zeros(len(rows), bool)
+    brightness = np.asarray(radiance.sum(axis=1))
+    index = np.unique(tile_numbers(rows, columns, _ACROSS), return_inverse=True)[1]
+    level = _medians(brightness, index)[index]
+    scatter = 1.4826 * _medians(np.abs(brightness - level), index)[index]
+    bright = brightness - level > np.maximum(0.5 * np.abs(level), 6 * scatter)
+    places = np.stack([rows, columns], axis=-1)
+    _, near = cKDTree(places).query(places[bright], list(range(2, _NEAREST + 2)))
+    bright[bright] = bright[near].mean(axis=1) >= 0.5
+    return np.asarray(bright)
+
+
+def _medians(values: Floats, index: Ints) -> Floats:
+    """Median of the values (n,) of each group; index : (n,), of groups 0, 1, ..."""
+    order = np.lexsort((values, index))
+    ends = np.cumsum(np.bincount(index))
+    return np.asarray(values[order][ends - (np.bincount(index) + 1) // 2])
