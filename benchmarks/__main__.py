@@ -19,6 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.atlas.charts import draw_atlas
+from benchmarks.gloss.chart import draw_gloss
 from benchmarks.pareto import draw_pareto
 from benchmarks.programs import PROGRAMS
 from benchmarks.race import draw_race
@@ -26,6 +27,7 @@ from benchmarks.scaling import draw_scaling
 
 CHARTS: dict[str, Callable[[Path, bool], None]] = {
     "atlas": draw_atlas,
+    "gloss": draw_gloss,
     "pareto": draw_pareto,
     "race": draw_race,
     "scaling": draw_scaling,

@@ -1,0 +1,154 @@
+"""Real gloss: python -m benchmarks --only gloss. Needs LIGHTFACTOR_DATA, the folder of real photographs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.gloss.measure import (
+    TRUE_RADIUS,
+    Highlight,
+    lamps_found,
+    measured_run,
+    numbers_of,
+    repeats,
+    run_ball,
+    seen_errors,
+)
+from benchmarks.gloss.peers import Peers
+from benchmarks.gloss.photosets import read_lamps
+from benchmarks.ink import save, write_table
+from benchmarks.kept import Kept
+from capture.photoset import load_photoset
+from invrender.pipeline import DEFAULT_SAMPLES, process
+
+_PSM = Path(__file__).parents[2] / "tests" / "sets" / "psm"
+# One photograph in so many is held out; as many disjoint sets repeat the numbers.
+_EVERY = 4
+_QUICK_SAMPLES = 6000
+_PEERS = {"Lambertian": 0, "one GGX lobe": 1, "two GGX lobes": 2}
+
+
+def draw_gloss(out: Path, quick: bool) -> None:
+    """Write gloss.md, gloss.png and what they were made from, gloss.json."""
+    data = os.environ.get("LIGHTFACTOR_DATA")
+    if not data:
+        print("  LIGHTFACTOR_DATA isn't set: the real photographs are left out")
+        return
+    source = Path(data) / "glossball"
+    lamps = read_lamps(source)
+    places = range(0, len(lamps.names), 4 if quick else 1)
+    fitted = [k for k in places if k // places.step % _EVERY != _EVERY - 1]
+    held_out = [k for k in places if k not in fitted]
+    samples = _QUICK_SAMPLES if quick else DEFAULT_SAMPLES
+    kept = Kept(out / "gloss.json", {"photographs": len(places), "samples": samples})
+
+    run = run_ball(source, fitted, held_out, samples)
+    stated, worst = measured_run(run)
+    kept["ball"] = {
+        "stated": stated,
+        "seen": seen_errors(run, source),
+        "model": run.result.model.estimate.model.name,
+        "numbers": numbers_of(run),
+        "radius": [run.result.object["radius"], run.result.object["std"][3]],
+    }
+    if "peers" not in kept:
+        peers = Peers(source, lamps)
+        kept["peers"] = {name: peers.errors(fitted, held_out, lobes) for name, lobes in _PEERS.items()}
+    shown = [worst]
+    if not quick:
+        if "disjoint" not in kept:
+            subsets = [list(range(k, len(lamps.names), _EVERY)) for k in range(_EVERY)]
+            kept["disjoint"] = [numbers_of(run_ball(source, own, (), samples)) for own in subsets]
+        if "unknown" not in kept:
+            own = list(range(0, len(lamps.names), _EVERY))
+            blind = run_ball(source, own, (), samples, known=False)
+            kept["unknown"] = {
+                **lamps_found(blind, lamps, own),
+                "seen": seen_errors(blind, source),
+                "numbers": numbers_of(blind),
+            }
+        grey = process(load_photoset(_PSM), samples)
+        errors, highlight = measured_run(grey)
+        unseen = [photo.cross_validated for photo in grey.result.photos]
+        kept["grey"] = {**errors, "unseen (samples)": float(np.mean([u for u in unseen if u is not None]))}
+        shown.append(highlight)
+    write_table(out / "gloss.md", _lines(kept), kept.caption)
+    save(highlight_figure(shown), out / "gloss.png", kept.caption)
+
+
+def _lines(kept: Kept) -> list[str]:
+    ball: dict[str, Any] = kept["ball"]
+    kd, sigma = ball["numbers"]["kd"], ball["numbers"].get("sigma")
+    lines = [
+        "# Real gloss\n",
+        "Errors are RMS over all unsaturated pixels, relative, mean over photographs.\n",
+        "| what | fitted | held out |",
+        "|---|---|---|",
+    ]
+    for name, (first, second) in kept["peers"].items():
+        lines.append(f"| least squares with true normals, {name} | {first:.2%} | {second:.2%} |")
+    for what in ("stated", "seen"):
+        lines.append(
+            f"| lightfactor ({ball['model']}), {what} | {ball[what]['fitted']:.2%} | {ball[what]['held out']:.2%} |"
+        )
+    lines += ["", "| number | value | bar |", "|---|---|---|"]
+    lines += [
+        f"| Kd {c} | {v:.4f} | {s / v:.1%} |" for c, v, s in zip(("red", "green", "blue"), *kd, strict=True)
+    ]
+    if sigma:
+        lines.append(f"| sigma | {sigma[0][0]:.4f} | {sigma[1][0]:.4f} |")
+    radius, std = ball["radius"]
+    lines.append(f"| radius (px; true normals: {TRUE_RADIUS}) | {radius:.3f} | {std:.3f} |")
+    if "disjoint" in kept:
+        lines += [
+            "",
+            "| over four disjoint sets of 12 lamps | scatter | scatter / stated bar |",
+            "|---|---|---|",
+        ]
+        lines += [
+            f"| {name} | {s:.2%} | {ratio:.2f} |" for name, (s, ratio) in repeats(kept["disjoint"]).items()
+        ]
+    if "unknown" in kept:
+        unknown = kept["unknown"]
+        median, most = unknown["off_deg"]
+        share = unknown["numbers"].get("ks_normalised")
+        known = ball["numbers"].get("ks_normalised")
+        lines += [
+            "",
+            f"Twelve lamps unknown: {unknown['lamps']} lamps found, {median:.2f} degrees off (median), {most:.2f} at"
+            f" most; error over all pixels {unknown['seen']['fitted']:.2%}.",
+        ]
+        if share and known:
+            lines.append(
+                f"Share of Ks: {share[0]} +- {share[1]}; with the lamps known {known[0]} +- {known[1]}."
+            )
+    if "grey" in kept:
+        lines.append(f"\nGrey sphere: {kept['grey']['fitted']:.2%} over all pixels of fitted photographs.")
+    return lines
+
+
+def highlight_figure(shown: Sequence[Highlight]) -> Figure:
+    """Photograph, prediction and difference at the worst highlight of each set, a row each."""
+    figure = Figure(figsize=(9, 3.2 * len(shown)), layout="constrained")
+    axes = figure.subplots(len(shown), 3, squeeze=False)
+    for row, highlight in zip(axes, shown, strict=True):
+        white = float(np.quantile(highlight.photo.max(axis=2), 0.995))
+        pictures = [
+            np.clip(part / white, 0, 1) ** (1 / 2.2) for part in (highlight.photo, highlight.predicted)
+        ]
+        for axis, picture, title in zip(row, pictures, ("photograph", "prediction"), strict=False):
+            axis.imshow(picture)
+            axis.set_title(f"{title} ({highlight.name})", fontsize=9)
+        difference = (highlight.photo - highlight.predicted).mean(axis=2) / white
+        image = row[2].imshow(difference, cmap="RdBu_r", vmin=-0.5, vmax=0.5)
+        row[2].set_title("photograph minus prediction, of white", fontsize=9)
+        figure.colorbar(image, ax=row[2], shrink=0.8)
+        for axis in row:
+            axis.set_axis_off()
+    return figure
