@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.model.base import base_columns, base_transfer, base_weights
 from invrender.model.lobes import GGX_FORM, PLASTICS
+from invrender.model.richer import COATED
 from invrender.model.transfer import LightElement
 from synthetic.materials.facets import GGX
 from synthetic.materials.plastic import Plastic
@@ -66,3 +67,27 @@ def test_under_light_from_all_sides_the_albedo_is_pi_kd(pairs) -> None:
         # Midpoints of 400 parts: the last part, at grazing, is told to a hundredth of its own.
         assert_allclose(sent.mean(), np.pi, rtol=2e-4)
         assert sent[0] < 0.5 * sent[-1]
+
+
+@pytest.mark.parametrize("coat", [0.3, 1.0])
+def test_a_coated_base_is_the_sum_over_directions_of_light(coat: float, pairs) -> None:
+    normals, views = pairs
+    form = COATED[GGX_FORM].with_numbers({"coat": coat})
+    light = LightElement("known", LAMP[None], np.ones((1, 1)), SKY.astype(np.float32))
+    found = base_transfer(form, None, light, normals, views, None)[:, 0]
+
+    def through(cos: np.ndarray) -> np.ndarray:
+        # Shirley's factor over its mean per projected solid angle, which is 1 - coat / 21.
+        return (1 - coat * (1 - np.clip(cos, 0, 1)) ** 5) / (1 - coat / 21)
+
+    directions = latlong_directions(HEIGHT).reshape(-1, 3)
+    arriving = SKY[..., 0].ravel() * latlong_solid_angles(HEIGHT).repeat(2 * HEIGHT)
+    cos = np.maximum(normals @ directions.T, 0)
+    lit = np.maximum(normals @ LAMP, 0)
+    received = (cos * through(cos)) @ arriving + lit * through(lit)
+    expected = received * through((normals * views).sum(axis=1))
+    # Pixels of 1.4 degrees that a normal's horizon cuts leave 2e-4.
+    assert_allclose(found, expected, rtol=1e-3)
+    # Three columns hold any strength exactly.
+    in_parts = base_columns(form, light, normals, views, None)[:, :, 0] @ base_weights(form, None)
+    assert_allclose(in_parts, found, rtol=1e-6)

@@ -9,7 +9,7 @@ from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.radiance import RadianceImage
 from recon.bodies import MeshBody, SphereBody
-from recon.sampling import NO_SOURCES, sample_body, spread
+from recon.sampling import NO_SOURCES, draw, sample_body, spread
 
 from .bodymeshes import ball_mesh, joined, plate
 
@@ -134,7 +134,7 @@ def test_visibility_is_told_where_the_object_hides_its_light_from_itself():
     assert_array_equal(seen.reflected_visible[floor], height_at_wall[floor] > 0.1)
 
 
-def test_sums_over_drawn_samples_are_unbiased_whatever_they_tell(rng: Callable[[], np.random.Generator]) -> None:
+def test_sums_over_drawn_samples_are_unbiased_whatever_they_tell() -> None:
     normals = rng().standard_normal((5000, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     # A highlight, which a hundredth of the samples shows.
