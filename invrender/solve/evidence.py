@@ -15,7 +15,13 @@ from invrender.solve.clusters import patch_of
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import Weights
 from invrender.solve.search import LADDER, fit, fit_subsets
-from invrender.solve.statistics import Statistics, Subsets, by_lighting, weighted_statistics
+from invrender.solve.statistics import (
+    Statistics,
+    Subsets,
+    by_lighting,
+    weighted_statistics,
+    with_known_as_one,
+)
 from recon.lightfield import pools
 
 Floats = NDArray[np.float64]
@@ -124,7 +130,7 @@ def climb_ladder(
     left_out: list[tuple[Statistics, ...]] = [()] * min(len(photos), MAX_FOLDS)
     found = weighted_statistics([part.photo for part in parts], [part.weights.weight for part in parts])
     for part, entry in zip(parts, found, strict=True):
-        left_out[part.fold] = by_lighting([*left_out[part.fold], entry])
+        left_out[part.fold] = with_known_as_one(by_lighting([*left_out[part.fold], entry]))
     subsets = Subsets(by_lighting(chain.from_iterable(left_out)), tuple(left_out))
     rungs = []
     for model in models:

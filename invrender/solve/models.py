@@ -101,7 +101,12 @@ def estimates(model: Model, subsets: Subsets, points: Floats, linear: LinearPart
         form = model.form.with_numbers({name: values[name] for name in model.form.numbers})
         brdf = Microfacet(linear.kd[fit], linear.ks[fit], values.get("mu"), values.get("sigma"), form)
         shown = subsets.lightings(fit)
-        strengths = {name: values[fit] for name, values in linear.strengths.items() if name in shown}
+        strengths = {
+            name: linear.strengths[entry.lighting][fit]
+            for entry in subsets.everything
+            if entry.lighting in shown
+            for name in entry.names
+        }
         result.append(Estimate(model, brdf, strengths, float(linear.cost[fit])))
     return result
 

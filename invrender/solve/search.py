@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm
 from invrender.solve.models import Estimate, Model, bounds_of, coordinates, estimates, solved
 from invrender.solve.newton import SMALL, gauss_newton
-from invrender.solve.statistics import Statistics, Subsets
+from invrender.solve.statistics import Statistics, Subsets, with_known_as_one
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def fit(
 
     start : an estimate nearby, saves the search. small : part of a standard deviation that the last step may have.
     """
-    subsets = Subsets(tuple(statistics))
+    subsets = Subsets(with_known_as_one(statistics))
     if not model.specular or (start is not None and start.brdf.sigma is not None):
         return fit_subsets(model, subsets, start, small)[0]
     lower, upper = bounds_of(model)

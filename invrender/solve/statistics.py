@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,17 @@ from recon.lightfield import pools
 Floats = NDArray[np.float64]
 
 
+# The one element of a lighting of which nothing is to be recovered.
+_KNOWN = "known"
+
+
 @dataclass(frozen=True, eq=False)
 class Statistics:
     """Weighted normal equations of the photographs under one lighting.
 
     lighting, elements : as in `PhotoColumns`.
     gram : (3, elements, q, elements, q). right : (3, elements, q). energy : (3,), the data's own square.
-    count : samples times channels.
+    count : samples times channels. merged : names of wholly known lightings that are one here; empty for one lighting.
     """
 
     lighting: str
@@ -30,6 +34,12 @@ class Statistics:
     right: Floats
     energy: Floats
     count: int
+    merged: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the lightings that these are statistics of."""
+        return self.merged or (self.lighting,)
 
     def __add__(self, other: Statistics) -> Statistics:
         return Statistics(
@@ -39,6 +49,7 @@ class Statistics:
             self.right + other.right,
             self.energy + other.energy,
             self.count + other.count,
+            tuple(dict.fromkeys((*self.merged, *other.merged))),
         )
 
 
@@ -110,3 +121,16 @@ def by_lighting(statistics: Iterable[Statistics]) -> tuple[Statistics, ...]:
     for entry in statistics:
         sums[entry.lighting] = sums[entry.lighting] + entry if entry.lighting in sums else entry
     return tuple(sums.values())
+
+
+def with_known_as_one(statistics: Iterable[Statistics]) -> tuple[Statistics, ...]:
+    """The statistics, those of all wholly known lightings added up: nothing of these is told apart by a fit."""
+    found: list[Statistics] = []
+    known: Statistics | None = None
+    for entry in statistics:
+        if entry.elements != (_KNOWN,):
+            found.append(entry)
+            continue
+        own = replace(entry, lighting=_KNOWN, merged=entry.names)
+        known = own if known is None else known + own
+    return tuple(found) if known is None else (known, *found)
