@@ -34,9 +34,12 @@ def tiles_of(photos: Sequence[LightField]) -> NDArray[np.int64]:
     return np.concatenate(numbers)
 
 
-def patch_of(field: LightField) -> NDArray[np.int64]:
-    """A number (n,) for each sample's patch of the surface, the same in all photographs: about 20 degrees wide."""
-    cell = np.round((field.sample_normals + 1) * _PATCHES_PER_UNIT).astype(int)
+def patch_of(field: LightField, per_unit: float = _PATCHES_PER_UNIT) -> NDArray[np.int64]:
+    """A number (n,) for each sample's patch of the surface, the same in all photographs: about 20 degrees wide.
+
+    per_unit : patches along a unit of the normal's coordinates; 2 makes them about 30 degrees wide.
+    """
+    cell = np.round((field.sample_normals + 1) * per_unit).astype(int)
     return cell @ np.array([10000, 100, 1])
 
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from invrender.model.columns import PhotoColumns, together
 from invrender.model.fresnel import MU_RANGE
@@ -31,6 +33,8 @@ Floats = NDArray[np.float64]
 # Kd + Ks, mu or sigma itself, better than which none is claimed to be known. Measured on the noise-free demonstration:
 # 8e-4 of mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
 NUMERICAL, FINEST = 5e-4, 5e-5
+# Patches of the surface along a unit of the normal's coordinates: wider than stains, which else lie across two.
+_PATCHES_PER_UNIT = 2.0
 # Levels of brightness, each with as many samples.
 _LEVELS = 16
 # A prior that is flat between the bounds of the search; without it a parameter that the photographs do
@@ -140,7 +144,7 @@ def uncertainty_of(
         chi2 += float((weight * residual**2).sum())
         count += residual.size
         by_tile += list(sums_by(tiles_of([fields[k] for k in pool]), scores).values())
-        for patch, score in sums_by(patch_of(photo.field), scores).items():
+        for patch, score in sums_by(patch_of(photo.field, _PATCHES_PER_UNIT), scores).items():
             by_patch[patch] = by_patch.get(patch, 0) + score
         for level, score in sums_by(np.searchsorted(levels, predicted.mean(axis=1)), scores).items():
             by_brightness[level] = by_brightness.get(level, 0) + score
@@ -157,7 +161,9 @@ def uncertainty_of(
     independent = moved @ (noisy / reduced + np.diag(prior)) @ moved.T
     ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
     for clusters in map(np.array, (by_tile, list(by_patch.values()), list(by_brightness.values()))):
-        few = len(clusters) / max(len(clusters) - 1, 1)
+        # So that intervals of 1.96 deviations hold 95% where clusters are few, as Student's do.
+        freedom = max(len(clusters) - 1, 1)
+        few = len(clusters) / freedom * (student.ppf(0.975, freedom) / norm.ppf(0.975)) ** 2
         residual_pull, model_pull = (
             np.sqrt(few * ((derivative @ inverse @ half.T / reduced) ** 2).sum(axis=1))
             for half in np.hsplit(clusters, 2)
