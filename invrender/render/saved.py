@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, ConfigDict
+from pydantic import AfterValidator, ConfigDict, Field
 
 from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
@@ -69,7 +69,7 @@ class SavedBrdf(_Lenient):
     ks: SavedQuantity | None
     mu: SavedQuantity | None
     sigma: SavedQuantity | None
-    form_numbers: Mapping[str, SavedQuantity] = MappingProxyType({})
+    form_numbers: dict[str, SavedQuantity] = Field(default_factory=dict)
     normalised: _Shares
     covariance: _Covariance
 

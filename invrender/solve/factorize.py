@@ -166,9 +166,9 @@ def _between_photographs(rung: Rung, report: Report, elements: Mapping[str, Sequ
 
 
 def _beyond_chance(folds: int) -> float:
-    """How many times the variance a jackknife over so many folds finds by chance in one number of twenty."""
+    """How many times the variance a jackknife over so many folds finds by chance in one number of a hundred."""
     freedom = max(folds - 1, 1)
-    return float(chi2.ppf(0.95, freedom) / freedom)
+    return float(chi2.ppf(0.99, freedom) / freedom)
 
 
 def _disagreement(chosen: _Measured, known: Explanation) -> Floats:

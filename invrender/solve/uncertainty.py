@@ -3,7 +3,8 @@
 Two answers are formed for each parameter and the larger is kept: the one that independent pixel noise
 implies (Gauss-Newton), and the sandwich that lets residuals be correlated within clusters of samples, as
 they are where the model or the object falls short. Clusters are tiles of each photograph (light, pose),
-patches of surface across all photographs (stains, dents), and levels of brightness (a black level, a curve).
+patches of surface across all photographs (stains, dents). Dark and bright samples are held against each other besides
+(a black level, a curve).
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ Floats = NDArray[np.float64]
 # Kd + Ks, mu or sigma itself, better than which none is claimed to be known. Measured on the noise-free demonstration:
 # 8e-4 of mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
 NUMERICAL, FINEST = 5e-4, 5e-5
-# Patches of the surface along a unit of the normal's coordinates: wider than stains, which else lie across two.
-_PATCHES_PER_UNIT = 2.0
+# Areas of the surface along a unit of the normal's coordinates: wider than stains, which lie across patches.
+_AREAS_PER_UNIT = 2.0
 # Levels of brightness, each with as many samples.
 _LEVELS = 16
 # A prior that is flat between the bounds of the search; without it a parameter that the photographs do
@@ -119,6 +120,7 @@ def uncertainty_of(
     chi2, count = 0.0, 0
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
+    by_area: dict[int, Floats] = {}
     by_brightness: dict[int, Floats] = {}
     by_level: dict[int, Floats] = {}
     fields = [photo.field for photo in photos]
@@ -144,8 +146,10 @@ def uncertainty_of(
         chi2 += float((weight * residual**2).sum())
         count += residual.size
         by_tile += list(sums_by(tiles_of([fields[k] for k in pool]), scores).values())
-        for patch, score in sums_by(patch_of(photo.field, _PATCHES_PER_UNIT), scores).items():
+        for patch, score in sums_by(patch_of(photo.field), scores).items():
             by_patch[patch] = by_patch.get(patch, 0) + score
+        for area, score in sums_by(patch_of(photo.field, _AREAS_PER_UNIT), scores).items():
+            by_area[area] = by_area.get(area, 0) + score
         for level, score in sums_by(np.searchsorted(levels, predicted.mean(axis=1)), scores).items():
             by_brightness[level] = by_brightness.get(level, 0) + score
         for level, squares in sums_by(np.searchsorted(levels, predicted.mean(axis=1)), known).items():
@@ -160,20 +164,22 @@ def uncertainty_of(
     moved = derivative @ inverse
     independent = moved @ (noisy / reduced + np.diag(prior)) @ moved.T
     ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
-    for clusters in map(np.array, (by_tile, list(by_patch.values()), list(by_brightness.values()))):
+    for clusters in map(np.array, (by_tile, list(by_area.values()))):
         # So that intervals of 1.96 deviations hold 95% where clusters are few, as Student's do.
-        freedom = max(len(clusters) - 1, 1)
-        few = len(clusters) / freedom * (student.ppf(0.975, freedom) / norm.ppf(0.975)) ** 2
-        residual_pull, model_pull = (
-            np.sqrt(few * ((derivative @ inverse @ half.T / reduced) ** 2).sum(axis=1))
-            for half in np.hsplit(clusters, 2)
-        )
-        ratio = np.maximum(ratio, residual_pull**2 / np.maximum(np.diag(independent), 1e-300))
-        fragility = np.maximum(fragility, model_pull)
+        few = (student.ppf(0.975, max(len(clusters) - 1, 1)) / norm.ppf(0.975)) ** 2
+        pull = few * _pull(moved / reduced, clusters[:, :size])
+        ratio = np.maximum(ratio, pull / np.maximum(np.diag(independent), 1e-300))
+    for clusters in map(np.array, (by_tile, list(by_patch.values()))):
+        fragility = np.maximum(fragility, np.sqrt(_pull(moved / reduced, clusters[:, size:])))
     root = np.sqrt(ratio)
     covariance = independent * np.outer(root, root)
     apart = derivative @ _halves_apart(by_brightness, by_level, parameters, reduced)
     return Uncertainty(covariance + np.outer(apart, apart), fragility)
+
+
+def _pull(moved: Floats, clusters: Floats) -> Floats:
+    """Variances (k,) of numbers that scores of clusters (g, p) move, each by moved @ score, independently."""
+    return np.asarray(len(clusters) / max(len(clusters) - 1, 1) * ((moved @ clusters.T) ** 2).sum(axis=1))
 
 
 def _halves_apart(
@@ -200,7 +206,7 @@ def _halves_apart(
         values.append((own * half).sum(axis=0) / total)
         variances.append(reduced / total)
     difference = values[0] - values[1]
-    beyond = difference**2 > 4 * (variances[0] + variances[1])
+    beyond = difference**2 > 9 * (variances[0] + variances[1])
     result[kd] = np.where(beyond & dark.any(axis=0) & (~dark).any(axis=0), difference / 2, 0)
     return result
 

@@ -228,7 +228,7 @@ def test_what_cannot_be_solved_is_said():
         ([0], [0], None, None, "reflects nothing"),
         ([0, 0.1, 0.1], [0, 0.1, 0.1], None, 0.1, "reflects nothing"),
         ([0.1], [0.1], None, None, "sigma isn't given"),
-        ([0.1], [0.1], None, 0.9, "sigma is 0.9; roughnesses are 0.02 to 0.7"),
+        ([0.1], [0.1], None, 0.9, "sigma is 0.9; roughnesses are 0.005 to 0.7"),
         ([0.1], [0.1], 0.9, 0.1, "mu is 0.9"),
         ([0.1, 0.2], [0.1], None, 0.1, "one number, or three"),
         ([-0.1], [0.1], None, 0.1, "finite and >= 0"),

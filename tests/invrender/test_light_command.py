@@ -86,7 +86,7 @@ def test_a_diffuse_object_yields_nulls_for_odd_degrees_and_no_dual_map(small_set
         (["--kd", "0", "--ks", "0"], "reflects nothing"),
         (["--kd", "a"], "--kd is 'a'"),
         (["--ks", "0.2"], "sigma isn't given"),
-        (["--ks", "0.2", "--sigma", "2"], "roughnesses are 0.02 to 0.7"),
+        (["--ks", "0.2", "--sigma", "2"], "roughnesses are 0.005 to 0.7"),
         ([*BRDF, "--brdf", "x"], "both give the BRDF"),
         (["--brdf", "nowhere.json"], "there is no such file"),
         ([*BRDF, "--degree", "-1"], "--degree is -1; it must be 0 to 30"),
