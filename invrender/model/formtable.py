@@ -101,7 +101,8 @@ def _with_slopes(angles: Angles, form: LobeForm, mu: float | None, sigma: float)
     return np.stack([fresnel * shape, fresnel * (wider - shape) / _STEP, shape * change / _STEP])
 
 
-@lru_cache(maxsize=6)
+# Those of degree 16 take up 150 MB: searches go from degree to degree, and a second computes them anew.
+@lru_cache(maxsize=1)
 def _nodes(l_max: int) -> tuple[_Nodes, ...]:
     return tuple(_nodes_at(float(theta_o), l_max) for theta_o in exitant_angles(l_max))
 

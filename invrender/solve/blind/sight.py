@@ -180,11 +180,11 @@ class Sight:
         return evaluate_harmonics(self.field.normals, self.l_max).astype(np.float32)
 
     @cached_property
-    def _hidden(self) -> Floats:
+    def _hidden(self) -> Singles:
         """Rows (n, (l_max + 1)^2) of the irradiance that a mesh keeps off; one row of zeros of what has no shadows."""
         if self.shadows is None:
-            return np.zeros((1, (self.l_max + 1) ** 2))
-        return self.shadows.hidden_rows(self.field, self.l_max)
+            return np.zeros((1, (self.l_max + 1) ** 2), np.float32)
+        return self.shadows.hidden_rows(self.field, self.l_max).astype(np.float32)
 
     def lobe_rows(self, state: State, l_max: int) -> Singles:
         """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""
@@ -269,6 +269,7 @@ class Sight:
                     return lobes, float(wider), float(denser)
         while len(self._last) >= len(state.form.parts):
             del self._last[next(iter(self._last))]
+        self._nodes.clear()
         lobe = state.form.lobe
         lobes = self._mirrored(form_rows(self.rays, l_max, lobe, state.mu, width))
         self._last[lobe, l_max, state.mu, width] = lobes
@@ -285,6 +286,7 @@ class Sight:
         if low not in self._nodes:
             both = np.concatenate([self._node(low), self._node(low + 1)])
             self._nodes.clear()
+            self._last.clear()
             self._nodes[low] = both
         t = position - low
         # Hermite's cubics, of values and slopes at both ends.
@@ -314,55 +316,92 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of samples over the coefficients and then the sources, (n, k + j) each.
+    """Rows of samples over the coefficients and then the sources.
 
-    per_diffuse : what a base of unit Kd sends. per_specular : a specular one of unit Ks; one row of zeros without,
-    where kappa is zero. Both are as `Sight.within` leaves them.
+    sky_diffuse, sky_specular : (n, k) over the coefficients: what a base of unit Kd sends, and a specular part of unit
+    Ks. Single precision, as lobes have them: all that grows with the degree. lamps_diffuse, lamps_specular : (n, j)
+    over the sources. The specular ones have one row of zeros without a lobe, where kappa is zero. All are as
+    `Sight.within` leaves them.
     """
 
-    per_diffuse: Floats
-    per_specular: Floats
+    sky_diffuse: Singles
+    sky_specular: Singles
+    lamps_diffuse: Floats
+    lamps_specular: Floats
+
+    @property
+    def per_diffuse(self) -> Floats:
+        """Rows (n, k + j) of the base per unit of Kd, which take up twice what is kept."""
+        return np.hstack([self.sky_diffuse, self.lamps_diffuse])
+
+    @property
+    def per_specular(self) -> Floats:
+        """Rows (n, k + j) of the specular part per unit of Ks; (1, k + j) zeros without a lobe."""
+        return np.hstack([self.sky_specular, self.lamps_specular])
 
     def of_channel(self, kappa: float) -> Floats:
         """Rows (n, k + j) of one channel."""
-        return (1 - kappa) * self.per_diffuse + kappa * self.per_specular
+        rows, share = self.per_diffuse, np.float64(kappa)
+        rows *= 1 - share
+        if len(self.sky_specular) == len(rows):
+            size = self.sky_specular.shape[1]
+            rows[:, :size] += share * self.sky_specular
+            rows[:, size:] += share * self.lamps_specular
+        return rows
+
+    def parts(self, light: Floats) -> tuple[Floats, Floats]:
+        """What samples (n, c) see of light (k + j, c) in a base of unit Kd, and in a specular part of unit Ks."""
+        sky, lamps = np.split(light, [self.sky_diffuse.shape[1]])
+        return (
+            self.sky_diffuse @ sky + self.lamps_diffuse @ lamps,
+            self.sky_specular @ sky + self.lamps_specular @ lamps,
+        )
 
     def radiance(self, kappa: Floats, light: Floats) -> Floats:
         """What samples (n, 3) see of light (k + j, 3)."""
-        return (1 - kappa) * (self.per_diffuse @ light) + kappa * (self.per_specular @ light)
+        diffuse, specular = self.parts(light)
+        return (1 - kappa) * diffuse + kappa * specular
 
     def sums(self, kappa: Floats, values: Floats) -> Floats:
         """Sums (3, k + j, t) over samples of channels' rows times values (3, n, t)."""
         abreast = np.hstack(list(values))
         split = (-1, *values.shape[::2])
-        diffuse, specular = (
-            np.moveaxis((of.T @ abreast).reshape(split), 1, 0) if len(of) == len(abreast) else np.zeros(1)
-            for of in (self.per_diffuse, self.per_specular)
-        )
+
+        def summed(sky: Singles, lamps: Floats) -> Floats:
+            if len(sky) != len(abreast):
+                return np.zeros(1)
+            both = np.vstack([sky.T @ abreast, lamps.T @ abreast])
+            return np.moveaxis(both.reshape(split), 1, 0)
+
+        diffuse = summed(self.sky_diffuse, self.lamps_diffuse)
+        specular = summed(self.sky_specular, self.lamps_specular)
         share = kappa[:, None, None]
         return np.asarray((1 - share) * diffuse + share * specular)
 
 
 def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     """Rows at a state, over lighting of degree l_max <= the sight's."""
-    mean, free = sight.field.mean_over_rays, sight.free(state.directions)
-    falling = mean(_falling(sight, state.directions, state) * free)
-    diffuse = np.hstack([sight.base_rows(state, l_max), falling])
-    if state.sigma is None:
-        return Rows(sight.within(diffuse), np.zeros((1, diffuse.shape[1])))
-    highlights = mean(_highlights(sight, state.directions, state) * free)
-    lobe = np.hstack([mean(sight.lobe_rows(state, l_max)), highlights])
-    return Rows(sight.within(diffuse), sight.within(lobe))
+    base = sight.within(np.asarray(sight.base_rows(state, l_max), np.float32))
+    lobe: Singles = np.zeros((1, base.shape[1]), np.float32)
+    if state.sigma is not None:
+        lobe = sight.within(sight.field.mean_over_rays(sight.lobe_rows(state, l_max)))
+    return Rows(base, lobe, *_lamp_rows(sight, state))
 
 
 def source_rows(sight: Sight, state: State) -> Rows:
     """`rows_of` over the state's sources alone, (n, j) each."""
+    falling, highlights = _lamp_rows(sight, state)
+    none = np.zeros((len(falling), 0), np.float32)
+    return Rows(none, none[: len(highlights)], falling, highlights)
+
+
+def _lamp_rows(sight: Sight, state: State) -> tuple[Floats, Floats]:
+    """Rows (n, j) over a state's sources, of the base and of the specular part; (1, j) zeros of this without a lobe."""
     mean, free = sight.field.mean_over_rays, sight.free(state.directions)
-    falling = mean(_falling(sight, state.directions, state) * free)
+    falling = sight.within(mean(_falling(sight, state.directions, state) * free))
     if state.sigma is None:
-        return Rows(sight.within(falling), np.zeros((1, falling.shape[1])))
-    highlights = mean(_highlights(sight, state.directions, state) * free)
-    return Rows(sight.within(falling), sight.within(highlights))
+        return falling, np.zeros((1, falling.shape[1]))
+    return falling, sight.within(mean(_highlights(sight, state.directions, state) * free))
 
 
 def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
@@ -383,7 +422,8 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     by_turn = (1 - kappa) * mean(slopes)[..., None]
     columns = []
     if state.sigma is not None:
-        columns.append(rows.per_specular @ light - rows.per_diffuse @ light)
+        diffuse, specular = rows.parts(light)
+        columns.append(specular - diffuse)
         by_sigma, by_mu = sight.lobe_slopes(state, coefficients)
         highlights, of_sigma, of_mu = _with_slopes(sight, state)
         by_sigma += (of_sigma * free) @ irradiances
