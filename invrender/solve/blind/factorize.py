@@ -117,7 +117,7 @@ def factorize_blind(
         else:
             # What all samples take up shall not come on top of what parts of them did.
             del few, thin, kept, fit
-            search = of_degree(search, degree)
+            search = of_degree(search, degree, settled=True)
             search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
         chosen = confirm(search, rungs, pair)
         on_step()

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from invrender.model.base import base_share, let_through, sky_factors
-from invrender.model.formtable import form_rows
+from invrender.model.formtable import mean_form_rows
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm, part_width
-from invrender.model.lobetable import Transfer, specular_rows
+from invrender.model.lobetable import Transfer, lobe_table, mean_lobe_rows, specular_rows
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.places import less_in_common
 from invrender.solve.blind.state import State, turns
@@ -62,7 +62,9 @@ class Sight:
     photos : one or more. field : their samples as one's, which is what all arrays go by. l_max : of the lighting.
     transfer : of the lobe, for all but the sources. rays : the same as one sample per ray. cos : (m,) exitant, of rays.
     diffuse : (n, (l_max + 1)^2), irradiance, which a Lambertian base sends. lighting : number of the lighting that they
-    are under. shadows : of a mesh on itself; None of what has none.
+    are under. shadows : of a mesh on itself; None of what has none. settled : whether searches begin near their end:
+    then rows of RH01's lobe, too, are kept of samples near one state, not of rays between two roughnesses, which take
+    up several times as much.
     """
 
     photos: tuple[LightField, ...]
@@ -74,6 +76,7 @@ class Sight:
     diffuse: Singles
     lighting: int = 0
     shadows: Shadows | None = None
+    settled: bool = False
     _nodes: dict[int, Singles] = defaulted(default_factory=dict, repr=False)
     _last: dict[_Shape, Singles] = defaulted(default_factory=dict, repr=False)
     _free: dict[bytes, Mask] = defaulted(default_factory=dict, repr=False)
@@ -85,6 +88,7 @@ class Sight:
         lighting: int = 0,
         transfer: Transfer = "exact",
         shadows: Shadows | None = None,
+        settled: bool = False,
     ) -> Sight:
         """Prepare photographs for lighting of degree l_max."""
         samples = joined(photos)
@@ -94,11 +98,11 @@ class Sight:
         rays = _one_sample_per_ray(samples)
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
         single = diffuse.astype(np.float32)
-        return Sight(tuple(photos), samples, l_max, transfer, rays, cos, single, lighting, shadows)
+        return Sight(tuple(photos), samples, l_max, transfer, rays, cos, single, lighting, shadows, settled)
 
-    def like(self, photos: Sequence[LightField], l_max: int) -> Sight:
+    def like(self, photos: Sequence[LightField], l_max: int, settled: bool = False) -> Sight:
         """Prepare other samples under the same lighting for another degree."""
-        return Sight.of(photos, l_max, self.lighting, self.transfer, self.shadows)
+        return Sight.of(photos, l_max, self.lighting, self.transfer, self.shadows, settled)
 
     @cached_property
     def radiance(self) -> Floats:
@@ -187,21 +191,26 @@ class Sight:
         return self.shadows.hidden_rows(self.field, self.l_max).astype(np.float32)
 
     def lobe_rows(self, state: State, l_max: int) -> Singles:
-        """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""
-        if state.form is not PRINTED:
+        """Rows (n, (l_max + 1)^2) of samples over the lighting, of the specular part per unit of Ks."""
+        if not self._between(state):
             parts = state.form.parts
             return np.asarray(
                 sum(share * self._at(state, l_max, factor) for share, factor in parts), np.float32
             )
         nodes, weights, _ = self._printed(state.roughness)
         rows = np.tensordot(weights, nodes, 1)[:, : (l_max + 1) ** 2]
-        return np.asarray(rows * normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32))
+        rows *= normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32)
+        return np.asarray(self.field.mean_over_rays(rows))
+
+    def _between(self, state: State) -> bool:
+        """Whether rows are interpolated between two roughnesses."""
+        return state.form is PRINTED and not (self.settled and self.transfer == "exact")
 
     def lobe_slopes(self, state: State, light: Floats) -> tuple[Floats, Floats]:
-        """Derivatives (m, c) of what rays see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
+        """Derivatives (n, c) of what samples see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
         single = light.astype(np.float32)
-        if state.form is not PRINTED:
-            by_sigma, by_mu = np.zeros((2, len(self.cos), light.shape[1]))
+        if not self._between(state):
+            by_sigma, by_mu = np.zeros((2, len(self.field), light.shape[1]))
             for share, factor in state.form.parts:
                 (_, of_sigma, of_mu), *_ = self._form(state, degree_of(len(light)), factor)
                 by_sigma += share * _widens(factor, state.roughness) * (of_sigma @ single)
@@ -211,12 +220,13 @@ class Sight:
         parts = nodes[:, :, : len(light)] @ single
         seen, widened = (np.einsum("j,jmc->mc", w, parts).astype(float) for w in weights)
         fresnel, change = _fresnel(state.mu, self.cos)
-        return fresnel[:, None] * widened, change[:, None] * seen
+        mean = self.field.mean_over_rays
+        return np.asarray(mean(fresnel[:, None] * widened)), np.asarray(mean(change[:, None] * seen))
 
     def number_slope(self, state: State, light: Floats, name: str) -> tuple[Floats, Floats]:
         """Derivatives of what is seen of lighting ((l_max + 1)^2, c) by one of the form's numbers, as `State` has it.
 
-        Of the base, (n, c), and of the lobe, (m, c).
+        Of the base and of the lobe, (n, c) each.
         """
         l_max, base, lobe = degree_of(len(light)), np.zeros((1, 1)), np.zeros((1, 1))
         if name == "coat":
@@ -250,12 +260,12 @@ class Sight:
         return np.asarray(self.field.mean_over_rays(clear.astype(float)) == 1)
 
     def _at(self, state: State, l_max: int, factor: float) -> Singles:
-        """Rows (m, (l_max + 1)^2) of rays of one lobe of a form, so many times as wide as sigma."""
+        """Rows (n, (l_max + 1)^2) of samples of one lobe of a form, so many times as wide as sigma."""
         lobes, *way = self._form(state, l_max, factor)
         return np.tensordot(np.array([1, *way], np.float32), lobes, 1)
 
     def _form(self, state: State, l_max: int, factor: float) -> tuple[Singles, float, float]:
-        """Rows of rays and their slopes, (3, m, k), near a state, and the way to it in log sigma and in log(mu - 1).
+        """Rows of samples and their slopes, (3, n, k), near a state, and the way to it in log sigma and in log(mu - 1).
 
         factor : width of the lobe over sigma. The last are kept: who solves at a state asks for slopes there, and most
         steps of a search are its last, tiny ones.
@@ -271,9 +281,23 @@ class Sight:
             del self._last[next(iter(self._last))]
         self._nodes.clear()
         lobe = state.form.lobe
-        lobes = self._mirrored(form_rows(self.rays, l_max, lobe, state.mu, width))
+        seen = np.ones(1) if self.shadows is None else self.field.reflected_visible
+        if lobe is PRINTED:
+            lobes = self._printed_near(l_max, state.mu, width, seen)
+        else:
+            lobes = mean_form_rows(self.field, l_max, lobe, state.mu, width, seen)
         self._last[lobe, l_max, state.mu, width] = lobes
         return lobes, 0.0, 0.0
+
+    def _printed_near(self, l_max: int, mu: float | None, sigma: float, seen: NDArray[np.generic]) -> Singles:
+        """`mean_form_rows` of RH01's lobe; Fresnel's factor, which goes by the ray alone, is each ray's own."""
+        at_angles = lobe_table(l_max).at_angles(sigma)
+        fresnel, change = _fresnel(mu, self.cos)
+        rows, wider = mean_lobe_rows(self.field, at_angles, fresnel * seen)
+        if mu is None:
+            return np.stack([rows, wider, np.zeros_like(rows)])
+        (denser,) = mean_lobe_rows(self.field, at_angles[:, :1], change * seen)
+        return np.stack([rows, wider, denser])
 
     def _printed(self, sigma: float) -> tuple[Singles, Singles, Singles]:
         """RH01's lobe at the two roughnesses around sigma, and weights that make of them rows and slopes at sigma.
@@ -384,7 +408,7 @@ def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     base = sight.within(np.asarray(sight.base_rows(state, l_max), np.float32))
     lobe: Singles = np.zeros((1, base.shape[1]), np.float32)
     if state.sigma is not None:
-        lobe = sight.within(sight.field.mean_over_rays(sight.lobe_rows(state, l_max)))
+        lobe = sight.within(sight.lobe_rows(state, l_max))
     return Rows(base, lobe, *_lamp_rows(sight, state))
 
 
@@ -426,19 +450,19 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
         columns.append(specular - diffuse)
         by_sigma, by_mu = sight.lobe_slopes(state, coefficients)
         highlights, of_sigma, of_mu = _with_slopes(sight, state)
-        by_sigma += (of_sigma * free) @ irradiances
-        by_mu += (of_mu * free) @ irradiances
+        by_sigma += mean((of_sigma * free) @ irradiances)
+        by_mu += mean((of_mu * free) @ irradiances)
         if state.mu is not None:
             denser = (_falling(sight, state.directions, state, _denser(state.mu)) - falling) / _STEP
             base = sight.base_slope(state, coefficients) + mean(denser * free) @ irradiances
-            columns.append(sight.within(kappa * mean(by_mu) + (1 - kappa) * base))
-        columns.append(sight.within(kappa * mean(by_sigma)))
+            columns.append(sight.within(kappa * by_mu + (1 - kappa) * base))
+        columns.append(sight.within(kappa * by_sigma))
         for name in state.form.numbers:
             base, lobe = sight.number_slope(state, coefficients, name)
             more = replace(state, form=_more(state.form, name))
             lit = (_falling(sight, state.directions, more) - falling) / _STEP * free
             shown = (_highlights(sight, state.directions, more) - highlights) / _STEP * free
-            of_lobe = mean(lobe + shown @ irradiances)
+            of_lobe = lobe + mean(shown @ irradiances)
             columns.append(sight.within(kappa * of_lobe + (1 - kappa) * (base + mean(lit) @ irradiances)))
         slopes = (_highlights(sight, ends, state).reshape(turned.shape) - highlights[..., None]) / _STEP
         # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
