@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import Angles, LobeForm
-from invrender.model.lobetable import exitant_angles, half_vectors, lobe_radiance, lobe_rows, viewer
+from invrender.model.lobetable import (
+    exitant_angles,
+    half_vectors,
+    lobe_radiance,
+    lobe_rows,
+    mean_lobe_rows,
+    viewer,
+)
 from recon.harmonics import degree_of, evaluate_harmonics, orders
 from recon.lightfield import LightField
 
@@ -51,6 +58,13 @@ def form_rows(field: LightField, l_max: int, form: LobeForm, mu: float | None, s
     form lacks.
     """
     return lobe_rows(field, _local(l_max, form, mu, sigma), _rise(field, l_max, mu))
+
+
+def mean_form_rows(
+    field: LightField, l_max: int, form: LobeForm, mu: float | None, sigma: float, seen: NDArray[np.generic]
+) -> Singles:
+    """`form_rows` of samples (3, n, (l_max + 1)^2), means over their rays, of which `seen` (m,) counts, 0 to 1."""
+    return mean_lobe_rows(field, _local(l_max, form, mu, sigma), _rise(field, l_max, mu) * seen)
 
 
 def form_radiance(
@@ -101,7 +115,8 @@ def _with_slopes(angles: Angles, form: LobeForm, mu: float | None, sigma: float)
     return np.stack([fresnel * shape, fresnel * (wider - shape) / _STEP, shape * change / _STEP])
 
 
-@lru_cache(maxsize=6)
+# Those of degree 16 take up 150 MB: searches go from degree to degree, and a second computes them anew.
+@lru_cache(maxsize=1)
 def _nodes(l_max: int) -> tuple[_Nodes, ...]:
     return tuple(_nodes_at(float(theta_o), l_max) for theta_o in exitant_angles(l_max))
 

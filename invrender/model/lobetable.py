@@ -22,6 +22,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts2, chebvander
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from invrender.theory.operator import view_frames
 from invrender.theory.refinement import interval_rule
@@ -119,6 +120,28 @@ def lobe_rows(field: LightField, at_angles: Floats, factor: Floats | None = None
     rows = np.empty((series.shape[1], len(field.normals), (l_max + 1) ** 2), np.float32)
     for here, turned in turned_lobes(field, series, factor):
         turned.write(rows[:, here])
+    return rows
+
+
+def mean_lobe_rows(field: LightField, at_angles: Floats, factor: Floats) -> Singles:
+    """Rows (f, n, (l_max + 1)^2) of samples, means of `lobe_rows` over their rays; these aren't kept, a few at a time.
+
+    factor : (m,), what each ray's are multiplied by.
+    """
+    series = over_angles(at_angles).astype(np.float32)
+    l_max = len(at_angles) - _SPARE_ANGLES
+    rows = np.zeros((series.shape[1], len(field), (l_max + 1) ** 2), np.float32)
+    counts = np.bincount(field.ray_sample, minlength=len(field))
+    for here, turned in turned_lobes(field, series, factor / counts[field.ray_sample]):
+        own = field.ray_sample[here]
+        of_rays = np.empty((len(rows), len(own), rows.shape[-1]), np.float32)
+        turned.write(of_rays)
+        samples = slice(int(own[0]), int(own[-1]) + 1)
+        ends = np.searchsorted(own, np.arange(samples.start, samples.stop + 1))
+        sums = csr_array((np.ones(len(own), np.float32), np.arange(len(own)), ends))
+        for mine, values in zip(rows, of_rays, strict=True):
+            # A sample's rays may be among the last of one turn and the first of the next.
+            mine[samples] += sums @ values
     return rows
 
 

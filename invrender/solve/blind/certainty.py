@@ -88,7 +88,7 @@ def _lobe_misfit(search: Search, fit: Fit) -> float:
     for sight, weight, trust, rows in zip(search.sights, search.weights, search.trust, fit.rows, strict=True):
         sent = fit.light[sight.lighting][size:]
         radiance = predicted(sight, fit, rows)
-        lobes = fit.state.kappa * (rows.per_specular[:, size:] @ sent)
+        lobes = fit.state.kappa * (rows.lamps_specular @ sent)
         parts.append((lobes, radiance, sight.radiance - radiance, trust, weight))
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 

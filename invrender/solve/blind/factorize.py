@@ -17,7 +17,7 @@ from invrender.model.visibility import Shadows
 from invrender.solve.blind.antipodes import Sides, likelier_sides
 from invrender.solve.blind.certainty import Certainty, certainty_of
 from invrender.solve.blind.forms import MOST_FORMS, Formed, choose_form
-from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours
+from invrender.solve.blind.ladder import climb, confirm, model_name, neighbours, without_rows
 from invrender.solve.blind.lampcount import needed_lamps
 from invrender.solve.blind.projection import Fit, light_scale, predicted
 from invrender.solve.blind.remarks import remarks
@@ -108,13 +108,16 @@ def factorize_blind(
         rungs = [cross_validate(model_name(fit), few, fit)]
         if ladder:
             rungs = climb(few, thin, lamps, rungs[0], orders, formed.others, on_step)
+        rungs[0] = without_rows(rungs[0])
         chosen = simplest(rungs)
         pair = [chosen] if few.numbers == search.numbers else neighbours(rungs, chosen)
         own, degree = rungs[chosen].fit, max(rungs[index].fit.l_max for index in pair)
         if few.numbers == search.numbers:
             search = of_degree(few, degree)
         else:
-            search = of_degree(search, degree)
+            # What all samples take up shall not come on top of what parts of them did.
+            del few, thin, kept, fit
+            search = of_degree(search, degree, settled=True)
             search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
         chosen = confirm(search, rungs, pair)
         on_step()

@@ -93,11 +93,14 @@ def neighbours(rungs: Sequence[BlindRung], chosen: int) -> list[int]:
 
 
 def confirm(search: Search, rungs: list[BlindRung], pair: Sequence[int]) -> int:
-    """Fit some rungs to all samples, in place; the simplest of them that suffices."""
+    """Fit some rungs to all samples, in place; the simplest of them that suffices, which alone keeps its rows."""
     for index in pair:
         fit = search.fit(rungs[index].fit.state, rungs[index].fit.l_max)
         rungs[index] = cross_validate(model_name(fit), search, fit)
-    return pair[simplest([rungs[index] for index in pair])]
+    chosen = pair[simplest([rungs[index] for index in pair])]
+    for index in pair:
+        rungs[index] = rungs[index] if index == chosen else without_rows(rungs[index])
+    return chosen
 
 
 def without_rows(rung: BlindRung) -> BlindRung:

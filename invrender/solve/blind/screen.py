@@ -123,7 +123,7 @@ def highlight_of(sight: Sight, fit: Fit) -> Floats:
         return np.zeros_like(sight.radiance)
     sent = fit.light[sight.lighting][(fit.l_max + 1) ** 2 :]
     wide = replace(state, sigma=min(FLANKS * state.sigma, SIGMA_RANGE[1]))
-    reach = [source_rows(sight, each).per_specular @ sent for each in (state, wide)]
+    reach = [source_rows(sight, each).lamps_specular @ sent for each in (state, wide)]
     return np.asarray(state.kappa * np.maximum(*reach))
 
 

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from invrender.model.base import base_share, let_through, sky_factors
-from invrender.model.formtable import form_rows
+from invrender.model.formtable import mean_form_rows
 from invrender.model.fresnel import normalised_fresnel
 from invrender.model.lobes import PRINTED, Angles, LobeForm, part_width
-from invrender.model.lobetable import Transfer, specular_rows
+from invrender.model.lobetable import Transfer, lobe_table, mean_lobe_rows, specular_rows
 from invrender.model.visibility import Shadows
 from invrender.solve.blind.places import less_in_common
 from invrender.solve.blind.state import State, turns
@@ -62,7 +62,9 @@ class Sight:
     photos : one or more. field : their samples as one's, which is what all arrays go by. l_max : of the lighting.
     transfer : of the lobe, for all but the sources. rays : the same as one sample per ray. cos : (m,) exitant, of rays.
     diffuse : (n, (l_max + 1)^2), irradiance, which a Lambertian base sends. lighting : number of the lighting that they
-    are under. shadows : of a mesh on itself; None of what has none.
+    are under. shadows : of a mesh on itself; None of what has none. settled : whether searches begin near their end:
+    then rows of RH01's lobe, too, are kept of samples near one state, not of rays between two roughnesses, which take
+    up several times as much.
     """
 
     photos: tuple[LightField, ...]
@@ -74,6 +76,7 @@ class Sight:
     diffuse: Singles
     lighting: int = 0
     shadows: Shadows | None = None
+    settled: bool = False
     _nodes: dict[int, Singles] = defaulted(default_factory=dict, repr=False)
     _last: dict[_Shape, Singles] = defaulted(default_factory=dict, repr=False)
     _free: dict[bytes, Mask] = defaulted(default_factory=dict, repr=False)
@@ -85,6 +88,7 @@ class Sight:
         lighting: int = 0,
         transfer: Transfer = "exact",
         shadows: Shadows | None = None,
+        settled: bool = False,
     ) -> Sight:
         """Prepare photographs for lighting of degree l_max."""
         samples = joined(photos)
@@ -94,11 +98,11 @@ class Sight:
         rays = _one_sample_per_ray(samples)
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
         single = diffuse.astype(np.float32)
-        return Sight(tuple(photos), samples, l_max, transfer, rays, cos, single, lighting, shadows)
+        return Sight(tuple(photos), samples, l_max, transfer, rays, cos, single, lighting, shadows, settled)
 
-    def like(self, photos: Sequence[LightField], l_max: int) -> Sight:
+    def like(self, photos: Sequence[LightField], l_max: int, settled: bool = False) -> Sight:
         """Prepare other samples under the same lighting for another degree."""
-        return Sight.of(photos, l_max, self.lighting, self.transfer, self.shadows)
+        return Sight.of(photos, l_max, self.lighting, self.transfer, self.shadows, settled)
 
     @cached_property
     def radiance(self) -> Floats:
@@ -180,28 +184,33 @@ class Sight:
         return evaluate_harmonics(self.field.normals, self.l_max).astype(np.float32)
 
     @cached_property
-    def _hidden(self) -> Floats:
+    def _hidden(self) -> Singles:
         """Rows (n, (l_max + 1)^2) of the irradiance that a mesh keeps off; one row of zeros of what has no shadows."""
         if self.shadows is None:
-            return np.zeros((1, (self.l_max + 1) ** 2))
-        return self.shadows.hidden_rows(self.field, self.l_max)
+            return np.zeros((1, (self.l_max + 1) ** 2), np.float32)
+        return self.shadows.hidden_rows(self.field, self.l_max).astype(np.float32)
 
     def lobe_rows(self, state: State, l_max: int) -> Singles:
-        """Rows (m, (l_max + 1)^2) of rays over the lighting, of the specular part per unit of Ks."""
-        if state.form is not PRINTED:
+        """Rows (n, (l_max + 1)^2) of samples over the lighting, of the specular part per unit of Ks."""
+        if not self._between(state):
             parts = state.form.parts
             return np.asarray(
                 sum(share * self._at(state, l_max, factor) for share, factor in parts), np.float32
             )
         nodes, weights, _ = self._printed(state.roughness)
         rows = np.tensordot(weights, nodes, 1)[:, : (l_max + 1) ** 2]
-        return np.asarray(rows * normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32))
+        rows *= normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32)
+        return np.asarray(self.field.mean_over_rays(rows))
+
+    def _between(self, state: State) -> bool:
+        """Whether rows are interpolated between two roughnesses."""
+        return state.form is PRINTED and not (self.settled and self.transfer == "exact")
 
     def lobe_slopes(self, state: State, light: Floats) -> tuple[Floats, Floats]:
-        """Derivatives (m, c) of what rays see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
+        """Derivatives (n, c) of what samples see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
         single = light.astype(np.float32)
-        if state.form is not PRINTED:
-            by_sigma, by_mu = np.zeros((2, len(self.cos), light.shape[1]))
+        if not self._between(state):
+            by_sigma, by_mu = np.zeros((2, len(self.field), light.shape[1]))
             for share, factor in state.form.parts:
                 (_, of_sigma, of_mu), *_ = self._form(state, degree_of(len(light)), factor)
                 by_sigma += share * _widens(factor, state.roughness) * (of_sigma @ single)
@@ -211,12 +220,13 @@ class Sight:
         parts = nodes[:, :, : len(light)] @ single
         seen, widened = (np.einsum("j,jmc->mc", w, parts).astype(float) for w in weights)
         fresnel, change = _fresnel(state.mu, self.cos)
-        return fresnel[:, None] * widened, change[:, None] * seen
+        mean = self.field.mean_over_rays
+        return np.asarray(mean(fresnel[:, None] * widened)), np.asarray(mean(change[:, None] * seen))
 
     def number_slope(self, state: State, light: Floats, name: str) -> tuple[Floats, Floats]:
         """Derivatives of what is seen of lighting ((l_max + 1)^2, c) by one of the form's numbers, as `State` has it.
 
-        Of the base, (n, c), and of the lobe, (m, c).
+        Of the base and of the lobe, (n, c) each.
         """
         l_max, base, lobe = degree_of(len(light)), np.zeros((1, 1)), np.zeros((1, 1))
         if name == "coat":
@@ -250,12 +260,12 @@ class Sight:
         return np.asarray(self.field.mean_over_rays(clear.astype(float)) == 1)
 
     def _at(self, state: State, l_max: int, factor: float) -> Singles:
-        """Rows (m, (l_max + 1)^2) of rays of one lobe of a form, so many times as wide as sigma."""
+        """Rows (n, (l_max + 1)^2) of samples of one lobe of a form, so many times as wide as sigma."""
         lobes, *way = self._form(state, l_max, factor)
         return np.tensordot(np.array([1, *way], np.float32), lobes, 1)
 
     def _form(self, state: State, l_max: int, factor: float) -> tuple[Singles, float, float]:
-        """Rows of rays and their slopes, (3, m, k), near a state, and the way to it in log sigma and in log(mu - 1).
+        """Rows of samples and their slopes, (3, n, k), near a state, and the way to it in log sigma and in log(mu - 1).
 
         factor : width of the lobe over sigma. The last are kept: who solves at a state asks for slopes there, and most
         steps of a search are its last, tiny ones.
@@ -269,10 +279,25 @@ class Sight:
                     return lobes, float(wider), float(denser)
         while len(self._last) >= len(state.form.parts):
             del self._last[next(iter(self._last))]
+        self._nodes.clear()
         lobe = state.form.lobe
-        lobes = self._mirrored(form_rows(self.rays, l_max, lobe, state.mu, width))
+        seen = np.ones(1) if self.shadows is None else self.field.reflected_visible
+        if lobe is PRINTED:
+            lobes = self._printed_near(l_max, state.mu, width, seen)
+        else:
+            lobes = mean_form_rows(self.field, l_max, lobe, state.mu, width, seen)
         self._last[lobe, l_max, state.mu, width] = lobes
         return lobes, 0.0, 0.0
+
+    def _printed_near(self, l_max: int, mu: float | None, sigma: float, seen: NDArray[np.generic]) -> Singles:
+        """`mean_form_rows` of RH01's lobe; Fresnel's factor, which goes by the ray alone, is each ray's own."""
+        at_angles = lobe_table(l_max).at_angles(sigma)
+        fresnel, change = _fresnel(mu, self.cos)
+        rows, wider = mean_lobe_rows(self.field, at_angles, fresnel * seen)
+        if mu is None:
+            return np.stack([rows, wider, np.zeros_like(rows)])
+        (denser,) = mean_lobe_rows(self.field, at_angles[:, :1], change * seen)
+        return np.stack([rows, wider, denser])
 
     def _printed(self, sigma: float) -> tuple[Singles, Singles, Singles]:
         """RH01's lobe at the two roughnesses around sigma, and weights that make of them rows and slopes at sigma.
@@ -285,6 +310,7 @@ class Sight:
         if low not in self._nodes:
             both = np.concatenate([self._node(low), self._node(low + 1)])
             self._nodes.clear()
+            self._last.clear()
             self._nodes[low] = both
         t = position - low
         # Hermite's cubics, of values and slopes at both ends.
@@ -314,55 +340,92 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of samples over the coefficients and then the sources, (n, k + j) each.
+    """Rows of samples over the coefficients and then the sources.
 
-    per_diffuse : what a base of unit Kd sends. per_specular : a specular one of unit Ks; one row of zeros without,
-    where kappa is zero. Both are as `Sight.within` leaves them.
+    sky_diffuse, sky_specular : (n, k) over the coefficients: what a base of unit Kd sends, and a specular part of unit
+    Ks. Single precision, as lobes have them: all that grows with the degree. lamps_diffuse, lamps_specular : (n, j)
+    over the sources. The specular ones have one row of zeros without a lobe, where kappa is zero. All are as
+    `Sight.within` leaves them.
     """
 
-    per_diffuse: Floats
-    per_specular: Floats
+    sky_diffuse: Singles
+    sky_specular: Singles
+    lamps_diffuse: Floats
+    lamps_specular: Floats
+
+    @property
+    def per_diffuse(self) -> Floats:
+        """Rows (n, k + j) of the base per unit of Kd, which take up twice what is kept."""
+        return np.hstack([self.sky_diffuse, self.lamps_diffuse])
+
+    @property
+    def per_specular(self) -> Floats:
+        """Rows (n, k + j) of the specular part per unit of Ks; (1, k + j) zeros without a lobe."""
+        return np.hstack([self.sky_specular, self.lamps_specular])
 
     def of_channel(self, kappa: float) -> Floats:
         """Rows (n, k + j) of one channel."""
-        return (1 - kappa) * self.per_diffuse + kappa * self.per_specular
+        rows, share = self.per_diffuse, np.float64(kappa)
+        rows *= 1 - share
+        if len(self.sky_specular) == len(rows):
+            size = self.sky_specular.shape[1]
+            rows[:, :size] += share * self.sky_specular
+            rows[:, size:] += share * self.lamps_specular
+        return rows
+
+    def parts(self, light: Floats) -> tuple[Floats, Floats]:
+        """What samples (n, c) see of light (k + j, c) in a base of unit Kd, and in a specular part of unit Ks."""
+        sky, lamps = np.split(light, [self.sky_diffuse.shape[1]])
+        return (
+            self.sky_diffuse @ sky + self.lamps_diffuse @ lamps,
+            self.sky_specular @ sky + self.lamps_specular @ lamps,
+        )
 
     def radiance(self, kappa: Floats, light: Floats) -> Floats:
         """What samples (n, 3) see of light (k + j, 3)."""
-        return (1 - kappa) * (self.per_diffuse @ light) + kappa * (self.per_specular @ light)
+        diffuse, specular = self.parts(light)
+        return (1 - kappa) * diffuse + kappa * specular
 
     def sums(self, kappa: Floats, values: Floats) -> Floats:
         """Sums (3, k + j, t) over samples of channels' rows times values (3, n, t)."""
         abreast = np.hstack(list(values))
         split = (-1, *values.shape[::2])
-        diffuse, specular = (
-            np.moveaxis((of.T @ abreast).reshape(split), 1, 0) if len(of) == len(abreast) else np.zeros(1)
-            for of in (self.per_diffuse, self.per_specular)
-        )
+
+        def summed(sky: Singles, lamps: Floats) -> Floats:
+            if len(sky) != len(abreast):
+                return np.zeros(1)
+            both = np.vstack([sky.T @ abreast, lamps.T @ abreast])
+            return np.moveaxis(both.reshape(split), 1, 0)
+
+        diffuse = summed(self.sky_diffuse, self.lamps_diffuse)
+        specular = summed(self.sky_specular, self.lamps_specular)
         share = kappa[:, None, None]
         return np.asarray((1 - share) * diffuse + share * specular)
 
 
 def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
     """Rows at a state, over lighting of degree l_max <= the sight's."""
-    mean, free = sight.field.mean_over_rays, sight.free(state.directions)
-    falling = mean(_falling(sight, state.directions, state) * free)
-    diffuse = np.hstack([sight.base_rows(state, l_max), falling])
-    if state.sigma is None:
-        return Rows(sight.within(diffuse), np.zeros((1, diffuse.shape[1])))
-    highlights = mean(_highlights(sight, state.directions, state) * free)
-    lobe = np.hstack([mean(sight.lobe_rows(state, l_max)), highlights])
-    return Rows(sight.within(diffuse), sight.within(lobe))
+    base = sight.within(np.asarray(sight.base_rows(state, l_max), np.float32))
+    lobe: Singles = np.zeros((1, base.shape[1]), np.float32)
+    if state.sigma is not None:
+        lobe = sight.within(sight.lobe_rows(state, l_max))
+    return Rows(base, lobe, *_lamp_rows(sight, state))
 
 
 def source_rows(sight: Sight, state: State) -> Rows:
     """`rows_of` over the state's sources alone, (n, j) each."""
+    falling, highlights = _lamp_rows(sight, state)
+    none = np.zeros((len(falling), 0), np.float32)
+    return Rows(none, none[: len(highlights)], falling, highlights)
+
+
+def _lamp_rows(sight: Sight, state: State) -> tuple[Floats, Floats]:
+    """Rows (n, j) over a state's sources, of the base and of the specular part; (1, j) zeros of this without a lobe."""
     mean, free = sight.field.mean_over_rays, sight.free(state.directions)
-    falling = mean(_falling(sight, state.directions, state) * free)
+    falling = sight.within(mean(_falling(sight, state.directions, state) * free))
     if state.sigma is None:
-        return Rows(sight.within(falling), np.zeros((1, falling.shape[1])))
-    highlights = mean(_highlights(sight, state.directions, state) * free)
-    return Rows(sight.within(falling), sight.within(highlights))
+        return falling, np.zeros((1, falling.shape[1]))
+    return falling, sight.within(mean(_highlights(sight, state.directions, state) * free))
 
 
 def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
@@ -383,22 +446,23 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     by_turn = (1 - kappa) * mean(slopes)[..., None]
     columns = []
     if state.sigma is not None:
-        columns.append(rows.per_specular @ light - rows.per_diffuse @ light)
+        diffuse, specular = rows.parts(light)
+        columns.append(specular - diffuse)
         by_sigma, by_mu = sight.lobe_slopes(state, coefficients)
         highlights, of_sigma, of_mu = _with_slopes(sight, state)
-        by_sigma += (of_sigma * free) @ irradiances
-        by_mu += (of_mu * free) @ irradiances
+        by_sigma += mean((of_sigma * free) @ irradiances)
+        by_mu += mean((of_mu * free) @ irradiances)
         if state.mu is not None:
             denser = (_falling(sight, state.directions, state, _denser(state.mu)) - falling) / _STEP
             base = sight.base_slope(state, coefficients) + mean(denser * free) @ irradiances
-            columns.append(sight.within(kappa * mean(by_mu) + (1 - kappa) * base))
-        columns.append(sight.within(kappa * mean(by_sigma)))
+            columns.append(sight.within(kappa * by_mu + (1 - kappa) * base))
+        columns.append(sight.within(kappa * by_sigma))
         for name in state.form.numbers:
             base, lobe = sight.number_slope(state, coefficients, name)
             more = replace(state, form=_more(state.form, name))
             lit = (_falling(sight, state.directions, more) - falling) / _STEP * free
             shown = (_highlights(sight, state.directions, more) - highlights) / _STEP * free
-            of_lobe = mean(lobe + shown @ irradiances)
+            of_lobe = lobe + mean(shown @ irradiances)
             columns.append(sight.within(kappa * of_lobe + (1 - kappa) * (base + mean(lit) @ irradiances)))
         slopes = (_highlights(sight, ends, state).reshape(turned.shape) - highlights[..., None]) / _STEP
         # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.

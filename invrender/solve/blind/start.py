@@ -161,9 +161,12 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
     return np.array(peaks).reshape(-1, 3)
 
 
-def of_degree(search: Search, l_max: int) -> Search:
-    """The same, prepared for lighting of another degree."""
-    sights = [sight if sight.l_max == l_max else sight.like(sight.photos, l_max) for sight in search.sights]
+def of_degree(search: Search, l_max: int, settled: bool = False) -> Search:
+    """The same, prepared for lighting of another degree; settled : as of `Sight`."""
+    sights = [
+        sight if (sight.l_max, sight.settled) == (l_max, settled) else sight.like(sight.photos, l_max, settled)
+        for sight in search.sights
+    ]
     return replace(search, sights=sights)
 
 
