@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 # Of what is left beyond noise, the share that a cause must explain to be named, and by how much more than one of fewer
 # numbers to be preferred to it.
-_NAMED, _MORE = 0.4, 0.05
+_NAMED, _MORE = 0.35, 0.05
 # Of what the best candidate explains to the first order, the share from which on another is looked at closely.
 _LIKELY = 0.5
 # Share that a cause which is linear must explain for none to be looked at closely.

@@ -164,7 +164,9 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
 def of_degree(search: Search, l_max: int, settled: bool = False) -> Search:
     """The same, prepared for lighting of another degree; settled : as of `Sight`."""
     sights = [
-        sight if (sight.l_max, sight.settled) == (l_max, settled) else sight.like(sight.photos, l_max, settled)
+        sight
+        if (sight.l_max, sight.settled) == (l_max, settled)
+        else sight.like(sight.photos, l_max, settled)
         for sight in search.sights
     ]
     return replace(search, sights=sights)
