@@ -61,7 +61,12 @@ def form_rows(field: LightField, l_max: int, form: LobeForm, mu: float | None, s
 
 
 def mean_form_rows(
-    field: LightField, l_max: int, form: LobeForm, mu: float | None, sigma: float, seen: NDArray[np.generic]
+    field: LightField,
+    l_max: int,
+    form: LobeForm,
+    mu: float | None,
+    sigma: float,
+    seen: NDArray[np.floating] | NDArray[np.bool_],
 ) -> Singles:
     """`form_rows` of samples (3, n, (l_max + 1)^2), means over their rays, of which `seen` (m,) counts, 0 to 1."""
     return mean_lobe_rows(field, _local(l_max, form, mu, sigma), _rise(field, l_max, mu) * seen)

@@ -289,7 +289,9 @@ class Sight:
         self._last[lobe, l_max, state.mu, width] = lobes
         return lobes, 0.0, 0.0
 
-    def _printed_near(self, l_max: int, mu: float | None, sigma: float, seen: NDArray[np.generic]) -> Singles:
+    def _printed_near(
+        self, l_max: int, mu: float | None, sigma: float, seen: NDArray[np.floating] | NDArray[np.bool_]
+    ) -> Singles:
         """`mean_form_rows` of RH01's lobe; Fresnel's factor, which goes by the ray alone, is each ray's own."""
         at_angles = lobe_table(l_max).at_angles(sigma)
         fresnel, change = _fresnel(mu, self.cos)
