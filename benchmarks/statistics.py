@@ -50,8 +50,10 @@ def _table(light: str, photos: list[PhotoColumns], weights: list[Floats]) -> Non
         {
             "product": lambda: _bare(photos, weights),
             "pass": lambda: by_lighting(weighted_statistics(photos, weights)),
-            "cost": lambda: estimate_at(model, statistics, coordinates(best)),
-            "step": lambda: newton_steps(model, subsets, coordinates(best)[None], *bounds_of(model)),
+            "cost": lambda: estimate_at(model, statistics, coordinates(best.model, best.brdf)),
+            "step": lambda: newton_steps(
+                model, subsets, coordinates(best.model, best.brdf)[None], *bounds_of(model)
+            ),
             "fit": lambda: fit(model, statistics),
         }
     )
