@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 # 60 photographs of a thousand samples: what `process` takes by default.
 _PHOTOS, _SAMPLES, _ROUNDS = 60, 1000, 9
-_SIZE = 141
+_SIZE = 190
 
 
 def main(count: int) -> None:
