@@ -24,8 +24,8 @@ from invrender.theory.specialcases import lobe
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# A quarter of the narrowest lobe.
-_FIRST_RING = 0.00133
+# Where rings are counted from, and how much farther in they begin, in the logarithm: a quarter of the narrowest lobe.
+_FIRST_RING, _INNER = 0.004, 1.1
 _RAYS_PER_CHUNK = 1024
 PAD = 2
 # Turns one ring against the next so that azimuths never line up.
@@ -110,7 +110,7 @@ def chunks(
     """Rays in chunks: which, their frames, and the rings' angles and azimuths to start at."""
     rng = np.random.default_rng(0)
     log_step = light.fineness.log_step
-    place = np.arange(int(np.ceil(np.log(np.pi / 2 / _FIRST_RING) / log_step)))
+    place = np.arange(-round(_INNER / log_step), int(np.ceil(np.log(np.pi / 2 / _FIRST_RING) / log_step)))
     for start in range(0, len(normals), _RAYS_PER_CHUNK):
         part = slice(start, start + _RAYS_PER_CHUNK)
         shift, turn = rng.random(2)
