@@ -50,8 +50,8 @@ def find_warnings(
         unknown = "" if causes else f" {NO_CAUSE}"
         warnings.append(
             f"What is left unexplained is not only noise: {solution.structured:.1%} of the radiance (RMS) hangs"
-            f" together over parts of the photographs.{unknown} The error bars are widened by as much, since nothing"
-            " tells in which direction it pulls."
+            f" together over parts of the photographs.{unknown} The error bars hold what it moves between"
+            " photographs, and between forms that explain as well."
         )
     strays = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
     if strays > _STRAYS:

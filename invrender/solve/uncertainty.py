@@ -121,7 +121,6 @@ def uncertainty_of(
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
     by_area: dict[int, Floats] = {}
-    by_brightness: dict[int, Floats] = {}
     by_level: dict[int, Floats] = {}
     fields = [photo.field for photo in photos]
     levels = np.quantile(
@@ -150,10 +149,9 @@ def uncertainty_of(
             by_patch[patch] = by_patch.get(patch, 0) + score
         for area, score in sums_by(patch_of(photo.field, _AREAS_PER_UNIT), scores).items():
             by_area[area] = by_area.get(area, 0) + score
-        for level, score in sums_by(np.searchsorted(levels, predicted.mean(axis=1)), scores).items():
-            by_brightness[level] = by_brightness.get(level, 0) + score
-        for level, squares in sums_by(np.searchsorted(levels, predicted.mean(axis=1)), known).items():
-            by_level[level] = by_level.get(level, 0) + squares
+        level_of = np.searchsorted(levels, predicted.mean(axis=1))
+        for level, sums in sums_by(level_of, np.hstack([scores[:, :size], known])).items():
+            by_level[level] = by_level.get(level, 0) + sums
     prior = np.zeros(size)
     for name, std in PRIOR_STD.items():
         if name in parameters.places:
@@ -173,7 +171,7 @@ def uncertainty_of(
         fragility = np.maximum(fragility, np.sqrt(_pull(moved / reduced, clusters[:, size:])))
     root = np.sqrt(ratio)
     covariance = independent * np.outer(root, root)
-    apart = derivative @ _halves_apart(by_brightness, by_level, parameters, reduced)
+    apart = derivative @ _halves_apart(by_level, parameters, reduced)
     return Uncertainty(covariance + np.outer(apart, apart), fragility)
 
 
@@ -182,21 +180,17 @@ def _pull(moved: Floats, clusters: Floats) -> Floats:
     return np.asarray(len(clusters) / max(len(clusters) - 1, 1) * ((moved @ clusters.T) ** 2).sum(axis=1))
 
 
-def _halves_apart(
-    scores: Mapping[int, Floats], information: Mapping[int, Floats], parameters: Parameters, reduced: float
-) -> Floats:
+def _halves_apart(sums: Mapping[int, Floats], parameters: Parameters, reduced: float) -> Floats:
     """Half of what Kd of dark samples differs by from that of bright ones, in the parameters' layout; 0 within chance.
 
-    What all photographs have in common, as a wrong black level or a curve, shows between the two only. scores,
-    information : per level of brightness, sums of weighted residuals and of squares, of each parameter, (p,) and (p,).
+    What all photographs have in common, as a wrong black level or a curve, shows between the two only. sums :
+    per level of brightness, (2 p,), of weighted residuals and of weighted squares of each parameter.
     """
     result = np.zeros(len(parameters.vector))
-    if len(scores) < 2:
+    if len(sums) < 2:
         return result
     kd = parameters.places["kd"]
-    levels = sorted(scores)
-    own = np.array([scores[level][kd] for level in levels])
-    known = np.array([information[level][kd] for level in levels])
+    own, known = (half[:, kd] for half in np.hsplit(np.array([sums[level] for level in sorted(sums)]), 2))
     # Halves of what is known of each channel.
     share = np.cumsum(known, axis=0) / np.maximum(known.sum(axis=0), 1e-300)
     dark = share <= np.maximum(0.5, share[0])
