@@ -192,7 +192,8 @@ def _ladder(result: Factorization) -> str:
 
 
 _MOST_MODELS = 5
-_LABELS = {"kd": "Kd", "ks": "Ks", "spread": "haze / core width"}
+_LABELS = {"kd": "Kd", "ks": "Ks", "spread": "haze / core width", "beyond": "share beyond sigma"}
+_LABELS |= {f"beyond_{width}": f"of that, beyond {width} sigma" for width in (2, 4, 8)}
 _UNITS = {"kd": " (1/sr)", "sigma": " (rad)"}
 
 

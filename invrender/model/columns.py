@@ -23,7 +23,7 @@ from capture.parallel import parallel_map
 from invrender.model.base import base_columns, base_size, base_weights
 from invrender.model.form_transfer import FresnelFunctions, OneIndex, forms_transfer
 from invrender.model.fresnel import FresnelBasis
-from invrender.model.lobes import PRINTED, LobeForm, part_width
+from invrender.model.lobes import PRINTED, LobeForm, Numbers, part_width
 from invrender.model.microfacet import sigma_nodes, sigma_weights
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Rays, Shadows, seen_specular
@@ -191,9 +191,6 @@ def columns_of_forms(
     return {form: [found[k][place] for k in range(len(fields))] for place, form in enumerate(forms)}
 
 
-Numbers = Mapping[str, float | Floats]
-
-
 def specular_weights(
     mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED, numbers: Numbers | None = None
 ) -> Floats:
@@ -201,9 +198,7 @@ def specular_weights(
 
     numbers : the form's own, one or (f,) each; those that it has if None.
     """
-    parts: Sequence[tuple[float | Floats, float | Floats]] = form.parts
-    if numbers is not None and "haze" in numbers:
-        parts = [(1 - numbers["haze"], 1.0), (numbers["haze"], numbers["spread"])]
+    parts = form.parts if numbers is None else form.parts_at(numbers)
     sigma = np.asarray(sigma, float)
     nodes = sum(
         np.asarray(share)[..., None] * sigma_weights(part_width(factor, sigma)) for share, factor in parts

@@ -10,7 +10,7 @@ one width of the highlight.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -22,6 +22,8 @@ from invrender.model.fresnel import normalised_fresnel
 from invrender.theory.specialcases import lobe
 
 Floats = NDArray[np.float64]
+# A form's own, by name, one or (f,) each.
+Numbers = Mapping[str, float | Floats]
 
 _WIDEST_HAZE = 0.3
 # Below, the half-angle's tangent and the secants of grazing light lose all digits.
@@ -83,6 +85,10 @@ class LobeForm:
     def with_numbers(self, numbers: Mapping[str, float]) -> LobeForm:
         """The form of the same family with other numbers, named as in `numbers`."""
         return self
+
+    def parts_at(self, numbers: Numbers) -> Sequence[tuple[float | Floats, float | Floats]]:
+        """`parts` of the form of the same family with other numbers."""
+        return self.parts
 
     @abstractmethod
     def shape(self, angles: Angles, sigma: float | Floats) -> Floats:

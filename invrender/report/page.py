@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from invrender.factorization import FittedLighting, Quantity
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, UNCORRELATED
-from invrender.model.richer import COATED, COATED_HAZY, HAZY
+from invrender.model.richer import COATED, COATED_HAZY, HAZY, TABULATED
 from invrender.pipeline import Prediction, Run
 from invrender.report.causefigure import cause_figure
 from invrender.report.pictures import (
@@ -46,6 +46,10 @@ _NAMES = {
     "coat": ("coat", "share of grazing light that it keeps out"),
     "haze": ("haze", "share of the highlight"),
     "spread": ("spread", "width of the haze over the core's"),
+    "beyond": ("share beyond σ", "of the highlight, in lobes wider than σ"),
+    "beyond_2": ("share beyond 2σ", "of that, in lobes wider than 2σ"),
+    "beyond_4": ("share beyond 4σ", "of that, in lobes wider than 4σ"),
+    "beyond_8": ("share beyond 8σ", "of that, in lobes wider than 8σ"),
     "exponent": ("s", "Phong's exponent"),
     "albedo": ("albedo", "π K<sub>d</sub>"),
     "kd_normalised": ("K<sub>d</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),
@@ -72,6 +76,10 @@ _FORMS |= {
     hazy: f"{_FORMS[form]}, with a haze around the core"
     for richer in (HAZY, {COATED[form]: both for form, both in COATED_HAZY.items()})
     for form, hazy in richer.items()
+}
+_FORMS |= {
+    table: f"{_FORMS[form if form.interface else COATED[form]]}; normals tabulated: a sum of lobes, no formula"
+    for form, table in TABULATED.items()
 }
 
 

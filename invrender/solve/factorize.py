@@ -15,6 +15,7 @@ from invrender.model.columns import PhotoColumns
 from invrender.model.half_vectors import is_rough
 from invrender.model.lobes import PHONG, LobeForm, phong_exponent
 from invrender.model.predict import predict_photos
+from invrender.model.richer import core
 from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
 from invrender.solve.explanation import Explanation, explain, refitted
@@ -203,15 +204,23 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
 
 
 def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
-    """What a number of a form with a haze is multiplied by to compare with one of a form that has a core alone."""
-    if "haze" not in there.report.places or "haze" in here.report.places:
+    """What a number of one form is multiplied by to compare with another's, where forms are sums of several lobes.
+
+    Widths are compared by the forms' cores; Ks too if only one of the forms has more than a core.
+    """
+    theirs, ours = (found.report.parameters.brdf(found.report.parameters.vector) for found in (there, here))
+    if theirs.sigma is None or ours.sigma is None:
         return np.ones(1)
-    haze = float(there.values[there.report.places["haze"]][0])
+    (share, width), (_, own_width) = core(theirs.form, theirs.sigma), core(ours.form, ours.sigma)
+    if name == "sigma":
+        return np.array([width / own_width])
+    if len(ours.form.parts) > 1:
+        return np.ones(1)
     if name == "ks":
-        return np.array([1 - haze])
+        return np.array([share])
     if name in ("ks_normalised", "kd_normalised"):
-        rest = 1 - haze * there.values[there.report.places["ks_normalised"]]
-        return np.asarray((1 - haze if name == "ks_normalised" else 1) / rest)
+        rest = 1 - (1 - share) * there.values[there.report.places["ks_normalised"]]
+        return np.asarray((share if name == "ks_normalised" else 1) / rest)
     return np.ones(1)
 
 

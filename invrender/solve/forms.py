@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.columns import PhotoColumns, columns_of_forms
-from invrender.model.lobes import PRINTED, UNCORRELATED, LobeForm, Smith
-from invrender.model.richer import COATED, COATED_HAZY, HAZY, Richer
+from invrender.model.lobes import BECKMANN, PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.model.richer import COATED, COATED_HAZY, HAZY, TABULATED, Richer
 from invrender.model.transfer import LightElement
 from invrender.solve.evidence import Rung, climb_ladder, patches_of
 from invrender.solve.models import Model
@@ -81,9 +81,10 @@ def try_forms(
 
 
 def kin(form: Smith) -> tuple[LobeForm, ...]:
-    """Forms that differ from one of facets by what they hide, the base, or a haze."""
+    """Forms that differ from one of facets by what they hide, the base, a haze, or a distribution without formula."""
     lobe = form.lobe
-    return UNCORRELATED[form], COATED[lobe], HAZY[form], COATED_HAZY[lobe]
+    tables = TABULATED.values() if form.interface else (TABULATED[BECKMANN],)
+    return UNCORRELATED[form], COATED[lobe], HAZY[form], COATED_HAZY[lobe], *tables
 
 
 def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:

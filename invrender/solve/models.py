@@ -12,7 +12,7 @@ from invrender.model.columns import column_weights
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE, Microfacet
-from invrender.model.richer import FIRST_NUMBER, NUMBER_RANGE
+from invrender.model.richer import FIRST_NUMBER, NUMBER_RANGE, SHARES_BEYOND
 from invrender.solve.linear import LinearPart, reduce_statistics, solve_linear
 from invrender.solve.statistics import Statistics, Subsets
 
@@ -138,6 +138,7 @@ _COORDINATE: Mapping[str, Callable[[float], float]] = {
     "coat": float,
     "haze": float,
     "spread": np.log,
+    **dict.fromkeys(SHARES_BEYOND, float),
 }
 _VALUE: Mapping[str, Callable[[Floats], Floats]] = {
     "sigma": np.exp,
@@ -145,5 +146,6 @@ _VALUE: Mapping[str, Callable[[Floats], Floats]] = {
     "coat": np.asarray,
     "haze": np.asarray,
     "spread": np.exp,
+    **dict.fromkeys(SHARES_BEYOND, np.asarray),
 }
 _FIRST_MU = 1.5

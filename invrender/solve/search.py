@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm
+from invrender.model.richer import FIRST_NUMBER, SHARES_BEYOND
 from invrender.solve.models import Estimate, Model, bounds_of, coordinates, estimates, solved
 from invrender.solve.newton import SMALL, gauss_newton
 from invrender.solve.statistics import Statistics, Subsets, with_known_as_one
@@ -93,8 +94,10 @@ def _grid(model: Model) -> Floats:
     """Coordinates (g, n) that a search starts at the best of."""
     lower, upper = bounds_of(model)
     sigma, mu = _axes(lower, upper)
-    own: dict[str, Iterable[float]] = {"coat": [0.5], "haze": [0.25], "spread": np.log([2.5, 6.0])}
-    axes: dict[str, Iterable[float]] = {"sigma": sigma, "mu": mu, **own}
+    own = {name: [value] for name, value in FIRST_NUMBER.items()}
+    # Between shares of lobes there are several minima.
+    own |= {name: [0.2, 0.8] for name in SHARES_BEYOND}
+    axes: dict[str, Iterable[float]] = {"sigma": sigma, "mu": mu, **own, "spread": np.log([2.5, 6.0])}
     return np.array(list(product(*[axes[name] for name in model.coordinates])))
 
 
