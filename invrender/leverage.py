@@ -33,8 +33,8 @@ from recon.sampling import Importance
 
 Floats = NDArray[np.float64]
 
-# The first fit's photographs, and the samples of each.
-_PHOTOS, _SAMPLES = 8, 500
+# The first fit's photographs, and the samples of each; under a map, which takes long, fewer.
+_PHOTOS, _SAMPLES, _SAMPLES_OF_MAPS = 8, 500, 60
 # Widths that are looked for before anything is known.
 _WIDTHS = (0.01, 0.03, 0.1)
 # Step in the logarithm of the width, and sources of a lighting that count, the strongest.
@@ -57,7 +57,9 @@ def importances(
     few = replace(photoset, photos=tuple(chosen))
     sources = {name: lighting.directions for name, lighting in lightings.items()}
     narrow = {name: _at_any_width(own) for name, own in lit.items()}
-    fields, _ = read_samples(few, specimen.found, sources, _SAMPLES * len(chosen), clock, silent, narrow)
+    mapped = any(element.slow_map is not None for photo in chosen for element in lit[photo.lighting])
+    samples = (_SAMPLES_OF_MAPS if mapped else _SAMPLES) * len(chosen)
+    fields, _ = read_samples(few, specimen.found, sources, samples, clock, silent, narrow)
     with clock.on("invrender"):
         photos = all_columns(
             [photo.lighting for photo in chosen],

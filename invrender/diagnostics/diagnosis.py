@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 # Of what is left beyond noise, the share that a cause must explain to be named, and by how much more than one of fewer
 # numbers to be preferred to it.
-_NAMED, _MORE = 0.35, 0.05
+_NAMED, _MORE = 0.4, 0.05
 # Of what the best candidate explains to the first order, the share from which on another is looked at closely.
 _LIKELY = 0.5
 # Share that a cause which is linear must explain for none to be looked at closely.
@@ -66,16 +66,25 @@ def diagnose(scene: Remainders, in_any_case: bool = False) -> Diagnosis | None:
 
     in_any_case : whether to look for causes of however little.
     """
+    total = sum(float((p.weight * p.field.radiance**2).sum()) for p in scene.photos)
+
+    def beyond_noise(energy: Floats, noise: Floats) -> tuple[float, bool]:
+        """What is left beyond noise, RMS relative to the radiance, and whether it asks for a cause."""
+        left = float(np.sqrt(max((energy - noise).sum(), 0) / total))
+        return left, left > max(_NOTABLE, _OF_NOISE * float(np.sqrt(noise.sum() / total)))
+
+    as_fitted = tuple(photo.residual for photo in scene.photos)
+    energy = [(p.weight * p.residual**2).sum() for p in scene.photos]
+    if not in_any_case and not beyond_noise(np.array(energy), _noise(scene, as_fitted))[1]:
+        return None
     findings: list[Finding] = []
     shares: dict[str, float] = {}
     unexplained, rest = 0.0, scene
     for _ in range(_MOST):
         base = fit_cause(rest, no_cause(rest), light_columns(rest), (rest.few, light_columns(rest.few)))
-        noise = _noise(rest, base)
-        total = sum(float((p.weight * p.field.radiance**2).sum()) for p in scene.photos)
+        noise = _noise(rest, base.left)
         beyond = base.energy - noise
-        left = float(np.sqrt(max(beyond.sum(), 0) / total))
-        notable = left > max(_NOTABLE, _OF_NOISE * float(np.sqrt(noise.sum() / total)))
+        left, notable = beyond_noise(base.energy, noise)
         if not findings:
             unexplained = left
             if not notable and not (in_any_case and beyond.sum() > 0):
@@ -112,10 +121,10 @@ def _fits(scene: Remainders, base: CauseFit, beyond: float) -> list[CauseFit]:
     return found
 
 
-def _noise(scene: Remainders, base: CauseFit) -> Floats:
-    """Weighted squares (photos,) that noise alone leaves."""
-    left = zip(scene.photos, base.left, strict=True)
-    return np.array([noise_energy(photo.field, own * np.sqrt(photo.weight)) for photo, own in left])
+def _noise(scene: Remainders, left: Sequence[Floats]) -> Floats:
+    """Weighted squares (photos,) that noise alone leaves of residuals (n, 3) per photograph."""
+    pairs = zip(scene.photos, left, strict=True)
+    return np.array([noise_energy(photo.field, own * np.sqrt(photo.weight)) for photo, own in pairs])
 
 
 def _best(fits: Sequence[CauseFit], shares: dict[str, float], base: CauseFit) -> Finding | None:

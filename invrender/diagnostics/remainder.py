@@ -34,7 +34,7 @@ _KEPT, _KEPT_MEAN = 0.95, 0.759
 
 Rest = Callable[[Microfacet, LightField], tuple[Floats, Floats]]
 # Of the last so many BRDFs and fields of one lighting it is kept what they reflect: most alterations leave both alone.
-_KEPT_RESTS = 256
+_KEPT_RESTS = 4096
 
 
 def remembered(rest: Rest) -> Rest:

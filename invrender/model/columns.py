@@ -111,7 +111,11 @@ def _photo_columns(
     lobes = list(dict.fromkeys(form.lobe for form in forms))
     size = len(specular_weights(None, nodes[0], forms[0]))
     shape = channels, len(field), len(elements)
-    found = [np.empty((*shape, base_size(form) + size), np.float32) for form in forms]
+    # By lobe and size of the base, which tells the kinds of base apart; forms that share both share columns.
+    found = {
+        (form.lobe, base_size(form)): np.empty((*shape, base_size(form) + size), np.float32) for form in forms
+    }
+    bases = {base_size(form): form for form in forms}
     place = np.arange(len(field))
     for start in range(0, len(field), _SAMPLES_AT_A_TIME):
         block = slice(start, start + _SAMPLES_AT_A_TIME)
@@ -124,21 +128,20 @@ def _photo_columns(
 
             specular = seen_specular(element, sight, gather)
             means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
-            # By their size, which tells the kinds of base apart.
             below: dict[int, NDArray[np.floating]] = {}
-            if diffuse is not None:
-                below[1] = diffuse[:, block, e, None]
-            for form, columns in zip(forms, found, strict=True):
-                first = base_size(form)
-                if first not in below:
+            for first, form in bases.items():
+                if first == 1 and diffuse is not None:
+                    below[1] = diffuse[:, block, e, None]
+                else:
                     base = base_columns(form, element, part.normals, part.views, sight)
                     below[first] = part.mean_over_rays(base).transpose(2, 0, 1)
+            for (lobe, first), columns in found.items():
                 columns[:, block, e, :first] = below[first]
-                columns[:, block, e, first:] = means[:, lobes.index(form.lobe)].transpose(2, 0, 1)
+                columns[:, block, e, first:] = means[:, lobes.index(lobe)].transpose(2, 0, 1)
     names = tuple(element.name for element in elements)
     return [
-        PhotoColumns(lighting, names, columns, field, form, shadows)
-        for columns, form in zip(found, forms, strict=True)
+        PhotoColumns(lighting, names, found[form.lobe, base_size(form)], field, form, shadows)
+        for form in forms
     ]
 
 

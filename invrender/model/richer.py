@@ -136,3 +136,13 @@ TABULATED = {
     PLASTICS[BECKMANN]: _family(PLASTICS[BECKMANN], *SHARES_BEYOND),
 }
 RICHER = {form.name: form for each in (COATED, HAZY, COATED_HAZY, TABULATED) for form in each.values()}
+
+
+def extended(form: Smith) -> tuple[Richer, ...]:
+    """What a form of facets extends to: on a coated base, with a haze, with both."""
+    return COATED[form.lobe], HAZY[form], COATED_HAZY[form.lobe]
+
+
+def tabulated(form: Smith) -> tuple[Richer, ...]:
+    """Distributions of normals without a formula, above the bases that a form of facets may have."""
+    return tuple(TABULATED.values()) if form.interface else (TABULATED[BECKMANN],)

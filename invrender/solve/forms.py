@@ -7,15 +7,16 @@ share of the noise too small for them, numbers differ by less than their error b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invrender.model.columns import PhotoColumns, columns_of_forms
-from invrender.model.lobes import BECKMANN, PRINTED, UNCORRELATED, LobeForm, Smith
-from invrender.model.richer import COATED, COATED_HAZY, HAZY, TABULATED, Richer
+from invrender.model.lobes import PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.model.richer import Richer, extended, tabulated
 from invrender.model.transfer import LightElement
 from invrender.solve.evidence import Rung, climb_ladder, patches_of
 from invrender.solve.models import Model
@@ -28,6 +29,10 @@ from invrender.solve.weighing import weigh
 _SAMPLES = 1500
 # Photographs with fewer are not worth their part.
 _FEWEST = 20
+# Variances of the noise by which the cost must fall for a form of more numbers to be tried: three standard deviations.
+_TELLING = 9.0
+# Times the least cost up to which facets that hide light and viewer apart are tried beside those that do it together.
+_NEAR = 2.0
 
 Elements = Mapping[str, Sequence[LightElement]]
 
@@ -56,35 +61,40 @@ def try_forms(
 ) -> dict[LobeForm, Trial]:
     """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's.
 
-    Beside `OTHER_FORMS` those that the best of them may be a part of (`kin`). The noise is read off the residuals of
-    the form that fits best: what another misses is no noise. `on_step` is called `len(OTHER_FORMS)` times at most.
+    Beside `OTHER_FORMS` those that the best of facets extends to, where they fit better, and the same with light
+    and viewer hidden apart. The noise is read off the residuals of the form that fits best: what another misses is no
+    noise. `on_step` is called `len(OTHER_FORMS)` times at most.
     """
-    kept = [_share(photo, sum(len(p.field) for p in photos)) for photo in photos]
+    kept = [_share(photo, _count(photos)) for photo in photos]
     share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
     columns: dict[LobeForm, list[PhotoColumns]] = {PRINTED: share}
-    for group in together(OTHER_FORMS):
+    single = [form for form in OTHER_FORMS if isinstance(form, Smith)]
+    # Made of the same lobes, they share their columns.
+    richer = {form: (*extended(form), *tabulated(form)) for form in single}
+    for group in together((*OTHER_FORMS, *chain.from_iterable(richer.values()))):
         columns |= columns_of(group, share, elements)
         on_step()
     first = [Weights(w.trust[keep], w.weight[keep]) for w, keep in zip(weights, kept, strict=True)]
-    costs = {form: _cost(models_of(form)[-1], part, first) for form, part in columns.items()}
-    facets = min((form for form in costs if isinstance(form, Smith)), key=lambda form: costs[form])
-    more = columns_of(kin(facets), share, elements)
-    columns |= more
-    costs |= {form: _cost(models_of(form)[-1], part, first) for form, part in more.items()}
+
+    def costs_of(forms: Iterable[LobeForm]) -> dict[LobeForm, float]:
+        return {form: _cost(models_of(form)[-1], columns[form], first) for form in forms}
+
+    costs = costs_of((PRINTED, *OTHER_FORMS))
+    facets = min(single, key=lambda form: costs[form])
+    telling = min(costs.values()) * (1 - _TELLING / (3 * _count(share)))
+    costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < telling}
+    if costs[facets] < _NEAR * min(costs.values()):
+        apart = UNCORRELATED[facets]
+        columns |= columns_of((apart,), share, elements)
+        costs |= costs_of((apart,))
     best = min(costs, key=lambda form: costs[form])
     own = weigh(columns[best], models_of(best)[-1], first)[1]
     patches = patches_of(photos)
     return {
         form: Trial(climb_ladder(part, own, models=models_of(form), patches=patches), tuple(part), tuple(own))
         for form, part in columns.items()
+        if form in costs
     }
-
-
-def kin(form: Smith) -> tuple[LobeForm, ...]:
-    """Forms that differ from one of facets by what they hide, the base, a haze, or a distribution without formula."""
-    lobe = form.lobe
-    tables = TABULATED.values() if form.interface else (TABULATED[BECKMANN],)
-    return UNCORRELATED[form], COATED[lobe], HAZY[form], COATED_HAZY[lobe], *tables
 
 
 def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:
@@ -124,6 +134,10 @@ def beside(reference: Rung, tried: Rung, own: Rung) -> Rung:
         photo_errors=np.sqrt(np.maximum(squares, 0.01 * reference.photo_errors**2)),
         patch_energy=reference.patch_energy + tried.patch_energy - own.patch_energy,
     )
+
+
+def _count(photos: Sequence[PhotoColumns]) -> int:
+    return sum(len(photo.field) for photo in photos)
 
 
 def _share(photo: PhotoColumns, total: int) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from invrender.model.lobes import FORMS, GGX_FORM, PLASTICS, PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.model.richer import extended
 from invrender.solve.blind.lampcount import brightest_each, is_endless
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung, as_good, cross_validate
@@ -17,11 +18,10 @@ from invrender.solve.blind.sources import Found, examined, find_sources, off_bor
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import State
 from invrender.solve.evidence import CLEARLY_WORSE
-from invrender.solve.forms import kin
 
-# Forms that a lobe is tried as; beside the best of facets its kin, if RH01's isn't as good.
+# Forms that a lobe is tried as; beside the best of facets what it extends to, if RH01's isn't as good.
 FIRST_FORMS = (*FORMS.values(), *PLASTICS.values())
-MOST_FORMS = len(FIRST_FORMS) + len(kin(GGX_FORM))
+MOST_FORMS = len(FIRST_FORMS) + 1 + len(extended(GGX_FORM))
 # From another's best answer, after which forms differ by far more than they still gain; in the dark, where they take no
 # time, until they are there.
 _ITERATIONS, _IN_THE_DARK, _FEW = 2, 6, 10
@@ -64,7 +64,7 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
         # Those that hold it must not be better for having gone on for longer.
         trying([facets], rungs[facets].fit)
         # Beside lamps alone there is no light that could take up what a coat or a haze explains.
-        trying([UNCORRELATED[facets]] if l_max else kin(facets), rungs[facets].fit)
+        trying([UNCORRELATED[facets], *(() if l_max else extended(facets))], rungs[facets].fit)
     chosen = _simplest(rungs)
     others = tuple(rung.fit.state for form, rung in rungs.items() if form is not chosen)
     if chosen is not own.state.form.family and not l_max:
