@@ -21,10 +21,25 @@ def frozen_view(values: ArrayLike, dtype: DTypeLike) -> NDArray[Any]:
 
 
 def frozen_array(values: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """A read-only copy: `frozen=True` alone does not protect what is inside an array."""
+    """A read-only copy: `frozen=True` alone does not protect what is inside an array.
+
+    What is read-only already, down to its memory, is shared.
+    """
+    if isinstance(values, np.ndarray) and values.dtype == dtype and _is_frozen(values):
+        return values
     array = np.array(values, dtype=dtype)
     array.flags.writeable = False
     return array
+
+
+def _is_frozen(array: NDArray[Any]) -> bool:
+    """Whether nothing can write into an array: neither itself nor what it is a view of."""
+    base: object = array
+    while isinstance(base, np.ndarray):
+        if base.flags.writeable:
+            return False
+        base = base.base
+    return base is None
 
 
 # Memory of large images that may be written again once nobody refers to it.

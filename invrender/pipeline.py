@@ -33,8 +33,8 @@ from recon.sampling import NO_SOURCES, WHOLE, samples_around, samples_at
 DEFAULT_SAMPLES = 60_000
 # Places in a pixel at the outline that rays go through, in parts of it.
 _WITHIN = (np.stack(np.meshgrid(*2 * [np.arange(8)]), axis=-1).reshape(-1, 2) + 0.5) / 8
-# Predictions go through a photograph in blocks of this many pixels: memory stays small for large ones.
-_PIXELS_AT_A_TIME = 20_000
+# Predictions go through a photograph in blocks of this many pixels, or rays at its outline: memory stays small.
+_PIXELS_AT_A_TIME, _RAYS_AT_A_TIME = 4_000, 32_000
 # About how many pixels an object has in predictions, what is around it included: one of 12 megapixels would show no
 # more on a page, and take minutes.
 _PREDICTED = 200_000
@@ -121,7 +121,11 @@ class Run:
             if self.result.textures is None:
                 rows, columns = body_pixels(body, photo.camera, outline=True)
                 rows, columns = rows[own[rows, columns]], columns[own[rows, columns]]
-                predicted[rows, columns] = self._at_outline(photo, observed, rows, columns)
+                for part in np.array_split(
+                    np.arange(len(rows)), len(rows) * len(_WITHIN) // _RAYS_AT_A_TIME + 1
+                ):
+                    pixels = rows[part], columns[part]
+                    predicted[pixels] = self._at_outline(photo, observed, *pixels)
                 shown[rows, columns] = True
         return Prediction(photo, observed, predicted, inside, shown & ~observed.saturated)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import pairwise
 from math import prod
 from typing import Any
 
@@ -91,13 +92,17 @@ class LightField:
         """What each sample counts for (n,), 1 on average."""
         return np.ones(len(self)) if self.stands_for is None else self.stands_for
 
-    def mean_over_rays(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Means (n, ...) over each sample's rays of per-ray values (m, ...)."""
-        if len(values) == len(self):
+    def mean_over_rays(
+        self, values: NDArray[np.floating], factor: NDArray[np.floating] | None = None
+    ) -> NDArray[np.floating]:
+        """Means (n, ...) over each sample's rays of per-ray values (m, ...), times a factor (m,) of each ray's."""
+        if len(values) == len(self) and factor is None:
             return values
-        own = values.shape[1:]
-        means = self._means.astype(values.dtype, copy=False) @ values.reshape(len(values), prod(own))
-        return np.asarray(means.reshape(len(self), *own))
+        own, means = values.shape[1:], self._means
+        if factor is not None:
+            means = csr_array((means.data * factor, means.indices, means.indptr), shape=means.shape)
+        found = means.astype(values.dtype, copy=False) @ values.reshape(len(values), prod(own))
+        return np.asarray(found.reshape(len(self), *own))
 
     @cached_property
     def _means(self) -> csr_array:
@@ -145,6 +150,17 @@ def joined(photos: Sequence[LightField]) -> LightField:
             values = [own + first for own, first in zip(values, before, strict=True)]
         together[name] = None if values[0] is None else np.concatenate(values)
     return LightField(**together)
+
+
+def blocks(field: LightField, rays: int) -> Iterator[tuple[slice, LightField]]:
+    """Samples in turn, of about so many rays each, and which they are: what is made of each ray then stays small."""
+    if not len(field):
+        return
+    last = np.cumsum(np.bincount(field.ray_sample, minlength=len(field)))
+    ends = np.searchsorted(last, np.arange(rays, last[-1], rays))
+    place = np.arange(len(field))
+    for start, stop in pairwise(np.unique([0, *ends, len(field)]).tolist()):
+        yield slice(start, stop), field.where((place >= start) & (place < stop))
 
 
 def pools(photos: Sequence[LightField], lightings: Sequence[Any]) -> list[list[int]]:

@@ -27,12 +27,12 @@ from invrender.model.lobes import PRINTED, LobeForm, Numbers, part_width
 from invrender.model.microfacet import sigma_nodes, sigma_weights
 from invrender.model.transfer import LightElement
 from invrender.model.visibility import Rays, Shadows, seen_specular
-from recon.lightfield import LightField, joined, pools
+from recon.lightfield import LightField, blocks, joined, pools
 
 Floats = NDArray[np.float64]
 
 # Memory then doesn't grow with a photograph's rays.
-_SAMPLES_AT_A_TIME = 2048
+_RAYS_AT_A_TIME = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +116,7 @@ def _photo_columns(
         (form.lobe, base_size(form)): np.empty((*shape, base_size(form) + size), np.float32) for form in forms
     }
     bases = {base_size(form): form for form in forms}
-    place = np.arange(len(field))
-    for start in range(0, len(field), _SAMPLES_AT_A_TIME):
-        block = slice(start, start + _SAMPLES_AT_A_TIME)
-        part = field.where((place >= block.start) & (place < block.stop))
+    for block, part in blocks(field, _RAYS_AT_A_TIME):
         for e, element in enumerate(elements):
             sight = None if shadows is None else shadows.sight(element, part)
 

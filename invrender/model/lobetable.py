@@ -156,22 +156,17 @@ def lobe_radiance(
     return radiance
 
 
-def specular_rows(
-    field: LightField, l_max: int, sigma: float, transfer: Transfer = "exact"
-) -> tuple[Singles, Singles]:
-    """Rows (n, (l_max + 1)^2) over lighting coefficients of the specular part, and their slopes in log sigma.
+def specular_rows(field: LightField, l_max: int, sigma: float, transfer: Transfer = "exact") -> Singles:
+    """Rows of rays over lighting coefficients of the specular part, and their slopes in log sigma.
 
-    Per unit of Ks F, single precision, of unshadowed surfaces; a row is the mean over its sample's rays.
+    (2, m, (l_max + 1)^2), single precision, per unit of Ks F, of unshadowed surfaces.
     """
     if transfer == "exact":
-        rows, slopes = lobe_rows(field, lobe_table(l_max).at_angles(sigma))
-    else:
-        at_mirror = mirrored_harmonics(field, l_max)
-        rows, slopes = (
-            (at_mirror * factor[degrees(l_max)]).astype(np.float32)
-            for factor in _blur(sigma, l_max, transfer)
-        )
-    return field.mean_over_rays(rows), field.mean_over_rays(slopes)
+        return lobe_rows(field, lobe_table(l_max).at_angles(sigma))
+    at_mirror = mirrored_harmonics(field, l_max)
+    return np.stack(
+        [(at_mirror * by[degrees(l_max)]).astype(np.float32) for by in _blur(sigma, l_max, transfer)]
+    )
 
 
 def specular_radiance(

@@ -28,7 +28,7 @@ def test_rows_of_the_form_as_printed_are_those_of_its_own_table(bench, sigma: fl
     field = bench.sphere_field(40.0, samples=60)
     fresnel = normalised_fresnel(1.5, np.einsum("nk,nk->n", field.normals, field.views))
     rows, by_sigma, _ = form_rows(field, 8, PRINTED, 1.5, sigma)
-    expected = specular_rows(field, 8, sigma)
+    expected = map(field.mean_over_rays, specular_rows(field, 8, sigma))
     for found, per_fresnel in zip((rows, by_sigma), expected, strict=True):
         means = field.mean_over_rays(found / fresnel[:, None])
         # Single precision; slopes of narrow lobes are small differences of what is as large as rows.

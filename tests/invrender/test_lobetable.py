@@ -47,7 +47,7 @@ def test_slopes_are_those_of_finite_differences(sigma: float):
 def test_rows_of_samples_yield_the_reflected_radiance(bench, rng):
     field = bench.sphere_field(40.0, samples=15)
     lighting = rng.normal(size=49)
-    rows, _ = specular_rows(field, 6, 0.15)
+    rows = field.mean_over_rays(specular_rows(field, 6, 0.15)[0])
     frames = view_frames(field.normals, field.views)
     local = np.einsum("nkj,nk->nj", frames, field.views)
     rays = reflected(
@@ -71,7 +71,7 @@ def test_coarser_rungs_are_light_in_the_mirror_direction(bench, transfer, factor
     # Householder's reflection of each view at the plane through the normal's axis.
     mirrors = 2 * np.einsum("ni,nj->nij", field.normals, field.normals) - np.eye(3)
     at_mirror = scipy_harmonics(np.einsum("nij,nj->ni", mirrors, field.views), 6)
-    rows, slopes = specular_rows(field, 6, sigma, transfer)
+    rows, slopes = map(field.mean_over_rays, specular_rows(field, 6, sigma, transfer))
     assert_allclose(rows, field.mean_over_rays(at_mirror * factor(sigma * l)), atol=2e-6)
     ends = [factor(sigma * np.exp(way) * l) for way in (-1e-4, 1e-4)]
     assert_allclose(slopes, field.mean_over_rays(at_mirror * (ends[1] - ends[0]) / 2e-4), atol=2e-6)

@@ -9,7 +9,7 @@ from invrender.solve.blind.price import bright
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.rungs import BlindRung, cross_validate, simplest
 from invrender.solve.blind.sources import Lamps, find_sources, sources_of_diffuse
-from invrender.solve.blind.start import Search, of_degree
+from invrender.solve.blind.start import Search, forget_rows, of_degree
 from invrender.solve.blind.state import FIRST_MU, State
 
 # Iterations by which a model that is any good has arrived, from the best of another.
@@ -38,6 +38,10 @@ def climb(
         if degree not in prepared:
             prepared[degree] = of_degree(search, degree)
         own = prepared[degree]
+        for other in prepared.values():
+            if other is not own:
+                # Rows that are kept for the next step of a search take up more than all else.
+                forget_rows(other)
         tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max, _ENOUGH))
         rungs.append(without_rows(cross_validate(model_name(tried), own, tried)))
         on_step()

@@ -188,7 +188,7 @@ def _off_highlights(search: Search, directions: Floats, width: float) -> Search:
     """The same without samples whose normal is nearer than a width, radians, to the one that mirrors a lamp."""
     weights = []
     for sight, weight in zip(search.sights, search.weights, strict=True):
-        angles = Angles.between(sight.rays.normals[:, None], directions, sight.rays.views[:, None])
+        angles = Angles.between(sight.field.normals[:, None], directions, sight.field.views[:, None])
         near = sight.field.mean_over_rays((angles.theta_h < width).any(axis=1).astype(float))
         weights.append(weight * (near == 0)[:, None])
     return replace(search, weights=weights)
@@ -216,7 +216,7 @@ def _plain(search: Search, state: State, directions: Floats) -> Floats:
 
 def _columns(sight: Sight, direction: Floats) -> Floats:
     """Columns (n, q) of a lamp: reciprocal polynomials in both cosines, times that of incidence; and lobes."""
-    angles = Angles.between(sight.rays.normals, direction, sight.rays.views)
+    angles = Angles.between(sight.field.normals, direction, sight.field.views)
     cos_i, cos_o = (np.clip(cos, 0, 1) for cos in (angles.cos_i, angles.cos_o))
     base = [cos_i, cos_i * (cos_i + cos_o), cos_i * cos_i * cos_o, cos_i * (cos_i**2 + cos_o**2)]
     lobes = [GGX_FORM.shape(angles, float(width)) for width in _WIDTHS]

@@ -31,7 +31,7 @@ from invrender.solve.blind.places import less_in_common
 from invrender.solve.blind.state import State, turns
 from invrender.theory.operator import irradiance_operator
 from recon.harmonics import degree_of, evaluate_harmonics
-from recon.lightfield import LightField, joined
+from recon.lightfield import LightField, blocks, joined
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -39,6 +39,10 @@ Mask = NDArray[np.bool_]
 
 # Between roughnesses this far apart in log sigma, rows are interpolated by cubics through values and slopes.
 _SPACING = 0.1
+# Up to so many numbers of rays: 64 MB.
+_MOST_NUMBERS = 2**24
+# What takes up more of each ray is made of so many at a time.
+_RAYS_AT_A_TIME = 16384
 # So far along log sigma and log(mu - 1), rows of other forms follow their slopes: to about 1e-6 of the largest.
 _ALONG = 1e-3
 # Steps of the differences that stand for derivatives: sources' directions, radians; log sigma; log(mu - 1).
@@ -60,18 +64,17 @@ class Sight:
     """Photographs under one lighting with what doesn't change while the BRDF is searched.
 
     photos : one or more. field : their samples as one's, which is what all arrays go by. l_max : of the lighting.
-    transfer : of the lobe, for all but the sources. rays : the same as one sample per ray. cos : (m,) exitant, of rays.
+    transfer : of the lobe, for all but the sources. cos : (m,) exitant, of rays.
     diffuse : (n, (l_max + 1)^2), irradiance, which a Lambertian base sends. lighting : number of the lighting that they
     are under. shadows : of a mesh on itself; None of what has none. settled : whether searches begin near their end:
     then rows of RH01's lobe, too, are kept of samples near one state, not of rays between two roughnesses, which take
-    up several times as much.
+    up several times as much; so they are where that would be too much.
     """
 
     photos: tuple[LightField, ...]
     field: LightField
     l_max: int
     transfer: Transfer
-    rays: LightField
     cos: Floats
     diffuse: Singles
     lighting: int = 0
@@ -92,13 +95,10 @@ class Sight:
     ) -> Sight:
         """Prepare photographs for lighting of degree l_max."""
         samples = joined(photos)
-        diffuse = samples.mean_over_rays(irradiance_operator(samples.normals, l_max))
-        if shadows is not None:
-            diffuse = diffuse - shadows.hidden_rows(samples, l_max)
-        rays = _one_sample_per_ray(samples)
+        diffuse = [_irradiance(part, l_max, shadows) for _, part in blocks(samples, _RAYS_AT_A_TIME)]
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
-        single = diffuse.astype(np.float32)
-        return Sight(tuple(photos), samples, l_max, transfer, rays, cos, single, lighting, shadows, settled)
+        single = np.concatenate(diffuse)
+        return Sight(tuple(photos), samples, l_max, transfer, cos, single, lighting, shadows, settled)
 
     def like(self, photos: Sequence[LightField], l_max: int, settled: bool = False) -> Sight:
         """Prepare other samples under the same lighting for another degree."""
@@ -124,6 +124,11 @@ class Sight:
     def _less_in_common(self) -> csr_array:
         assert self.field.place is not None
         return less_in_common(self.field.place)
+
+    def forget_rows(self) -> None:
+        """Leave the memory of rows that are kept from step to step."""
+        self._nodes.clear()
+        self._last.clear()
 
     def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """What belongs to samples (n, ...), photograph by photograph."""
@@ -155,7 +160,7 @@ class Sight:
         out = let_through(state.form, state.mu, self.exitant)
         factors = sky_factors(state.form, state.mu, l_max)
         mean = self.field.mean_over_rays
-        clear = mean(self._harmonics[:, :size] * out[:, None].astype(np.float32)) * factors
+        clear = mean(self._harmonics[:, :size], out) * factors
         return np.asarray(clear - mean(out)[:, None] * self._hidden[:, :size])
 
     def base_slope(self, state: State, light: Floats) -> Floats:
@@ -188,7 +193,9 @@ class Sight:
         """Rows (n, (l_max + 1)^2) of the irradiance that a mesh keeps off; one row of zeros of what has no shadows."""
         if self.shadows is None:
             return np.zeros((1, (self.l_max + 1) ** 2), np.float32)
-        return self.shadows.hidden_rows(self.field, self.l_max).astype(np.float32)
+        parts = blocks(self.field, _RAYS_AT_A_TIME)
+        hidden = [self.shadows.hidden_rows(part, self.l_max).astype(np.float32) for _, part in parts]
+        return np.concatenate(hidden)
 
     def lobe_rows(self, state: State, l_max: int) -> Singles:
         """Rows (n, (l_max + 1)^2) of samples over the lighting, of the specular part per unit of Ks."""
@@ -198,13 +205,16 @@ class Sight:
                 sum(share * self._at(state, l_max, factor) for share, factor in parts), np.float32
             )
         nodes, weights, _ = self._printed(state.roughness)
-        rows = np.tensordot(weights, nodes, 1)[:, : (l_max + 1) ** 2]
+        size = (l_max + 1) ** 2
+        both = zip(weights, nodes, strict=True)
+        rows = np.asarray(sum(np.tensordot(own, node[:, :, :size], 1) for own, node in both))
         rows *= normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32)
         return np.asarray(self.field.mean_over_rays(rows))
 
     def _between(self, state: State) -> bool:
-        """Whether rows are interpolated between two roughnesses."""
-        return state.form is PRINTED and not (self.settled and self.transfer == "exact")
+        """Whether rows are interpolated between two roughnesses, which takes four of each ray."""
+        large = 4 * len(self.cos) * (self.l_max + 1) ** 2 > _MOST_NUMBERS
+        return state.form is PRINTED and not ((self.settled or large) and self.transfer == "exact")
 
     def lobe_slopes(self, state: State, light: Floats) -> tuple[Floats, Floats]:
         """Derivatives (n, c) of what samples see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
@@ -217,8 +227,8 @@ class Sight:
                 by_mu += share * (of_mu @ single)
             return by_sigma, by_mu
         nodes, *weights = self._printed(state.roughness)
-        parts = nodes[:, :, : len(light)] @ single
-        seen, widened = (np.einsum("j,jmc->mc", w, parts).astype(float) for w in weights)
+        parts = [node[:, :, : len(light)] @ single for node in nodes]
+        seen, widened = (np.einsum("nj,njmc->mc", w, parts).astype(float) for w in weights)
         fresnel, change = _fresnel(state.mu, self.cos)
         mean = self.field.mean_over_rays
         return np.asarray(mean(fresnel[:, None] * widened)), np.asarray(mean(change[:, None] * seen))
@@ -301,43 +311,36 @@ class Sight:
         (denser,) = mean_lobe_rows(self.field, at_angles[:, :1], change * seen)
         return np.stack([rows, wider, denser])
 
-    def _printed(self, sigma: float) -> tuple[Singles, Singles, Singles]:
+    def _printed(self, sigma: float) -> tuple[list[Singles], Singles, Singles]:
         """RH01's lobe at the two roughnesses around sigma, and weights that make of them rows and slopes at sigma.
 
-        Returns (4, m, k) rows and slopes of both, (4,) weights of the rows at sigma, and (4,) of their slopes in log
-        sigma, without Fresnel's factor. Few roughnesses are computed in a whole search, since it ends between two.
+        Returns rows and slopes (2, m, k) of both, (2, 2) weights of theirs for the rows at sigma, and (2, 2) for the
+        slopes in log sigma, without Fresnel's factor. Few roughnesses are computed in a whole search, since it ends
+        between two.
         """
         position = np.log(sigma) / _SPACING
         low = int(np.floor(position))
-        if low not in self._nodes:
-            both = np.concatenate([self._node(low), self._node(low + 1)])
-            self._nodes.clear()
+        for node in self._nodes.keys() - {low, low + 1}:
+            del self._nodes[node]
             self._last.clear()
-            self._nodes[low] = both
+        nodes = [self._node(low), self._node(low + 1)]
         t = position - low
         # Hermite's cubics, of values and slopes at both ends.
-        value = np.array([(1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2, t**2 * (3 - 2 * t), t**2 * (t - 1)])
-        slope = np.array([6 * t * (t - 1), (1 - t) * (1 - 3 * t), 6 * t * (1 - t), t * (3 * t - 2)])
-        units = np.array([1, _SPACING, 1, _SPACING])
-        return (
-            self._nodes[low],
-            (value * units).astype(np.float32),
-            (slope * units / _SPACING).astype(np.float32),
+        value = np.array(
+            [[(1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2], [t**2 * (3 - 2 * t), t**2 * (t - 1)]]
         )
+        slope = np.array([[6 * t * (t - 1), (1 - t) * (1 - 3 * t)], [6 * t * (1 - t), t * (3 * t - 2)]])
+        units = np.array([1, _SPACING])
+        return nodes, (value * units).astype(np.float32), (slope * units / _SPACING).astype(np.float32)
 
     def _node(self, node: int) -> Singles:
-        """Rows and slopes (2, m, k) at a roughness, which may be one of the last two."""
-        for low, both in self._nodes.items():
-            if node in (low, low + 1):
-                return both[2 * (node - low) :][:2]
-        rows = specular_rows(self.rays, self.l_max, float(np.exp(node * _SPACING)), self.transfer)
-        return self._mirrored(np.stack(rows))
-
-    def _mirrored(self, rows: Singles) -> Singles:
-        """Rows (..., m, k) of the lobe, zero where a mesh stands in the mirror direction of the view."""
-        if self.shadows is None:
-            return rows
-        return rows * self.rays.reflected_visible[:, None]
+        """Rows and slopes (2, m, k) at a roughness, zero where a mesh stands in the mirror direction of the view."""
+        if node not in self._nodes:
+            rows = specular_rows(self.field, self.l_max, float(np.exp(node * _SPACING)), self.transfer)
+            if self.shadows is not None:
+                rows *= self.field.reflected_visible[:, None]
+            self._nodes[node] = rows
+        return self._nodes[node]
 
 
 @dataclass(frozen=True, eq=False)
@@ -403,6 +406,14 @@ class Rows:
         specular = summed(self.sky_specular, self.lamps_specular)
         share = kappa[:, None, None]
         return np.asarray((1 - share) * diffuse + share * specular)
+
+
+def _irradiance(field: LightField, l_max: int, shadows: Shadows | None) -> Singles:
+    """Irradiance (n, (l_max + 1)^2) of samples."""
+    rows = field.mean_over_rays(irradiance_operator(field.normals, l_max))
+    if shadows is not None:
+        rows = rows - shadows.hidden_rows(field, l_max)
+    return rows.astype(np.float32)
 
 
 def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
@@ -515,7 +526,7 @@ def _with_slopes(sight: Sight, state: State) -> tuple[Floats, Floats, Floats]:
 
 
 def _angles(sight: Sight, directions: Floats) -> Angles:
-    return Angles.between(sight.rays.normals[:, None], directions, sight.rays.views[:, None])
+    return Angles.between(sight.field.normals[:, None], directions, sight.field.views[:, None])
 
 
 def _fresnel(mu: float | None, cos: Floats) -> tuple[Floats, Floats]:
@@ -524,12 +535,3 @@ def _fresnel(mu: float | None, cos: Floats) -> tuple[Floats, Floats]:
         return np.ones_like(cos), np.zeros_like(cos)
     at, more = (normalised_fresnel(each, cos) for each in (mu, _denser(mu)))
     return at, (more - at) / _STEP
-
-
-def _one_sample_per_ray(samples: LightField) -> LightField:
-    """The same rays, each a sample of its own."""
-    names = ("rows", "columns", "radiance", "variance", "weight")
-    of_samples = {name: getattr(samples, name)[samples.ray_sample] for name in names}
-    return replace(
-        samples, **of_samples, stands_for=None, place=None, ray_sample=np.arange(len(samples.ray_sample))
-    )

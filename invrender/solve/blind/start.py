@@ -172,6 +172,12 @@ def of_degree(search: Search, l_max: int, settled: bool = False) -> Search:
     return replace(search, sights=sights)
 
 
+def forget_rows(search: Search) -> None:
+    """Leave the memory of rows that sights keep from step to step; they are made again when asked for."""
+    for sight in search.sights:
+        sight.forget_rows()
+
+
 def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
     """The same with at most about `most` samples, or `per_lighting` of each if that is more, evenly taken.
 

@@ -1,0 +1,42 @@
+"""What a search in unknown light keeps of its samples."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.blind.start import NOTHING
+from recon.lightfield import LightField
+
+OF_RAYS = ("positions", "normals", "views", "reflected_visible", "sources_visible")
+
+
+def with_rays(field: LightField, count: int) -> LightField:
+    """The same samples, each of so many times the same rays."""
+    assert {entry.name for entry in fields(field)} > set(OF_RAYS)
+    repeated = {name: getattr(field, name).repeat(count, axis=0) for name in ("ray_sample", *OF_RAYS)}
+    return replace(field, **repeated)
+
+
+def test_rows_take_no_more_memory_for_more_rays(bench) -> None:
+    # A mesh's pixel has ten rays or more: rows of each took 3.4 GB for three views of a bunny.
+    field, l_max = bench.sphere_field(40.0, samples=1500), 12
+    state = replace(NOTHING, kappa=np.full(3, 0.2), mu=1.6, sigma=0.1234)
+    found, kept = [], []
+    for rays in (1, 16):
+        fine = with_rays(field, rays)
+        tracemalloc.start()
+        sight = Sight.of([fine], l_max)
+        found.append(rows_of(sight, state, l_max))
+        kept.append(tracemalloc.get_traced_memory()[0])
+        tracemalloc.stop()
+    of_rays = sum(getattr(fine, name).nbytes for name in ("ray_sample", *OF_RAYS))
+    # Single precision, and cubics between roughnesses 0.1 apart in the logarithm.
+    assert_allclose(
+        found[1].sky_specular, found[0].sky_specular, atol=1e-4 * np.abs(found[0].sky_specular).max()
+    )
+    assert kept[1] < kept[0] + 2 * of_rays
