@@ -121,7 +121,7 @@ def test_picks_in_one_photo_place_it_in_a_world_whose_size_the_other_photos_tell
     assert found.place.scale == pytest.approx(250, rel=2e-4)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_from_ten_degrees_and_five_percent_it_converges(task, cat, seed):
     found = place_mesh(replace(task, start=start_off(cat, 10, 0.05, seed), free_scale=True))
     assert np.degrees(found.place.angle_to(TRUTH)) < 0.02
@@ -243,12 +243,20 @@ def test_a_cloud_alone_places_it_roughly_in_a_world_of_any_size(cat):
         place_mesh(Task(cat, "m", [], [], metric=True, free_scale=False))
 
 
+def assert_errors_are_as_stated(scores: list[np.ndarray]) -> None:
+    """Errors over standard deviations, of 8 draws, have an RMS of 1, together and each parameter's."""
+    square = np.mean(np.square(scores), axis=0)
+    # 8 draws of seven numbers, some of which go together, know the RMS of all to about 15%, one's to 25%.
+    assert np.sqrt(square.mean()) == pytest.approx(1, abs=0.4)
+    assert (np.abs(np.log(square) / 2) < np.log(2.2)).all(), np.sqrt(square)
+
+
 def test_error_bars_cover_when_masks_are_drawn_by_a_shaky_hand(cat, task):
-    """Errors over standard deviations where outlines waver by 0.3 px over some 20 px, 20 draws."""
+    """Errors over standard deviations where outlines waver by 0.3 px over some 20 px, 8 draws."""
     scores = []
     fine = [drawn(cat, TRUTH, camera, 6) for camera in CAMERAS[:4]]
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(float)
-    for seed in range(20):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         wavered = []
         for mask in fine:
@@ -265,23 +273,21 @@ def test_error_bars_cover_when_masks_are_drawn_by_a_shaky_hand(cat, task):
             ]
         )
         scores.append(error / np.sqrt(np.diag(found.uncertain.covariance)))
-    rms = np.sqrt(np.mean(np.square(scores), axis=0))
-    # 20 draws know an RMS to 16%, and seven are looked at.
-    assert_allclose(rms, 1, atol=0.5)
+    assert_errors_are_as_stated(scores)
 
 
 def test_error_bars_cover_when_poses_shift_whole_photographs(task):
-    """Errors over standard deviations where every photograph is shifted by 0.7 px, 16 draws."""
+    """Errors over standard deviations where every photograph is shifted by 0.7 px, 8 draws."""
     scores = []
-    for seed in range(16):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         shifted = [replace(o, points=o.points + 0.7 * rng.normal(size=2)) for o in task.outlines]
         found = place_mesh(replace(task, outlines=shifted, start=TRUTH))
         turn = Rotation.from_matrix(found.place.rotation @ TRUTH.rotation.T).as_rotvec()
         error = np.concatenate([turn, found.pivot - TRUTH.apply(task.tracer.centre[None])[0]])
         scores.append(error / np.sqrt(np.diag(found.uncertain.covariance)[:6]))
-    # 16 draws, each of whose error bars rests on what six photos leave: 12 coordinates less 7 parameters.
-    assert_allclose(np.sqrt(np.mean(np.square(scores), axis=0)), 1, atol=0.5)
+    # Each draw's error bars rest on what six photos leave: 12 coordinates less 7 parameters.
+    assert_errors_are_as_stated(scores)
 
 
 def test_the_covariance_moves_to_the_scaled_world_as_the_places_do():
