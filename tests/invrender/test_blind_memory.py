@@ -8,7 +8,8 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.blind.rows import rows_of
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.start import NOTHING
 from recon.lightfield import LightField
 

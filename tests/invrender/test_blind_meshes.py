@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from invrender.model.lobes import BECKMANN
 from invrender.model.visibility import Shadows
-from invrender.solve.blind.sight import Sight, rows_of, slopes_of
+from invrender.solve.blind.rows import rows_of, slopes_of
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.start import NOTHING
 from invrender.solve.blind.state import State, turn
 from recon.bodies import MeshBody, blended

@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from invrender.model.lobes import FORMS, PLASTICS, LobeForm
-from invrender.solve.blind.sight import Sight, rows_of, slopes_of
+from invrender.solve.blind.rows import rows_of, slopes_of
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.state import State
 
 DEGREE = 6

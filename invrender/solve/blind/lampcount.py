@@ -16,7 +16,8 @@ from invrender.model.lobes import GGX_FORM, Angles, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.blind.price import PER_SOURCE, bright
 from invrender.solve.blind.projection import Fit, predicted
-from invrender.solve.blind.sight import Sight, source_rows
+from invrender.solve.blind.rows import source_rows
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.start import NOTHING, PEAK_WIDTH, Search, first_states
 from invrender.solve.blind.state import State, turns
 from invrender.solve.clusters import tiles_of

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from capture.parallel import parallel_map
-from invrender.solve.blind.sight import Rows, Sight, rows_of, slopes_of
+from invrender.solve.blind.rows import Rows, rows_of, slopes_of
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.state import State
 
 Floats = NDArray[np.float64]

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
 from invrender.solve.blind.projection import Arrow, Fit, joint_rows, predicted, reduced
-from invrender.solve.blind.sight import Rows, Sight
+from invrender.solve.blind.rows import Rows
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.start import Search
 from invrender.solve.clusters import tile_of
 from invrender.solve.evidence import MAX_FOLDS, relative_rms

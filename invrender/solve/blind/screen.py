@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from invrender.model.lobes import PRINTED, LobeForm
 from invrender.model.microfacet import SIGMA_RANGE
 from invrender.solve.blind.projection import Fit, predicted
-from invrender.solve.blind.sight import Sight, rows_of, source_rows
+from invrender.solve.blind.rows import rows_of, source_rows
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.sources import Found, Lamps, find_starts, likelier
 from invrender.solve.blind.start import NOTHING, Search
 from invrender.solve.noise import NoiseModel, Weights, fit_noise, photo_weights, with_misfit

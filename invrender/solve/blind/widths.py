@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from invrender.solve.blind.price import hanging_together
 from invrender.solve.blind.projection import Arrow, Fit, joint_rows, predicted, reduced
-from invrender.solve.blind.sight import Sight, rows_of
+from invrender.solve.blind.rows import rows_of
+from invrender.solve.blind.sight import Sight
 from invrender.solve.blind.start import Search
 from invrender.solve.blind.state import turn
 
