@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose
 from scipy.optimize import nnls
 
 from invrender.model.columns import photo_columns
-from invrender.model.lobes import BECKMANN, GGX_FORM, Angles
+from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
 from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict
-from invrender.model.richer import HAZY, TABULATED, core
+from invrender.model.richer import HAZY, TABULATED, core, tabulated
 from invrender.model.transfer import light_elements
 from invrender.solve.explanation import explain
 from invrender.solve.factorize import conclude
@@ -30,6 +30,13 @@ def test_a_table_of_gaussians_is_long_tailed_if_need_be() -> None:
     shares = nnls(lobes / truth[:, None], np.ones_like(theta))[0]
     assert np.abs(lobes @ shares - truth).max() < 0.04 * truth.max()
     assert np.abs(lobes @ shares / truth - 1).max() < 0.15
+
+
+def test_any_base_of_a_form_has_a_table_above_it() -> None:
+    coated, under = TABULATED.values()
+    assert (coated.coat is None, coated.interface, under.interface) == (False, False, True)
+    assert tabulated(GGX_FORM) == (coated,)
+    assert tabulated(PLASTICS[GGX_FORM]) == (coated, under)
 
 
 @pytest.mark.parametrize("beyond", [0.0, 0.3, 0.8])
