@@ -98,20 +98,20 @@ class Richer(LobeForm):
         return self._of.fresnel_cosine(angles)
 
 
-def core(form: LobeForm, sigma: float) -> tuple[float, float]:
-    """The core of a form of facets: the single lobe as high as the form's, and as wide at half its height.
+def core(form: LobeForm, sigma: float, lobe: LobeForm) -> tuple[float, float]:
+    """The core of a form of facets: the single lobe of a kind as high as the form's, and as wide at half its height.
 
-    Its share of Ks, and its width over sigma; 1 and 1 of a form that is a single lobe.
+    Its share of Ks, and its width over sigma; 1 and 1 of a form that is a single lobe itself.
     """
-    lobe = form.lobe
-    if len(form.parts) == 1 or not isinstance(lobe, Smith):
+    own = form.lobe
+    if len(form.parts) == 1 or not isinstance(own, Smith) or not isinstance(lobe, Smith):
         return 1.0, 1.0
 
     def density(theta: float) -> float:
-        lobes = [
-            share * lobe.density(np.array(theta), part_width(factor, sigma)) for share, factor in form.parts
+        parts = [
+            share * own.density(np.array(theta), part_width(factor, sigma)) for share, factor in form.parts
         ]
-        return float(np.sum(lobes))
+        return float(np.sum(parts))
 
     def half_width(of: Callable[[float], float]) -> float:
         return float(brentq(lambda theta: of(theta) - of(0.0) / 2, 0.0, np.pi / 2))

@@ -175,7 +175,8 @@ def _beyond_chance(folds: int) -> float:
 def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
     """By how much models that fit as well put each number elsewhere, beyond their own doubts of it.
 
-    The photographs don't speak against those models either: what they say belongs into the error bar.
+    The photographs don't speak against those models either: what they say belongs into the error bar. Either may be
+    the true one: then the number is off by nothing or by all that they differ, RMS by 1 / sqrt(2) of it.
     """
     model = known.rungs[known.chosen].estimate.model
     apart = np.zeros(len(chosen.values))
@@ -200,7 +201,7 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
             difference = np.abs(ours - values * _core_alone(name, there, here)) - 2 * std[theirs]
             mine = chosen.report.places[name]
             apart[mine] = np.maximum(apart[mine], difference)
-    return apart
+    return apart / np.sqrt(2)
 
 
 def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
@@ -211,7 +212,8 @@ def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
     theirs, ours = (found.report.parameters.brdf(found.report.parameters.vector) for found in (there, here))
     if theirs.sigma is None or ours.sigma is None:
         return np.ones(1)
-    (share, width), (_, own_width) = core(theirs.form, theirs.sigma), core(ours.form, ours.sigma)
+    lobe = ours.form.lobe
+    (share, width), (_, own_width) = core(theirs.form, theirs.sigma, lobe), core(ours.form, ours.sigma, lobe)
     if name == "sigma":
         return np.array([width / own_width])
     if len(ours.form.parts) > 1:
