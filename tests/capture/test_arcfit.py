@@ -97,14 +97,15 @@ def test_intervals_cover(noise, bias):
     """95% intervals of radius, centre, angles and step, pooled over draws; errors may be common to a photo."""
     angles = np.radians(np.arange(10) * 6)
     z = []
-    for seed in range(25):
+    for seed in range(10):
         fit = fit_arc(views_of(ARC, angles, np.random.default_rng(seed), noise, bias), CAMERA)
         z += [(fit.arc.radius - ARC.radius) / fit.radius_std, *(fit.arc.centre - ARC.centre) / fit.centre_std]
         z += [*((fit.angles - angles) / fit.angle_std.clip(1e-12))[1:]]
         if fit.arc.step is not None:
             z.append((fit.arc.step - angles[1]) / fit.step_std)
     covered = np.mean(np.abs(z) < 1.96)
-    # On the safe side by design: what shifts a photo along the arc is inferred from what shifts it across.
+    # On the safe side by design: what shifts a photo along the arc is inferred from what shifts it across. Some 140
+    # numbers, or fewer where they go together, know a share of 95% to 2%.
     assert covered > 0.90
     assert np.std(z) > 0.5
 

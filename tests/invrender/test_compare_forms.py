@@ -107,8 +107,10 @@ camera = { width = 80, height = 68, focal_px = 600 }
 
 [[lighting]]
 name = "lab"
-area = [{ azimuth_deg = 60, elevation_deg = 35, radiance = [1.5, 1.6, 1.8], width_deg = 20 }]
-directional = [{ azimuth_deg = -50, elevation_deg = 30, irradiance = [1.2, 1.1, 1.0] }]
+directional = [
+    { azimuth_deg = 60, elevation_deg = 35, irradiance = [1.1, 1.2, 1.35] },
+    { azimuth_deg = -50, elevation_deg = 30, irradiance = [1.2, 1.1, 1.0] },
+]
 
 [gantry]
 start_deg = -75

@@ -273,7 +273,7 @@ def test_in_unknown_light_it_is_taken_off_at_the_albedo_that_explains_most(tmp_p
     photoset = load_photoset(write_cup_set(tmp_path, GLOSSY_CUP))
     lab = replace(photoset, lightings=(LightingTable(name=photoset.lightings[0].name, unknown=True),))
     factorize = partial(factorize_blind, orders=[4], ladder=False)
-    result = solve_unknown_light(lab, find_specimen(lab), 1500, Clock(), silent, factorize).result
+    result = solve_unknown_light(lab, find_specimen(lab), 800, Clock(), silent, factorize).result
     found = result.interreflection
     assert found is not None
     assert found.taken_off

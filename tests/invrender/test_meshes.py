@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -90,11 +91,24 @@ def cat_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "set"
 
 
+@pytest.fixture(scope="module", params=["lamps", pytest.param("room", marks=pytest.mark.slow)])
+def known_cat(
+    request: pytest.FixtureRequest, cat_original: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """The cat under lamps alone, where no lobe meets a map of the light, which takes most of the time; or as it is."""
+    if request.param == "room":
+        return cat_original
+    folder = tmp_path_factory.mktemp("lamp-lit cat")
+    (folder / "cat.toml").write_text(re.sub(r"(?m)^area = .*\n", "", CAT))
+    write_photoset(read_staging(folder / "cat.toml"), folder / "set")
+    return folder / "set"
+
+
 @pytest.fixture(scope="module")
-def processed(cat_original: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Factorization, Path]:
-    """What `process` finds of the cat, and where it wrote it."""
+def processed(known_cat: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Factorization, Path]:
+    """What `process` finds of the cat in known light, and where it wrote it."""
     out = tmp_path_factory.mktemp("processed") / "out"
-    return run_process(cat_original, out, 4000).result, out
+    return run_process(known_cat, out, 4000).result, out
 
 
 @pytest.fixture(scope="module")
@@ -103,11 +117,15 @@ def result(processed: tuple[Factorization, Path]) -> Factorization:
 
 
 def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
-    result: Factorization, cat_original: Path
+    result: Factorization, known_cat: Path
 ) -> None:
-    truth = json.loads((cat_original / "truth.json").read_text())["brdf"]
+    scene = json.loads((known_cat / "truth.json").read_text())
+    truth = scene["brdf"]
     # 1% noise. In units of RH01's own deviations (0.02, 0.07, 0.01) these are a tenth and less.
-    for name, allowed in (("kd", 0.001), ("ks", 0.0012), ("mu", 0.08), ("sigma", 0.002)):
+    # No highlight of the lamps grazes: without the light around them mu is weak.
+    in_room = any(lighting["map"] for lighting in scene["lighting"])
+    mu = 0.08 if in_room else 0.5
+    for name, allowed in (("kd", 0.001), ("ks", 0.0012), ("mu", mu), ("sigma", 0.002)):
         quantity = result.quantities[name]
         assert quantity.value is not None
         assert quantity.std is not None
@@ -115,7 +133,8 @@ def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
         assert (off < np.minimum(4 * quantity.std, allowed)).all(), (name, quantity.value, quantity.std)
         assert (quantity.std < allowed).all(), (name, quantity.std)
     # To the noise, in a view that was never fitted.
-    assert result.rms(held_out=True) == pytest.approx(0.0101, abs=0.001)
+    # Of lamps alone the borders of shadows are more of what is seen.
+    assert result.rms(held_out=True) == pytest.approx(0.0101, abs=0.001 if in_room else 0.002)
     assert result.warnings == ()
     # In these photographs no light bounces, against all physics; what isn't there isn't taken off.
     assert result.interreflection is not None
@@ -125,17 +144,15 @@ def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
     assert result.interreflection.asked_std < 0.03
 
 
-def test_without_visibility_errors_are_several_times_larger(
-    result: Factorization, cat_original: Path
-) -> None:
-    blind = process(load_photoset(cat_original), 1000, shadowing=False).result
+def test_without_visibility_errors_are_several_times_larger(result: Factorization, known_cat: Path) -> None:
+    blind = process(load_photoset(known_cat), 1000, shadowing=False).result
     assert blind.model.error > 4 * result.model.error
     off = [np.abs(each.brdf.kd / [0.24, 0.2, 0.16] - 1).max() for each in (result, blind)]
     assert off[1] > 8 * off[0]
     assert any("not only noise" in warning for warning in blind.warnings)
 
 
-def test_a_mesh_is_written_and_predicted(processed: tuple[Factorization, Path], cat_original: Path) -> None:
+def test_a_mesh_is_written_and_predicted(processed: tuple[Factorization, Path], known_cat: Path) -> None:
     out = processed[1]
     result = json.loads((out / "result.json").read_text())
     assert result["object"]["shape"] == "mesh"
@@ -143,12 +160,15 @@ def test_a_mesh_is_written_and_predicted(processed: tuple[Factorization, Path], 
     assert min(result["object"]["mask_overlap"]) > 0.95
     assert "object.obj" in result["inputs"]
     # All of the object that is a whole pixel is predicted, in its shadows and at its rim, to noise and edges.
-    photo, predicted = (read_pixels(at / "003.exr").astype(float) for at in (cat_original, out / "predicted"))
+    photo, predicted = (read_pixels(at / "003.exr").astype(float) for at in (known_cat, out / "predicted"))
     inside = predicted.any(axis=2)
-    covered = read_pixels(cat_original / "003_mask.png").min(axis=2) == 255
+    # Where no lamp shines it is black.
+    lit = read_pixels(known_cat / "truth" / "003.exr").any(axis=2)
+    covered = lit & (read_pixels(known_cat / "003_mask.png").min(axis=2) == 255)
     assert (inside & covered).sum() > 0.98 * covered.sum()
     rms = np.sqrt(((photo - predicted)[inside] ** 2).mean() / (photo[inside] ** 2).mean())
-    assert rms < 0.03
+    # Lamps alone leave shadows black, and pixels at their borders uncertain.
+    assert rms < 0.04
 
 
 def test_under_uniform_light_the_irradiance_is_the_share_of_the_sky_that_is_seen(cat_original: Path) -> None:

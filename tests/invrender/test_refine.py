@@ -285,7 +285,7 @@ def test_command_refines_a_set_and_writes_poses_that_it_can_use(lightfactor: Com
     (tmp_path / "egg.toml").write_text(EGG)
     folder = tmp_path / "set"
     write_photoset(read_staging(tmp_path / "egg.toml"), folder)
-    code, out, err = lightfactor("refine", folder, "--samples", 1500, "--turn-deg", 1.5)
+    code, out, err = lightfactor("refine", folder, "--samples", 1000, "--turn-deg", 1.5)
     assert (code, err) == (0, "")
     assert 'poses = "refined-poses.json"' in out
     manifest = folder / "photoset.toml"

@@ -131,7 +131,7 @@ def test_stains_of_the_surface_widen_the_intervals(bench, rng):
     clean = factorize(bench.with_noise(photos, rng), [told]).quantities
     truth = {"mu": TEFLON.mu, "sigma": TEFLON.sigma, "kd": TEFLON.kd, "ks": TEFLON.ks}
     covered: dict[str, list[float]] = {name: [] for name in truth}
-    for _ in range(16):
+    for _ in range(8):
         # Cells about 0.2 rad across, whose albedo strays by 5%: they are seen alike in every photograph.
         seeds = rng.normal(size=(300, 3))
         seeds /= np.linalg.norm(seeds, axis=1, keepdims=True)
@@ -148,8 +148,9 @@ def test_stains_of_the_surface_widen_the_intervals(bench, rng):
             assert (found.std > 3 * clean[name].std).all(), name
             covered[name].append(float((np.abs(found.value - true) < 1.96 * found.std).mean()))
     shares = {name: float(np.mean(hits)) for name, hits in covered.items()}
-    # 95% of 16 draws is 15.2 +- 0.9: two deviations below. Channels stray together.
-    assert min(shares.values()) >= 0.84, shares
+    # 95% of 8 draws is 7.6 +- 0.6, of four such 30.4 +- 1.2: over two deviations below. Channels stray together.
+    assert min(shares.values()) >= 0.75, shares
+    assert np.mean(list(shares.values())) >= 0.86, shares
 
 
 def test_a_maps_coarse_pixels_are_part_of_sigmas_uncertainty(bench, rng):

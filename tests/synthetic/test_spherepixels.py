@@ -74,7 +74,7 @@ def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.Monkey
     camera = scene.shots[0].camera
     radiance, coverage = photograph(scene)
     for name in ("_FEWEST_SUBSAMPLES", "_MOST_SUBSAMPLES"):
-        monkeypatch.setattr(f"synthetic.render.spherepixels.{name}", 12)
+        monkeypatch.setattr(f"synthetic.render.spherepixels.{name}", 9)
     dense, _ = photograph(scene)
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     origins, directions = camera.rays(np.column_stack([x.ravel(), y.ravel()]))
