@@ -125,12 +125,14 @@ def _lines(kept: Kept) -> list[str]:
             f" most; error over all pixels {unknown['seen']['fitted']:.2%}.",
         ]
         if share and known:
-            lines.append(
-                f"Share of Ks: {share[0]} +- {share[1]}; with the lamps known {known[0]} +- {known[1]}."
-            )
+            lines.append(f"Share of Ks: {_with_bars(share)}; with the lamps known {_with_bars(known)}.")
     if "grey" in kept:
         lines.append(f"\nGrey sphere: {kept['grey']['fitted']:.2%} over all pixels of fitted photographs.")
     return lines
+
+
+def _with_bars(number: Sequence[Sequence[float]]) -> str:
+    return ", ".join(f"{value:.3f} ± {std:.3f}" for value, std in zip(*number, strict=True))
 
 
 def highlight_figure(shown: Sequence[Highlight]) -> Figure:
@@ -144,10 +146,10 @@ def highlight_figure(shown: Sequence[Highlight]) -> Figure:
         ]
         for axis, picture, title in zip(row, pictures, ("photograph", "prediction"), strict=False):
             axis.imshow(picture)
-            axis.set_title(f"{title} ({highlight.name})", fontsize=9)
+            axis.set_title(f"{title} ({highlight.name}), saturated pixels black", fontsize=8)
         difference = (highlight.photo - highlight.predicted).mean(axis=2) / white
         image = row[2].imshow(difference, cmap="RdBu_r", vmin=-0.5, vmax=0.5)
-        row[2].set_title("photograph minus prediction, of white", fontsize=9)
+        row[2].set_title("photograph minus prediction, of white", fontsize=8)
         figure.colorbar(image, ax=row[2], shrink=0.8)
         for axis in row:
             axis.set_axis_off()
