@@ -24,8 +24,10 @@ from invrender.theory.specialcases import lobe
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# Where rings are counted from, and how much farther in they begin, in the logarithm: a quarter of the narrowest lobe.
+# Where rings begin, radians; in maps whose pixels are finer than twice that so much farther in, in the logarithm.
 _FIRST_RING, _INNER = 0.004, 1.1
+# Places and weights of an integral over the disc within the first ring, in parts of its area.
+_WITHIN = tuple(part / 2 for part in np.polynomial.legendre.leggauss(6))
 _RAYS_PER_CHUNK = 1024
 PAD = 2
 # Turns one ring against the next so that azimuths never line up.
@@ -110,7 +112,9 @@ def chunks(
     """Rays in chunks: which, their frames, and the rings' angles and azimuths to start at."""
     rng = np.random.default_rng(0)
     log_step = light.fineness.log_step
-    place = np.arange(-round(_INNER / log_step), int(np.ceil(np.log(np.pi / 2 / _FIRST_RING) / log_step)))
+    fine = np.pi / (light.levels[0].shape[0] - 2 * PAD) < 2 * _FIRST_RING
+    last = int(np.ceil(np.log(np.pi / 2 / _FIRST_RING) / log_step))
+    place = np.arange(-round(_INNER / log_step) if fine else 0, last)
     for start in range(0, len(normals), _RAYS_PER_CHUNK):
         part = slice(start, start + _RAYS_PER_CHUNK)
         shift, turn = rng.random(2)
@@ -135,10 +139,10 @@ def ring_weights(
     cell = np.clip(np.log(np.pi / 2 / rings) + log_step / 2, 0, log_step)
     inside = np.minimum(rings, np.pi / 2)
     weights = 2 * np.pi * density(inside[:, None], sigmas) * (np.sin(inside) * inside * cell)[:, None]
-    # The disc within the first ring, where the map is constant to the eye of the quadrature. The density at the circle
-    # that halves its area is its mean to the third order.
-    inner = rings[0] * np.exp(-log_step / 2)
-    weights[0] += np.pi * inner**2 * density(np.array([[inner / np.sqrt(2)]]), sigmas)[0]
+    # The disc within the first ring, where the map is constant to the eye of the quadrature; lobes may be narrower.
+    inner, (places, shares) = rings[0] * np.exp(-log_step / 2), _WITHIN
+    within = density(inner * np.sqrt(0.5 + places)[:, None], sigmas)
+    weights[0] += np.pi * inner**2 * (shares @ within)
     return weights
 
 
