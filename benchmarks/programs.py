@@ -30,7 +30,7 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     "decode": ("", "2"),
     "stream": ("", "1"),
     # At full size, which is 1, a quarter of an hour.
-    "texture": ("0.15", "0.04"),
+    "texture": ("0.15", "0.03"),
     "startup": ("", "1"),
     "mitsuba": ("DIR/mitsuba.png", "DIR/mitsuba.png rh01-steel"),
 }
