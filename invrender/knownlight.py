@@ -102,9 +102,13 @@ def solve_known_light(
     if elsewhere is None:
         left = {photo.label: columns[photo.label] for photo in fitted}
         scene = known_light_remainders(solution, specimen, left, lightings, elements, residuals)
-        causes = named_causes(
-            diagnose(scene, bool(outlying(chosen.photo_errors).any())), photoset.radiometry.exposure
-        )
+        diagnosis = diagnose(scene, bool(outlying(chosen.photo_errors).any()))
+        causes = named_causes(diagnosis, photoset.radiometry.exposure)
+        if diagnosis is not None and diagnosis.findings:
+            # The error bars hold what a fault moves.
+            brdf = solution.estimate.brdf
+            instead = [finding.instead(brdf) for finding in diagnosis.findings]
+            solution = conclude(concluded, used, doubts, instead)
     warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings, causes), *remarks]
     warnings += [elsewhere] if elsewhere else []
     result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)

@@ -46,7 +46,8 @@ class CauseFit:
     """A cause as it explains photographs best.
 
     energy : (photos,), weighted squares left in samples that a fit of this cause, BRDF and light hasn't seen. pattern :
-    (n, 3) per photograph, radiance that is the cause's. left : (n, 3), what is left of the photograph then.
+    (n, 3) per photograph, radiance that is the cause's. left : (n, 3), what is left of the photograph then. brdf : the
+    one about which all is linear. best : the one that fits best with the cause.
     """
 
     cause: Cause
@@ -55,6 +56,7 @@ class CauseFit:
     energy: Floats
     pattern: tuple[Floats, ...]
     left: tuple[Floats, ...]
+    best: Microfacet
 
 
 def common(photos: int, count: int) -> tuple[Ints, ...]:

@@ -107,7 +107,13 @@ def _judged(scene: Remainders, cause: Cause, state: State, light: LightColumns) 
             change = change + predicted(scene, cause, state, k) - predicted(scene, cause, none, k)
         pattern.append(change)
     return CauseFit(
-        cause, state.numbers + full[first:], state.brdf, np.array(energy), tuple(pattern), tuple(left)
+        cause,
+        state.numbers + full[first:],
+        state.brdf,
+        np.array(energy),
+        tuple(pattern),
+        tuple(left),
+        _moved(state, full, cause).brdf,
     )
 
 

@@ -13,6 +13,7 @@ from invrender.diagnostics.causefit import fit_cause, glance
 from invrender.diagnostics.causes import candidates, no_cause
 from invrender.diagnostics.linearised import light_columns
 from invrender.diagnostics.remainder import Remainders, noise_energy
+from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +30,8 @@ _REMAINS = 0.1
 _NOTABLE, _OF_NOISE = 0.005, 0.5
 # Logarithm of the ratio of widths from which on highlights are drawn out.
 _LEAST_STRETCH = 0.15
+# Causes that are no property of the surface, and move what is found of it.
+_FAULTS = ("near lamp", "curve", "offset", "place", "direction", "pose")
 # Causes that are named one after the other, each for what those before leave.
 _MOST = 2
 
@@ -38,13 +41,41 @@ class Finding:
     """A cause that explains much of what is left.
 
     share : of what is left beyond noise, 0 to 1, in samples that its fit hasn't seen. alike : names of causes that
-    explain about as much. photo : place of the photograph that shows it best.
+    explain about as much. photo : place of the photograph that shows it best. without : the BRDF that fits best without
+    the cause.
     """
 
     fit: CauseFit
     share: float
     alike: tuple[str, ...]
     photo: int
+    without: Microfacet
+
+    def instead(self, brdf: Microfacet) -> Microfacet:
+        """What a BRDF that was fitted without a fault of the photographs would be with it.
+
+        The same where the cause is the surface's own: its forms and patches are in the error bars already. Photographs
+        that differ in brightness don't tell which of them is right.
+        """
+        name, (within, without) = self.fit.cause.name, (self.fit.best, self.without)
+        if name == "brightness":
+            scale = 1 + float(np.std(self.fit.numbers))
+            return replace(brdf, kd=scale * brdf.kd, ks=scale * brdf.ks)
+        if name not in _FAULTS:
+            return brdf
+        kd, ks = (
+            np.maximum(own + there - here, 0)
+            for own, there, here in (
+                (brdf.kd, within.kd, without.kd),
+                (brdf.ks, within.ks, without.ks),
+            )
+        )
+        moved = replace(brdf, kd=kd, ks=ks)
+        if brdf.sigma is not None and within.sigma is not None and without.sigma is not None:
+            moved = replace(moved, sigma=brdf.sigma * within.sigma / without.sigma)
+        if brdf.mu is not None and within.mu is not None and without.mu is not None:
+            moved = replace(moved, mu=1 + (brdf.mu - 1) * (within.mu - 1) / (without.mu - 1))
+        return moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +168,7 @@ def _best(fits: Sequence[CauseFit], shares: dict[str, float], base: CauseFit) ->
     fit = min(good, key=lambda one: (one.cause.count, -shares[one.cause.name]))
     alike = tuple(other.cause.name for other in good if other is not fit)
     gains = base.energy - fit.energy
-    return Finding(fit, min(shares[fit.cause.name], 1.0), alike, int(gains.argmax()))
+    return Finding(fit, min(shares[fit.cause.name], 1.0), alike, int(gains.argmax()), base.best)
 
 
 def _credible(fit: CauseFit) -> bool:

@@ -14,6 +14,7 @@ from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.half_vectors import is_rough
 from invrender.model.lobes import PHONG, LobeForm, phong_exponent
+from invrender.model.microfacet import Microfacet
 from invrender.model.predict import predict_photos
 from invrender.model.richer import core
 from invrender.solve.clusters import structured_rms
@@ -72,12 +73,15 @@ def factorize(
 
 
 def conclude(
-    known: Explanation, lightings: Sequence[Lighting], doubts: Sequence[Sequence[Floats]] = ()
+    known: Explanation,
+    lightings: Sequence[Lighting],
+    doubts: Sequence[Sequence[Floats]] = (),
+    instead: Sequence[Microfacet] = (),
 ) -> Solution:
     """What an explanation amounts to: numbers with their uncertainty, and which of them are determined.
 
     doubts : one for each thing in doubt, (n, 3) per photograph, the radiance by which its samples are all off together
-    if that is off by one standard deviation.
+    if that is off by one standard deviation. instead : the BRDF as each fault that was found puts it.
     """
     chosen, weights, photos = known.chosen, known.weights, known.photos
     measured = _measure(known.rungs[chosen], photos, weights)
@@ -86,8 +90,10 @@ def conclude(
     if "sigma" in report.places:
         place = report.places["sigma"].start
         covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
-    for doubt in doubts:
-        moved = _moved(known, doubt) - values
+    others = [refitted(known, doubt) for doubt in doubts]
+    others += [replace(known.rungs[chosen].estimate, brdf=brdf) for brdf in instead]
+    for other in others:
+        moved = _reported(known, other) - values
         covariance += np.outer(moved, moved)
     std = np.sqrt(np.diag(covariance))
     form = known.rungs[chosen].estimate.model.form
@@ -109,11 +115,9 @@ def conclude(
     )
 
 
-def _moved(known: Explanation, changes: Sequence[Floats]) -> Floats:
-    """The reported numbers if the samples' radiances were lower by some (n, 3) per photograph."""
-    estimate = refitted(known, changes)
-    elements = {photo.lighting: photo.elements for photo in known.photos}
-    parameters = pack(estimate, elements)
+def _reported(known: Explanation, estimate: Estimate) -> Floats:
+    """The reported numbers of another estimate of the chosen model."""
+    parameters = pack(estimate, {photo.lighting: photo.elements for photo in known.photos})
     return Report(parameters, _has_known(known.photos))(parameters.vector)
 
 
