@@ -16,6 +16,8 @@ _TILES_ACROSS = 6
 _PATCHES_PER_UNIT = 3
 # Highlights that a model misses by both signs show in small tiles only.
 _SAMPLES_PER_TILE, _MOST_ACROSS = 20, 24
+# Of the brightest highlight, what is none any more.
+_FAINT = 1e-6
 # Median absolute value of unit normal noise, and its relative standard deviation from one sample.
 _MEDIAN_OF_NORMAL, _MEDIAN_STD = 0.6745, 1.166
 
@@ -96,7 +98,9 @@ def lobe_misfit(
         count for nothing are left out. The median over what is mostly highlight, each sample counting with its lobe's
         radiance, so that few that stray don't matter; 0 within two standard deviations of the median itself.
     """
-    lobe = (specular > 0.5 * np.maximum(predicted, 0)) & (inverse_variance > 0)
+    # Far out a lobe is nothing, though it may be all that there is.
+    seen = np.maximum(0.5 * predicted, _FAINT * specular.max(initial=0))
+    lobe = (specular > seen) & (inverse_variance > 0)
     weight = specular[lobe]
     if not len(weight):
         return 0.0
