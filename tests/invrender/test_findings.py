@@ -195,7 +195,11 @@ def test_a_light_from_the_wrong_side_gives_no_numbers(mapped: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda sky: np.roll(sky, sky.shape[1] // 4, axis=1), "its map were turned by -90 degrees about +Z"),
+        pytest.param(
+            lambda sky: np.roll(sky, sky.shape[1] // 4, axis=1),
+            "its map were turned by -90 degrees about +Z",
+            marks=pytest.mark.slow,
+        ),
         (lambda sky: sky[::-1], "its map were upside down"),
     ],
 )
