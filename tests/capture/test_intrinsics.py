@@ -88,15 +88,15 @@ def test_the_ladder_stops_where_the_lens_does(coefficients, expected):
 @pytest.mark.parametrize("smooth", [0.0, 0.05])
 def test_intervals_hold_the_truth_as_often_as_they_say(smooth):
     hits = []
-    for seed in range(40):
+    for seed in range(24):
         found = detections(100 + seed, 10, noise=0.1 if smooth == 0 else 0.05, smooth=smooth)
         views = [view_of(each) for each in found.values()]
         fit = fit_lens(views, SIZE, OPENCV)
         std = np.sqrt(np.diag(statistical_covariance(views, fit)))
         hits.append(np.abs(fit.params - CAMERA.params) < 1.96 * std)
-    # 40 draws of eight correlated parameters: the mean share is known to 2 %.
+    # 24 draws of eight correlated parameters: the mean share is known to 2.5 %.
     assert 0.9 <= np.mean(hits) <= 0.995
-    assert np.mean(hits, axis=0).min() > 0.83  # four standard errors below 95 %
+    assert np.mean(hits, axis=0).min() > 0.77  # four standard errors below 95 %
 
 
 def test_the_jackknife_agrees_with_leaving_views_out():

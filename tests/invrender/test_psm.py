@@ -34,7 +34,7 @@ def psm(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     # `data_dir` is what LIGHTFACTOR_DATA names, and the manifest's paths go through that variable.
     folder = tmp_path_factory.mktemp("psm")
     (folder / "photoset.toml").write_text(every_other((SET / "photoset.toml").read_text()))
-    return process(load_photoset(folder), samples=4500)
+    return process(load_photoset(folder), samples=3000)
 
 
 def shading_direction(field: LightField, start: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -255,7 +255,7 @@ format = 1
 name = "egg"
 object = { shape = "mesh", mesh = "egg.ply" }
 material = { model = "lambertian", kd = [0.2, 0.15, 0.1] }
-camera = { width = 80, height = 72, focal_px = 520 }
+camera = { width = 64, height = 58, focal_px = 416 }
 render = { directions = 64, per_side = 2 }
 faults = { pose_deg = 1.5 }
 

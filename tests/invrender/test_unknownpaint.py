@@ -24,9 +24,14 @@ from invrender.solve.blind.places import less_in_common
 from invrender.texture.layout import TexelLayout
 from recon.harmonics import sphere_directions
 from recon.lightfield import LightField
+from recon.trianglemesh import write_mesh
+from synthetic.materials.texture import Textured
 from synthetic.render.lobes import reflected_radiance
+from synthetic.scenes.build import read_staging
+from synthetic.writer import write_photoset
 
 from .test_blind import TEFLON, first_coefficients, noisy
+from .test_textured_bounces import cup_mesh, paint
 from .test_textures import DOLL, write_doll_set
 
 Command = Callable[..., tuple[int, str, str]]
@@ -114,9 +119,11 @@ def doll(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return in_unknown_light(write_doll_set(tmp_path_factory.mktemp("doll"), DOLL))
 
 
-def test_a_dolls_paint_and_the_light_on_it_are_recovered_together(doll: Path) -> None:
-    run = process(load_photoset(doll), samples=1500)
-    result, truth = run.solved.result, json.loads((doll / "truth.json").read_text())["brdf"]
+def check_paint_and_light(
+    folder: Path, samples: int, paint: np.ndarray, truth: dict[str, float], off_by: float
+) -> None:
+    """Recover all of a set and compare it with the truth; paint (h, w, 3), Kd over u and v, to that share (RMS)."""
+    result = process(load_photoset(folder), samples=samples).solved.result
     assert result.textures is not None
     for name in ("mu", "sigma"):
         found = result.quantities[name]
@@ -127,19 +134,71 @@ def test_a_dolls_paint_and_the_light_on_it_are_recovered_together(doll: Path) ->
     lamp = [np.cos(np.radians(30)) * np.cos(np.radians(30)), -0.5 * np.cos(np.radians(30)), 0.5]
     assert (result.lightings[0].lighting.directions @ lamp).max() > np.cos(np.radians(2))
     # Paint, up to the scale of each channel that no photograph tells.
-    textures, paint = result.textures, read_pixels(doll / truth["kd_map"]).astype(np.float32)
+    textures = result.textures
     layout = textures.layout
     assert isinstance(layout, TexelLayout)
-    expected = cv2.resize(paint, (layout.side, layout.side), interpolation=cv2.INTER_AREA)
+    expected = cv2.resize(paint.astype(np.float32), (layout.side, layout.side), interpolation=cv2.INTER_AREA)
     truth_kd = expected[layout.rows, layout.columns].astype(float)[textures.known]
     kd = textures.kd[textures.known]
     off = kd * (kd * truth_kd).sum(axis=0) / (kd**2).sum(axis=0) - truth_kd
-    # 7 to 11%; pixels are as large as much of the paint. Light taken for even and paint for none are off by 80%.
-    assert (np.sqrt((off**2).sum(axis=0) / (truth_kd**2).sum(axis=0)) < 0.2).all()
+    assert (np.sqrt((off**2).sum(axis=0) / (truth_kd**2).sum(axis=0)) < off_by).all()
     assert 0.2 < textures.share_known < 0.7
     # Only light tells how bright an object is.
     assert "albedo" not in result.quantities
     assert not result.is_absolute
+
+
+@pytest.mark.slow
+def test_a_dolls_paint_and_the_light_on_it_are_recovered_together(doll: Path) -> None:
+    truth = json.loads((doll / "truth.json").read_text())["brdf"]
+    # 7 to 11%; pixels are as large as much of the paint. Light taken for even and paint for none are off by 80%.
+    check_paint_and_light(doll, 1500, read_pixels(doll / truth["kd_map"]), truth, 0.2)
+
+
+BALL = """
+format = 1
+name = "painted ball"
+object = { shape = "mesh", mesh = "ball.obj" }
+material = { model = "microfacet", kd = 0.1, ks = 0.06, mu = 1.7, sigma = 0.2 }
+camera = { width = 56, height = 52, focal_px = 430 }
+render = { directions = 64, per_side = 2 }
+
+[[lighting]]
+name = "lab"
+directional = [{ azimuth_deg = -30, elevation_deg = 30, irradiance = [1.2, 1.1, 1.0] }]
+
+[gantry]
+start_deg = -75
+step_deg = 30
+photos = 6
+lighting = "lab"
+"""
+
+
+PAINT = 0.4 * paint()
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A glossy ball whose paint is of many pixels' width, under one lamp in the dark that its set doesn't give."""
+    folder = tmp_path_factory.mktemp("ball")
+    write_mesh(folder / "ball.obj", cup_mesh(dent=0))
+    (folder / "ball.toml").write_text(BALL)
+    staging = read_staging(folder / "ball.toml")
+    painted = Textured(staging.scene.material, PAINT, np.full((1, 1, 3), 0.06))
+    write_photoset(replace(staging, scene=replace(staging.scene, material=painted)), folder / "set")
+    path = in_unknown_light(folder / "set") / "photoset.toml"
+    path.write_text(path.read_text().replace("unknown = true", "unknown = true\ndark = true"))
+    return folder / "set"
+
+
+def test_a_balls_paint_and_the_lamp_on_it_are_recovered_together(
+    ball: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Forms of the lobe are told apart in tests of textures and of unknown light; here each costs seconds.
+    monkeypatch.setattr("invrender.texture.fit.OTHER_FORMS", ())
+    # 2.7 to 3.9%; even paint in its place is off by 15 to 33%.
+    check_paint_and_light(ball, 2000, PAINT, {"mu": 1.7, "sigma": 0.2}, 0.08)
 
 
 MATTE = """
@@ -172,9 +231,9 @@ def test_what_is_matte_does_not_tell_its_paint_from_light(lightfactor: Command, 
 
 
 def test_known_light_beside_unknown_is_refused_on_painted_objects(
-    lightfactor: Command, doll: Path, tmp_path: Path
+    lightfactor: Command, ball: Path, tmp_path: Path
 ) -> None:
-    folder = Path(shutil.copytree(doll, tmp_path / "set"))
+    folder = Path(shutil.copytree(ball, tmp_path / "set"))
     path = folder / "photoset.toml"
     first, *photos = path.read_text().split("[[photo]]\n")
     other = (
@@ -188,9 +247,9 @@ def test_known_light_beside_unknown_is_refused_on_painted_objects(
 
 
 def test_photographs_without_a_place_in_common_are_refused(
-    lightfactor: Command, doll: Path, tmp_path: Path
+    lightfactor: Command, ball: Path, tmp_path: Path
 ) -> None:
-    folder = Path(shutil.copytree(doll, tmp_path / "set"))
+    folder = Path(shutil.copytree(ball, tmp_path / "set"))
     path = folder / "photoset.toml"
     first, *photos = path.read_text().split("[[photo]]\n")
     path.write_text("[[photo]]\n".join([first, photos[0], photos[-1]]))

@@ -102,7 +102,7 @@ def moved_worlds(cameras: list[Camera], scale: float) -> list[Camera]:
 
 
 def test_from_six_picks_with_a_pixel_of_noise_silhouettes_agree_to_half_a_pixel(task, cat):
-    for seed in range(4):
+    for seed in range(2):
         found = place_mesh(replace(task, picks=picks_of(cat, 6, 1.0, seed, CAMERAS)))
         assert misfit_px(found.refined) < 0.06  # 4 x 4 rays in a pixel; half a pixel is asked
         assert np.degrees(found.place.angle_to(TRUTH)) < 0.05
@@ -121,7 +121,7 @@ def test_picks_in_one_photo_place_it_in_a_world_whose_size_the_other_photos_tell
     assert found.place.scale == pytest.approx(250, rel=2e-4)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_from_ten_degrees_and_five_percent_it_converges(task, cat, seed):
     found = place_mesh(replace(task, start=start_off(cat, 10, 0.05, seed), free_scale=True))
     assert np.degrees(found.place.angle_to(TRUTH)) < 0.02

@@ -212,7 +212,7 @@ def test_a_bracket_measures_what_the_longest_exposure_clips() -> None:
     camera = camera_at(45, 5)
     radiance, mask = rendered(camera, with_lamp, room)
     scores = []
-    for _ in range(6):
+    for _ in range(3):
         images = []
         for exposure, shift in ((1.0, 0), (1 / 8, 1), (1 / 64, 2)):
             # The camera sinks by a pixel between exposures; shot and read noise, 10 bits, white at 1.
@@ -322,7 +322,7 @@ def test_the_bracket_of_a_ball_in_a_room(data_dir: Path) -> None:
     background = decode(folder / "raw0.jpg", "srgb", 1 / 40)
     seconds = (1 / 10, 1 / 40, 1 / 160)
     view, _ = view_bracket(images, camera, "room", background=background, exposures=seconds)
-    by_hand, _ = view_bracket(images, camera, "room", disk=Disk(758, 551, 70), exposures=seconds)
+    by_hand, _ = view_bracket(images[:1], camera, "room", disk=Disk(758, 551, 70))
     # Read off an enlargement with a ruler: columns 683 to 828, topmost row 476.
     for each in (view, by_hand):
         centre = camera.project(each.sphere.centre[None])[0]

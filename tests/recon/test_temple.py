@@ -42,13 +42,18 @@ def run(monkeypatch, *arguments: str) -> None:
         main()
 
 
-def test_the_temple_from_photographs_to_samples(data_dir, tmp_path, monkeypatch):
+# Four neighbours, 23 degrees apart, that show enough features by themselves; and all.
+@pytest.mark.parametrize(
+    ("chosen", "cells"), [(range(5, 9), 50), pytest.param(range(16), 100, marks=pytest.mark.slow)]
+)
+def test_the_temple_from_photographs_to_samples(chosen, cells, data_dir, tmp_path, monkeypatch):
     monkeypatch.setenv("LIGHTFACTOR_DATA", str(data_dir))
     manifest = Path(__file__).parents[1] / "sets" / "temple" / "photoset.toml"
     text = manifest.read_text().replace('shape = "mesh"', 'shape = "mesh"\nmesh = "hull.ply"')
-    (tmp_path / "photoset.toml").write_text(text)
+    first, *entries = text.split("[[photo]]")
+    (tmp_path / "photoset.toml").write_text("[[photo]]".join([first, *(entries[k] for k in chosen)]))
     run(monkeypatch, "register", str(tmp_path))
-    run(monkeypatch, "hull", str(tmp_path), "--cells", "100", "-o", str(tmp_path / "hull.ply"))
+    run(monkeypatch, "hull", str(tmp_path), "--cells", str(cells), "-o", str(tmp_path / "hull.ply"))
     run(
         monkeypatch,
         "samples",
@@ -56,7 +61,7 @@ def test_the_temple_from_photographs_to_samples(data_dir, tmp_path, monkeypatch)
         "-o",
         str(tmp_path / "out"),
         "--samples",
-        "8000",
+        str(500 * len(chosen)),
         "--l-max",
         "4",
     )
@@ -65,13 +70,13 @@ def test_the_temple_from_photographs_to_samples(data_dir, tmp_path, monkeypatch)
     # Similarity by the cameras' places alone, as such comparisons are usually made. Reached: 0.19 degrees and 0.2% of
     # the distance, of which the published calibration has its part.
     centres = np.array([photo.camera.centre for photo in photoset.photos])
-    rotations, places = published(data_dir)
+    rotations, places = (numbers[list(chosen)] for numbers in published(data_dir))
     scale, rotation, shift = similarity(centres, places)
     distances = np.linalg.norm(places - BOX.mean(axis=0), axis=1)
     off = np.linalg.norm(scale * centres @ rotation.T + shift - places, axis=1) / distances
     found = np.array([photo.camera.world_to_camera[:3, :3] for photo in photoset.photos])
     turns = Rotation.from_matrix(rotations @ rotation @ found.transpose(0, 2, 1)).magnitude()
-    assert len(photoset.photos) == 16
+    assert len(photoset.photos) == len(chosen)
     assert off.max() < 0.004
     assert np.degrees(turns).max() < 0.25
 
@@ -84,10 +89,12 @@ def test_the_temple_from_photographs_to_samples(data_dir, tmp_path, monkeypatch)
     points = scale * inner @ rotation.T + shift
     # From within a closed body every ray meets it.
     upwards = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
-    assert (RayTracer(hull.vertices, hull.faces).first_hits(points, upwards).faces >= 0).mean() > 0.95
+    share = (RayTracer(hull.vertices, hull.faces).first_hits(points, upwards).faces >= 0).mean()
+    # Of four it is 0.935: "up" is another axis of their frame, along which more points see out between the columns.
+    assert share > (0.95 if len(chosen) == 16 else 0.9)
 
     summary = json.loads((tmp_path / "out" / "samples.json").read_text())
-    assert len(summary["photos"]) == 16
+    assert len(summary["photos"]) == len(chosen)
     for photo in summary["photos"]:
         assert photo["samples"] == 500
         # Hulls are hollow where silhouettes are: some mirrored rays meet it again, most don't.
