@@ -71,6 +71,7 @@ def noise() -> dict[str, Finding]:
     return noise_theory(0.01)
 
 
+@pytest.mark.slow
 def test_roughness_shows_in_known_light_that_the_lobe_can_blur() -> None:
     assert soft_light_at(0.8) < 1 < soft_light_at(0.17)
     assert soft_light_draw(0.8, 0)["sigma"].status == soft_light_theory(0.8)["sigma"].status == "undetermined"
