@@ -63,13 +63,8 @@ class Finding:
             return replace(brdf, kd=scale * brdf.kd, ks=scale * brdf.ks)
         if name not in _FAULTS:
             return brdf
-        kd, ks = (
-            np.maximum(own + there - here, 0)
-            for own, there, here in (
-                (brdf.kd, within.kd, without.kd),
-                (brdf.ks, within.ks, without.ks),
-            )
-        )
+        kd = np.maximum(brdf.kd + within.kd - without.kd, 0)
+        ks = np.maximum(brdf.ks + within.ks - without.ks, 0)
         moved = replace(brdf, kd=kd, ks=ks)
         if brdf.sigma is not None and within.sigma is not None and without.sigma is not None:
             moved = replace(moved, sigma=brdf.sigma * within.sigma / without.sigma)

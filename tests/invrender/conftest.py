@@ -19,6 +19,8 @@ from capture.lighting import Lighting
 from capture.radiance import RadianceImage
 from invrender.cli import main
 from invrender.model.columns import PhotoColumns, photo_columns
+from invrender.model.microfacet import Microfacet as Brdf
+from invrender.model.predict import predict
 from invrender.model.transfer import light_elements
 from invrender.run import run_process
 from recon.bodies import SphereBody
@@ -196,6 +198,21 @@ def photograph(
     return photos
 
 
+def predicted_photographs(
+    brdf: Brdf, angles_deg: Sequence[float], told: Lighting, samples: int
+) -> list[PhotoColumns]:
+    """Photographs of a sphere whose BRDF is one of the product's own, without noise, as columns of RH01's form."""
+    elements = light_elements(told)
+    fields = [sphere_field(float(angle), samples) for angle in angles_deg]
+    return [
+        with_radiance(
+            photo_columns(told.name, elements, field),
+            predict(brdf, elements, np.ones((len(elements), 3)), field),
+        )
+        for field in fields
+    ]
+
+
 def with_radiance(photo: PhotoColumns, radiance: Floats) -> PhotoColumns:
     """The same photograph with other radiances (n, 3)."""
     return replace(photo, field=replace(photo.field, radiance=radiance))
@@ -222,6 +239,7 @@ def bench() -> SimpleNamespace:
         known_lighting=known_lighting,
         sphere_field=sphere_field,
         photograph=photograph,
+        predicted_photographs=predicted_photographs,
         with_radiance=with_radiance,
         with_noise=with_noise,
     )

@@ -67,14 +67,7 @@ def test_a_real_paints_base_and_highlight_are_found_among_simpler_ones(bench) ->
     form = COATED_HAZY[GGX_FORM].with_numbers({"coat": 0.7, "haze": 0.4, "spread": 5.0})
     truth = Microfacet(np.array([0.2, 0.15, 0.1]), np.full(3, 0.03), 1.5, 0.05, form)
     told = bench.known_lighting()
-    elements = light_elements(told)
-    photos = [
-        bench.with_radiance(
-            photo_columns(told.name, elements, field),
-            predict(truth, elements, np.ones((len(elements), 3)), field),
-        )
-        for field in (bench.sphere_field(float(angle), samples=160) for angle in ANGLES)
-    ]
+    photos = bench.predicted_photographs(truth, ANGLES, told, 160)
     known = explain(bench.with_noise(photos, np.random.default_rng(0)), [told])
     solution = conclude(known, [told])
     assert solution.estimate.brdf.form.family is form.family

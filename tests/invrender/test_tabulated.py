@@ -7,12 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import nnls
 
-from invrender.model.columns import photo_columns
 from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
 from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict
 from invrender.model.richer import HAZY, TABULATED, core, tabulated
-from invrender.model.transfer import light_elements
 from invrender.solve.explanation import explain
 from invrender.solve.factorize import conclude
 
@@ -81,14 +78,7 @@ def test_what_no_formula_has_is_tabulated(bench) -> None:
         np.array([0.2, 0.15, 0.1]), np.full(3, 0.06), 1.5, 0.02, TABULATED[BECKMANN].with_numbers(numbers)
     )
     told = bench.known_lighting()
-    elements = light_elements(told)
-    photos = [
-        bench.with_radiance(
-            photo_columns(told.name, elements, field),
-            predict(truth, elements, np.ones((len(elements), 3)), field),
-        )
-        for field in (bench.sphere_field(float(angle), samples=160) for angle in ANGLES)
-    ]
+    photos = bench.predicted_photographs(truth, ANGLES, told, 160)
     known = explain(bench.with_noise(photos, np.random.default_rng(0)), [told])
     solution = conclude(known, [told])
     assert solution.estimate.brdf.form.family is truth.form.family
