@@ -65,6 +65,11 @@ class PhotoColumns:
         return replace(self, columns=self.columns[:, keep], field=self.field.where(keep))
 
 
+def sample_count(photos: Sequence[PhotoColumns]) -> int:
+    """How many samples photographs have together."""
+    return sum(len(photo.field) for photo in photos)
+
+
 def together(photos: Sequence[PhotoColumns]) -> PhotoColumns:
     """Photographs under one lighting as one, in columns of one form."""
     if len(photos) == 1:

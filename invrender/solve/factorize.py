@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from capture.lighting import Lighting
 from invrender.factorization import FittedLighting, Quantity
-from invrender.model.columns import PhotoColumns
+from invrender.model.columns import PhotoColumns, sample_count
 from invrender.model.half_vectors import is_rough
 from invrender.model.lobes import PHONG, LobeForm, phong_exponent
 from invrender.model.microfacet import Microfacet
@@ -197,7 +197,7 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
             there = _measure(trial.rung_like(other), trial.photos, trial.weights)
             own = known.trials[model.form]
             here = _measure(own.rung_like(model), own.photos, own.weights)
-            doubt = float(np.sqrt(_count(own.photos) / _count(known.photos)))
+            doubt = float(np.sqrt(sample_count(own.photos) / sample_count(known.photos)))
         std = doubt * np.sqrt(np.diag(there.covariance))
         for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
             theirs = there.report.places[name]
@@ -228,10 +228,6 @@ def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
         rest = 1 - (1 - share) * there.values[there.report.places["ks_normalised"]]
         return np.asarray((share if name == "ks_normalised" else 1) / rest)
     return np.ones(1)
-
-
-def _count(photos: Sequence[PhotoColumns]) -> int:
-    return sum(len(photo.field) for photo in photos)
 
 
 def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:

@@ -14,7 +14,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import PhotoColumns, columns_of_forms
+from invrender.model.columns import PhotoColumns, columns_of_forms, sample_count
 from invrender.model.lobes import PRINTED, UNCORRELATED, LobeForm, Smith
 from invrender.model.richer import Richer, extended, tabulated
 from invrender.model.transfer import LightElement
@@ -65,7 +65,8 @@ def try_forms(
     and viewer hidden apart. The noise is read off the residuals of the form that fits best: what another misses is no
     noise. `on_step` is called `len(OTHER_FORMS)` times at most.
     """
-    kept = [_share(photo, _count(photos)) for photo in photos]
+    total = sample_count(photos)
+    kept = [_share(photo, total) for photo in photos]
     share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
     columns: dict[LobeForm, list[PhotoColumns]] = {PRINTED: share}
     single = [form for form in OTHER_FORMS if isinstance(form, Smith)]
@@ -81,7 +82,7 @@ def try_forms(
 
     costs = costs_of((PRINTED, *OTHER_FORMS))
     facets = min(single, key=lambda form: costs[form])
-    telling = min(costs.values()) * (1 - _TELLING / (3 * _count(share)))
+    telling = min(costs.values()) * (1 - _TELLING / (3 * sample_count(share)))
     costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < telling}
     if costs[facets] < _NEAR * min(costs.values()):
         apart = UNCORRELATED[facets]
@@ -134,10 +135,6 @@ def beside(reference: Rung, tried: Rung, own: Rung) -> Rung:
         photo_errors=np.sqrt(np.maximum(squares, 0.01 * reference.photo_errors**2)),
         patch_energy=reference.patch_energy + tried.patch_energy - own.patch_energy,
     )
-
-
-def _count(photos: Sequence[PhotoColumns]) -> int:
-    return sum(len(photo.field) for photo in photos)
 
 
 def _share(photo: PhotoColumns, total: int) -> NDArray[np.bool_]:
