@@ -156,10 +156,12 @@ def errors_in_words(fit: Mapping[str, Any]) -> str:
         parts.append(f"{fit['cross_validated_rms_relative']:.2%} in each by a fit without it")
     if fit["held_out_rms_relative"] is not None:
         parts.append(f"{fit['held_out_rms_relative']:.2%} in those held out")
-    share = bright["fitted"] if bright["held_out"] is None else bright["held_out"]
+    seen = bright["held_out"] is None
+    share, whose = (bright["fitted"], "fitted") if seen else (bright["held_out"], "held-out")
     return (
         f"Predicted pictures are off by {', '.join(parts)} (RMS over all unsaturated pixels of the object, relative to"
-        f" the photograph's). {share:.0%} of the squared error lies in the brightest 2% of the pixels."
+        f" the photograph's). In {whose} photographs {share:.0%} of the squared error lies in the brightest 2% of the"
+        " pixels."
     )
 
 

@@ -27,7 +27,7 @@ from invrender.report.pictures import (
     tone_mapped,
     white_level,
 )
-from invrender.result import identifiability
+from invrender.result import errors_in_words, identifiability
 from invrender.texture.layout import TexelLayout
 from invrender.wording import with_error
 
@@ -152,9 +152,7 @@ class ReportWriter:
             ],
             with_error=with_error,
             many_lightings=_many_lightings(result.lightings),
-            median_unseen=float(
-                np.median([s.cross_validated for s in scores if s.cross_validated is not None])
-            ),
+            errors=errors_in_words(document["fit"]),
             causes=[(cause, figure_url(cause_figure(cause))) for cause in result.causes],
             figures={
                 "residual": figure_url(residual_figure(self._run.fields, self._run.solved.residuals)),

@@ -19,6 +19,7 @@ from capture.files.imagefile import read_pixels, write_exr
 from invrender.cli import DEFAULT_SAMPLES as CLI_SAMPLES
 from invrender.cli import main
 from invrender.pipeline import DEFAULT_SAMPLES
+from invrender.result import errors_in_words
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -96,6 +97,17 @@ def test_the_report_is_self_contained(workshop: Path) -> None:
     assert "http" not in re.sub(r"data:image/[^\"]*", "", page)
     assert "held out" in page
     assert "rejected" in page
+
+
+def test_command_and_report_state_one_error(lightfactor: Run, lamp_set: Path, tmp_path: Path) -> None:
+    code, out, _ = lightfactor("process", lamp_set, "-o", tmp_path / "out", "--samples", 2000)
+    fit = json.loads((tmp_path / "out" / "result.json").read_text())["fit"]
+    stated = errors_in_words(fit)
+    share = f"In held-out photographs {fit['error_in_brightest_2_percent']['held_out']:.0%} of the squared error"
+    assert code == 0
+    assert share in stated
+    assert stated in " ".join(out.split())
+    assert stated in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_second_run_replaces_the_first(
