@@ -69,7 +69,8 @@ def mean_form_rows(
     seen: NDArray[np.floating] | NDArray[np.bool_],
 ) -> Singles:
     """`form_rows` of samples (3, n, (l_max + 1)^2), means over their rays, of which `seen` (m,) counts, 0 to 1."""
-    return mean_lobe_rows(field, _local(l_max, form, mu, sigma), _rise(field, l_max, mu) * seen)
+    counted = _rise(field, l_max, mu) * seen
+    return mean_lobe_rows(field, _local(l_max, form, mu, sigma), [(f, counted) for f in range(3)])
 
 
 def form_radiance(

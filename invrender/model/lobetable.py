@@ -14,7 +14,7 @@ That is the transfer `exact`. Two coarser rungs are RH01's own: light looked up 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, get_args
@@ -110,7 +110,15 @@ def turned_lobes(
         local = at_cosines(series, np.einsum("nk,nk->n", normals, views))
         if factor is not None:
             local *= factor[here].astype(local.dtype)
-        yield here, rotated_orders(local, view_frames(normals, views))
+        # What is the same in all directions stays as it is.
+        yield (
+            here,
+            (
+                Orders(local, np.zeros_like(local))
+                if k == 1
+                else rotated_orders(local, view_frames(normals, views))
+            ),
+        )
 
 
 def lobe_rows(field: LightField, at_angles: Floats, factor: Floats | None = None) -> Singles:
@@ -123,25 +131,25 @@ def lobe_rows(field: LightField, at_angles: Floats, factor: Floats | None = None
     return rows
 
 
-def mean_lobe_rows(field: LightField, at_angles: Floats, factor: Floats) -> Singles:
-    """Rows (f, n, (l_max + 1)^2) of samples, means of `lobe_rows` over their rays; these aren't kept, a few at a time.
+def mean_lobe_rows(field: LightField, at_angles: Floats, factors: Sequence[tuple[int, Floats]]) -> Singles:
+    """Means of `lobe_rows` over the rays of samples, which aren't kept: (r, n, (l_max + 1)^2), r as many as factors.
 
-    factor : (m,), what each ray's are multiplied by.
+    factors : which of the f lobes, and what each ray's are multiplied by, (m,).
     """
     series = over_angles(at_angles).astype(np.float32)
     l_max = len(at_angles) - _SPARE_ANGLES
-    rows = np.zeros((series.shape[1], len(field), (l_max + 1) ** 2), np.float32)
+    rows = np.zeros((len(factors), len(field), (l_max + 1) ** 2), np.float32)
     counts = np.bincount(field.ray_sample, minlength=len(field))
-    for here, turned in turned_lobes(field, series, factor / counts[field.ray_sample]):
+    weights = [(f, (factor / counts[field.ray_sample]).astype(np.float32)) for f, factor in factors]
+    for here, turned in turned_lobes(field, series):
         own = field.ray_sample[here]
-        of_rays = np.empty((len(rows), len(own), rows.shape[-1]), np.float32)
+        of_rays = np.empty((series.shape[1], len(own), rows.shape[-1]), np.float32)
         turned.write(of_rays)
         samples = slice(int(own[0]), int(own[-1]) + 1)
         ends = np.searchsorted(own, np.arange(samples.start, samples.stop + 1))
-        sums = csr_array((np.ones(len(own), np.float32), np.arange(len(own)), ends))
-        for mine, values in zip(rows, of_rays, strict=True):
+        for mine, (f, weight) in zip(rows, weights, strict=True):
             # A sample's rays may be among the last of one turn and the first of the next.
-            mine[samples] += sums @ values
+            mine[samples] += csr_array((weight[here], np.arange(len(own)), ends)) @ of_rays[f]
     return rows
 
 

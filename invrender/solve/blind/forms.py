@@ -22,9 +22,10 @@ from invrender.solve.evidence import CLEARLY_WORSE
 # Forms that a lobe is tried as; beside the best of facets what it extends to, if RH01's isn't as good.
 FIRST_FORMS = (*FORMS.values(), *PLASTICS.values())
 MOST_FORMS = len(FIRST_FORMS) + 1 + len(extended(GGX_FORM))
-# From another's best answer, after which forms differ by far more than they still gain; in the dark, where they take no
-# time, until they are there.
-_ITERATIONS, _IN_THE_DARK, _FEW = 2, 6, 10
+# From another's best answer, after which forms differ by far more than they still gain. In the dark, where an iteration
+# takes no time, those go on whose cost is near the least.
+_ITERATIONS, _IN_THE_DARK, _FEW = 2, 4, 10
+_NEAR = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +47,16 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     rungs: dict[LobeForm, BlindRung] = {}
 
     def trying(forms: Iterable[LobeForm], start: Fit) -> None:
-        for form in forms:
-            fit = start
-            if start is not own or form is not own.state.form.family:
-                iterations = _ITERATIONS if l_max else _IN_THE_DARK
-                fit = search.fit(start.state.with_form(form), l_max, iterations)
+        fits = {
+            form: start
+            if start is own and form is own.state.form.family
+            else search.fit(start.state.with_form(form), l_max, _ITERATIONS)
+            for form in forms
+        }
+        least = min(fit.cost for fit in fits.values())
+        for form, fit in fits.items():
+            if not l_max and fit is not start and fit.cost < _NEAR * least:
+                fit = search.fit(fit.state, l_max, _IN_THE_DARK)
             if form is PRINTED or not is_endless(fit.state):
                 rungs[form] = cross_validate(form.name, search, fit)
 

@@ -128,7 +128,8 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
         diffuse, specular = rows.parts(light)
         columns.append(specular - diffuse)
         by_sigma, by_mu = sight.lobe_slopes(state, coefficients)
-        highlights, of_sigma, of_mu = _with_slopes(sight, state)
+        angles = _angles(sight, state.directions)
+        highlights, of_sigma, of_mu = _with_slopes(angles, state)
         by_sigma += mean((of_sigma * free) @ irradiances)
         by_mu += mean((of_mu * free) @ irradiances)
         if state.mu is not None:
@@ -140,7 +141,7 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
             base, lobe = sight.number_slope(state, coefficients, name)
             more = replace(state, form=further(state.form, name))
             lit = (_falling(sight, state.directions, more) - falling) / STEP * free
-            shown = (_highlights(sight, state.directions, more) - highlights) / STEP * free
+            shown = (more.form.reflected(angles, more.mu, more.roughness) - highlights) / STEP * free
             of_lobe = lobe + mean(shown @ irradiances)
             columns.append(sight.within(kappa * of_lobe + (1 - kappa) * (base + mean(lit) @ irradiances)))
         slopes = (_highlights(sight, ends, state).reshape(turned.shape) - highlights[..., None]) / STEP
@@ -167,9 +168,8 @@ def _highlights(sight: Sight, directions: Floats, state: State) -> Floats:
     return state.form.reflected(_angles(sight, directions), state.mu, state.roughness)
 
 
-def _with_slopes(sight: Sight, state: State) -> tuple[Floats, Floats, Floats]:
+def _with_slopes(angles: Angles, state: State) -> tuple[Floats, Floats, Floats]:
     """`_highlights` (m, j) of a state's sources, and their derivatives by log sigma and by log(mu - 1)."""
-    angles = _angles(sight, state.directions)
     shape, wider = (state.form.shape(angles, state.roughness * np.exp(way)) for way in (0, STEP))
     fresnel, by_mu = fresnel_with_slope(state.mu, np.clip(state.form.fresnel_cosine(angles), 0, 1))
     return fresnel * shape, fresnel * (wider - shape) / STEP, by_mu * shape

@@ -304,11 +304,10 @@ class Sight:
         """`mean_form_rows` of RH01's lobe; Fresnel's factor, which goes by the ray alone, is each ray's own."""
         at_angles = lobe_table(l_max).at_angles(sigma)
         fresnel, change = fresnel_with_slope(mu, self.cos)
-        rows, wider = mean_lobe_rows(self.field, at_angles, fresnel * seen)
-        if mu is None:
-            return np.stack([rows, wider, np.zeros_like(rows)])
-        (denser,) = mean_lobe_rows(self.field, at_angles[:, :1], change * seen)
-        return np.stack([rows, wider, denser])
+        # Fresnel's factor changes rows alone.
+        factors = [(0, fresnel * seen), (1, fresnel * seen), *([] if mu is None else [(0, change * seen)])]
+        rows = mean_lobe_rows(self.field, at_angles, factors)
+        return rows if mu is not None else np.concatenate([rows, np.zeros_like(rows[:1])])
 
     def _printed(self, sigma: float) -> tuple[list[Singles], Singles, Singles]:
         """RH01's lobe at the two roughnesses around sigma, and weights that make of them rows and slopes at sigma.
