@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -107,7 +108,7 @@ def test_command_and_report_state_one_error(lightfactor: Run, lamp_set: Path, tm
     assert code == 0
     assert share in stated
     assert stated in " ".join(out.split())
-    assert stated in (tmp_path / "out" / "report.html").read_text()
+    assert stated in unescape((tmp_path / "out" / "report.html").read_text())
 
 
 def test_a_second_run_replaces_the_first(
