@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.manifest import LightingTable
 from capture.photoset import PhotoSet
-from invrender.factorization import FittedLighting
 from invrender.model.columns import photo_columns
 from invrender.model.transfer import LightElement, light_elements
 from invrender.model.visibility import Shadows
 from invrender.solve.evidence import fit_strengths
 from invrender.solve.factorize import Solution
+from invrender.solve.quantities import FittedLighting
 from recon.knownlight import read_lighting
 from recon.lightfield import LightField
 

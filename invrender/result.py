@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
 from invrender.diagnostics.named import NamedCause
-from invrender.factorization import Factorization, FittedLighting, HarmonicLight, Quantity
+from invrender.factorization import Factorization
 from invrender.interreflection import Interreflection
 from invrender.solve.evidence import MISFIT_REMEDY, PictureError, misfit_reason
+from invrender.solve.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.texture.layout import TexelLayout
 from invrender.texture.textures import (
     KD_NAME,

@@ -15,7 +15,7 @@ from capture.files.imagefile import write_exr
 from capture.files.outfolder import added_files, result_folder
 from capture.photoset import PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
-from invrender.factorization import Factorization, Quantity
+from invrender.factorization import Factorization
 from invrender.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
 from invrender.report.page import ReportWriter
 from invrender.result import (
@@ -25,6 +25,7 @@ from invrender.result import (
     result_document,
     with_picture_errors,
 )
+from invrender.solve.quantities import Quantity
 from invrender.texture.textures import TEXTURE_FILES
 from invrender.wording import with_error
 

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.photoset import Photo, PhotoSet
-from invrender.factorization import Factorization, FittedLighting, PhotoScore
+from invrender.factorization import Factorization
 from invrender.solve.evidence import relative_rms
 from invrender.solve.factorize import Solution
+from invrender.solve.quantities import FittedLighting, PhotoScore
 from invrender.specimen import Specimen
 from recon.lightfield import LightField
 

@@ -17,7 +17,6 @@ from invrender.clock import Clock
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.named import named_causes
 from invrender.diagnostics.unknownlight import unknown_light_remainders
-from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.bounce import Bounced, Parts
 from invrender.model.microfacet import Microfacet
@@ -40,6 +39,7 @@ from invrender.solve.clusters import structured_rms
 from invrender.solve.evidence import Rung
 from invrender.solve.factorize import Solution, unless_misfit
 from invrender.solve.models import Estimate, Model
+from invrender.solve.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.theory.latlong import project_latlong, synthesise_latlong

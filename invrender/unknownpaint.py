@@ -17,11 +17,11 @@ from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
-from invrender.factorization import FittedLighting, Quantity
 from invrender.newlight import used_tables
 from invrender.reading import usable_pixels
 from invrender.solve.blind import BlindLight, BlindSolution, blind_steps, factorize_blind, predict_parts
 from invrender.solve.factorize import Solution
+from invrender.solve.quantities import FittedLighting, Quantity
 from invrender.solved import Solved
 from invrender.specimen import Specimen
 from invrender.texture.layout import SurfacePoints, scattered

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
-from invrender.factorization import Quantity
 from invrender.model import microfacet
 from invrender.model.columns import all_columns
 from invrender.model.transfer import light_elements
@@ -24,6 +23,7 @@ from invrender.plan.staged import NoisySensor
 from invrender.solve.blind import BlindSolution, factorize_blind
 from invrender.solve.factorize import Solution, factorize
 from invrender.solve.identifiability import lighting_degree
+from invrender.solve.quantities import Quantity
 from recon.bodies import SphereBody
 from recon.lightfield import LightField, off_terminators
 from recon.sampling import NO_SOURCES, sample_body

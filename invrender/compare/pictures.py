@@ -12,7 +12,6 @@ from capture.camera import Camera
 from capture.files.imagefile import read_pixels
 from invrender.compare.lightings import LightPair
 from invrender.compare.side import Side
-from invrender.factorization import FittedLighting
 from invrender.model.microfacet import Microfacet
 from invrender.render.light import light_element
 from invrender.render.picture import take_picture
@@ -28,6 +27,7 @@ from invrender.report.pictures import (
     tone_mapped,
     white_level,
 )
+from invrender.solve.quantities import FittedLighting
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,9 @@ from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.compare.lightings import first_coefficients
 from invrender.compare.truth import TRUTH_NAME, truth_side
-from invrender.factorization import Factorization, FittedLighting
+from invrender.factorization import Factorization
 from invrender.lighting.given import given_lights
+from invrender.solve.quantities import FittedLighting
 from invrender.theory.harmonics import project_sources
 from recon.harmonics import to_degree
 

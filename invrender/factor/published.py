@@ -11,7 +11,6 @@ from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.clock import Clock
-from invrender.factorization import FittedLighting, HarmonicLight, Quantity
 from invrender.findings import find_warnings
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import Microfacet
@@ -24,6 +23,7 @@ from invrender.solve.factorize import Solution, unless_misfit
 from invrender.solve.models import Estimate, Model
 from invrender.solve.noise import fit_noise, photo_weights
 from invrender.solve.published import PublishedFactors, published_factors
+from invrender.solve.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.solved import Solved, factorization
 from invrender.specimen import Specimen
 from invrender.theory.latlong import synthesise_latlong

@@ -16,10 +16,11 @@ from invrender.factor.choices import Choices
 from invrender.factor.figure import Shown, factor_figure
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
-from invrender.factorization import Factorization, Quantity
+from invrender.factorization import Factorization
 from invrender.pipeline import Run
 from invrender.result import identifiability
 from invrender.run import PICTURES, RESULT_FILES, write_fit, write_pictures
+from invrender.solve.quantities import Quantity
 from invrender.wording import with_error
 
 OWN_FILES = (*RESULT_FILES, "factor.png")

@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.factorization import Quantity
 from invrender.plan.experiment import Light
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.prospect import Expected, counted
 from invrender.plan.unknowns import Unknowns
 from invrender.solve.identifiability import _WEAK as WEAK
 from invrender.solve.identifiability import ACCURACY, Scalar
+from invrender.solve.quantities import Quantity
 from invrender.solve.reached import reached_share
 from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import map_coefficients

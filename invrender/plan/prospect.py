@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.factorization import Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import Microfacet
 from invrender.plan.information import Posterior, Spread
@@ -20,6 +19,7 @@ from invrender.solve.identifiability import (
     assess_mu,
     assess_sigma,
 )
+from invrender.solve.quantities import Quantity
 from invrender.solve.uncertainty import FINEST, NUMERICAL
 from recon.lightfield import LightField
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from invrender.factorization import FittedLighting, Quantity
 from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, UNCORRELATED
 from invrender.model.richer import COATED, COATED_HAZY, HAZY, TABULATED
 from invrender.pipeline import Prediction, Run
@@ -28,6 +27,7 @@ from invrender.report.pictures import (
     white_level,
 )
 from invrender.result import errors_in_words, identifiability
+from invrender.solve.quantities import FittedLighting, Quantity
 from invrender.texture.layout import TexelLayout
 from invrender.wording import with_error
 

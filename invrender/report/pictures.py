@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from capture.srgb import linear_to_srgb
-from invrender.factorization import FittedLighting, PhotoScore
 from invrender.result import lighting_map
+from invrender.solve.quantities import FittedLighting, PhotoScore
 from invrender.texture.textures import Textures
 from recon.lightfield import LightField
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from capture.lighting import Lighting
-from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns, sample_count
 from invrender.model.half_vectors import is_rough
 from invrender.model.lobes import PHONG, LobeForm, phong_exponent
@@ -31,6 +30,7 @@ from invrender.solve.identifiability import (
 )
 from invrender.solve.models import Estimate
 from invrender.solve.noise import NoiseModel, Weights
+from invrender.solve.quantities import FittedLighting, Quantity
 from invrender.solve.reported import Report
 from invrender.solve.uncertainty import FINEST, NUMERICAL, pack, uncertainty_of
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from invrender.factorization import Quantity, Status
 from invrender.model.columns import PhotoColumns
 from invrender.model.fresnel import MU_RANGE
 from invrender.model.microfacet import SIGMA_RANGE
+from invrender.solve.quantities import Quantity, Status
 from invrender.solve.uncertainty import PRIOR_STD
 from invrender.theory.harmonics import project_sources
 from invrender.theory.latlong import map_coefficients

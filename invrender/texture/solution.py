@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
-from invrender.factorization import FittedLighting, Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.model.microfacet import Microfacet
 from invrender.solve.clusters import structured_rms
 from invrender.solve.factorize import Solution, scaled, unless_misfit
 from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_sigma, lighting_degree
 from invrender.solve.noise import photo_weights
+from invrender.solve.quantities import FittedLighting, Quantity
 from invrender.solve.uncertainty import NUMERICAL
 from invrender.texture.fit import TexturedFit
 from invrender.texture.textures import Textures

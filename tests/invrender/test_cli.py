@@ -104,7 +104,9 @@ def test_command_and_report_state_one_error(lightfactor: Run, lamp_set: Path, tm
     code, out, _ = lightfactor("process", lamp_set, "-o", tmp_path / "out", "--samples", 2000)
     fit = json.loads((tmp_path / "out" / "result.json").read_text())["fit"]
     stated = errors_in_words(fit)
-    share = f"In held-out photographs {fit['error_in_brightest_2_percent']['held_out']:.0%} of the squared error"
+    share = (
+        f"In held-out photographs {fit['error_in_brightest_2_percent']['held_out']:.0%} of the squared error"
+    )
     assert code == 0
     assert share in stated
     assert stated in " ".join(out.split())

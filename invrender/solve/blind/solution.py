@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.factorization import Quantity
 from invrender.model.base import let_through, sky_factors
 from invrender.model.formtable import form_radiance
 from invrender.model.fresnel import normalised_fresnel
@@ -19,6 +18,7 @@ from invrender.solve.blind.certainty import Certainty
 from invrender.solve.blind.rungs import BlindRung
 from invrender.solve.blind.state import State
 from invrender.solve.noise import NoiseModel, Weights
+from invrender.solve.quantities import Quantity
 from invrender.theory.harmonics import project_sources
 from recon.harmonics import degree_of, evaluate_harmonics
 from recon.lightfield import LightField

@@ -8,12 +8,12 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.factorization import Quantity
 from invrender.model.columns import PhotoColumns
 from invrender.solve.blind.certainty import Certainty
 from invrender.solve.blind.projection import Fit
 from invrender.solve.blind.sight import Sight
 from invrender.solve.identifiability import Scalar, assess_linear, assess_mu, assess_number, assess_sigma
+from invrender.solve.quantities import Quantity
 from invrender.solve.reached import reached_share
 from recon.harmonics import degrees
 from recon.lightfield import LightField

@@ -1,0 +1,81 @@
+"""Numbers with their uncertainty or the reason why there is none, and what holds them: lightings, scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+
+Floats = NDArray[np.float64]
+Status = Literal["determined", "weak", "undetermined"]
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A number (or one per channel) with its standard deviation, or the reason why there is none.
+
+    value, std : (k,) arrays, k = 1 or 3; None where the photographs don't determine it.
+    status : "determined", "weak" (std above a tenth of the value, or mu beyond common indices) or "undetermined".
+    reason, remedy : plain words; empty where determined.
+    """
+
+    value: Floats | None
+    std: Floats | None
+    status: Status
+    reason: str = ""
+    remedy: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicLight:
+    """Light that nobody knew, without its sources, as harmonics.
+
+    coefficients, std : ((l_max + 1)^2, 3). shares : (l_max + 1,), of what is known of a degree's coefficients, how much
+    comes from the photographs. determined_degree : up to which that is most; -1 if of none. reason, remedy : why not of
+    all, and what would help; empty where it is of all.
+    """
+
+    coefficients: Floats
+    std: Floats
+    shares: Floats
+    determined_degree: int
+    reason: str
+    remedy: str
+
+
+@dataclass(frozen=True, eq=False)
+class FittedLighting:
+    """A lighting as the fit leaves it.
+
+    lighting : with recovered irradiances filled in. irradiance_std : (k, 3), zero where given, NaN where
+        fitted to held-out photographs only, to score them.
+    ambient, ambient_std : (3,) recovered uniform radiance, or None where it was not recovered.
+    harmonics : of light of which nothing was known, beside its sources; its map is in `lighting`, cut at zero.
+    up_to_scale : known light, times what suits held-out photographs best in a gauge that no light fixes.
+    """
+
+    lighting: Lighting
+    irradiance_std: Floats
+    ambient: Floats | None
+    ambient_std: Floats | None
+    harmonics: HarmonicLight | None = None
+    up_to_scale: bool = False
+
+
+@dataclass(frozen=True)
+class PhotoScore:
+    """How well one photograph is explained; errors are RMS residual over RMS radiance.
+
+    cross_validated : by a fit that had not seen it; None for a held-out photo, whose `rms` is just that.
+    """
+
+    label: str
+    lighting: str
+    held_out: bool
+    samples: int
+    rms: float
+    cross_validated: float | None
