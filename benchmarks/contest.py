@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from benchmarks.spherephotos import SpherePhotos
 from capture.lighting import Lighting
-from invrender.model.columns import PhotoColumns, all_columns
-from invrender.model.lobetable import Transfer
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict
-from invrender.model.transfer import light_elements
-from invrender.solve import statistics as sums
-from invrender.solve.blind import ORDERS, factorize_blind, predict_blind
-from invrender.solve.factorize import factorize
-from invrender.solve.published import published_brdf, published_factors
-from recon.lightfield import LightField
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate import statistics as sums
+from invrender.estimate.conclusions import factorize
+from invrender.estimate.rh01 import published_brdf, published_factors
+from invrender.estimate.unknown_light import ORDERS, factorize_blind, predict_blind
+from invrender.transport.columns import PhotoColumns, all_columns
+from invrender.transport.lobetable import Transfer
+from invrender.transport.predict import predict
+from invrender.transport.transfer import light_elements
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from invrender.theory.convolution import filtered
-from invrender.theory.latlong import analyse_latlong, synthesise_latlong
 from invrender.theory.operator import reflection_operator
 from invrender.theory.specialcases import phong_transfer
-from recon.harmonics import evaluate_harmonics, sphere_directions
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.harmonics.latlong import analyse_latlong, synthesise_latlong
 from synthetic.materials.microfacet import Microfacet
 
 Floats = NDArray[np.float64]

@@ -31,7 +31,7 @@ def forget_peak() -> None:
 
 
 if __name__ == "__main__":
-    from invrender.cli import main
+    from lightfactor.cli import main
 
     atexit.register(lambda: print(f"{peak_megabytes():.0f}"))
     main()

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from benchmarks.atlas.stage import SPHERE
 from benchmarks.contest import Found, Outcome, brdf_in_known_light, judged
 from benchmarks.spherephotos import SpherePhotos
-from invrender.model.microfacet import Microfacet
-from recon.lightfield import LightField
+from invrender.brdf.microfacet import Microfacet
+from recon.sampling.lightfield import LightField
 from synthetic.lights.illumination import Illumination
 
 Floats = NDArray[np.float64]

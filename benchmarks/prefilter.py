@@ -26,8 +26,8 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.overangles import HEIGHT, LEFT_OUT, compiled, light_map, map_pixels
 from invrender.theory.convolution import filtered
-from invrender.theory.latlong import analyse_latlong, synthesise_latlong
 from invrender.theory.specialcases import phong_transfer
+from recon.harmonics.latlong import analyse_latlong, synthesise_latlong
 
 Floats = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Rays through `recon.rays` against bare `embreex` times cores, in one run.
+"""Rays through `recon.mesh.rays` against bare `embreex` times cores, in one run.
 
     python -m benchmarks.rays [OUT.png [EDGE ...]]
 
@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from benchmarks.ink import save
 from benchmarks.kept import machine, machine_words
-from recon.rays import RayTracer
-from recon.trianglemesh import TriangleMesh
+from recon.mesh.rays import RayTracer
+from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.shapes.cat import REACH, cat_field
 from synthetic.shapes.meshing import mesh_implicit
 
@@ -164,7 +164,7 @@ def main(out: Path, edges: Sequence[float]) -> None:
     axes.set_ylim(0, 110)
     axes.set_xlabel("faces of the mesh")
     axes.set_ylabel("rays per second, % of bare embreex x cores")
-    axes.set_title(f"Rays through recon.rays on {os.cpu_count()} cores", fontsize=10)
+    axes.set_title(f"Rays through recon.mesh.rays on {os.cpu_count()} cores", fontsize=10)
     axes.legend(fontsize=8, loc="lower left")
     save(figure, out, machine_words(machine()))
     print(f"Chart: {out}")

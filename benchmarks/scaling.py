@@ -27,11 +27,11 @@ from benchmarks.ink import COLOURS, GREY, MARKS, save, write_table
 from benchmarks.kept import Kept
 from benchmarks.memory import forget_peak, peak_megabytes
 from capture.parallel import one_blas_thread
-from invrender.solve.blind import factorize_blind
-from invrender.solve.blind.projection import light_scale, solve_lighting
-from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.state import State
-from recon.lightfield import LightField, pools
+from invrender.estimate.unknown_light import factorize_blind
+from invrender.estimate.unknown_light.projection import light_scale, solve_lighting
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.state import State
+from recon.sampling.lightfield import LightField, pools
 
 Floats = NDArray[np.float64]
 

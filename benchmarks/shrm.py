@@ -31,8 +31,8 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.overangles import HEIGHT, LEFT_OUT, compiled, light_map, map_pixels
 from capture.lighting import latlong_directions
-from invrender.model.lobes import PRINTED, Angles
-from invrender.theory.reflectionmap import ReflectionMap, lobe_coefficients, reflection_map
+from invrender.brdf.lobes import PRINTED, Angles
+from invrender.prefilter.reflectionmap import ReflectionMap, lobe_coefficients, reflection_map
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

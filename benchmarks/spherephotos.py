@@ -12,9 +12,9 @@ from capture.camera import Camera
 from capture.parallel import parallel_map
 from capture.radiance import RadianceImage
 from invrender.plan.photographs import unexposed
-from recon.bodies import SphereBody
-from recon.lightfield import LightField, off_terminators
-from recon.sampling import NO_SOURCES, sample_body
+from recon.mesh.bodies import SphereBody
+from recon.sampling.draw import NO_SOURCES, sample_body
+from recon.sampling.lightfield import LightField, off_terminators
 
 Floats = NDArray[np.float64]
 

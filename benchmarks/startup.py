@@ -15,7 +15,7 @@ from statistics import median
 _ROUNDS, _GOAL = 9, 3.0
 _COMMANDS = {
     "import numpy": [sys.executable, "-c", "import numpy"],
-    "lightfactor --help": [sys.executable, "-c", "from invrender.cli import main; main()", "--help"],
+    "lightfactor --help": [sys.executable, "-c", "from lightfactor.cli import main; main()", "--help"],
 }
 
 

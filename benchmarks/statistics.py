@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
-from invrender.model.columns import PhotoColumns, specular_weights
-from invrender.model.fresnel import FresnelBasis
-from invrender.model.microfacet import sigma_nodes
-from invrender.solve.models import bounds_of, coordinates, estimate_at
-from invrender.solve.newton import newton_steps
-from invrender.solve.search import LADDER, fit
-from invrender.solve.statistics import Subsets, by_lighting, weighted_statistics
+from invrender.brdf.fresnel import FresnelBasis
+from invrender.brdf.microfacet import sigma_nodes
+from invrender.estimate.models import bounds_of, coordinates, estimate_at
+from invrender.estimate.newton import newton_steps
+from invrender.estimate.search import LADDER, fit
+from invrender.estimate.statistics import Subsets, by_lighting, weighted_statistics
 from invrender.theory.specialcases import lobe
-from recon.lightfield import LightField
+from invrender.transport.columns import PhotoColumns, specular_weights
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

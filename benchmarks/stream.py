@@ -24,10 +24,10 @@ from capture.camera import Camera
 from capture.decode import decode_photo
 from capture.parallel import parallel_map
 from capture.photoset import PhotoSet, load_photoset
-from recon.bodies import Body, MeshBody, body_coverage
-from recon.samples.find import find_body
-from recon.samples.stream import light_fields
-from recon.trianglemesh import TriangleMesh
+from recon.mesh.bodies import Body, MeshBody, body_coverage
+from recon.mesh.trianglemesh import TriangleMesh
+from recon.sampling.find import find_body
+from recon.sampling.stream import light_fields
 
 _FOCAL, _DISTANCE, _RADIUS, _BUDGET, _ROUNDS = 6000.0, 0.6, 0.1, 60_000, 2
 _SOURCE = np.array([[0.6, 0.0, 0.8]])

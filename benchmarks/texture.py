@@ -24,10 +24,10 @@ from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
 from capture.parallel import parallel_map
-from invrender.pipeline import DEFAULT_SAMPLES
-from recon.bodies import MeshBody, blended, body_pixels
-from recon.tangents import tangents
-from recon.trianglemesh import TriangleMesh, smooth_normals, write_mesh
+from invrender.process.pipeline import DEFAULT_SAMPLES
+from recon.mesh.bodies import MeshBody, blended, body_pixels
+from recon.mesh.tangents import tangents
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals, write_mesh
 from synthetic.lights.latlong import LatLongLight
 from synthetic.materials.microfacet import Microfacet
 from synthetic.shapes.doll import doll_mesh

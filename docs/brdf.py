@@ -18,14 +18,15 @@ from rich.table import Table
 from capture.decode import decode_photo
 from capture.photoset import load_photoset
 from capture.terminal import console, track
-from invrender.brdf.figure import draw_picture, draw_slice, dress_profile
-from invrender.brdf.fit import TableFit, table_misfit
-from invrender.brdf.harmonic import FURTHER, HarmonicBRDF, estimate_harmonic
-from invrender.brdf.near import Measured, measure_under
-from invrender.brdf.observe import Observations, light_coefficients, observe, single_source
-from invrender.brdf.rendering import Rendering
-from invrender.brdf.run import SAMPLES
-from invrender.brdf.slices import (
+from invrender.brdf.microfacet import Microfacet
+from invrender.inverse_brdf.figure import draw_picture, draw_slice, dress_profile
+from invrender.inverse_brdf.fit import TableFit, table_misfit
+from invrender.inverse_brdf.harmonic import FURTHER, HarmonicBRDF, estimate_harmonic
+from invrender.inverse_brdf.near import Measured, measure_under
+from invrender.inverse_brdf.observe import Observations, light_coefficients, observe, single_source
+from invrender.inverse_brdf.rendering import Rendering
+from invrender.inverse_brdf.run import SAMPLES
+from invrender.inverse_brdf.slices import (
     harmonic_transfer,
     parametric_transfer,
     plane_of_incidence,
@@ -33,10 +34,9 @@ from invrender.brdf.slices import (
     slice_grid,
     table_transfer,
 )
-from invrender.brdf.table import BRDFTable
-from invrender.model.microfacet import Microfacet
-from invrender.pipeline import process
-from invrender.theory.harmonics import project_sources
+from invrender.inverse_brdf.table import BRDFTable
+from invrender.process.pipeline import process
+from recon.harmonics.complex import project_sources
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path

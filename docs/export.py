@@ -14,18 +14,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from capture.srgb import linear_to_srgb
-from invrender.export.gltf_target import GLTF
-from invrender.export.mapping import map_brdf
-from invrender.export.materialx_target import STANDARD_SURFACE
-from invrender.export.mitsuba_target import MITSUBA
-from invrender.export.run import ExportOptions, run_export
-from invrender.render.light import light_element
-from invrender.render.picture import take_picture
-from invrender.render.reflectance import reflectance
-from invrender.render.saved import read_result
-from invrender.render.subject import photographed_subject
-from invrender.render.view import new_optics, parse_view, seen_from
-from invrender.run import run_demo
+from invrender.output.export.gltf_target import GLTF
+from invrender.output.export.mapping import map_brdf
+from invrender.output.export.materialx_target import STANDARD_SURFACE
+from invrender.output.export.mitsuba_target import MITSUBA
+from invrender.output.export.run import ExportOptions, run_export
+from invrender.output.render.light import light_element
+from invrender.output.render.picture import take_picture
+from invrender.output.render.subject import photographed_subject
+from invrender.output.render.view import new_optics, parse_view, seen_from
+from invrender.output.report.run import run_demo
+from invrender.result.reflectance import reflectance
+from invrender.result.saved import read_result
 
 VIEW = "60,20"
 SIDE, PATHS = 128, 8192

@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 
 from capture.lighting import Lighting
 from capture.photoset import load_photoset
-from invrender.lighting.estimate import Choices, LightResult, estimate_light
-from invrender.lighting.figure import blurred_truth, draw_map, white_level
-from invrender.lighting.given import given_lights
-from invrender.lighting.knownbrdf import read_brdf
-from invrender.lighting.maps import coefficient_map, true_light
-from invrender.pipeline import process
+from invrender.inverse_lighting.estimate import Choices, LightResult, estimate_light
+from invrender.inverse_lighting.figure import blurred_truth, draw_map, white_level
+from invrender.inverse_lighting.given import given_lights
+from invrender.inverse_lighting.knownbrdf import read_brdf
+from invrender.inverse_lighting.maps import coefficient_map, true_light
+from invrender.process.pipeline import process
 from synthetic.run import run_synth
 
 SCENE = "rh01-lighting"

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from capture.photoset import load_photoset
 from capture.srgb import linear_to_srgb
-from invrender.pipeline import Prediction, process
+from invrender.process.pipeline import Prediction, process
 from synthetic.run import run_synth
 
 SCENE = "rh01-cat"

@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 from capture.manifest import LightingTable
 from capture.photoset import load_photoset
 from capture.srgb import linear_to_srgb
-from invrender.compare.lightings import first_coefficients
-from invrender.compare.truth import truth_side
-from invrender.factorization import Factorization
-from invrender.pipeline import Prediction, process
-from invrender.result import result_document
+from invrender.output.compare.lightings import first_coefficients
+from invrender.process.pipeline import Prediction, process
+from invrender.result.document import result_document
+from invrender.result.factorization import Factorization
+from invrender.result.truth import truth_side
 from synthetic.run import run_synth
 
 SCENE = "rh01-cat"

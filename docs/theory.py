@@ -17,17 +17,17 @@ from scipy.special import eval_legendre
 
 from capture.lighting import latlong_directions
 from capture.srgb import linear_to_srgb
+from invrender.prefilter.energy import energy_fraction, power_per_degree, symmetric_power
 from invrender.theory.convolution import filtered
-from invrender.theory.energy import energy_fraction, power_per_degree, symmetric_power
 from invrender.theory.flatland import fourier_coefficients, reflect, synthesise, transfer_at
-from invrender.theory.latlong import analyse_latlong, highest_degree, synthesise_latlong
 from invrender.theory.specialcases import (
     microfacet_gaussian,
     microfacet_transfer,
     phong_gaussian,
     phong_transfer,
 )
-from recon.harmonics import clamped_cosine_transfer
+from recon.harmonics.basis import clamped_cosine_transfer
+from recon.harmonics.latlong import analyse_latlong, highest_degree, synthesise_latlong
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter, label
 from scipy.spatial.transform import Rotation
 
 from capture.camera import rigid_transform
-from recon.trianglemesh import TriangleMesh, smooth_normals
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

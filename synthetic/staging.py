@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.trianglemesh import TriangleMesh
+from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.lights.sources import PointSource
 from synthetic.scene import Scene
 from synthetic.scenes.schema import BallTable, CalibrationTable, FaultsTable

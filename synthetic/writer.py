@@ -18,7 +18,7 @@ from capture.boards.board import parse_board
 from capture.files.documents import write_json
 from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import MANIFEST_NAME
-from recon.trianglemesh import write_mesh
+from recon.mesh.trianglemesh import write_mesh
 from synthetic.faults import misaligned, perturbed_mesh, perturbed_pose, with_background, with_outliers
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.manifest import Photograph, Written, manifest_text

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.atlas.stage import Finding, Stage, expected, fitted, lit
 from benchmarks.atlas.sweep import Boundary
-from recon.lightfield import LightField
+from recon.sampling.lightfield import LightField
 from synthetic.faults import with_outliers
 
 Floats = NDArray[np.float64]

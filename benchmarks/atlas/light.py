@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from invrender.model import microfacet
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -22,19 +23,18 @@ from benchmarks.atlas.stage import (
     lit,
 )
 from benchmarks.atlas.sweep import Boundary
-from invrender.lighting.coefficients import DETERMINED, UNDETERMINED, estimate_coefficients
-from invrender.lighting.rows import photo_rows
-from invrender.model import microfacet
-from invrender.solve.identifiability import lighting_degree
+from invrender.estimate.identifiability import lighting_degree
+from invrender.inverse_lighting.coefficients import DETERMINED, UNDETERMINED, estimate_coefficients
 from invrender.theory.conditioning import Conditioning, inverse_filter
 from invrender.theory.specialcases import microfacet_transfer
-from recon.harmonics import (
+from invrender.transport.harmonicrows import photo_rows
+from recon.harmonics.basis import (
     clamped_cosine_transfer,
     degrees,
     evaluate_harmonics,
     sphere_directions,
 )
-from recon.tangents import tangents
+from recon.mesh.tangents import tangents
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.materials.microfacet import Microfacet

@@ -6,28 +6,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from invrender.model import microfacet
 from numpy.typing import NDArray
 
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
-from invrender.model import microfacet
-from invrender.model.columns import all_columns
-from invrender.model.transfer import light_elements
+from invrender.estimate.conclusions import Solution, factorize
+from invrender.estimate.identifiability import lighting_degree
+from invrender.estimate.quantities import Quantity
+from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.plan.bench import Bench
 from invrender.plan.experiment import Experiment, Light, View
 from invrender.plan.information import Marginal, Posterior, Tally
 from invrender.plan.photographs import Draw, unexposed
 from invrender.plan.prospect import brdf_prospect
 from invrender.plan.staged import NoisySensor
-from invrender.solve.blind import BlindSolution, factorize_blind
-from invrender.solve.factorize import Solution, factorize
-from invrender.solve.identifiability import lighting_degree
-from invrender.solve.quantities import Quantity
-from recon.bodies import SphereBody
-from recon.lightfield import LightField, off_terminators
-from recon.sampling import NO_SOURCES, sample_body
-from recon.sphere import Sphere
+from invrender.transport.columns import all_columns
+from invrender.transport.transfer import light_elements
+from recon.mesh.bodies import SphereBody
+from recon.sampling.draw import NO_SOURCES, sample_body
+from recon.sampling.lightfield import LightField, off_terminators
+from recon.sphere.sphere import Sphere
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
 from synthetic.lights.sources import DirectionalSource, PointSource

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.atlas.stage import QUANTITIES, TOLD, Finding, Stage, expected, fitted
 from benchmarks.atlas.sweep import Boundary
-from recon.lightfield import LightField
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from benchmarks.gloss.photosets import read_lamps
 from benchmarks.ink import save, write_table
 from benchmarks.kept import Kept
 from capture.photoset import load_photoset
-from invrender.pipeline import DEFAULT_SAMPLES, process
+from invrender.process.pipeline import DEFAULT_SAMPLES, process
 
 _PSM = Path(__file__).parents[2] / "tests" / "sets" / "psm"
 # One photograph in so many is held out; as many disjoint sets repeat the numbers.

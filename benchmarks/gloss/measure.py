@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from benchmarks.gloss.peers import ball_pixels
 from benchmarks.gloss.photosets import Lamps, write_photoset
 from capture.photoset import load_photoset
-from invrender.pipeline import Run, process
-from invrender.solve.evidence import picture_error
+from invrender.estimate.evidence import picture_error
+from invrender.process.pipeline import Run, process
 
 Floats = NDArray[np.float64]
 

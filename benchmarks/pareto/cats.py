@@ -18,22 +18,22 @@ from capture.files.imagefile import read_pixels, write_exr
 from capture.manifest import LightingTable
 from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.progress import silent
-from invrender.clock import Clock
-from invrender.knownlight import solve_known_light
-from invrender.model.lobetable import TRANSFERS, Transfer
-from invrender.model.microfacet import Microfacet as Fitted
-from invrender.model.predict import predict
-from invrender.model.transfer import light_elements
-from invrender.pipeline import DEFAULT_SAMPLES
-from invrender.reading import read_samples
-from invrender.solve.blind import BlindSolution, factorize_blind
-from invrender.solve.published import published_brdf
-from invrender.solved import Solved
-from invrender.specimen import Specimen, find_specimen
-from invrender.unknownlight import solve_unknown_light
-from recon.knownlight import read_lighting
-from recon.lightfield import LightField
-from recon.sampling import NO_SOURCES
+from invrender.brdf.microfacet import Microfacet as Fitted
+from invrender.estimate.rh01 import published_brdf
+from invrender.estimate.unknown_light import BlindSolution, factorize_blind
+from invrender.observation.clock import Clock
+from invrender.observation.reading import read_samples
+from invrender.observation.specimen import Specimen, find_specimen
+from invrender.process.known_light import solve_known_light
+from invrender.process.pipeline import DEFAULT_SAMPLES
+from invrender.process.solved import Solved
+from invrender.process.unknown_light import solve_unknown_light
+from invrender.transport.lobetable import TRANSFERS, Transfer
+from invrender.transport.predict import predict
+from invrender.transport.transfer import light_elements
+from recon.lighting import read_lighting
+from recon.sampling.draw import NO_SOURCES
+from recon.sampling.lightfield import LightField
 from synthetic.materials.microfacet import Microfacet
 from synthetic.render.photograph import photographs
 from synthetic.scene import Effort

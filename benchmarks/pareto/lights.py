@@ -14,14 +14,14 @@ from benchmarks.pareto.boards import Board, Contestant
 from benchmarks.pareto.spheres import DRAWS, photographed
 from benchmarks.spherephotos import SpherePhotos
 from capture.parallel import parallel_map
-from invrender.compare.lightings import first_coefficients
-from invrender.lighting.coefficients import candidate_degree, estimate_coefficients
-from invrender.lighting.dual import DualLight, estimate_dual
-from invrender.lighting.estimate import Choices
-from invrender.lighting.rows import PhotoRows, mirrored_views, photo_rows
-from invrender.model.microfacet import Microfacet
-from invrender.solve.blind import factorize_blind, predict_blind
-from invrender.solve.published.nodes import bilinear
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.rh01.nodes import bilinear
+from invrender.estimate.unknown_light import factorize_blind, predict_blind
+from invrender.inverse_lighting.coefficients import candidate_degree, estimate_coefficients
+from invrender.inverse_lighting.dual import DualLight, estimate_dual
+from invrender.inverse_lighting.estimate import Choices
+from invrender.output.compare.lightings import first_coefficients
+from invrender.transport.harmonicrows import PhotoRows, mirrored_views, photo_rows
 
 Floats = NDArray[np.float64]
 

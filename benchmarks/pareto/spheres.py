@@ -21,8 +21,8 @@ from benchmarks.contest import (
 )
 from benchmarks.pareto.boards import Board, Contestant
 from benchmarks.spherephotos import SpherePhotos, sphere_photos
-from invrender.model.lobetable import TRANSFERS
-from invrender.pipeline import DEFAULT_SAMPLES
+from invrender.process.pipeline import DEFAULT_SAMPLES
+from invrender.transport.lobetable import TRANSFERS
 
 PARAMETERS = "largest relative error of Ks share, mu - 1, sigma"
 DRAWS = 2

@@ -13,10 +13,10 @@ from benchmarks.atlas.stage import AREA, SOURCE, SPHERE, Stage
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from invrender.plan.photographs import unexposed
-from recon.bodies import SphereBody
-from recon.harmonics import evaluate_harmonics, sphere_directions
-from recon.lightfield import LightField, off_terminators
-from recon.sampling import NO_SOURCES, sample_body
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.mesh.bodies import SphereBody
+from recon.sampling.draw import NO_SOURCES, sample_body
+from recon.sampling.lightfield import LightField, off_terminators
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric

@@ -13,10 +13,10 @@ from benchmarks.ink import save
 from benchmarks.kept import Kept
 from benchmarks.spheres.bench import LIGHT_DEGREE, MATERIALS, true_coefficients
 from benchmarks.spheres.table import BUDGETS, PRINTED, Case, errors
-from invrender.lighting.figure import draw_map, white_level
-from invrender.lighting.maps import coefficient_map
+from invrender.inverse_lighting.figure import draw_map, white_level
+from invrender.inverse_lighting.maps import coefficient_map
 from invrender.theory.specialcases import microfacet_gaussian
-from recon.harmonics import degrees
+from recon.harmonics.basis import degrees
 
 Rows = Sequence[tuple[Case, Mapping[str, Any]]]
 

@@ -20,16 +20,16 @@ from benchmarks.spheres.bench import (
 )
 from capture.files.documents import numbers
 from capture.lighting import Lighting
-from invrender.model.columns import photo_columns
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict
-from invrender.model.transfer import light_elements
-from invrender.solve.blind import BlindSolution, factorize_blind, predict_blind
-from invrender.solve.factorize import factorize
-from invrender.solve.published import PublishedFactors, published_brdf, published_factors
-from invrender.theory.latlong import map_coefficients
-from recon.harmonics import to_degree
-from recon.lightfield import LightField
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.conclusions import factorize
+from invrender.estimate.rh01 import PublishedFactors, published_brdf, published_factors
+from invrender.estimate.unknown_light import BlindSolution, factorize_blind, predict_blind
+from invrender.transport.columns import photo_columns
+from invrender.transport.predict import predict
+from invrender.transport.transfer import light_elements
+from recon.harmonics.basis import to_degree
+from recon.harmonics.latlong import map_coefficients
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Entry = dict[str, Any]

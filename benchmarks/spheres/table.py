@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.kept import Kept
 from benchmarks.spheres.bench import LIGHT_DEGREE, MATERIALS, noisy, photographs, true_coefficients
 from benchmarks.spheres.methods import KNOWN, UNKNOWN
-from recon.harmonics import degrees
+from recon.harmonics.basis import degrees
 
 # Budgets of errors: relative of Kd and Ks; else absolute. view, light : residual of unseen photographs over the noise.
 _UNSEEN = {"view": 1.1, "light": 1.1}

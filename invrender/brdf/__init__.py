@@ -1,1 +1,1 @@
-"""Reflectance without a formula, under known light: harmonic coefficients, and tables of measured values."""
+"""BRDFs: lobes, Fresnel's factor, and the fitted sum of a diffuse and a specular part."""

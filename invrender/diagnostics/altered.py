@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.lobes import Angles
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders
-from invrender.model.lobes import Angles
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import reflected
-from invrender.model.transfer import LightElement
-from recon.lightfield import LightField
+from invrender.transport.predict import reflected
+from invrender.transport.transfer import LightElement
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

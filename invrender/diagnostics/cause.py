@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.altered import NOTHING, Alteration
-from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

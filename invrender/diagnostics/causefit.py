@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.cause import Cause, CauseFit
 from invrender.diagnostics.linearised import (
     KD,
@@ -22,7 +23,6 @@ from invrender.diagnostics.linearised import (
     predicted,
 )
 from invrender.diagnostics.remainder import FOLDS, Remainders
-from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.lobes import GGX_FORM
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.altered import Alteration, shown, source_parts
 from invrender.diagnostics.cause import Cause, common, each
 from invrender.diagnostics.remainder import Remainder, Remainders
-from invrender.model.lobes import GGX_FORM
-from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.cause import CauseFit
 from invrender.diagnostics.causefit import fit_cause, glance
 from invrender.diagnostics.causes import candidates, no_cause
 from invrender.diagnostics.linearised import light_columns
 from invrender.diagnostics.remainder import Remainders, noise_energy
-from invrender.model.microfacet import Microfacet
 
 Floats = NDArray[np.float64]
 

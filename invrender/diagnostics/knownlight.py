@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
-from invrender.model.columns import PhotoColumns
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import reflected
-from invrender.model.transfer import LightElement
-from invrender.model.visibility import Shadows
-from invrender.solve.factorize import Solution
-from invrender.specimen import Specimen
-from recon.lightfield import LightField
+from invrender.estimate.conclusions import Solution
+from invrender.observation.specimen import Specimen
+from invrender.transport.columns import PhotoColumns
+from invrender.transport.predict import reflected
+from invrender.transport.transfer import LightElement
+from invrender.transport.visibility import Shadows
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

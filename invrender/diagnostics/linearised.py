@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.altered import Alteration, shown, source_parts
 from invrender.diagnostics.cause import Cause
 from invrender.diagnostics.remainder import Remainder, Remainders
-from invrender.model.base import base_transfer
-from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import LightElement
-from recon.harmonics import evaluate_harmonics
+from invrender.transport.base import base_transfer
+from invrender.transport.transfer import LightElement
+from recon.harmonics.basis import evaluate_harmonics
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from invrender.model.microfacet import Microfacet
-from invrender.model.visibility import Shadows
-from invrender.solve.clusters import tile_of
-from recon.lightfield import LightField
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.clusters import tile_of
+from invrender.transport.visibility import Shadows
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

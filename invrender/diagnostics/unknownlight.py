@@ -7,18 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.fresnel import normalised_fresnel
+from invrender.brdf.lobes import PRINTED
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
-from invrender.model.base import let_through, sky_factors
-from invrender.model.formtable import form_radiance
-from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobes import PRINTED
-from invrender.model.lobetable import specular_radiance
-from invrender.model.microfacet import Microfacet
-from invrender.model.visibility import Shadows
-from invrender.solve.blind import BlindLight, BlindSolution
-from invrender.specimen import Specimen
-from recon.harmonics import degree_of, evaluate_harmonics
-from recon.lightfield import LightField
+from invrender.estimate.unknown_light import BlindLight, BlindSolution
+from invrender.observation.specimen import Specimen
+from invrender.transport.base import let_through, sky_factors
+from invrender.transport.formtable import form_radiance
+from invrender.transport.lobetable import specular_radiance
+from invrender.transport.visibility import Shadows
+from recon.harmonics.basis import degree_of, evaluate_harmonics
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from invrender.model.lobetable import TRANSFERS, Transfer
-from invrender.solve.blind import ORDERS, Region
+from invrender.estimate.unknown_light import ORDERS, Region
+from invrender.transport.lobetable import TRANSFERS, Transfer
 
 _HIGHEST_ORDER = 20
 _LEAST_SAMPLES = 500

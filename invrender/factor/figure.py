@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from capture.figures import printable, short_name
 from capture.lighting import Lighting
+from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.factor.given import Given
-from invrender.factorization import Factorization
-from invrender.lighting.figure import draw_map, white_level
-from invrender.lighting.maps import coefficient_map, true_light
-from invrender.pipeline import Prediction
-from invrender.report.pictures import difference_picture, tone_mapped
-from invrender.report.pictures import white_level as white_of_photo
-from invrender.solve.quantities import FittedLighting, Quantity
-from recon.harmonics import degree_of, to_degree
+from invrender.inverse_lighting.figure import draw_map, white_level
+from invrender.inverse_lighting.maps import coefficient_map, true_light
+from invrender.output.report.pictures import difference_picture, tone_mapped
+from invrender.output.report.pictures import white_level as white_of_photo
+from invrender.process.pipeline import Prediction
+from invrender.result.factorization import Factorization
+from recon.harmonics.basis import degree_of, to_degree
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from capture.files.documents import numbers
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
-from invrender.compare.lightings import first_coefficients
-from invrender.compare.truth import TRUTH_NAME, truth_side
-from invrender.factorization import Factorization
-from invrender.lighting.given import given_lights
-from invrender.solve.quantities import FittedLighting
-from invrender.theory.harmonics import project_sources
-from recon.harmonics import to_degree
+from invrender.estimate.quantities import FittedLighting
+from invrender.inverse_lighting.given import given_lights
+from invrender.output.compare.lightings import first_coefficients
+from invrender.result.factorization import Factorization
+from invrender.result.truth import TRUTH_NAME, truth_side
+from recon.harmonics.basis import to_degree
+from recon.harmonics.complex import project_sources
 
 Floats = NDArray[np.float64]
 

@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
-from invrender.clock import Clock
-from invrender.findings import find_warnings
-from invrender.model.fresnel import MU_RANGE
-from invrender.model.microfacet import Microfacet
-from invrender.reading import read_samples
-from invrender.solve.blind import Region
-from invrender.solve.blind.solution import GAUGE
-from invrender.solve.clusters import structured_rms
-from invrender.solve.evidence import Rung, relative_rms
-from invrender.solve.factorize import Solution, unless_misfit
-from invrender.solve.models import Estimate, Model
-from invrender.solve.noise import fit_noise, photo_weights
-from invrender.solve.published import PublishedFactors, published_factors
-from invrender.solve.quantities import FittedLighting, HarmonicLight, Quantity
-from invrender.solved import Solved, factorization
-from invrender.specimen import Specimen
-from invrender.theory.latlong import synthesise_latlong
-from recon.lightfield import LightField
+from invrender.brdf.fresnel import MU_RANGE
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.clusters import structured_rms
+from invrender.estimate.conclusions import Solution, unless_misfit
+from invrender.estimate.evidence import Rung, relative_rms
+from invrender.estimate.models import Estimate, Model
+from invrender.estimate.noise import fit_noise, photo_weights
+from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
+from invrender.estimate.rh01 import PublishedFactors, published_factors
+from invrender.estimate.unknown_light import Region
+from invrender.estimate.unknown_light.solution import GAUGE
+from invrender.observation.clock import Clock
+from invrender.observation.reading import read_samples
+from invrender.observation.specimen import Specimen
+from invrender.process.findings import find_warnings
+from invrender.process.solved import Solved, factorization
+from recon.harmonics.latlong import synthesise_latlong
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

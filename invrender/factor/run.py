@@ -12,15 +12,15 @@ from rich.table import Table
 from capture.files.outfolder import added_files, result_folder
 from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
+from invrender.estimate.quantities import Quantity
 from invrender.factor.choices import Choices
 from invrender.factor.figure import Shown, factor_figure
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
-from invrender.factorization import Factorization
-from invrender.pipeline import Run
-from invrender.result import identifiability
-from invrender.run import PICTURES, RESULT_FILES, write_fit, write_pictures
-from invrender.solve.quantities import Quantity
+from invrender.output.report.run import PICTURES, RESULT_FILES, write_fit, write_pictures
+from invrender.process.pipeline import Run
+from invrender.result.document import identifiability
+from invrender.result.factorization import Factorization
 from invrender.wording import with_error
 
 OWN_FILES = (*RESULT_FILES, "factor.png")

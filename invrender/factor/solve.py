@@ -8,13 +8,13 @@ from functools import partial
 from capture.parallel import one_blas_thread
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
-from invrender.clock import Clock
+from invrender.estimate.unknown_light import factorize_blind
 from invrender.factor.choices import Choices
 from invrender.factor.published import solve_as_published
-from invrender.pipeline import Run
-from invrender.solve.blind import factorize_blind
-from invrender.specimen import find_specimen
-from invrender.unknownlight import solve_unknown_light
+from invrender.observation.clock import Clock
+from invrender.observation.specimen import find_specimen
+from invrender.process.pipeline import Run
+from invrender.process.unknown_light import solve_unknown_light
 
 
 def factor(photoset: PhotoSet, choices: Choices, track: Track = silent) -> Run:

@@ -15,7 +15,7 @@ from invrender.plan.candidates import Candidate, Place, lamp_candidates, view_ca
 from invrender.plan.experiment import View
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
-from recon.harmonics import sphere_directions
+from recon.harmonics.basis import sphere_directions
 
 Floats = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from invrender.pipeline import DEFAULT_SAMPLES as FIT_SAMPLES
 from invrender.plan.experiment import Experiment, View
 from invrender.plan.information import Tally, photograph_tally
 from invrender.plan.lightprospect import UnknownLight
 from invrender.plan.photographs import Draw, Shown, draw, picture, reflected, shown
 from invrender.plan.reflected import Optics, Parts
 from invrender.plan.unknowns import Unknowns, unknowns_of
+from invrender.process.pipeline import DEFAULT_SAMPLES as FIT_SAMPLES
 
 Floats = NDArray[np.float64]
 

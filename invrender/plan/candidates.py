@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
 from capture.progress import Track
-from invrender.model.microfacet import Microfacet
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.identifiability import lighting_degree
 from invrender.plan.experiment import View
 from invrender.plan.photographs import Draw, Shown, steady, unexposed
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.plan.reflected import Reflected
-from invrender.solve.identifiability import lighting_degree
-from recon.sampling import samples_at
+from recon.sampling.draw import samples_at
 
 Floats = NDArray[np.float64]
 Task = TypeVar("Task")

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.lighting import Lighting, latlong_solid_angles
-from invrender.model.microfacet import Microfacet
-from recon.bodies import Body
+from invrender.brdf.microfacet import Microfacet
+from recon.mesh.bodies import Body
 
 Floats = NDArray[np.float64]
 

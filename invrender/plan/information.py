@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from invrender.estimate.clusters import patch_of, sums_by, tile_of
 from invrender.plan.unknowns import Unknowns
-from invrender.solve.clusters import patch_of, sums_by, tile_of
-from recon.lightfield import LightField
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

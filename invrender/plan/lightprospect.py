@@ -9,19 +9,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.estimate.identifiability import _WEAK as WEAK
+from invrender.estimate.identifiability import ACCURACY, Scalar
+from invrender.estimate.quantities import Quantity
+from invrender.estimate.reached import reached_share
 from invrender.plan.experiment import Light
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.prospect import Expected, counted
 from invrender.plan.unknowns import Unknowns
-from invrender.solve.identifiability import _WEAK as WEAK
-from invrender.solve.identifiability import ACCURACY, Scalar
-from invrender.solve.quantities import Quantity
-from invrender.solve.reached import reached_share
-from invrender.theory.harmonics import project_sources
-from invrender.theory.latlong import map_coefficients
-from recon.harmonics import degree_of, degrees, evaluate_harmonics
-from recon.lightfield import LightField
-from recon.tangents import tangents
+from recon.harmonics.basis import degree_of, degrees, evaluate_harmonics
+from recon.harmonics.complex import project_sources
+from recon.harmonics.latlong import map_coefficients
+from recon.mesh.tangents import tangents
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

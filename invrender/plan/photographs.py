@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from invrender.model.fresnel import normalised_fresnel
-from invrender.model.microfacet import Microfacet
+from invrender.brdf.fresnel import normalised_fresnel
+from invrender.brdf.microfacet import Microfacet
 from invrender.plan.reflected import Optics, Parts, Reflected
 from invrender.plan.unknowns import Unknowns
 from invrender.theory.operator import irradiance_operator, reflection_operator
-from recon.bodies import Body, body_coverage, body_window
-from recon.lightfield import LightField, off_terminators
-from recon.sampling import NO_SOURCES, sample_body, samples_at
+from recon.mesh.bodies import Body, body_coverage, body_window
+from recon.sampling.draw import NO_SOURCES, sample_body, samples_at
+from recon.sampling.lightfield import LightField, off_terminators
 
 Floats = NDArray[np.float64]
 

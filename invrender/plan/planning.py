@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread, parallel_map
 from capture.progress import Track, silent
+from invrender.estimate.identifiability import lighting_degree
 from invrender.plan.bench import FEWEST, Bench
 from invrender.plan.experiment import Experiment
 from invrender.plan.information import Marginal, Posterior, Tally
 from invrender.plan.lightprospect import LightProspect
 from invrender.plan.photographs import Draw
 from invrender.plan.prospect import Expected, brdf_prospect
-from invrender.solve.identifiability import lighting_degree
-from recon.lightfield import LightField
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

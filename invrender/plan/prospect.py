@@ -8,20 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.columns import PhotoColumns
-from invrender.model.microfacet import Microfacet
-from invrender.plan.information import Posterior, Spread
-from invrender.plan.unknowns import Unknowns
-from invrender.solve.identifiability import (
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.identifiability import (
     UNIFORM_LIGHT,
     Scalar,
     assess_linear,
     assess_mu,
     assess_sigma,
 )
-from invrender.solve.quantities import Quantity
-from invrender.solve.uncertainty import FINEST, NUMERICAL
-from recon.lightfield import LightField
+from invrender.estimate.quantities import Quantity
+from invrender.estimate.uncertainty import FINEST, NUMERICAL
+from invrender.plan.information import Posterior, Spread
+from invrender.plan.unknowns import Unknowns
+from invrender.transport.columns import PhotoColumns
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

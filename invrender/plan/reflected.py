@@ -1,5 +1,4 @@
-"""What samples reflect, by RH01's model under visibility (`invrender.model.visibility`), and how that changes with mu
-and sigma."""
+"""What samples reflect, by RH01's model under visibility (`invrender.transport.visibility`), and its slopes."""
 
 from __future__ import annotations
 
@@ -8,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.fresnel import normalised_fresnel
-from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import LightElement, light_elements, specular_transfer
-from invrender.model.visibility import Rays, Shadows, Sight, seen_diffuse, seen_specular
+from invrender.brdf.fresnel import normalised_fresnel
+from invrender.brdf.microfacet import Microfacet
 from invrender.plan.experiment import Light
 from invrender.theory.specialcases import lobe
-from recon.bodies import Body, MeshBody
-from recon.lightfield import LightField
-from recon.tangents import tangents
-from recon.transfer import transfer_vectors
+from invrender.transport.transfer import LightElement, light_elements, specular_transfer
+from invrender.transport.visibility import Rays, Shadows, Sight, seen_diffuse, seen_specular
+from recon.mesh.bodies import Body, MeshBody
+from recon.mesh.tangents import tangents
+from recon.mesh.transfer import transfer_vectors
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from invrender.model.lobes import phong_sigma
-from invrender.model.microfacet import Microfacet
+from invrender.brdf.lobes import phong_sigma
+from invrender.brdf.microfacet import Microfacet
 from invrender.plan.experiment import Experiment, Light, View
-from recon.bodies import MeshBody, SphereBody
-from recon.shape import placed
-from recon.sphere import Sphere
+from recon.mesh.bodies import MeshBody, SphereBody
+from recon.mesh.shape import placed
+from recon.sphere.sphere import Sphere
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Given, Illumination, latlong_map
 from synthetic.lights.sources import PointSource

@@ -9,6 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from invrender.estimate.uncertainty import FINEST
 from invrender.plan.advice import Advice
 from invrender.plan.candidates import Candidate
 from invrender.plan.document import gauge
@@ -16,7 +17,6 @@ from invrender.plan.experiment import Experiment, angles_deg
 from invrender.plan.lightprospect import HALF, LightProspect
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
-from invrender.solve.uncertainty import FINEST
 from invrender.wording import with_error
 
 # Of many lightings so many are told of; plan.json has them all.

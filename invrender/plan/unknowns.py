@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.model.microfacet import Microfacet
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.uncertainty import PRIOR_STD
 from invrender.plan.experiment import Light
-from invrender.solve.uncertainty import PRIOR_STD
-from recon.harmonics import check_degree
+from recon.harmonics.basis import check_degree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

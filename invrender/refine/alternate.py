@@ -19,17 +19,17 @@ from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from capture.radiance import RadianceImage
-from invrender.pipeline import Run, process
+from invrender.estimate.noise import NoiseModel
+from invrender.estimate.textured.layout import SurfacePoints
+from invrender.process.pipeline import Run, process
 from invrender.refine.followed import Followed, Lobe, followed_in
 from invrender.refine.photometric import RefinedPose, Sight, refine_pose
 from invrender.refine.posechange import LoosePose
 from invrender.refine.rim import outline_in
 from invrender.refine.shared import refine_together
-from invrender.solve.noise import NoiseModel
-from invrender.texture.layout import SurfacePoints
-from recon.bodies import Body, MeshBody, body_coverage, larger_pixels
-from recon.lightfield import LightField
-from recon.sampling import NO_SOURCES, sample_body
+from recon.mesh.bodies import Body, MeshBody, body_coverage, larger_pixels
+from recon.sampling.draw import NO_SOURCES, sample_body
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.solve.linear import symmetric_pinv
+from invrender.estimate.linear import symmetric_pinv
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -22,12 +22,12 @@ from scipy.ndimage import (
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
+from invrender.estimate.textured.layout import SurfacePoints
+from invrender.estimate.textured.observe import observe
 from invrender.refine.photometric import BLOCK, Sight
-from invrender.texture.layout import SurfacePoints
-from invrender.texture.observe import observe
-from recon.lightfield import LightField
-from recon.sampling import samples_around
-from recon.tangents import tangents
+from recon.mesh.tangents import tangents
+from recon.sampling.draw import samples_around
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

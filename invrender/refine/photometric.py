@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.radiance import RadianceImage
-from invrender.model.visibility import facing
+from invrender.estimate.evidence import relative_rms
+from invrender.estimate.noise import NoiseModel, photo_weights
 from invrender.refine.blocks import Equations, block_equations
 from invrender.refine.posechange import LoosePose
 from invrender.refine.rim import Rim, rim_of
-from invrender.solve.evidence import relative_rms
-from invrender.solve.noise import NoiseModel, photo_weights
-from recon.align.outlines import Outline
-from recon.bodies import MeshBody
-from recon.lightfield import LightField
-from recon.sampling import samples_around
+from invrender.transport.visibility import facing
+from recon.mesh.bodies import MeshBody
+from recon.poses.align.outlines import Outline
+from recon.sampling.draw import samples_around
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from invrender.refine.blocks import Equations, block_equations
-from recon.align.outlines import SECTORS, Outline, outline_of
-from recon.align.silhouettes import crossings, lines_across
-from recon.align.similarity import Similarity
-from recon.bodies import MeshBody
+from recon.mesh.bodies import MeshBody
+from recon.poses.align.outlines import SECTORS, Outline, outline_of
+from recon.poses.align.silhouettes import crossings, lines_across
+from recon.poses.align.similarity import Similarity
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -19,13 +19,13 @@ from scipy.sparse import csr_array
 
 from capture.parallel import parallel_map
 from capture.progress import Track, silent
+from invrender.estimate.evidence import relative_rms
+from invrender.estimate.linear import symmetric_pinv
+from invrender.estimate.noise import photo_weights
 from invrender.refine.blocks import block_equations
 from invrender.refine.followed import Followed
 from invrender.refine.photometric import RefinedPose
 from invrender.refine.rim import Rim
-from invrender.solve.evidence import relative_rms
-from invrender.solve.linear import symmetric_pinv
-from invrender.solve.noise import photo_weights
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

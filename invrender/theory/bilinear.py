@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
-from invrender.theory.harmonics import to_real
-from recon.harmonics import degree_of, degrees, orders
+from recon.harmonics.basis import degree_of, degrees, orders
+from recon.harmonics.complex import to_real
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -17,10 +17,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invrender.theory.harmonics import evaluate_complex
-from invrender.theory.latlong import theta_factors
 from invrender.theory.refinement import interval_rule, refined
-from recon.harmonics import check_degree, degree_of, finite
+from recon.harmonics.basis import check_degree, degree_of, finite
+from recon.harmonics.complex import evaluate_complex
+from recon.harmonics.latlong import theta_factors
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

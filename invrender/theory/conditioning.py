@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from capture.arrays import frozen_array
 from invrender.theory.convolution import normalisation
 from invrender.theory.explicit import LightFieldFactors
-from recon.harmonics import degree_of, degrees, finite
+from recon.harmonics.basis import degree_of, degrees, finite
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from invrender.theory.harmonics import evaluate_complex
-from recon.harmonics import check_degree, check_unit, degree_of, degrees, finite, orders
-from recon.rotations import check_rotation, euler_angles
-from recon.wigner import wigner_D
+from recon.harmonics.basis import check_degree, check_unit, degree_of, degrees, finite, orders
+from recon.harmonics.complex import evaluate_complex
+from recon.harmonics.rotations import check_rotation, euler_angles
+from recon.harmonics.wigner import wigner_D
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -20,8 +20,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from invrender.theory.bilinear import ROUNDING, RealField, checked_field, fit_products, real_field
 from invrender.theory.convolution import normalisation
-from invrender.theory.harmonics import to_complex
-from recon.harmonics import degree_of, degrees
+from recon.harmonics.basis import degree_of, degrees
+from recon.harmonics.complex import to_complex
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from invrender.theory.refinement import interval_rule, refined
-from recon.harmonics import check_degree, finite
+from recon.harmonics.basis import check_degree, finite
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

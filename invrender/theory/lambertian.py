@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.harmonics import clamped_cosine_transfer, degree_of, degrees, evaluate_harmonics, finite
+from recon.harmonics.basis import clamped_cosine_transfer, degree_of, degrees, evaluate_harmonics, finite
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BarycentricInterpolator
 
 from invrender.theory.brdfcoefficients import BRDF, outgoing_coefficients
-from recon.harmonics import check_unit, clamped_cosine_transfer, degrees, evaluate_harmonics
-from recon.rotations import rotated_harmonics
+from recon.harmonics.basis import check_unit, clamped_cosine_transfer, degrees, evaluate_harmonics
+from recon.harmonics.rotations import rotated_harmonics
 
 Floats = NDArray[np.float64]
 

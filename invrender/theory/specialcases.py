@@ -3,7 +3,7 @@
 Radially symmetric transfer functions rho^(theta) = sum rho_l Y_l0(theta) are given as Lambda_l rho_l, (l_max + 1,), the
 factor by which `convolution.filtered` multiplies lighting [eq. 15]; Lambda_l is `convolution.normalisation`. Phong and
 microfacet lobes are centred on the reflected view [eq. 17]. Lambertian reflection has `clamped_cosine_transfer` in
-`recon.harmonics`.
+`recon.harmonics.basis`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import ArrayLike, NDArray
 
 from invrender.theory.convolution import normalisation
-from recon.harmonics import check_degree, degrees, orders
+from recon.harmonics.basis import check_degree, degrees, orders
 
 Floats = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.wording import some_of
-from recon.bodies import MeshBody, body_coverage
-from recon.trianglemesh import TriangleMesh
+from recon.mesh.bodies import MeshBody, body_coverage
+from recon.mesh.trianglemesh import TriangleMesh
 
 Floats = NDArray[np.float64]
 Coverage = NDArray[np.float32]

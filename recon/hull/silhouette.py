@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.outline import largest_filled
+from recon.sphere.outline import largest_filled
 
 
 def bright_region(radiance: NDArray[np.float32], share: float) -> NDArray[np.float32]:

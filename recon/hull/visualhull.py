@@ -16,8 +16,8 @@ from skimage.measure import marching_cubes
 from capture.camera import Camera
 from capture.parallel import parallel_map
 from capture.progress import Track, silent
-from recon.shape import largest_piece
-from recon.trianglemesh import TriangleMesh, smooth_normals
+from recon.mesh.shape import largest_piece
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 
 Floats = NDArray[np.float64]
 Coverage = NDArray[np.float32]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import read_latlong
-from recon.atlas import with_atlas
-from recon.trianglemesh import TriangleMesh, read_mesh
+from recon.mesh.atlas import with_atlas
+from recon.mesh.trianglemesh import TriangleMesh, read_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Given, Illumination

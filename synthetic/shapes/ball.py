@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from recon.sphere import Sphere
+from recon.sphere.sphere import Sphere
 from synthetic.shapes.surface import Points
 from synthetic.shapes.tangents import tangents
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from recon.trianglemesh import TriangleMesh
+from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.shapes.surface import Points
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from recon.trianglemesh import TriangleMesh, area_vectors, is_watertight
+from recon.mesh.trianglemesh import TriangleMesh, area_vectors, is_watertight
 from synthetic.shapes.implicit import Implicit
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from recon.rays import RayTracer
-from recon.trianglemesh import TriangleMesh, area_vectors, is_watertight, volume
+from recon.mesh.rays import RayTracer
+from recon.mesh.trianglemesh import TriangleMesh, area_vectors, is_watertight, volume
 from synthetic.shapes.surface import Points
 from synthetic.shapes.tangents import tangents
 

@@ -14,7 +14,7 @@ from capture.arc.gantrycalibration import calibrate_gantry
 from capture.boards.board import parse_board
 from capture.camera import Camera
 from capture.photoset import load_photoset
-from invrender.cli import app
+from lightfactor.cli import app
 from synthetic.sensing.boardphotos import board_photo
 
 CAMERA = Camera("RADIAL", [760.0, 320, 240, -0.1, 0.02], 640, 480, np.eye(4))

@@ -17,16 +17,16 @@ from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
 from capture.radiance import RadianceImage
-from invrender.cli import main
-from invrender.model.columns import PhotoColumns, photo_columns
-from invrender.model.microfacet import Microfacet as Brdf
-from invrender.model.predict import predict
-from invrender.model.transfer import light_elements
-from invrender.run import run_process
-from recon.bodies import SphereBody
-from recon.lightfield import LightField, off_terminators
-from recon.sampling import NO_SOURCES, sample_body
-from recon.sphere import Sphere
+from invrender.brdf.microfacet import Microfacet as Brdf
+from invrender.output.report.run import run_process
+from invrender.transport.columns import PhotoColumns, photo_columns
+from invrender.transport.predict import predict
+from invrender.transport.transfer import light_elements
+from lightfactor.cli import main
+from recon.mesh.bodies import SphereBody
+from recon.sampling.draw import NO_SOURCES, sample_body
+from recon.sampling.lightfield import LightField, off_terminators
+from recon.sphere.sphere import Sphere
 from synthetic.demo import write_demo
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map

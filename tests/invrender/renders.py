@@ -13,7 +13,7 @@ import trimesh
 
 from capture.camera import Camera
 from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
-from recon.trianglemesh import TriangleMesh, write_mesh
+from recon.mesh.trianglemesh import TriangleMesh, write_mesh
 
 KD, KS = [0.1, 0.12, 0.15], [0.06, 0.05, 0.04]
 

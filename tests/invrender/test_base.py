@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.model.base import base_columns, base_transfer, base_weights
-from invrender.model.lobes import GGX_FORM, PLASTICS
-from invrender.model.richer import COATED
-from invrender.model.transfer import LightElement
+from invrender.brdf.lobes import GGX_FORM, PLASTICS
+from invrender.brdf.richer import COATED
+from invrender.transport.base import base_columns, base_transfer, base_weights
+from invrender.transport.transfer import LightElement
 from synthetic.materials.facets import GGX
 from synthetic.materials.plastic import Plastic
 from synthetic.materials.smith import Smith

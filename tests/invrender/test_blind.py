@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.solve.blind import Region, factorize_blind, predict_blind
-from invrender.solve.blind.certainty import certainty_of
-from invrender.solve.blind.projection import light_scale
-from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.start import NOTHING, Search
-from invrender.solve.clusters import tile_of
-from recon.harmonics import evaluate_harmonics, sphere_directions
-from recon.lightfield import LightField
+from invrender.estimate.clusters import tile_of
+from invrender.estimate.unknown_light import Region, factorize_blind, predict_blind
+from invrender.estimate.unknown_light.certainty import certainty_of
+from invrender.estimate.unknown_light.projection import light_scale
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.start import NOTHING, Search
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.solve.blind import factorize_blind
-from recon.lightfield import LightField
-from recon.tangents import tangents
+from invrender.estimate.unknown_light import factorize_blind
+from recon.mesh.tangents import tangents
+from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet

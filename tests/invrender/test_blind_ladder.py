@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.solve.blind import factorize_blind
+from invrender.estimate.unknown_light import factorize_blind
 from synthetic.lights.arealight import AreaLight
 from synthetic.render.lobes import reflected_radiance
 

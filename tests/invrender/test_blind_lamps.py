@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.solve.blind import BlindSolution, factorize_blind
-from recon.harmonics import evaluate_harmonics, sphere_directions
+from invrender.estimate.unknown_light import BlindSolution, factorize_blind
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.solve.blind import BlindLight, BlindSolution, factorize_blind, predict_blind
+from invrender.estimate.unknown_light import BlindLight, BlindSolution, factorize_blind, predict_blind
 from recon import lightfield
-from recon.harmonics import evaluate_harmonics, sphere_directions
-from recon.lightfield import LightField
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet

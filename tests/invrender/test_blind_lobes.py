@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS
-from invrender.model.lobetable import TRANSFERS
-from invrender.solve.blind import Region, factorize_blind, predict_blind
-from recon.harmonics import sphere_directions
-from recon.lightfield import LightField
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
+from invrender.estimate.unknown_light import Region, factorize_blind, predict_blind
+from invrender.transport.lobetable import TRANSFERS
+from recon.harmonics.basis import sphere_directions
+from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.materials import facets
 from synthetic.materials.plastic import Plastic

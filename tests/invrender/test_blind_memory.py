@@ -8,10 +8,10 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from invrender.solve.blind.rows import rows_of
-from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.start import NOTHING
-from recon.lightfield import LightField
+from invrender.estimate.unknown_light.rows import rows_of
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.start import NOTHING
+from recon.sampling.lightfield import LightField
 
 OF_RAYS = ("positions", "normals", "views", "reflected_visible", "sources_visible")
 

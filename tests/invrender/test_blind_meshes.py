@@ -9,18 +9,18 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
-from invrender.model.lobes import BECKMANN
-from invrender.model.visibility import Shadows
-from invrender.solve.blind.rows import rows_of, slopes_of
-from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.start import NOTHING
-from invrender.solve.blind.state import State, turn
-from recon.bodies import MeshBody, blended
-from recon.harmonics import evaluate_harmonics, sphere_directions
-from recon.lightfield import LightField
-from recon.transfer import transfer_vectors
-from recon.transfercache import USUAL_DEGREE, USUAL_RAYS
-from recon.trianglemesh import TriangleMesh
+from invrender.brdf.lobes import BECKMANN
+from invrender.estimate.unknown_light.rows import rows_of, slopes_of
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.start import NOTHING
+from invrender.estimate.unknown_light.state import State, turn
+from invrender.transport.visibility import Shadows
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.mesh.bodies import MeshBody, blended
+from recon.mesh.transfer import transfer_vectors
+from recon.mesh.transfercache import USUAL_DEGREE, USUAL_RAYS
+from recon.mesh.trianglemesh import TriangleMesh
+from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 
 Floats = np.ndarray

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.model.lobes import GGX_FORM, UNCORRELATED
-from invrender.solve.blind import factorize_blind
+from invrender.brdf.lobes import GGX_FORM, UNCORRELATED
+from invrender.estimate.unknown_light import factorize_blind
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.facets import GGX
 from synthetic.materials.material import AnyFloats

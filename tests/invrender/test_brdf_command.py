@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from capture.files.imagefile import read_pixels
-from invrender.cli import main
+from lightfactor.cli import main
 
 Run = Callable[..., tuple[int, str, str]]
 

@@ -8,8 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.brdf.harmonic import HarmonicBRDF, estimate_harmonic
-from invrender.brdf.reciprocal import (
+from invrender.brdf.microfacet import Microfacet as ParametricMicrofacet
+from invrender.inverse_brdf.harmonic import HarmonicBRDF, estimate_harmonic
+from invrender.inverse_brdf.reciprocal import (
     below_horizon,
     energy_bounds,
     full_coefficients,
@@ -18,7 +19,7 @@ from invrender.brdf.reciprocal import (
     rows,
     unknowns,
 )
-from invrender.brdf.slices import (
+from invrender.inverse_brdf.slices import (
     harmonic_transfer,
     parametric_transfer,
     plane_of_incidence,
@@ -26,13 +27,12 @@ from invrender.brdf.slices import (
     slice_directions,
     slice_grid,
 )
-from invrender.model.microfacet import Microfacet as ParametricMicrofacet
 from invrender.theory.brdfcoefficients import isotropic_coefficients
 from invrender.theory.convolution import isotropic_light_field, isotropic_radiance
-from invrender.theory.harmonics import project_sources, to_complex
-from invrender.theory.latlong import map_coefficients
 from invrender.theory.operator import view_frames
-from recon.lightfield import LightField
+from recon.harmonics.complex import project_sources, to_complex
+from recon.harmonics.latlong import map_coefficients
+from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
 from synthetic.materials.microfacet import Microfacet

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.brdf.fit import fit_table, table_misfit
-from invrender.brdf.halfangles import HalfAngles, cosines, half_angles
-from invrender.brdf.near import measure_under
-from invrender.brdf.samples import Source, lit_fields, lit_samples
-from invrender.brdf.table import SMALL, BRDFTable, bin_centres, bin_of, fitting_bins, measure_table
-from invrender.model.microfacet import Microfacet as ParametricMicrofacet
-from recon.lightfield import LightField
+from invrender.brdf.microfacet import Microfacet as ParametricMicrofacet
+from invrender.inverse_brdf.fit import fit_table, table_misfit
+from invrender.inverse_brdf.halfangles import HalfAngles, cosines, half_angles
+from invrender.inverse_brdf.near import measure_under
+from invrender.inverse_brdf.samples import Source, lit_fields, lit_samples
+from invrender.inverse_brdf.table import SMALL, BRDFTable, bin_centres, bin_of, fitting_bins, measure_table
+from recon.sampling.lightfield import LightField
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials import tabulated
 from synthetic.materials.facets import GGX

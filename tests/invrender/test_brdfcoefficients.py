@@ -12,7 +12,7 @@ from invrender.theory.brdfcoefficients import (
     isotropic_coefficients,
     outgoing_coefficients,
 )
-from recon.harmonics import clamped_cosine_transfer, degrees, orders
+from recon.harmonics.basis import clamped_cosine_transfer, degrees, orders
 from synthetic.materials.facets import GGX, Beckmann
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material

@@ -15,9 +15,9 @@ from capture.files.imagefile import read_pixels
 from capture.photoset import load_photoset
 from invrender.diagnostics.altered import turned
 from invrender.diagnostics.named import NamedCause
-from invrender.factorization import Factorization
-from invrender.pipeline import process
-from invrender.run import run_process
+from invrender.output.report.run import run_process
+from invrender.process.pipeline import process
+from invrender.result.factorization import Factorization
 
 from .faultysets import (
     BRUSHED,

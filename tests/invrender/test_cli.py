@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from capture.files.imagefile import read_pixels, write_exr
-from invrender.cli import DEFAULT_SAMPLES as CLI_SAMPLES
-from invrender.cli import main
-from invrender.pipeline import DEFAULT_SAMPLES
-from invrender.result import errors_in_words
+from invrender.commands.process import DEFAULT_SAMPLES as CLI_SAMPLES
+from invrender.process.pipeline import DEFAULT_SAMPLES
+from invrender.result.document import errors_in_words
+from lightfactor.cli import main
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -50,7 +50,7 @@ def edit(folder: Path, pattern: str, replacement: str) -> None:
 def test_help_is_parsed_before_anything_heavy_is_imported() -> None:
     code = (
         "import sys; sys.argv = ['lightfactor', '--help']\n"
-        "from invrender.cli import main\n"
+        "from lightfactor.cli import main\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         "print(sorted({'numpy', 'scipy', 'cv2', 'pycolmap', 'matplotlib', 'pydantic'} & set(sys.modules)))"
     )
@@ -303,7 +303,7 @@ def test_a_finished_fit_outlives_its_predictions(
 ) -> None:
     out = tmp_path / "out"
     code = (
-        "import os, signal, time\nfrom invrender.cli import main\nfrom invrender.pipeline import Run\n"
+        "import os, signal, time\nfrom lightfactor.cli import main\nfrom invrender.process.pipeline import Run\n"
         f"def _predict(run, photo): {fate}\nRun._predict = _predict\nmain()"
     )
     command = [sys.executable, "-c", code, "process", str(lamp_set), "-o", str(out), "--samples", "1000"]
@@ -318,7 +318,7 @@ def test_a_finished_fit_outlives_its_predictions(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_run_leaves_nothing_behind(small_set: Path, tmp_path: Path, number: signal.Signals) -> None:
-    code = "from invrender.cli import main; main()"
+    code = "from lightfactor.cli import main; main()"
     command = [sys.executable, "-c", code, "process", str(small_set), "-o", str(tmp_path / "out")]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     # Once the temporary folder is there, the command is at work.

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from invrender.solve.clusters import lobe_misfit, outstanding, structured_rms, tile_of
+from invrender.estimate.clusters import lobe_misfit, outstanding, structured_rms, tile_of
 
 
 def test_noise_has_no_structure_and_structure_is_measured(

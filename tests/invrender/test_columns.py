@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from invrender.model.columns import photo_columns
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict, predict_columns
-from invrender.model.transfer import light_elements
+from invrender.brdf.microfacet import Microfacet
+from invrender.transport.columns import photo_columns
+from invrender.transport.predict import predict, predict_columns
+from invrender.transport.transfer import light_elements
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 

@@ -14,9 +14,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from capture.files.imagefile import read_pixels, write_exr
-from invrender.compare.lightings import light_pairs
-from invrender.compare.run import read_side
-from invrender.compare.verdicts import number_rows, verdict
+from invrender.output.compare.lightings import light_pairs
+from invrender.output.compare.run import read_side
+from invrender.output.compare.verdicts import number_rows, verdict
 
 Command = Callable[..., tuple[int, str, str]]
 

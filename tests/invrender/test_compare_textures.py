@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from capture.files.imagefile import write_exr
-from invrender.compare.painted import over_same_part
-from invrender.compare.run import read_side
-from invrender.compare.verdicts import number_rows
-from invrender.export.shape import tessellated
-from invrender.texture.layout import TexelLayout, VertexLayout, texel_layout
-from recon.atlas import with_atlas
-from recon.bodies import MeshBody
-from recon.trianglemesh import read_mesh, write_mesh
+from invrender.estimate.textured.layout import TexelLayout, VertexLayout, texel_layout
+from invrender.output.compare.painted import over_same_part
+from invrender.output.compare.run import read_side
+from invrender.output.compare.verdicts import number_rows
+from invrender.output.export.shape import tessellated
+from recon.mesh.atlas import with_atlas
+from recon.mesh.bodies import MeshBody
+from recon.mesh.trianglemesh import read_mesh, write_mesh
 
 from .renders import write_result
 

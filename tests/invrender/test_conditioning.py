@@ -18,8 +18,8 @@ from invrender.theory.conditioning import (
 )
 from invrender.theory.convolution import isotropic_light_field
 from invrender.theory.explicit import factor_light_field
-from invrender.theory.harmonics import to_complex
-from recon.harmonics import clamped_cosine_transfer, degrees, evaluate_harmonics, sphere_directions
+from recon.harmonics.basis import clamped_cosine_transfer, degrees, evaluate_harmonics, sphere_directions
+from recon.harmonics.complex import to_complex
 
 from .quadrature import sphere_grid
 

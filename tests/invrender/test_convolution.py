@@ -26,10 +26,10 @@ from invrender.theory.convolution import (
     normalisation,
     radial_coefficients,
 )
-from invrender.theory.harmonics import to_complex
-from recon.harmonics import clamped_cosine_transfer, degrees, orders
-from recon.rotations import euler_angles
-from recon.wigner import wigner_D
+from recon.harmonics.basis import clamped_cosine_transfer, degrees, orders
+from recon.harmonics.complex import to_complex
+from recon.harmonics.rotations import euler_angles
+from recon.harmonics.wigner import wigner_D
 
 from .quadrature import hemisphere_grid, reflected, scipy_complex, scipy_harmonics, sphere_grid
 from .test_brdfcoefficients import brushed, glossy, rh01

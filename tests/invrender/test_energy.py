@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.special import sph_harm_y
 
 from capture.lighting import latlong_directions, read_latlong
-from invrender.theory.energy import (
+from invrender.prefilter.energy import (
     degree_reaching,
     degrees_reaching,
     energy_fraction,
@@ -22,9 +22,9 @@ from invrender.theory.energy import (
     residual_bound,
     symmetric_power,
 )
-from invrender.theory.latlong import project_latlong
 from invrender.theory.specialcases import phong_transfer
-from recon.harmonics import clamped_cosine_transfer
+from recon.harmonics.basis import clamped_cosine_transfer
+from recon.harmonics.latlong import project_latlong
 
 
 def sphere_rule(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

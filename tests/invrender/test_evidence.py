@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.microfacet import Microfacet as Fitted
-from invrender.model.predict import predict_columns
-from invrender.solve.evidence import choose, climb_ladder, fit_strengths, relative_rms
-from invrender.solve.noise import Weights
-from invrender.solve.search import LADDER, fit
-from invrender.solve.statistics import by_lighting, photo_statistics
+from invrender.brdf.microfacet import Microfacet as Fitted
+from invrender.estimate.evidence import choose, climb_ladder, fit_strengths, relative_rms
+from invrender.estimate.noise import Weights
+from invrender.estimate.search import LADDER, fit
+from invrender.estimate.statistics import by_lighting, photo_statistics
+from invrender.transport.predict import predict_columns
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 

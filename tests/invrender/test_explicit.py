@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from invrender.theory.explicit import LightFieldFactors, factor_light_field, printed_factors
-from invrender.theory.harmonics import to_complex, to_real
-from recon.harmonics import clamped_cosine_transfer, degrees, orders
-from recon.rotations import wigner_D
+from recon.harmonics.basis import clamped_cosine_transfer, degrees, orders
+from recon.harmonics.complex import to_complex, to_real
+from recon.harmonics.rotations import wigner_D
 
 from .quadrature import angles, hemisphere_grid, scipy_complex, sphere_grid
 

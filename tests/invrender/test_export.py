@@ -23,18 +23,18 @@ from capture.files.documents import file_hash
 from capture.files.imagefile import read_pixels, write_exr
 from capture.lighting import latlong_directions
 from capture.srgb import srgb_to_linear
-from invrender.export.directions import direction_pairs
-from invrender.export.gltf_target import GLTF
-from invrender.export.lights import panorama
-from invrender.export.mapping import map_brdf
-from invrender.export.materialx_target import STANDARD_SURFACE, StandardSurface
-from invrender.export.mitsuba_target import MITSUBA, MitsubaBlend
-from invrender.export.rough_interface import passed_and_kept
-from invrender.export.shape import tessellated
-from invrender.export.target import Numbers
-from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
-from invrender.model.microfacet import Microfacet
-from recon.trianglemesh import is_watertight, volume, write_mesh
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
+from invrender.brdf.microfacet import Microfacet
+from invrender.output.export.directions import direction_pairs
+from invrender.output.export.gltf_target import GLTF
+from invrender.output.export.lights import panorama
+from invrender.output.export.mapping import map_brdf
+from invrender.output.export.materialx_target import STANDARD_SURFACE, StandardSurface
+from invrender.output.export.mitsuba_target import MITSUBA, MitsubaBlend
+from invrender.output.export.rough_interface import passed_and_kept
+from invrender.output.export.shape import tessellated
+from invrender.output.export.target import Numbers
+from recon.mesh.trianglemesh import is_watertight, volume, write_mesh
 from synthetic.materials.fresnel import fresnel_dielectric
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 

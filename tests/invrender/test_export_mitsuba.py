@@ -15,19 +15,19 @@ from numpy.testing import assert_allclose
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.lighting import Lighting
-from invrender.export.mapping import Mapping, map_brdf
-from invrender.export.material import Material
-from invrender.export.mitsuba import write_mitsuba
-from invrender.export.mitsuba_target import MITSUBA
-from invrender.export.shape import Shape, tessellated
-from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
-from invrender.model.microfacet import Microfacet
-from invrender.render.light import light_element
-from invrender.render.picture import take_picture
-from invrender.render.reflectance import Reflectance
-from invrender.render.subject import Subject, mesh_subject, sphere_subject
-from invrender.render.textures import Textures
-from recon.trianglemesh import write_mesh
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
+from invrender.brdf.microfacet import Microfacet
+from invrender.output.export.mapping import Mapping, map_brdf
+from invrender.output.export.material import Material
+from invrender.output.export.mitsuba import write_mitsuba
+from invrender.output.export.mitsuba_target import MITSUBA
+from invrender.output.export.shape import Shape, tessellated
+from invrender.output.render.light import light_element
+from invrender.output.render.picture import take_picture
+from invrender.output.render.subject import Subject, mesh_subject, sphere_subject
+from invrender.result.reflectance import Reflectance
+from invrender.result.savedtextures import Textures
+from recon.mesh.trianglemesh import write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from invrender.export.texels import texels_of
-from invrender.render.textures import Textures
+from invrender.output.export.texels import texels_of
+from invrender.result.savedtextures import Textures
 
 
 def test_texels_of_which_nothing_is_known_are_those_of_their_nearest_neighbour() -> None:

@@ -11,10 +11,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from capture.files.imagefile import read_pixels
-from invrender.cli import app
-from invrender.compare.run import read_side
 from invrender.factor.choices import read_choices
-from invrender.render.saved import read_result
+from invrender.output.compare.run import read_side
+from invrender.result.saved import read_result
+from lightfactor.cli import app
 
 
 def factor(source: Path, out: Path, *options: str) -> Result:

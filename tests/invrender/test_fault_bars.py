@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture.photoset import load_photoset
-from invrender.pipeline import process
+from invrender.process.pipeline import process
 
 from .faultysets import Floats, change_pixels, write_set
 

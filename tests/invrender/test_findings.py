@@ -13,9 +13,9 @@ import pytest
 
 from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import load_photoset
-from invrender.factorization import Factorization
-from invrender.pipeline import Run, process
-from invrender.result import identifiability
+from invrender.process.pipeline import Run, process
+from invrender.result.document import identifiability
+from invrender.result.factorization import Factorization
 from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 from synthetic.writer import write_photoset

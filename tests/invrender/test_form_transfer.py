@@ -7,12 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.model.columns import all_columns, columns_of_forms, photo_columns
-from invrender.model.form_transfer import OneIndex, form_transfer
-from invrender.model.lobes import BECKMANN, FORMS, GGX_FORM, UNCORRELATED, Angles, LobeForm
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict, predict_columns
-from invrender.model.transfer import LightElement, light_elements
+from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, UNCORRELATED, Angles, LobeForm
+from invrender.brdf.microfacet import Microfacet
+from invrender.transport.columns import all_columns, columns_of_forms, photo_columns
+from invrender.transport.form_transfer import OneIndex, form_transfer
+from invrender.transport.predict import predict, predict_columns
+from invrender.transport.transfer import LightElement, light_elements
 
 HEIGHT = 200
 

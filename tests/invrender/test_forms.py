@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.columns import PhotoColumns
-from invrender.solve.explanation import explain
-from invrender.solve.factorize import Solution, factorize
+from invrender.estimate.conclusions import Solution, factorize
+from invrender.estimate.explanation import explain
+from invrender.transport.columns import PhotoColumns
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials import facets

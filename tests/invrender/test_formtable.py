@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.formtable import form_radiance, form_rows
-from invrender.model.fresnel import normalised_fresnel
-from invrender.model.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED, LobeForm, phong_exponent
-from invrender.model.lobetable import specular_rows
+from invrender.brdf.fresnel import normalised_fresnel
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED, LobeForm, phong_exponent
 from invrender.theory.operator import view_frames
-from recon.harmonics import evaluate_harmonics, sphere_directions
-from recon.sampling import MIN_COS_EXITANT
+from invrender.transport.formtable import form_radiance, form_rows
+from invrender.transport.lobetable import specular_rows
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.sampling.draw import MIN_COS_EXITANT
 from synthetic.materials import facets
 from synthetic.materials.material import Material
 from synthetic.materials.phong import Phong

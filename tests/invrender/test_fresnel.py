@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.columns import fresnel_basis
-from invrender.model.fresnel import MU_RANGE, fresnel_reflectance, normalised_fresnel
-from recon.sampling import MIN_COS_EXITANT
+from invrender.brdf.fresnel import MU_RANGE, fresnel_reflectance, normalised_fresnel
+from invrender.transport.columns import fresnel_basis
+from recon.sampling.draw import MIN_COS_EXITANT
 
 INDICES = 1 + np.geomspace(MU_RANGE[0] - 1, MU_RANGE[1] - 1, 77)  # not the basis's own 200
 

@@ -11,9 +11,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.theory.harmonics import evaluate_complex, project_sources, to_complex, to_real
-from invrender.theory.latlong import project_latlong
-from recon.harmonics import degrees, evaluate_harmonics, orders, to_degree
+from recon.harmonics.basis import degrees, evaluate_harmonics, orders, to_degree
+from recon.harmonics.complex import evaluate_complex, project_sources, to_complex, to_real
+from recon.harmonics.latlong import project_latlong
 
 from .quadrature import scipy_complex, scipy_harmonics, sphere_grid
 

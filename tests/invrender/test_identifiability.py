@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from capture.lighting import Lighting
-from invrender.model.columns import PhotoColumns
-from invrender.model.fresnel import MU_RANGE
-from invrender.model.microfacet import SIGMA_RANGE
-from invrender.solve.factorize import factorize
-from invrender.solve.identifiability import (
+from invrender.brdf.fresnel import MU_RANGE
+from invrender.brdf.microfacet import SIGMA_RANGE
+from invrender.estimate.conclusions import factorize
+from invrender.estimate.identifiability import (
     Scalar,
     assess_linear,
     assess_mu,
     assess_sigma,
     lighting_degree,
 )
+from invrender.transport.columns import PhotoColumns
 from synthetic.lights.arealight import AreaLight
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric

@@ -22,22 +22,22 @@ from capture.lighting import Lighting
 from capture.manifest import LightingTable
 from capture.photoset import load_photoset
 from capture.progress import silent
-from invrender.clock import Clock
-from invrender.interreflection import relaxed, rms, settled
-from invrender.model.bounce import Parts, albedo
-from invrender.model.lobes import PRINTED
-from invrender.model.microfacet import Microfacet
-from invrender.model.transfer import light_elements
-from invrender.model.visibility import Shadows
-from invrender.pipeline import process
-from invrender.result import result_document
-from invrender.solve.blind import factorize_blind
-from invrender.solve.evidence import relative_rms
-from invrender.specimen import find_specimen
-from invrender.unknownlight import solve_unknown_light
-from recon.bodies import MeshBody
-from recon.transfer import transfer_vectors
-from recon.trianglemesh import TriangleMesh, area_vectors, smooth_normals, write_mesh
+from invrender.brdf.lobes import PRINTED
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.evidence import relative_rms
+from invrender.estimate.interreflection import relaxed, rms, settled
+from invrender.estimate.unknown_light import factorize_blind
+from invrender.observation.clock import Clock
+from invrender.observation.specimen import find_specimen
+from invrender.process.pipeline import process
+from invrender.process.unknown_light import solve_unknown_light
+from invrender.result.document import result_document
+from invrender.transport.bounce import Parts, albedo
+from invrender.transport.transfer import light_elements
+from invrender.transport.visibility import Shadows
+from recon.mesh.bodies import MeshBody
+from recon.mesh.transfer import transfer_vectors
+from recon.mesh.trianglemesh import TriangleMesh, area_vectors, smooth_normals, write_mesh
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
 

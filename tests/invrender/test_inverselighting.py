@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.lighting.coefficients import (
+from invrender.brdf.microfacet import Microfacet
+from invrender.inverse_lighting.coefficients import (
     DETERMINED,
     UNDETERMINED,
     LightCoefficients,
     check_samples,
     estimate_coefficients,
 )
-from invrender.lighting.dual import estimate_dual
-from invrender.lighting.knownbrdf import known_brdf
-from invrender.lighting.rows import RUNGS, PhotoRows, Rung, lobe_blur, mirrored_views, photo_rows
-from invrender.model.microfacet import Microfacet
-from invrender.theory.latlong import synthesise_latlong
-from recon.harmonics import degrees, sphere_directions
+from invrender.inverse_lighting.dual import estimate_dual
+from invrender.inverse_lighting.knownbrdf import known_brdf
+from invrender.transport.harmonicrows import RUNGS, PhotoRows, Rung, lobe_blur, mirrored_views, photo_rows
+from recon.harmonics.basis import degrees, sphere_directions
+from recon.harmonics.latlong import synthesise_latlong
 from synthetic.materials.microfacet import Microfacet as Truth
 from synthetic.render.lobes import reflected_radiance
 

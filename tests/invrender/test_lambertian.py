@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.special import eval_legendre, sph_harm_y
 
 from invrender.theory.lambertian import irradiance
-from recon.harmonics import clamped_cosine_transfer
+from recon.harmonics.basis import clamped_cosine_transfer
 
 
 def test_transfer_is_the_integral_of_the_clamped_cosine():

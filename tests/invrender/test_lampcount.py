@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.model.base import base_share
-from invrender.model.lobes import GGX_FORM, PLASTICS, Angles
-from invrender.solve.blind import factorize_blind
-from recon.lightfield import LightField
+from invrender.brdf.lobes import GGX_FORM, PLASTICS, Angles
+from invrender.estimate.unknown_light import factorize_blind
+from invrender.transport.base import base_share
+from recon.sampling.lightfield import LightField
 
 from .test_blind import noisy
 

@@ -11,7 +11,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions
-from invrender.theory.latlong import (
+from recon.harmonics.basis import degrees, orders
+from recon.harmonics.latlong import (
     analyse_latlong,
     highest_degree,
     map_coefficients,
@@ -19,7 +20,6 @@ from invrender.theory.latlong import (
     synthesise_latlong,
     theta_factors,
 )
-from recon.harmonics import degrees, orders
 
 from .quadrature import scipy_harmonics
 

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.lighting.coefficients import estimate_coefficients
-from invrender.lighting.dual import estimate_dual
-from invrender.lighting.knownbrdf import known_brdf
-from invrender.lighting.rows import PhotoRows, photo_rows
-from invrender.theory.harmonics import project_sources
+from invrender.inverse_lighting.coefficients import estimate_coefficients
+from invrender.inverse_lighting.dual import estimate_dual
+from invrender.inverse_lighting.knownbrdf import known_brdf
+from invrender.transport.harmonicrows import PhotoRows, photo_rows
+from recon.harmonics.complex import project_sources
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import Microfacet as Truth
 from synthetic.render.lobes import reflected_radiance

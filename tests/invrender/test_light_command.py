@@ -12,8 +12,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from capture.files.imagefile import read_pixels
-from invrender.cli import app
-from invrender.lighting.knownbrdf import read_brdf
+from invrender.inverse_lighting.knownbrdf import read_brdf
+from lightfactor.cli import app
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 DELRIN = radiometric(RH01_MATERIALS["delrin"])

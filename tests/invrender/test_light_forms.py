@@ -11,11 +11,11 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 from numpy.testing import assert_allclose
 
-from invrender.lighting.rows import lobe_blur, photo_rows
-from invrender.model.lobes import BECKMANN, FORMS, GGX_FORM, PLASTICS, LobeForm
-from invrender.model.microfacet import Microfacet
+from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PLASTICS, LobeForm
+from invrender.brdf.microfacet import Microfacet
 from invrender.theory.specialcases import microfacet_transfer
-from recon.harmonics import evaluate_harmonics
+from invrender.transport.harmonicrows import lobe_blur, photo_rows
+from recon.harmonics.basis import evaluate_harmonics
 from synthetic.materials.facets import GGX
 from synthetic.materials.material import Material
 from synthetic.materials.plastic import Plastic

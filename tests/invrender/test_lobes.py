@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.lobes import BECKMANN, FORMS, GGX_FORM, PHONG, PRINTED, Angles, LobeForm, phong_exponent
-from recon.harmonics import sphere_directions
+from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PHONG, PRINTED, Angles, LobeForm, phong_exponent
+from recon.harmonics.basis import sphere_directions
 from synthetic.materials import facets
 from synthetic.materials.material import Material
 from synthetic.materials.microfacet import Microfacet

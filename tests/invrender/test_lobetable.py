@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.lobetable import (
+from invrender.theory.brdfcoefficients import outgoing_coefficients
+from invrender.theory.operator import view_frames
+from invrender.transport.lobetable import (
     TRANSFERS,
     at_cosines,
     lobe_table,
@@ -14,9 +16,7 @@ from invrender.model.lobetable import (
     specular_radiance,
     specular_rows,
 )
-from invrender.theory.brdfcoefficients import outgoing_coefficients
-from invrender.theory.operator import view_frames
-from recon.harmonics import orders
+from recon.harmonics.basis import orders
 
 from .quadrature import hemisphere_grid, reflected, scipy_harmonics
 from .test_brdfcoefficients import rh01

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.gloss.photosets import read_lamps, write_photoset
-from invrender.cli import main
+from lightfactor.cli import main
 
 # Photographs that are said to be others: places among those of the set.
 SWAPPED = (2, 7)

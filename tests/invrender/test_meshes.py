@@ -19,22 +19,22 @@ from capture.manifest import LightingTable
 from capture.photoset import load_photoset
 from capture.progress import silent
 from capture.radiance import RadianceImage
-from invrender.clock import Clock
-from invrender.compare.lightings import first_coefficients
-from invrender.factorization import Factorization
-from invrender.model.transfer import diffuse_transfer, light_elements
-from invrender.model.visibility import Shadows, seen_diffuse
-from invrender.pipeline import process
-from invrender.result import result_document
-from invrender.run import run_process
-from invrender.solve.blind import factorize_blind
-from invrender.specimen import find_specimen
-from invrender.theory.harmonics import project_sources
-from invrender.unknownlight import solve_unknown_light
-from recon.bodies import MeshBody
-from recon.sampling import sample_body
-from recon.transfer import transfer_vectors
-from recon.trianglemesh import TriangleMesh
+from invrender.estimate.unknown_light import factorize_blind
+from invrender.observation.clock import Clock
+from invrender.observation.specimen import find_specimen
+from invrender.output.compare.lightings import first_coefficients
+from invrender.output.report.run import run_process
+from invrender.process.pipeline import process
+from invrender.process.unknown_light import solve_unknown_light
+from invrender.result.document import result_document
+from invrender.result.factorization import Factorization
+from invrender.transport.transfer import diffuse_transfer, light_elements
+from invrender.transport.visibility import Shadows, seen_diffuse
+from recon.harmonics.complex import project_sources
+from recon.mesh.bodies import MeshBody
+from recon.mesh.transfer import transfer_vectors
+from recon.mesh.trianglemesh import TriangleMesh
+from recon.sampling.draw import sample_body
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
 

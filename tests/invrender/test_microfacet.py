@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from invrender.model.microfacet import SIGMA_RANGE, sigma_nodes, sigma_weights
+from invrender.brdf.microfacet import SIGMA_RANGE, sigma_nodes, sigma_weights
 from invrender.theory.specialcases import lobe
 
 

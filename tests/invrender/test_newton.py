@@ -9,16 +9,16 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
-from invrender.model.lobes import GGX_FORM, PLASTICS, PRINTED
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict_columns
-from invrender.model.richer import COATED, HAZY
-from invrender.model.transfer import light_elements
-from invrender.solve.forms import columns_of
-from invrender.solve.models import Estimate, Model, bounds_of, coordinates, estimate_at
-from invrender.solve.search import LADDER, fit, fit_subsets, models_of, with_neutral
-from invrender.solve.statistics import Statistics, Subsets, by_lighting, photo_statistics
-from invrender.solve.uncertainty import pack, uncertainty_of
+from invrender.brdf.lobes import GGX_FORM, PLASTICS, PRINTED
+from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.richer import COATED, HAZY
+from invrender.estimate.forms import columns_of
+from invrender.estimate.models import Estimate, Model, bounds_of, coordinates, estimate_at
+from invrender.estimate.search import LADDER, fit, fit_subsets, models_of, with_neutral
+from invrender.estimate.statistics import Statistics, Subsets, by_lighting, photo_statistics
+from invrender.estimate.uncertainty import pack, uncertainty_of
+from invrender.transport.predict import predict_columns
+from invrender.transport.transfer import light_elements
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 ANGLES = np.linspace(0, 180, 6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.solve.noise import NoiseModel, fit_noise
+from invrender.estimate.noise import NoiseModel, fit_noise
 
 
 def simulated(rng: np.random.Generator, noise: NoiseModel, outliers: float) -> tuple[list, list]:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from invrender.theory.operator import irradiance_operator, reflection_operator, view_frames
-from recon.harmonics import sphere_directions
+from recon.harmonics.basis import sphere_directions
 from synthetic.materials.facets import GGX
 from synthetic.materials.smith import Smith
 

@@ -12,10 +12,10 @@ import pytest
 
 from capture.photoset import load_photoset
 from invrender import pipeline
-from invrender.factorization import Factorization
-from invrender.pipeline import process
-from invrender.result import result_document
-from recon.bodies import body_window
+from invrender.process.pipeline import process
+from invrender.result.document import result_document
+from invrender.result.factorization import Factorization
+from recon.mesh.bodies import body_window
 
 
 def test_threads_and_repetition_change_nothing(lamp_set: Path) -> None:

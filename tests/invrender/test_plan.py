@@ -11,10 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting, latlong_directions
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict
-from invrender.model.transfer import light_elements
-from invrender.pipeline import process
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.search import LADDER, fit
+from invrender.estimate.statistics import by_lighting, photo_statistics
+from invrender.estimate.uncertainty import pack, uncertainty_of
 from invrender.plan.advice import advise
 from invrender.plan.experiment import Experiment, Light, angles_deg
 from invrender.plan.information import Marginal, Posterior, Tally, photograph_tally
@@ -25,13 +25,13 @@ from invrender.plan.prospect import Expected
 from invrender.plan.reflected import Optics
 from invrender.plan.staged import experiment_of
 from invrender.plan.unknowns import unknowns_of
-from invrender.solve.search import LADDER, fit
-from invrender.solve.statistics import by_lighting, photo_statistics
-from invrender.solve.uncertainty import pack, uncertainty_of
-from recon.bodies import SphereBody
-from recon.harmonics import evaluate_harmonics
-from recon.sphere import Sphere
-from recon.tangents import tangents
+from invrender.process.pipeline import process
+from invrender.transport.predict import predict
+from invrender.transport.transfer import light_elements
+from recon.harmonics.basis import evaluate_harmonics
+from recon.mesh.bodies import SphereBody
+from recon.mesh.tangents import tangents
+from recon.sphere.sphere import Sphere
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path

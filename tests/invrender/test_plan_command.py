@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from invrender.cli import main
+from lightfactor.cli import main
 from synthetic.scenes.build import read_staging
 
 Run = Callable[..., tuple[int, str, str]]

@@ -11,14 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from capture.photoset import load_photoset
-from invrender.model.columns import PhotoColumns, photo_columns
-from invrender.model.predict import predict_columns
-from invrender.model.transfer import light_elements
-from invrender.pipeline import Run, process
-from invrender.solve.evidence import fit_strengths, relative_rms
-from invrender.solve.search import fit
-from invrender.solve.statistics import by_lighting, photo_statistics
-from recon.lightfield import LightField
+from invrender.estimate.evidence import fit_strengths, relative_rms
+from invrender.estimate.search import fit
+from invrender.estimate.statistics import by_lighting, photo_statistics
+from invrender.process.pipeline import Run, process
+from invrender.transport.columns import PhotoColumns, photo_columns
+from invrender.transport.predict import predict_columns
+from invrender.transport.transfer import light_elements
+from recon.sampling.lightfield import LightField
 
 SET = Path(__file__).parents[1] / "sets" / "psm"
 

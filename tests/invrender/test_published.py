@@ -11,12 +11,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting, latlong_directions
-from invrender.model.fresnel import normalised_fresnel
-from invrender.solve.blind import Region
-from invrender.solve.published import published_brdf, published_factors
-from invrender.solve.published.roughness import find_peak
-from recon.harmonics import clamped_cosine_transfer, degrees, evaluate_harmonics, sphere_directions
-from recon.lightfield import LightField
+from invrender.brdf.fresnel import normalised_fresnel
+from invrender.estimate.rh01 import published_brdf, published_factors
+from invrender.estimate.rh01.roughness import find_peak
+from invrender.estimate.unknown_light import Region
+from recon.harmonics.basis import clamped_cosine_transfer, degrees, evaluate_harmonics, sphere_directions
+from recon.sampling.lightfield import LightField
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance

@@ -17,19 +17,19 @@ from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.photoset import load_photoset
 from capture.radiance import RadianceImage
+from invrender.estimate.noise import NoiseModel
+from invrender.estimate.textured.layout import SurfacePoints
 from invrender.refine.alternate import _in_patches
 from invrender.refine.followed import Lobe, followed_in
 from invrender.refine.photometric import RefinedPose, Sight, refine_pose
 from invrender.refine.posechange import changed, pose_covariance, position_std
 from invrender.refine.rim import outline_in
 from invrender.refine.shared import refine_together
-from invrender.solve.noise import NoiseModel
-from invrender.texture.layout import SurfacePoints
-from recon.bodies import MeshBody
-from recon.lightfield import LightField
-from recon.sampling import NO_SOURCES, sample_body
-from recon.sphere import Sphere
-from recon.trianglemesh import TriangleMesh, smooth_normals, write_mesh
+from recon.mesh.bodies import MeshBody
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals, write_mesh
+from recon.sampling.draw import NO_SOURCES, sample_body
+from recon.sampling.lightfield import LightField
+from recon.sphere.sphere import Sphere
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
 

@@ -9,16 +9,16 @@ import pytest
 
 from capture.camera import Camera
 from capture.lighting import Lighting
-from invrender.model.lobes import FORMS, Angles
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict
-from invrender.model.transfer import light_elements
-from invrender.render import picture
-from invrender.render.light import light_element
-from invrender.render.manypixels import ManyPixels
-from invrender.render.reflectance import Reflectance
-from invrender.render.reflected import reflected_map
-from invrender.render.subject import sphere_subject
+from invrender.brdf.lobes import FORMS, Angles
+from invrender.brdf.microfacet import Microfacet
+from invrender.output.render import picture
+from invrender.output.render.light import light_element
+from invrender.output.render.subject import sphere_subject
+from invrender.result.reflectance import Reflectance
+from invrender.transport.manypixels import ManyPixels
+from invrender.transport.predict import predict
+from invrender.transport.reflected import reflected_map
+from invrender.transport.transfer import light_elements
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
 

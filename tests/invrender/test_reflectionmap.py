@@ -7,18 +7,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions
-from invrender.model.lobes import GGX_FORM, PRINTED, Angles, LobeForm
-from invrender.theory.convolution import filtered
-from invrender.theory.harmonics import project_sources
-from invrender.theory.latlong import synthesise_latlong
-from invrender.theory.reflectionmap import (
+from invrender.brdf.lobes import GGX_FORM, PRINTED, Angles, LobeForm
+from invrender.prefilter.reflectionmap import (
     lobe_coefficients,
     lobe_orders,
     mirrored_coefficients,
     reflected_terms,
     reflection_map,
 )
+from invrender.theory.convolution import filtered
 from invrender.theory.specialcases import phong_transfer
+from recon.harmonics.complex import project_sources
+from recon.harmonics.latlong import synthesise_latlong
 
 from .quadrature import scipy_harmonics, sphere_grid
 

@@ -16,12 +16,12 @@ from capture.camera import Camera
 from capture.files.imagefile import read_pixels, write_exr
 from capture.lighting import latlong_directions
 from capture.srgb import linear_to_srgb
-from invrender.model.microfacet import Microfacet
-from invrender.render.light import light_element
-from invrender.render.picture import take_picture
-from invrender.render.reflectance import Reflectance, reflectance
-from invrender.render.saved import read_result
-from invrender.render.subject import sphere_subject
+from invrender.brdf.microfacet import Microfacet
+from invrender.output.render.light import light_element
+from invrender.output.render.picture import take_picture
+from invrender.output.render.subject import sphere_subject
+from invrender.result.reflectance import Reflectance, reflectance
+from invrender.result.saved import read_result
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource

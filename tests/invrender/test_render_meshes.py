@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 
 from capture.files.documents import file_hash
 from capture.files.imagefile import write_exr
-from recon.trianglemesh import TriangleMesh, read_mesh, write_mesh
+from recon.mesh.trianglemesh import TriangleMesh, read_mesh, write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource

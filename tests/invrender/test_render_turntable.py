@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 
 from capture.files.imagefile import write_exr
 from capture.srgb import linear_to_srgb
-from invrender.model.transfer import LightElement
-from invrender.render.light import turned
-from recon.trianglemesh import read_mesh
+from invrender.output.render.light import turned
+from invrender.transport.transfer import LightElement
+from recon.mesh.trianglemesh import read_mesh
 
 from .renders import plates, read, write_result
 

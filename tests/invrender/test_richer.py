@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.columns import photo_columns
-from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict, predict_columns
-from invrender.model.richer import COATED_HAZY, HAZY, RICHER
-from invrender.model.transfer import light_elements
-from invrender.render.saved import saved_form
-from invrender.solve.explanation import explain
-from invrender.solve.factorize import conclude
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
+from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.richer import COATED_HAZY, HAZY, RICHER
+from invrender.estimate.conclusions import conclude
+from invrender.estimate.explanation import explain
+from invrender.result.saved import saved_form
+from invrender.transport.columns import photo_columns
+from invrender.transport.predict import predict, predict_columns
+from invrender.transport.transfer import light_elements
 
 ANGLES = np.linspace(0, 180, 8)
 HAZE = {"haze": 0.3, "spread": 4.0}

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.columns import PhotoColumns
-from invrender.model.predict import predict_columns
-from invrender.solve.linear import recovers_light
-from invrender.solve.models import Estimate, Model
-from invrender.solve.search import LADDER, fit
-from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
+from invrender.estimate.linear import recovers_light
+from invrender.estimate.models import Estimate, Model
+from invrender.estimate.search import LADDER, fit
+from invrender.estimate.statistics import Statistics, by_lighting, photo_statistics
+from invrender.transport.columns import PhotoColumns
+from invrender.transport.predict import predict_columns
 from synthetic.materials.microfacet import Microfacet
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 

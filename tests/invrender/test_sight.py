@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.lobes import FORMS, PLASTICS, LobeForm
-from invrender.solve.blind.rows import rows_of, slopes_of
-from invrender.solve.blind.sight import Sight
-from invrender.solve.blind.state import State
+from invrender.brdf.lobes import FORMS, PLASTICS, LobeForm
+from invrender.estimate.unknown_light.rows import rows_of, slopes_of
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.state import State
 
 DEGREE = 6
 ALL = FORMS | {form.name: form for form in PLASTICS.values()}

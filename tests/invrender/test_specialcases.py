@@ -19,7 +19,7 @@ from invrender.theory.specialcases import (
     phong_transfer,
     pole_source_coefficients,
 )
-from recon.harmonics import clamped_cosine_transfer
+from recon.harmonics.basis import clamped_cosine_transfer
 
 
 def test_a_mirror_turns_light_by_half_about_the_normal(rng):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.model.columns import PhotoColumns
-from invrender.model.predict import predict_columns
-from invrender.solve.search import LADDER, fit
-from invrender.solve.statistics import Statistics, by_lighting, photo_statistics
-from recon.lightfield import LightField
+from invrender.estimate.search import LADDER, fit
+from invrender.estimate.statistics import Statistics, by_lighting, photo_statistics
+from invrender.transport.columns import PhotoColumns
+from invrender.transport.predict import predict_columns
+from recon.sampling.lightfield import LightField
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 

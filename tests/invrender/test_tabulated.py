@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import nnls
 
-from invrender.model.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
-from invrender.model.microfacet import Microfacet
-from invrender.model.richer import HAZY, TABULATED, core, tabulated
-from invrender.solve.explanation import explain
-from invrender.solve.factorize import conclude
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
+from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.richer import HAZY, TABULATED, core, tabulated
+from invrender.estimate.conclusions import conclude
+from invrender.estimate.explanation import explain
 
 ANGLES = np.linspace(0, 180, 8)
 

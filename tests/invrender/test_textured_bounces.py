@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from capture.files.imagefile import read_exr_layers, read_pixels
-from invrender.solve.evidence import relative_rms
-from invrender.texture.bounces import _less
-from recon.trianglemesh import TriangleMesh, smooth_normals, write_mesh
+from invrender.estimate.evidence import relative_rms
+from invrender.estimate.textured.bounces import _less
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals, write_mesh
 from synthetic.materials.texture import Textured
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
@@ -84,7 +84,7 @@ def test_paint_in_folds_is_not_taken_for_brighter_than_it_is(
     lightfactor: Command, cup: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Whether highlights of another form explain more, tests of textures say; here each form costs seconds.
-    monkeypatch.setattr("invrender.texture.fit.OTHER_FORMS", ())
+    monkeypatch.setattr("invrender.estimate.textured.fit.OTHER_FORMS", ())
     out = tmp_path / "out"
     code, said, err = lightfactor("process", cup, "-o", out, "--samples", 4000)
     assert (code, err) == (0, "")

@@ -20,23 +20,23 @@ from scipy.sparse import csr_array
 from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
 from invrender import pipeline
-from invrender.export.shape import tessellated
-from invrender.model.base import base_columns
-from invrender.model.columns import specular_weights
-from invrender.model.lobes import GGX_FORM, PLASTICS
-from invrender.model.transfer import LightElement
-from invrender.pipeline import Run
-from invrender.run import run_process
-from invrender.solve.noise import NoiseModel
-from invrender.texture.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
-from invrender.texture.layout import TexelLayout, VertexLayout, find_layout
-from invrender.texture.search import cost_at, search_point, textured_models
-from invrender.texture.stack import Rows, Stack
-from invrender.texture.sums import Sums, common_ks, solve_both, solve_kd
-from invrender.texture.textures import Textures
+from invrender.brdf.lobes import GGX_FORM, PLASTICS
+from invrender.estimate.noise import NoiseModel
+from invrender.estimate.textured.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
+from invrender.estimate.textured.layout import TexelLayout, VertexLayout, find_layout
+from invrender.estimate.textured.search import cost_at, search_point, textured_models
+from invrender.estimate.textured.stack import Rows, Stack
+from invrender.estimate.textured.sums import Sums, common_ks, solve_both, solve_kd
+from invrender.estimate.textured.textures import Textures
+from invrender.output.export.shape import tessellated
+from invrender.output.report.run import run_process
+from invrender.process.pipeline import Run
+from invrender.transport.base import base_columns
+from invrender.transport.columns import specular_weights
+from invrender.transport.transfer import LightElement
 from recon import atlas
-from recon.bodies import MeshBody
-from recon.trianglemesh import TriangleMesh, smooth_normals
+from recon.mesh.bodies import MeshBody
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 from synthetic.materials.facets import GGX
 from synthetic.materials.plastic import Plastic
 from synthetic.materials.smith import Smith
@@ -264,7 +264,7 @@ def test_overlapping_coordinates_are_replaced_and_without_xatlas_vertices_serve(
     ball = trimesh.creation.icosphere(subdivisions=2)
     bare = MeshBody(TriangleMesh(ball.vertices, ball.faces, smooth_normals(ball.vertices, ball.faces)))
     monkeypatch.setattr(
-        "invrender.texture.layout.atlas_within", lambda mesh, _: atlas.atlas_within(mesh, 0.01)
+        "invrender.estimate.textured.layout.atlas_within", lambda mesh, _: atlas.atlas_within(mesh, 0.01)
     )
     layout, (sentence,) = find_layout(bare, 0.1)
     assert isinstance(layout, VertexLayout)
@@ -373,7 +373,7 @@ def test_paint_in_larger_pixels_is_the_mean_of_what_smaller_ones_show(
     # Much of the paint is finer than these pixels of 1.2 mm: few places tell its mean to 1.5%,
     # and one mean a pixel to 2.5%.
     assert off < 0.02
-    # Light looked up in prepared maps is that of the integrals; 0.5% of the lobe, says `invrender.render.reflected`.
+    # Light looked up in prepared maps is that of the integrals; 0.5% of the lobe, says `invrender.transport.reflected`.
     photo, field = fine.photo, run.fields[fine.photo.label]
     assert run.solved.transfers is not None
     assert run.solved.shaded is not None

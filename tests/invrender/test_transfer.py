@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting, latlong_directions, latlong_solid_angles, read_latlong
-from invrender.model.half_vectors import PreparedMap
-from invrender.model.microfacet import SIGMA_RANGE
-from invrender.model.transfer import (
+from invrender.brdf.microfacet import SIGMA_RANGE
+from invrender.transport.half_vectors import PreparedMap
+from invrender.transport.transfer import (
     LightElement,
     diffuse_transfer,
     light_elements,

@@ -10,15 +10,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting
-from invrender.model.columns import PhotoColumns
-from invrender.model.microfacet import Microfacet
-from invrender.model.predict import predict_columns
-from invrender.solve.factorize import factorize
-from invrender.solve.models import Estimate
-from invrender.solve.noise import fit_noise, photo_weights
-from invrender.solve.search import LADDER, fit
-from invrender.solve.statistics import by_lighting, photo_statistics
-from invrender.solve.uncertainty import Parameters, pack, uncertainty_of
+from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.conclusions import factorize
+from invrender.estimate.models import Estimate
+from invrender.estimate.noise import fit_noise, photo_weights
+from invrender.estimate.search import LADDER, fit
+from invrender.estimate.statistics import by_lighting, photo_statistics
+from invrender.estimate.uncertainty import Parameters, pack, uncertainty_of
+from invrender.transport.columns import PhotoColumns
+from invrender.transport.predict import predict_columns
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from capture.photoset import load_photoset
-from invrender.pipeline import process
-from invrender.run import run_process
+from invrender.output.report.run import run_process
+from invrender.process.pipeline import process
 
 
 def without_light(folder: Path) -> str:

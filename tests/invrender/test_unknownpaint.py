@@ -18,13 +18,13 @@ from numpy.testing import assert_allclose
 
 from capture.files.imagefile import read_pixels
 from capture.photoset import load_photoset
-from invrender.pipeline import process
-from invrender.solve.blind import BlindSolution, factorize_blind
-from invrender.solve.blind.places import less_in_common
-from invrender.texture.layout import TexelLayout
-from recon.harmonics import sphere_directions
-from recon.lightfield import LightField
-from recon.trianglemesh import write_mesh
+from invrender.estimate.textured.layout import TexelLayout
+from invrender.estimate.unknown_light import BlindSolution, factorize_blind
+from invrender.estimate.unknown_light.places import less_in_common
+from invrender.process.pipeline import process
+from recon.harmonics.basis import sphere_directions
+from recon.mesh.trianglemesh import write_mesh
+from recon.sampling.lightfield import LightField
 from synthetic.materials.texture import Textured
 from synthetic.render.lobes import reflected_radiance
 from synthetic.scenes.build import read_staging
@@ -196,7 +196,7 @@ def test_a_balls_paint_and_the_lamp_on_it_are_recovered_together(
     ball: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Forms of the lobe are told apart in tests of textures and of unknown light; here each costs seconds.
-    monkeypatch.setattr("invrender.texture.fit.OTHER_FORMS", ())
+    monkeypatch.setattr("invrender.estimate.textured.fit.OTHER_FORMS", ())
     # 2.7 to 3.9%; even paint in its place is off by 15 to 33%.
     check_paint_and_light(ball, 2000, PAINT, {"mu": 1.7, "sigma": 0.2}, 0.08)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from recon.trianglemesh import TriangleMesh, smooth_normals
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 
 
 def mesh_of(vertices: np.ndarray, faces: np.ndarray) -> TriangleMesh:

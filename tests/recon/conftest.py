@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from recon.sphere import Sphere
+from recon.sphere.sphere import Sphere
 
 Mask = NDArray[np.float32]
 

@@ -13,16 +13,16 @@ from scipy.spatial.transform import Rotation
 
 from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
-from recon.align.alignmentfile import placement
-from recon.align.cloud import CloudMatcher
-from recon.align.outlines import outline_of
-from recon.align.pixelrays import joined, pixel_rays
-from recon.align.placing import place_mesh
-from recon.align.similarity import Similarity
-from recon.align.task import PickedPoints, Task
-from recon.align.uncertainty import in_mesh_metres
-from recon.align.verdicts import misfit_px, wrong_size
-from recon.rays import RayTracer
+from recon.mesh.rays import RayTracer
+from recon.poses.align.alignmentfile import placement
+from recon.poses.align.cloud import CloudMatcher
+from recon.poses.align.outlines import outline_of
+from recon.poses.align.pixelrays import joined, pixel_rays
+from recon.poses.align.placing import place_mesh
+from recon.poses.align.similarity import Similarity
+from recon.poses.align.task import PickedPoints, Task
+from recon.poses.align.uncertainty import in_mesh_metres
+from recon.poses.align.verdicts import misfit_px, wrong_size
 from synthetic.shapes.cat import REACH, cat_field
 from synthetic.shapes.meshing import mesh_implicit
 

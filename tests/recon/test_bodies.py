@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
-from recon.bodies import MeshBody, SphereBody, body_coverage, body_pixels, body_window
+from recon.mesh.bodies import MeshBody, SphereBody, body_coverage, body_pixels, body_window
 
 from .bodymeshes import ball_mesh, joined, mesh_of, plate
 

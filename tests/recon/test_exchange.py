@@ -7,9 +7,9 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose
 
-from recon.bodies import MeshBody
-from recon.exchange import face_exchange
-from recon.trianglemesh import TriangleMesh, area_vectors
+from recon.mesh.bodies import MeshBody
+from recon.mesh.exchange import face_exchange
+from recon.mesh.trianglemesh import TriangleMesh, area_vectors
 
 from .bodymeshes import ball_mesh, joined, plate
 

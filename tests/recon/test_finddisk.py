@@ -9,10 +9,10 @@ from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import decode, read_mask
 from capture.radiance import RadianceImage
-from recon.finddisk import Rim, find_rim, rim_near
-from recon.outline import mask_silhouette
-from recon.sphere import Sphere
-from recon.spherefit import fit_sphere
+from recon.sphere.finddisk import Rim, find_rim, rim_near
+from recon.sphere.fit import fit_sphere
+from recon.sphere.outline import mask_silhouette
+from recon.sphere.sphere import Sphere
 
 WIDTH, HEIGHT = 240, 180
 FLAT = Camera(ORTHOGRAPHIC, [1.0, 0, 0], WIDTH, HEIGHT, np.eye(4))

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.photoset import load_photoset
-from recon.findsphere import find_sphere, sphere_mask
+from recon.placement.findsphere import find_sphere, sphere_mask
 
 CENTRE, RADIUS = (0.002, -0.001, 0.003), 0.03
 ANGLES = np.radians([0, 25, 50, 75])

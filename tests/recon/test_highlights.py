@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from recon.sampling import _cells, _with_highlights, spread
+from recon.sampling.draw import _cells, _with_highlights, spread
 
 
 def test_more_samples_of_highlights_leave_sums_unbiased() -> None:

@@ -14,12 +14,12 @@ from numpy.testing import assert_allclose
 from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import decode
-from invrender.cli import main
-from recon.bodies import MeshBody, SphereBody, body_coverage
+from lightfactor.cli import main
 from recon.hull.consistency import contradiction_warning, contradictions
 from recon.hull.silhouette import bright_region
 from recon.hull.visualhull import visual_hull
-from recon.trianglemesh import is_watertight, read_mesh, volume
+from recon.mesh.bodies import MeshBody, SphereBody, body_coverage
+from recon.mesh.trianglemesh import is_watertight, read_mesh, volume
 
 CENTRE, RADIUS = np.array([0.1, -0.05, 0.2]), 0.3
 

@@ -7,10 +7,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.radiance import RadianceImage
-from recon.bodies import SphereBody, body_coverage, body_pixels
-from recon.lightfield import LightField
-from recon.sampling import MIN_COS_EXITANT, NO_SOURCES, sample_body, samples_at
-from recon.sphere import Sphere
+from recon.mesh.bodies import SphereBody, body_coverage, body_pixels
+from recon.sampling.draw import MIN_COS_EXITANT, NO_SOURCES, sample_body, samples_at
+from recon.sampling.lightfield import LightField
+from recon.sphere.sphere import Sphere
 
 WIDTH, HEIGHT = 64, 48
 # World axes as in the picture, but y up and z towards the camera.

@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose
 from capture.arc.gantry import Arc, look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import read_mask
-from recon.conventions import other_conventions
-from recon.locate import View, locate_sphere
-from recon.outline import Silhouette, mask_silhouette
+from recon.placement.conventions import other_conventions
+from recon.placement.locate import View, locate_sphere
+from recon.sphere.outline import Silhouette, mask_silhouette
 
 PARAMS = [300.0, 300, 80, 60]
 CENTRE = (0.01, 0.0, 0.02)

@@ -16,13 +16,13 @@ from capture.camera import Camera
 from capture.decode import decode, read_mask
 from capture.lighting import latlong_directions, latlong_solid_angles
 from capture.radiance import RadianceImage
-from recon.ball.ballbracket import view_bracket
-from recon.ball.findball import find_ball
-from recon.ball.mirrorball import BallLighting, lighting_of_ball
-from recon.ball.mirrorball import ball_lighting as merged_lighting
-from recon.ball.reflection import mirrored_directions, mirroring_points, solid_angles
-from recon.circle import Disk
-from recon.sphere import Sphere
+from recon.mirrorball.bracket import view_bracket
+from recon.mirrorball.find import find_ball
+from recon.mirrorball.light import BallLighting, lighting_of_ball
+from recon.mirrorball.light import ball_lighting as merged_lighting
+from recon.mirrorball.reflection import mirrored_directions, mirroring_points, solid_angles
+from recon.sphere.circle import Disk
+from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
 

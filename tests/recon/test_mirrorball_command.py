@@ -20,8 +20,8 @@ from capture.files.imagefile import read_pixels, write_exr
 from capture.lighting import Lighting, read_latlong
 from capture.manifest import LightingTable
 from capture.photoset import load_photoset
-from recon.cli import mirrorball
-from recon.knownlight import read_lighting
+from recon.commands.mirrorball import mirrorball
+from recon.lighting import read_lighting
 
 CENTRE, RADIUS, SIZE = (82.0, 78.0), 60.0, 160
 # A highlight 20 px to the right of the centre and 10 px above it, and what it mirrors from far away:
@@ -163,7 +163,7 @@ def test_contradictions_are_refused(shots: Path) -> None:
 
 
 def test_help_needs_no_heavy_import() -> None:
-    script = "import sys, recon.cli; print({'numpy', 'cv2', 'scipy', 'matplotlib'} & set(sys.modules))"
+    script = "import sys, recon.commands.mirrorball; print({'numpy', 'cv2', 'scipy', 'matplotlib'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
 

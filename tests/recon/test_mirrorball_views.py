@@ -18,12 +18,12 @@ from capture.camera import Camera
 from capture.decode import decode
 from capture.lighting import latlong_directions, latlong_solid_angles
 from capture.radiance import RadianceImage
-from recon.ball.ballbracket import view_bracket
-from recon.ball.ballcircle import Disk
-from recon.ball.ballregister import registered
-from recon.ball.ballview import BallView
-from recon.ball.findball import find_ball
-from recon.ball.mirrorball import ball_lighting
+from recon.mirrorball.bracket import view_bracket
+from recon.mirrorball.circle import Disk
+from recon.mirrorball.find import find_ball
+from recon.mirrorball.light import ball_lighting
+from recon.mirrorball.register import registered
+from recon.mirrorball.view import BallView
 
 Floats = NDArray[np.float64]
 Room = Callable[[Floats], Floats]

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 
-from recon.outline import largest_blob, mask_silhouette, outline_points
+from recon.sphere.outline import largest_blob, mask_silhouette, outline_points
 
 
 def disc(width: int, height: int, x: float, y: float, radius: float, n: int) -> np.ndarray:

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
-from recon.align.absolute import fit_picks
-from recon.align.picks import check_on_surface, read_picks
-from recon.align.pixelrays import joined, pixel_rays
-from recon.align.refine import PickedRays, refine
-from recon.align.similarity import Similarity
-from recon.align.uncertainty import uncertainty
-from recon.rays import RayTracer
+from recon.mesh.rays import RayTracer
+from recon.poses.align.absolute import fit_picks
+from recon.poses.align.picks import check_on_surface, read_picks
+from recon.poses.align.pixelrays import joined, pixel_rays
+from recon.poses.align.refine import PickedRays, refine
+from recon.poses.align.similarity import Similarity
+from recon.poses.align.uncertainty import uncertainty
 
 FOCAL = 1000.0
 

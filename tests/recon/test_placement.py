@@ -11,10 +11,10 @@ import pytest
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from recon.bodies import MeshBody, body_coverage
-from recon.placement import MaskedView, check_placement
-from recon.shape import placed
-from recon.trianglemesh import TriangleMesh
+from recon.mesh.bodies import MeshBody, body_coverage
+from recon.mesh.shape import placed
+from recon.mesh.trianglemesh import TriangleMesh
+from recon.placement.check import MaskedView, check_placement
 
 from .bodymeshes import ball_mesh, joined
 

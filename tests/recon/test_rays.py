@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from recon.rays import Hits, RayTracer
+from recon.mesh.rays import Hits, RayTracer
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -22,10 +22,10 @@ from typer.testing import CliRunner
 from capture.boards.board import parse_board
 from capture.photoset import load_photoset
 from capture.progress import silent
-from recon.register.command import register
-from recon.register.features import likely_pairs
-from recon.register.posesfile import Registration
-from recon.register.registration import register_by_features
+from recon.commands.register import register
+from recon.poses.register.features import likely_pairs
+from recon.poses.register.posesfile import Registration
+from recon.poses.register.registration import register_by_features
 
 Floats = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from recon.register.bundle import Bundle, adjust, spread
-from recon.register.frame import Frame, frame_of_points, frame_of_poses, free_frame
-from recon.register.posecovariance import frame_changes, pose_covariance
+from recon.poses.register.bundle import Bundle, adjust, spread
+from recon.poses.register.frame import Frame, frame_of_points, frame_of_poses, free_frame
+from recon.poses.register.posecovariance import frame_changes, pose_covariance
 
 Floats = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.photoset import load_photoset
-from recon.register.importing import register_by_colmap, register_by_transforms
-from recon.register.names import match_names
-from recon.sphere import Sphere
+from recon.poses.register.importing import register_by_colmap, register_by_transforms
+from recon.poses.register.names import match_names
+from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
 

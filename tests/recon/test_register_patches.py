@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from capture.camera import Camera
-from recon.register.bundle import Bundle
-from recon.register.patches import refine_places
+from recon.poses.register.bundle import Bundle
+from recon.poses.register.patches import refine_places
 
 Floats = NDArray[np.float64]
 

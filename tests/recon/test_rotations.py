@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
-from recon.harmonics import evaluate_harmonics, sphere_directions
-from recon.rotations import euler_angles, rotated_harmonics
-from recon.wigner import wigner_D, wigner_d
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.harmonics.rotations import euler_angles, rotated_harmonics
+from recon.harmonics.wigner import wigner_D, wigner_d
 
 
 def harmonics_of_degree(l: int, directions: np.ndarray) -> np.ndarray:

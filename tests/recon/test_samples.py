@@ -12,13 +12,13 @@ from numpy.testing import assert_allclose
 
 from capture.lighting import read_latlong
 from capture.photoset import load_photoset
-from invrender.cli import main
-from invrender.theory.latlong import project_latlong
-from recon.harmonics import clamped_cosine_transfer, evaluate_harmonics
-from recon.samples.find import find_body
-from recon.samples.run import known_sources
-from recon.samples.stream import light_fields
-from recon.transfer import transfer_vectors
+from lightfactor.cli import main
+from recon.harmonics.basis import clamped_cosine_transfer, evaluate_harmonics
+from recon.harmonics.latlong import project_latlong
+from recon.mesh.transfer import transfer_vectors
+from recon.sampling.find import find_body
+from recon.sampling.run import known_sources
+from recon.sampling.stream import light_fields
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
 

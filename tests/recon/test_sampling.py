@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from recon.bodies import MeshBody, SphereBody
-from recon.sampling import NO_SOURCES, draw, sample_body, spread
+from recon.mesh.bodies import MeshBody, SphereBody
+from recon.sampling.draw import NO_SOURCES, draw, sample_body, spread
 
 from .bodymeshes import ball_mesh, joined, plate
 

@@ -10,8 +10,8 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from capture.photoset import load_photoset
-from recon.shape import largest_piece, opening_warnings, placed, read_object_mesh, without_strays
-from recon.trianglemesh import TriangleMesh, is_watertight
+from recon.mesh.shape import largest_piece, opening_warnings, placed, read_object_mesh, without_strays
+from recon.mesh.trianglemesh import TriangleMesh, is_watertight
 
 from .bodymeshes import ball_mesh, joined, mesh_of
 

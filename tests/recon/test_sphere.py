@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import read_mask
-from recon.outline import Silhouette, mask_silhouette
-from recon.sphere import Sphere
-from recon.spherefit import fit_sphere
+from recon.sphere.fit import fit_sphere
+from recon.sphere.outline import Silhouette, mask_silhouette
+from recon.sphere.sphere import Sphere
 
 
 def fit(cameras, masks, **given) -> Sphere:

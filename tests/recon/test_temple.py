@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from capture.photoset import load_photoset
-from invrender.cli import main
-from recon.rays import RayTracer
-from recon.trianglemesh import is_watertight, read_mesh
+from lightfactor.cli import main
+from recon.mesh.rays import RayTracer
+from recon.mesh.trianglemesh import is_watertight, read_mesh
 
 # The published tight box about the temple, metres.
 BOX = np.array([[-0.073568, 0.021728, -0.012445], [0.028855, 0.181892, 0.062736]])

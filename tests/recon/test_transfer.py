@@ -9,10 +9,10 @@ from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from recon.harmonics import evaluate_harmonics, sphere_directions
-from recon.rotations import rotated_harmonics
-from recon.transfer import TransferVectors, transfer_vectors
-from recon.trianglemesh import TriangleMesh, area_vectors, smooth_normals
+from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.harmonics.rotations import rotated_harmonics
+from recon.mesh.transfer import TransferVectors, transfer_vectors
+from recon.mesh.trianglemesh import TriangleMesh, area_vectors, smooth_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

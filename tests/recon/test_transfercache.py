@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
-import recon.transfercache
-from recon.transfercache import cached_transfer
-from recon.trianglemesh import TriangleMesh, smooth_normals, write_mesh
+import recon.mesh.transfercache
+from recon.mesh.transfercache import cached_transfer
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals, write_mesh
 
 
 @pytest.fixture
@@ -33,9 +33,9 @@ def place(tmp_path: Path, mesh: TriangleMesh) -> Path:
 def computed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Grows by one whenever transfer vectors are computed."""
     calls: list[int] = []
-    compute = recon.transfercache.transfer_vectors
+    compute = recon.mesh.transfercache.transfer_vectors
     monkeypatch.setattr(
-        recon.transfercache, "transfer_vectors", lambda *settings: calls.append(1) or compute(*settings)
+        recon.mesh.transfercache, "transfer_vectors", lambda *settings: calls.append(1) or compute(*settings)
     )
     return calls
 

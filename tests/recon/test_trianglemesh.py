@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from recon.trianglemesh import TriangleMesh, is_watertight, read_mesh, smooth_normals, volume, write_mesh
+from recon.mesh.trianglemesh import TriangleMesh, is_watertight, read_mesh, smooth_normals, volume, write_mesh
 
 # A cube of side 1 whose sides' diagonals lie this way and that.
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)

@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from capture.arc.gantry import look_at
 from capture.boards.board import parse_board
 from capture.camera import Camera
-from recon.rays import RayTracer
+from recon.mesh.rays import RayTracer
 from synthetic.sensing.boardphotos import board_radiance
 
 Floats = NDArray[np.float64]

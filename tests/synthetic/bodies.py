@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.trianglemesh import TriangleMesh, area_vectors
+from recon.mesh.trianglemesh import TriangleMesh, area_vectors
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Points
 from synthetic.shapes.tangents import tangents

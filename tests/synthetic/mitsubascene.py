@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from recon.trianglemesh import TriangleMesh, write_mesh
+from recon.mesh.trianglemesh import TriangleMesh, write_mesh
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource, PointSource

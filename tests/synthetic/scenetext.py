@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.trianglemesh import TriangleMesh
+from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.scenes.build import read_staging
 from synthetic.staging import Staging
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.files.imagefile import write_exr
-from recon.trianglemesh import write_mesh
+from recon.mesh.trianglemesh import write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.latlong import LatLongLight

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from recon.trianglemesh import TriangleMesh, is_watertight, volume
+from recon.mesh.trianglemesh import TriangleMesh, is_watertight, volume
 from synthetic.shapes.cat import REACH, cat_field, contains
 from synthetic.shapes.meshing import mesh_implicit
 

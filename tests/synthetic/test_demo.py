@@ -15,9 +15,9 @@ from numpy.testing import assert_allclose
 from capture.decode import decode_photo, read_mask
 from capture.lighting import read_latlong
 from capture.photoset import PhotoSet, load_photoset
-from recon.locate import View, locate_sphere
-from recon.outline import mask_silhouette
-from recon.sphere import Sphere
+from recon.placement.locate import View, locate_sphere
+from recon.sphere.outline import mask_silhouette
+from recon.sphere.sphere import Sphere
 from synthetic.demo import demo_staging
 from synthetic.render.photograph import photographs
 from synthetic.sensing.noise import Noise

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from recon.trianglemesh import area_vectors, is_watertight, volume
+from recon.mesh.trianglemesh import area_vectors, is_watertight, volume
 from synthetic.shapes.doll import CROWN, FOOT, REACH, SQUARED_RADIUS, contains, doll_mesh, doll_points, radii
 from synthetic.shapes.dollpaint import doll_textures
 

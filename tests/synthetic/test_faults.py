@@ -9,7 +9,7 @@ from scipy.ndimage import label
 from scipy.spatial.transform import Rotation
 
 from capture.camera import Camera
-from recon.trianglemesh import TriangleMesh, is_watertight, volume
+from recon.mesh.trianglemesh import TriangleMesh, is_watertight, volume
 from synthetic.faults import misaligned, perturbed_mesh, perturbed_pose, with_background, with_outliers
 from synthetic.sensing.room import room_background
 

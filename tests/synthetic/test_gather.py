@@ -10,7 +10,7 @@ import trimesh
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from recon.trianglemesh import TriangleMesh, smooth_normals
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Illumination

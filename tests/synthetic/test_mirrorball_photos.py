@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from capture.files.imagefile import read_pixels
 from capture.lighting import latlong_directions, latlong_solid_angles
 from capture.photoset import load_photoset
-from recon.knownlight import read_lighting
+from recon.lighting import read_lighting
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.render.lobes import irradiance

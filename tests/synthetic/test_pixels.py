@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
-from recon.trianglemesh import TriangleMesh, smooth_normals
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 from synthetic.render.pixels import looked_at, pixel_coverage
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.meshsurface import MeshSurface

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.atlas import with_atlas
-from recon.trianglemesh import TriangleMesh, is_watertight, volume
+from recon.mesh.atlas import with_atlas
+from recon.mesh.trianglemesh import TriangleMesh, is_watertight, volume
 from synthetic.shapes.implicit import (
     Implicit,
     curled_tube,

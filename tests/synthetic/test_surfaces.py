@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from recon.trianglemesh import TriangleMesh, smooth_normals
+from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Points, Surface

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from capture.photoset import load_photoset
-from invrender.cli import main
+from lightfactor.cli import main
 from synthetic.scenes.builtin import scene_names, scene_path
 
 Run = Callable[..., tuple[int, str, str]]
@@ -236,7 +236,7 @@ def test_options_out_of_range_are_refused(synth: Run) -> None:
 def test_help_needs_nothing_heavy() -> None:
     code = (
         "import sys; sys.argv = ['lightfactor', 'synth', '--help']\n"
-        "from invrender.cli import main\n"
+        "from lightfactor.cli import main\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         "print(sorted({'numpy', 'scipy', 'cv2', 'embreex', 'matplotlib', 'skimage'} & set(sys.modules)))"
     )

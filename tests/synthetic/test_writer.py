@@ -19,7 +19,7 @@ from capture.decode import decode_photo, read_mask
 from capture.files.imagefile import read_pixels
 from capture.lighting import read_latlong
 from capture.photoset import load_photoset
-from recon.trianglemesh import read_mesh
+from recon.mesh.trianglemesh import read_mesh
 from synthetic.render.photograph import photographs
 from synthetic.render.pixels import pixel_coverage
 from synthetic.scene import Shot

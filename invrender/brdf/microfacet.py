@@ -1,0 +1,77 @@
+"""The fitted BRDF, and the interpolation of RH01's lobe in sigma.
+
+rho = Kd + Ks F(mu, theta_o) S(theta_h; sigma) / (4 cos theta_i cos theta_o)      [RH01, section 5.2]
+
+where the form is RH01's own; `lobes` has the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.arrays import frozen_array
+from invrender.brdf.lobes import PRINTED, LobeForm
+
+Floats = NDArray[np.float64]
+
+# Roughnesses between which the search looks: below, a highlight is narrower than the pixels of an
+# ordinary photograph; above, the lobe is no longer told from diffuse reflection.
+SIGMA_RANGE = (0.005, 0.7)
+_NODES = 27
+
+
+@dataclass(frozen=True, eq=False)
+class Microfacet:
+    """A fitted BRDF: a Lambertian base under a lobe.
+
+    kd, ks : (3,), 1/sr and dimensionless, RGB. mu, sigma : None where the model lacks them. form : of the lobe.
+    """
+
+    kd: Floats
+    ks: Floats
+    mu: float | None
+    sigma: float | None
+    form: LobeForm = PRINTED
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "kd", frozen_array(self.kd))
+        object.__setattr__(self, "ks", frozen_array(self.ks))
+
+    def moved_to(self, name: str, value: float) -> Microfacet:
+        """The same with another mu, sigma or number of the form."""
+        if name in self.form.numbers:
+            return replace(self, form=self.form.with_numbers({name: value}))
+        return replace(self, mu=value) if name == "mu" else replace(self, sigma=value)
+
+
+def sigma_nodes() -> Floats:
+    """The roughnesses at which transfers are tabulated: Chebyshev points in log sigma."""
+    low, high = np.log(SIGMA_RANGE)
+    return np.exp(low + (_chebyshev_points() + 1) / 2 * (high - low))
+
+
+def sigma_weights(sigma: float | Floats) -> Floats:
+    """Weights (nodes,) with which transfers at the nodes add up to the transfer at sigma; of several (f,), (f, nodes).
+
+    What is interpolated is sigma^2 S, whose peak is the same for all sigma; the error is 1e-4 of it.
+    """
+    low, high = np.log(SIGMA_RANGE)
+    position = np.clip(2 * (np.log(sigma) - low) / (high - low) - 1, -1, 1)
+    polynomials = np.cos(np.arange(_NODES) * np.arccos(position)[..., None])
+    return np.asarray(polynomials @ _cardinal().T / np.asarray(sigma)[..., None] ** 2)
+
+
+@lru_cache(maxsize=1)
+def _cardinal() -> Floats:
+    """What Chebyshev polynomials (columns) contribute to the weight of each node, times its roughness squared."""
+    degrees = np.arange(_NODES)
+    at_nodes = np.cos(np.outer(np.arccos(_chebyshev_points()), degrees))
+    return at_nodes * np.where(degrees == 0, 1, 2) / _NODES * sigma_nodes()[:, None] ** 2
+
+
+def _chebyshev_points() -> Floats:
+    return np.cos((np.arange(_NODES) + 0.5) * np.pi / _NODES)

@@ -1,0 +1,95 @@
+"""lightfactor export: a result for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def export(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT", help="Folder that `process` wrote, or its result.json.", show_default=False
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Folder for the files; an earlier export in it is replaced.",
+            show_default=False,
+        ),
+    ],
+    form: Annotated[
+        str,
+        typer.Option("--format", metavar="FORMAT", help="gltf, mitsuba or materialx.", show_default=False),
+    ],
+    light: Annotated[
+        bool,
+        typer.Option(
+            "--light",
+            help="gltf: the light, too. Sources go into the file, the map beside it as environment.exr. A scene for"
+            " mitsuba always has its light.",
+        ),
+    ] = False,
+    lighting: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Which of the result's lightings, if it has several.")
+    ] = None,
+    albedo: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A",
+            help="Of a result in a relative gauge: what pi Kd + Ks of the brightest channel is, or R,G,B."
+            "  [default: 0.5]",
+        ),
+    ] = None,
+    assume: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="A guess for mu or sigma where the photographs left it undetermined. Repeatable.",
+        ),
+    ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AZIMUTH,ELEVATION[,DISTANCE]",
+            help="mitsuba: where the camera is; degrees, and metres from the object's centre.  [default: 0,20]",
+        ),
+    ] = None,
+    photoset: Annotated[
+        Path | None,
+        typer.Option(
+            "--set",
+            metavar="SET",
+            help="The photo set that the result was made from; looked for beside the result otherwise.",
+        ),
+    ] = None,
+) -> None:
+    """Write a result for other programs: the object, textures if there are any, and the material in their numbers.
+
+    Each program has a formula of its own; its numbers are those that come nearest to the BRDF that was found. What is
+    lost by that is printed, and stands with the numbers in OUT/export.json.
+
+    gltf: object.glb, metres, +Y up. mitsuba: scene.xml, with light and camera. materialx: material.mtlx and object.obj.
+    """
+    from invrender.output.export.run import ExportOptions, run_export
+
+    run_export(
+        ExportOptions(
+            result=result,
+            out=output,
+            form=form,
+            light=light,
+            lighting=lighting,
+            albedo=albedo,
+            assume=tuple(assume or ()),
+            view=view,
+            photoset=photoset,
+        )
+    )

@@ -1,0 +1,65 @@
+"""lightfactor plan: what a scene's photographs will determine, before anyone takes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from synthetic.commands.synth import Light
+
+
+def plan(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            help="Name of a built-in scene (`lightfactor synth --list`), or a scene file, NAME.toml.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FOLDER",
+            help="Folder for plan.json and plan.png; an earlier plan in it is replaced. Without it only the terminal.",
+            show_default=False,
+        ),
+    ] = None,
+    light: Annotated[
+        Light | None,
+        typer.Option(
+            help="What the set will tell of the light, instead of what the scene file says: all, photographs of a"
+            " mirror ball, or nothing.",
+            show_default=False,
+        ),
+    ] = None,
+    degree: Annotated[
+        int, typer.Option(help="Highest degree of spherical harmonics of light that is unknown, 0 to 30.")
+    ] = 10,
+    samples: Annotated[
+        int,
+        typer.Option(
+            help="Pixels of all photographs together that are looked at; what they tell is scaled to as many as"
+            " `process` takes. More are slower and steadier."
+        ),
+    ] = 20_000,
+) -> None:
+    """See what photographs will determine, and how well, before you take them; and which one more would help most.
+
+    Reckons from the scene's views, light, object and noise how certain Kd, Ks, mu, sigma and unknown light will be
+    (Fisher information; no unbiased estimate is better), with the words that `process` uses afterwards; then tries a
+    hundred further views and a hundred further lights. Nothing is rendered.
+
+    Writes FOLDER/plan.json and FOLDER/plan.png, a figure.
+    """
+    from invrender.plan.run import run_plan
+
+    if not 0 <= degree <= 30:
+        raise ValueError(f"--degree is {degree}; the highest degree of the light must be 0 to 30")
+    if samples < 1000:
+        raise ValueError(f"--samples is {samples}; look at 1000 pixels or more")
+    run_plan(scene, out, light.value if light else None, degree, samples)

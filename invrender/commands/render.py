@@ -1,0 +1,198 @@
+"""lightfactor render: new views and new light of a result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def render(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT", help="Folder that `process` wrote, or its result.json.", show_default=False
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="x.exr: linear RGB and alpha. x.png: sRGB and alpha. With --turntable x.mp4, x.png (a strip), or a"
+            " folder.",
+            show_default=False,
+        ),
+    ],
+    lighting: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Which of the result's lightings, if it has several.")
+    ] = None,
+    light: Annotated[
+        Path | None,
+        typer.Option(metavar="MAP", help="Other light: a lat-long map, EXR or .hdr, +Z at its top."),
+    ] = None,
+    panorama: Annotated[
+        bool,
+        typer.Option(
+            "--panorama",
+            help="The map is a panorama as one sees it, left on the left; our maps are mirrored: azimuth grows to"
+            " the right.",
+        ),
+    ] = False,
+    source: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="AZIMUTH,ELEVATION,IRRADIANCE",
+            help="Other light: a distant source; degrees, the irradiance one number or R,G,B. Repeatable, and added"
+            " to --light.",
+        ),
+    ] = None,
+    rotate_light: Annotated[
+        float,
+        typer.Option(
+            "--rotate-light",
+            metavar="DEG",
+            help="Turn the light about +Z, counter-clockwise seen from above.",
+            show_default=False,
+        ),
+    ] = 0.0,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AZIMUTH,ELEVATION[,DISTANCE]",
+            help="Where the camera is: degrees, from +X towards +Y and above the horizon; metres from the object's"
+            " centre, by default as the photographs. It looks at the centre, +Z up.  [default: 0,20]",
+        ),
+    ] = None,
+    photo: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="The camera of a photograph of the set, by its file's name, and its light."
+        ),
+    ] = None,
+    photoset: Annotated[
+        Path | None,
+        typer.Option(
+            "--set",
+            metavar="SET",
+            help="The photo set that the result was made from; looked for beside the result otherwise.",
+        ),
+    ] = None,
+    size: Annotated[
+        str | None,
+        typer.Option(metavar="WxH", help="Pixels, by default as the photographs; the field of view stays."),
+    ] = None,
+    fov: Annotated[
+        float | None,
+        typer.Option(metavar="DEG", help="Field of view across the width, by default as the photographs'."),
+    ] = None,
+    turntable: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=10_000,
+            metavar="N",
+            help="N pictures all around, from --view on. As a folder OUT gets 000.exr, 000.png, ...",
+        ),
+    ] = None,
+    turn: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHAT",
+            help="What goes round, the rest at rest: view (at the elevation of --view), light, or object.  [default:"
+            " view]",
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option(metavar="FPS", help="Of an .mp4: pictures per second.  [default: 25]")
+    ] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M", help="A sphere of this radius instead, metres, where the result's object is."
+        ),
+    ] = None,
+    mesh: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="A mesh instead of the result's object: PLY, OBJ, STL, GLB, in metres. It shadows itself (what"
+            " that takes to compute is kept beside it, NAME.transfer.npz); light from one part of it to another is"
+            " left out.",
+        ),
+    ] = None,
+    mesh_to_world: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="JSON", help="Its place: a file with mesh_to_world (4x4), such as alignment.json."
+        ),
+    ] = None,
+    mean: Annotated[
+        bool,
+        typer.Option(
+            "--mean", help="Where Kd and Ks vary over the result's object: render with their means instead."
+        ),
+    ] = False,
+    exposure: Annotated[
+        float | None,
+        typer.Option(
+            metavar="EV",
+            help="Of PNG and MP4: radiance 1 is white at 0, each EV doubles; left out, the brightest half percent"
+            " just clips.",
+        ),
+    ] = None,
+    std: Annotated[
+        bool,
+        typer.Option(
+            "--std",
+            help="Also write the standard deviation of each pixel: channels std.R, std.G, std.B of the EXR.",
+        ),
+    ] = False,
+    assume: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="A guess for mu or sigma where the photographs left it undetermined. Repeatable.",
+        ),
+    ] = None,
+) -> None:
+    """Predict what the object of a result looks like from other sides and under other light.
+
+    Without --light or --source the light is the result's own. Radiance is in the unit of the light. Pixels at the
+    outline are covered in part: alpha says how far, and radiance is multiplied by it, as EXR has it. PNG and MP4 are
+    that radiance, exposed, clipped and through the sRGB curve, without any other tone mapping.
+
+    --std carries the covariance of Kd, Ks, mu and sigma into the picture by first order. Not in it: doubts of the
+    light, of the shape, and of the model itself, which report.html shows under "Where the model falls short".
+    """
+    from invrender.output.render.options import RenderOptions
+    from invrender.output.render.run import run_render
+
+    run_render(
+        RenderOptions(
+            result=result,
+            out=output,
+            lighting=lighting,
+            light=light,
+            panorama=panorama,
+            sources=tuple(source or ()),
+            rotate_light=rotate_light,
+            view=view,
+            photo=photo,
+            photoset=photoset,
+            size=size,
+            fov_deg=fov,
+            turntable=turntable,
+            turn=turn,
+            fps=fps,
+            radius=radius,
+            mesh=mesh,
+            mesh_to_world=mesh_to_world,
+            mean=mean,
+            exposure_ev=exposure,
+            std=std,
+            assume=tuple(assume or ()),
+        )
+    )

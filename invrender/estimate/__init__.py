@@ -1,0 +1,1 @@
+"""Estimates from light-field samples: search, evidence, uncertainty."""

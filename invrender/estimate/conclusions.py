@@ -1,0 +1,348 @@
+"""From prepared columns to a result: noise, evidence, uncertainty, identifiability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from capture.lighting import Lighting
+from invrender.brdf.lobes import PHONG, LobeForm, phong_exponent
+from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.richer import core
+from invrender.estimate.clusters import structured_rms
+from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
+from invrender.estimate.explanation import Explanation, explain, refitted
+from invrender.estimate.identifiability import (
+    UNIFORM_LIGHT,
+    Scalar,
+    assess_linear,
+    assess_mu,
+    assess_number,
+    assess_sigma,
+    lighting_degree,
+)
+from invrender.estimate.models import Estimate
+from invrender.estimate.noise import NoiseModel, Weights
+from invrender.estimate.quantities import FittedLighting, Quantity
+from invrender.estimate.reported import Report
+from invrender.estimate.uncertainty import FINEST, NUMERICAL, pack, uncertainty_of
+from invrender.transport.columns import PhotoColumns, sample_count
+from invrender.transport.half_vectors import is_rough
+from invrender.transport.predict import predict_photos
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What the solve adds to what is known of a set; see `Factorization` for the fields.
+
+    weights : of each photograph's samples, as they entered the fit. photos : columns of the chosen form; none where
+    the light was unknown.
+    """
+
+    estimate: Estimate
+    rungs: tuple[Rung, ...]
+    chosen: int
+    noise: NoiseModel
+    weights: tuple[Weights, ...]
+    structured: float
+    quantities: Mapping[str, Quantity]
+    lightings: tuple[FittedLighting, ...]
+    covariance: Floats
+    covariance_names: tuple[str, ...]
+    gauge: str
+    photos: tuple[PhotoColumns, ...] = ()
+
+
+def factorize(
+    photos: Sequence[PhotoColumns],
+    lightings: Sequence[Lighting],
+    on_step: Callable[[], None] = lambda: None,
+) -> Solution:
+    """Solve for the BRDF and for what of the lighting is to be recovered.
+
+    photos : columns of RH01's form. A first fit with equal weights shows the noise; the next weigh each sample by its
+    inverse variance. `on_step` is called `explanation.EXPLANATION_STEPS` times at most.
+    """
+    return conclude(explain(photos, lightings, on_step), lightings)
+
+
+def conclude(
+    known: Explanation,
+    lightings: Sequence[Lighting],
+    doubts: Sequence[Sequence[Floats]] = (),
+    instead: Sequence[Microfacet] = (),
+) -> Solution:
+    """What an explanation amounts to: numbers with their uncertainty, and which of them are determined.
+
+    doubts : one for each thing in doubt, (n, 3) per photograph, the radiance by which its samples are all off together
+    if that is off by one standard deviation. instead : the BRDF as each fault that was found puts it.
+    """
+    chosen, weights, photos = known.chosen, known.weights, known.photos
+    measured = _measure(known.rungs[chosen], photos, weights)
+    report, values, fragility = measured.report, measured.values, measured.fragility
+    covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
+    if "sigma" in report.places:
+        place = report.places["sigma"].start
+        covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
+    others = [refitted(known, doubt) for doubt in doubts]
+    others += [replace(known.rungs[chosen].estimate, brdf=brdf) for brdf in instead]
+    for other in others:
+        moved = _reported(known, other) - values
+        covariance += np.outer(moved, moved)
+    std = np.sqrt(np.diag(covariance))
+    form = known.rungs[chosen].estimate.model.form
+    quantities = _quantities(form, report, values, std, fragility, photos, lightings)
+    brdf_size = report.places["strengths"].start
+    return Solution(
+        estimate=known.rungs[chosen].estimate,
+        rungs=known.rungs,
+        chosen=chosen,
+        noise=known.noise,
+        weights=weights,
+        structured=measured.structured,
+        quantities=unless_misfit(quantities, known.rungs[chosen].error),
+        lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
+        covariance=covariance[:brdf_size, :brdf_size],
+        covariance_names=report.names,
+        gauge=_gauge(report),
+        photos=photos,
+    )
+
+
+def _reported(known: Explanation, estimate: Estimate) -> Floats:
+    """The reported numbers of another estimate of the chosen model."""
+    parameters = pack(estimate, {photo.lighting: photo.elements for photo in known.photos})
+    return Report(parameters, _has_known(known.photos))(parameters.vector)
+
+
+def _has_known(photos: Sequence[PhotoColumns]) -> bool:
+    return any("known" in photo.elements for photo in photos)
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """A rung's reported numbers with their covariance; fragility as in `uncertainty.Uncertainty`."""
+
+    report: Report
+    values: Floats
+    covariance: Floats
+    fragility: Floats
+    structured: float
+
+
+def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> _Measured:
+    elements = {photo.lighting: photo.elements for photo in photos}
+    parameters = pack(rung.estimate, elements)
+    report = Report(parameters, _has_known(photos))
+    structured = _structured(photos, weights, rung)
+    found = uncertainty_of(report, parameters, rung.estimate, photos, [w.weight for w in weights])
+    values = report(parameters.vector)
+    # What our own quadratures leave, propagated.
+    own = np.hypot(NUMERICAL * found.fragility, FINEST * report.scale(values))
+    # What a wrong model, light or pose does differs between photographs, and shows when some are left out.
+    apart = _between_photographs(rung, report, elements)
+    variance = np.diag(found.covariance)
+    own = np.hypot(
+        own, np.sqrt(np.where(apart > _beyond_chance(len(rung.folds)) * variance, apart - variance, 0))
+    )
+    if rung.estimate.model.neutral:
+        # One number has one error bar.
+        own[report.places["ks"]] = own[report.places["ks"]].max()
+    return _Measured(report, values, found.covariance + np.diag(own**2), found.fragility, structured)
+
+
+def _between_photographs(rung: Rung, report: Report, elements: Mapping[str, Sequence[str]]) -> Floats:
+    """Variances of reported numbers by the jackknife over photographs [Efron 1982, eq. 3.8]; 0 where folds say nothing.
+
+    A fold that lacks a lighting altogether has no strength of it, and says nothing.
+    """
+    free = {name: own for name, own in elements.items() if any(element != "known" for element in own)}
+    whole = [fold for fold in rung.folds if free.keys() <= fold.strengths.keys()]
+    if len(whole) < 2:
+        return np.zeros(len(report(report.parameters.vector)))
+    values = np.array([report(pack(fold, free).vector) for fold in whole])
+    return np.asarray((len(whole) - 1) / len(whole) * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
+
+
+def _beyond_chance(folds: int) -> float:
+    """How many times the variance a jackknife over so many folds finds by chance in one number of a hundred."""
+    freedom = max(folds - 1, 1)
+    return float(chi2.ppf(0.99, freedom) / freedom)
+
+
+def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
+    """By how much models that fit as well put each number elsewhere, beyond their own doubts of it.
+
+    The photographs don't speak against those models either: what they say belongs into the error bar. Either may be
+    the true one: then the number is off by nothing or by all that they differ, RMS by 1 / sqrt(2) of it.
+    """
+    model = known.rungs[known.chosen].estimate.model
+    apart = np.zeros(len(chosen.values))
+    for rung, fits in list(zip(known.rungs, adequate(known.rungs), strict=True))[known.chosen + 1 :]:
+        other = rung.estimate.model
+        if not fits or not other.specular:
+            continue
+        here, doubt = chosen, 1.0
+        if other.form is model.form:
+            there = _measure(rung, known.photos, known.weights)
+        else:
+            # Both on the share of samples that the other form was tried on, so that noise is in both alike.
+            trial = known.trials[other.form]
+            there = _measure(trial.rung_like(other), trial.photos, trial.weights)
+            own = known.trials[model.form]
+            here = _measure(own.rung_like(model), own.photos, own.weights)
+            doubt = float(np.sqrt(sample_count(own.photos) / sample_count(known.photos)))
+        std = doubt * np.sqrt(np.diag(there.covariance))
+        for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
+            theirs = there.report.places[name]
+            ours, values = here.values[here.report.places[name]], there.values[theirs]
+            difference = np.abs(ours - values * _core_alone(name, there, here)) - 2 * std[theirs]
+            mine = chosen.report.places[name]
+            apart[mine] = np.maximum(apart[mine], difference)
+    return apart / np.sqrt(2)
+
+
+def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
+    """What a number of one form is multiplied by to compare with another's, where forms are sums of several lobes.
+
+    Widths are compared by the forms' cores; Ks too if only one of the forms has more than a core.
+    """
+    theirs, ours = (found.report.parameters.brdf(found.report.parameters.vector) for found in (there, here))
+    if theirs.sigma is None or ours.sigma is None:
+        return np.ones(1)
+    lobe = ours.form.lobe
+    (share, width), (_, own_width) = core(theirs.form, theirs.sigma, lobe), core(ours.form, ours.sigma, lobe)
+    if name == "sigma":
+        return np.array([width / own_width])
+    if len(ours.form.parts) > 1:
+        return np.ones(1)
+    if name == "ks":
+        return np.array([share])
+    if name in ("ks_normalised", "kd_normalised"):
+        rest = 1 - (1 - share) * there.values[there.report.places["ks_normalised"]]
+        return np.asarray((share if name == "ks_normalised" else 1) / rest)
+    return np.ones(1)
+
+
+def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:
+    """That part of the residuals which isn't noise, relative to the radiance (RMS both).
+
+    Photographs that stand out as wrong are left aside: they count for next to nothing in the fit as well.
+    """
+    fields, residuals, energy = [], [], []
+    predictions = predict_photos(photos, rung.estimate.brdf, rung.estimate.strengths)
+    wrong = outlying(rung.photo_errors)
+    for photo, own, predicted, skipped in zip(photos, weights, predictions, wrong, strict=True):
+        if not skipped:
+            fields.append(photo.field)
+            residuals.append(np.sqrt(own.trust) * (photo.radiance - predicted))
+            energy.append(np.mean(photo.radiance**2))
+    return structured_rms(fields, residuals) / float(np.sqrt(np.mean(energy)))
+
+
+def _width_of_pixels(lightings: Sequence[Lighting], sigma: float) -> float:
+    """By how much sigma may be off because nothing tells where in a pixel of the light's map its radiance is.
+
+    Light spread over a pixel p widens the lobe as facets would: sigma^2 grows by p^2 / 24, since a half vector turns by
+    half as much, and the variance of a lobe is sigma^2 / 2 each way. By as much again between pixels, where a map is
+    interpolated. 0 where a source has a direction, or maps are smooth.
+    """
+    pixels = []
+    for lighting in lightings:
+        if len(lighting.directions):
+            pixels.append(0.0)
+        elif lighting.radiance_map is not None and is_rough(lighting.radiance_map):
+            pixels.append(np.pi / len(lighting.radiance_map))
+    return float(min(pixels, default=0.0) ** 2 / (24 * sigma))
+
+
+def _quantities(
+    form: LobeForm,
+    report: Report,
+    values: Floats,
+    std: Floats,
+    fragility: Floats,
+    photos: Sequence[PhotoColumns],
+    lightings: Sequence[Lighting],
+) -> dict[str, Quantity]:
+    def block(name: str) -> tuple[Floats, Floats]:
+        return values[report.places[name]], std[report.places[name]]
+
+    degree = lighting_degree(lightings)
+    if degree == 0:
+        unknown = Quantity(None, None, "undetermined", *UNIFORM_LIGHT)
+        return {name: unknown for name in ("kd", "ks", "sigma", "mu") if name in report.places}
+    kd, kd_std = block("kd")
+    ks, ks_std = block("ks") if "ks" in report.places else (np.zeros(3), np.zeros(3))
+    scale = kd + ks
+    quantities = {"kd": assess_linear(kd, kd_std, scale, "Kd")}
+    if report.is_absolute:
+        quantities["albedo"] = scaled(quantities["kd"], np.pi)
+    if "ks" not in report.places:
+        return quantities
+    quantities["ks"] = assess_linear(ks, ks_std, scale, "Ks")
+    for name in ("kd_normalised", "ks_normalised"):
+        share, share_std = block(name)
+        quantities[name] = assess_linear(share, share_std, np.ones(3), name[:2].capitalize())
+    ks_share = float(np.mean(values[report.places["ks_normalised"]]))
+    places = {name: report.places[name].start for name in ("mu", "sigma") if name in report.places}
+    scalars = {name: Scalar(*(float(a[k]) for a in (values, std, fragility))) for name, k in places.items()}
+    quantities["sigma"] = assess_sigma(scalars["sigma"], degree, ks_share)
+    if form is PHONG:
+        quantities["exponent"] = _as_exponent(quantities["sigma"])
+    for name in form.numbers:
+        quantities[name] = assess_number(*block(name))
+    if "mu" in scalars:
+        quantities["mu"] = assess_mu(scalars["mu"], photos, ks_share)
+    return quantities
+
+
+def _as_exponent(sigma: Quantity) -> Quantity:
+    """The exponent of Phong's lobe of a width."""
+    if sigma.value is None or sigma.std is None:
+        return sigma
+    exponent = phong_exponent(sigma.value)
+    # To the first order: the exponent goes as 1 / sigma squared.
+    return replace(sigma, value=exponent, std=2 * exponent * sigma.std / sigma.value)
+
+
+def unless_misfit(quantities: dict[str, Quantity], error: float) -> dict[str, Quantity]:
+    """The quantities, or none of them where the model explains so little that they mean nothing."""
+    if error < HOPELESS:
+        return quantities
+    reason = misfit_reason(error)
+    return {name: Quantity(None, None, "undetermined", reason, MISFIT_REMEDY) for name in quantities}
+
+
+def scaled(quantity: Quantity, factor: float) -> Quantity:
+    if quantity.value is None or quantity.std is None:
+        return quantity
+    return replace(quantity, value=quantity.value * factor, std=quantity.std * factor)
+
+
+def _fitted_lighting(lighting: Lighting, report: Report, values: Floats, std: Floats) -> FittedLighting:
+    irradiances = lighting.irradiances.copy()
+    irradiance_std = np.zeros_like(irradiances)
+    if lighting.recover_irradiance:
+        for k in range(len(irradiances)):
+            name = f"{lighting.name}/source {k + 1}"
+            irradiances[k] = np.maximum(report.strength(values, name), 0)
+            irradiance_std[k] = report.strength(std, name)
+    ambient = ambient_std = None
+    if lighting.recover_ambient:
+        name = f"{lighting.name}/ambient"
+        ambient, ambient_std = report.strength(values, name), report.strength(std, name)
+    return FittedLighting(replace(lighting, irradiances=irradiances), irradiance_std, ambient, ambient_std)
+
+
+def _gauge(report: Report) -> str:
+    if report.is_absolute:
+        return "absolute: the given lighting fixes the scale of Kd and Ks in each channel"
+    which = "source irradiance" if any("/source" in name for name in report.strengths) else "ambient radiance"
+    return f"relative: mean recovered {which} fixed to 1 per channel"

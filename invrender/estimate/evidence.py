@@ -1,0 +1,251 @@
+"""Evidence: the simplest model whose error on photographs it has not seen is no worse than the best's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.estimate.clusters import patch_of
+from invrender.estimate.models import Estimate, Model
+from invrender.estimate.noise import Weights
+from invrender.estimate.search import LADDER, fit, fit_subsets
+from invrender.estimate.statistics import (
+    Statistics,
+    Subsets,
+    by_lighting,
+    weighted_statistics,
+    with_known_as_one,
+)
+from invrender.transport.columns import PhotoColumns, together
+from invrender.transport.predict import predict_columns
+from recon.sampling.lightfield import pools
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Up to this many photographs each is left out on its own; more are left out in this many groups.
+MAX_FOLDS = 20
+# Relative RMS on unseen photographs from which on no number is given; RH01 report 5 to 10% for real objects.
+HOPELESS = 0.3
+MISFIT_REMEDY = (
+    "check the light's direction, distance and frame, the poses, the shape (a visual hull's normals are rough), masks,"
+    " encoding and exposures, and if the model suits the object"
+)
+# Standard errors of a paired difference beyond which the simpler model is clearly worse.
+CLEARLY_WORSE = 3.0
+# Part of a picture's pixels that count as its highlights.
+_BRIGHTEST = 0.02
+# Part of a standard deviation that the last step of fits that leave photographs out may have: they start at the fit to
+# all, and what such a step leaves is far less.
+_NEAR_ENOUGH = 0.1
+# A photograph with this many times the median error is taken for wrong, if there are enough to compare.
+_OUT_OF_PROPORTION, _FEWEST_TO_COMPARE = 3.0, 4
+
+
+def misfit_reason(error: float) -> str:
+    """Why no number is given where the best model has this error."""
+    return f"the best model leaves {error:.0%} of the radiance (RMS) unexplained, so that its numbers mean nothing"
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """One model of the ladder with its evidence.
+
+    estimate : fitted to all photographs. photo_errors : (photos,), relative RMS of each photograph as
+        predicted by a fit that has not seen it (strengths of a lighting that no other photograph has
+        are fitted to it, since nothing else could tell them).
+    patch_energy : (patches,), the same squared residuals, as shares of each photograph's energy, by patches
+        of the surface.
+    parameters : count of fitted numbers. folds : fits that each have not seen some of the photographs.
+    """
+
+    estimate: Estimate
+    photo_errors: Floats
+    patch_energy: Floats
+    parameters: int
+    folds: tuple[Estimate, ...] = ()
+
+    @property
+    def error(self) -> float:
+        """Mean over photographs of the cross-validated relative RMS."""
+        return float(self.photo_errors.mean())
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of that mean."""
+        return float(self.photo_errors.std(ddof=1) / np.sqrt(len(self.photo_errors)))
+
+
+def relative_rms(residual: Floats, radiance: Floats, trust: Floats | None = None) -> float:
+    """Root mean square of the residual over that of the radiance, all channels together.
+
+    trust : (n, 3) weight of each sample, 0 to 1; None counts all alike.
+    """
+    trust = np.ones_like(residual) if trust is None else trust
+    return float(np.sqrt((trust * residual**2).sum() / max(float((trust * radiance**2).sum()), 1e-300)))
+
+
+@dataclass(frozen=True)
+class PictureError:
+    """How far a predicted picture is off.
+
+    rms : relative RMS over its pixels. brightest : the share of the squared error that lies in the brightest 2% of
+    them.
+    """
+
+    rms: float
+    brightest: float
+
+
+def picture_error(observed: Floats, predicted: Floats) -> PictureError:
+    """The error of predicted radiance (n, 3) against a photograph's."""
+    square = ((observed - predicted) ** 2).sum(axis=1)
+    if not len(square):
+        return PictureError(0.0, 0.0)
+    count = max(int(_BRIGHTEST * len(square)), 1)
+    bright = np.argpartition(-(observed**2).sum(axis=1), count - 1)[:count]
+    share = float(square[bright].sum() / max(float(square.sum()), 1e-300))
+    return PictureError(relative_rms(observed - predicted, observed), share)
+
+
+def climb_ladder(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    on_step: Callable[[], None] = lambda: None,
+    models: Sequence[Model] = LADDER,
+    patches: NDArray[np.int64] | None = None,
+) -> tuple[Rung, ...]:
+    """Fit and cross-validate models, all of the columns' form or without a specular part.
+
+    patches : of the surface, those of all photographs and maybe more; of these alone if None. `on_step` is called after
+    each model.
+    """
+    known = patches_of(photos) if patches is None else patches
+    parts = _parts(photos, weights, known)
+    # Kept per fold and lighting, not per photograph: memory then doesn't grow with the set.
+    left_out: list[tuple[Statistics, ...]] = [()] * min(len(photos), MAX_FOLDS)
+    found = weighted_statistics([part.photo for part in parts], [part.weights.weight for part in parts])
+    for part, entry in zip(parts, found, strict=True):
+        left_out[part.fold] = with_known_as_one(by_lighting([*left_out[part.fold], entry]))
+    subsets = Subsets(by_lighting(chain.from_iterable(left_out)), tuple(left_out))
+    rungs = []
+    for model in models:
+        rungs.append(_evaluate(model, len(photos), parts, subsets, len(known)))
+        on_step()
+    return tuple(rungs)
+
+
+def patches_of(photos: Sequence[PhotoColumns]) -> NDArray[np.int64]:
+    """The patches of the surface that photographs show, ascending."""
+    return np.unique(np.concatenate([patch_of(photo.field) for photo in photos]))
+
+
+def choose(rungs: Sequence[Rung]) -> int:
+    """The index of the simplest adequate rung.
+
+    Adequate is a rung whose error lies within one standard error of the best one's, and which isn't clearly
+    worse when the two are compared pairwise: photograph by photograph (so that photographs of unequal
+    quality don't hide a difference) and patch by patch of the surface (because a stain, the same in each
+    photograph, is no evidence for a model). Photographs that stand out as wrong have no say.
+    """
+    return int(np.argmax(adequate(rungs)))
+
+
+def adequate(rungs: Sequence[Rung]) -> NDArray[np.bool_]:
+    """Which rungs (rungs,) the photographs don't speak against; the best one always among them."""
+    best = min(rungs, key=lambda rung: rung.error)
+    trusted = ~outlying(best.photo_errors)
+    errors = best.photo_errors[trusted]
+    limit = errors.mean() + (errors.std(ddof=1) / np.sqrt(len(errors)) if len(errors) > 1 else 0.0)
+    result = []
+    for rung in rungs:
+        within = rung.photo_errors[trusted].mean() <= limit
+        by_photo = _score(rung.photo_errors[trusted] ** 2 - errors**2)
+        by_patch = _score(rung.patch_energy - best.patch_energy)
+        result.append(rung is best or bool(within and min(by_photo, by_patch) <= CLEARLY_WORSE))
+    return np.array(result)
+
+
+def outlying(photo_errors: Floats) -> NDArray[np.bool_]:
+    """Photographs (n,) whose error is out of all proportion to the others': wrong, rather than hard to explain."""
+    if len(photo_errors) < _FEWEST_TO_COMPARE:
+        return np.zeros(len(photo_errors), bool)
+    return photo_errors > _OUT_OF_PROPORTION * np.median(photo_errors)
+
+
+def _score(differences: Floats) -> float:
+    """Mean of differences in their standard errors; 0 where there is no difference."""
+    spread = differences.std(ddof=1) / np.sqrt(len(differences)) if len(differences) > 1 else 0.0
+    return float(differences.mean() / spread) if spread > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Photographs of one fold under one lighting, as one.
+
+    fold : its number. photos : (k,), theirs. photo : their samples, one after the other. weights : of these. photo_of,
+    patch_of : (n,), which of the photographs each sample is of, and which of the patches.
+    """
+
+    fold: int
+    photos: Ints
+    photo: PhotoColumns
+    weights: Weights
+    photo_of: Ints
+    patch_of: Ints
+
+
+def _parts(photos: Sequence[PhotoColumns], weights: Sequence[Weights], patches: Ints) -> list[_Part]:
+    """All photographs by fold and lighting, many with few samples in one part."""
+    folds = (np.arange(len(photos)) % MAX_FOLDS).tolist()
+    kinds = [(photo.lighting, fold) for photo, fold in zip(photos, folds, strict=True)]
+    parts = []
+    for own in pools([photo.field for photo in photos], kinds):
+        photo = together([photos[k] for k in own])
+        trust, weight = (
+            np.concatenate([getattr(weights[k], name) for k in own]) for name in ("trust", "weight")
+        )
+        trust = trust * photo.field.shares[:, None]
+        photo_of = np.repeat(np.arange(len(own)), [len(photos[k].field) for k in own])
+        patch = np.searchsorted(patches, patch_of(photo.field))
+        parts.append(_Part(folds[own[0]], np.array(own), photo, Weights(trust, weight), photo_of, patch))
+    return parts
+
+
+def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subsets, patches: int) -> Rung:
+    full = fit(model, subsets.everything)
+    trained = fit_subsets(model, subsets, full, _NEAR_ENOUGH)
+    errors, energy = np.empty(photos), np.zeros(patches)
+    for part in parts:
+        photo, trust, estimate = part.photo, part.weights.trust, trained[part.fold]
+        strengths = estimate.strengths.get(photo.lighting)
+        if strengths is None:
+            strengths = fit_strengths(photo, part.weights.weight, estimate)
+        residual = photo.radiance - predict_columns(photo, estimate.brdf, strengths)
+        square = (trust * residual**2).sum(axis=1)
+        own = len(part.photos)
+        total = np.bincount(part.photo_of, (trust * photo.radiance**2).sum(axis=1), minlength=own)
+        total = np.maximum(total, 1e-300)
+        errors[part.photos] = np.sqrt(np.bincount(part.photo_of, square, minlength=own) / total)
+        energy += np.bincount(part.patch_of, square / total[part.photo_of], minlength=patches)
+    free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}
+    return Rung(full, errors, energy, model.parameters + 3 * len(free), tuple(trained))
+
+
+def fit_strengths(photo: PhotoColumns, weight: Floats, estimate: Estimate) -> Floats:
+    """Strengths (elements, 3) of a photograph's lighting that fit it best with the BRDF held fixed."""
+    unit = np.eye(len(photo.elements))
+    strengths = np.ones((len(photo.elements), 3))
+    free = np.array([name != "known" for name in photo.elements])
+    if not free.any():
+        return strengths
+    shading = np.stack([predict_columns(photo, estimate.brdf, np.repeat(row[:, None], 3, 1)) for row in unit])
+    for c in range(3):
+        root = np.sqrt(weight[:, c])
+        target = (photo.radiance[:, c] - shading[~free, :, c].sum(axis=0)) * root
+        strengths[free, c] = np.linalg.lstsq((shading[free, :, c] * root).T, target, rcond=None)[0]
+    return strengths

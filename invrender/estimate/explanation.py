@@ -1,0 +1,138 @@
+"""Which model explains the photographs: form, Fresnel factor and colour of the specular part, each by evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from invrender.brdf.lobes import PRINTED, UNCORRELATED, LobeForm
+from invrender.estimate.evidence import Rung, choose, climb_ladder
+from invrender.estimate.forms import Elements, Trial, beside, columns_of, try_forms
+from invrender.estimate.linear import recovers_light
+from invrender.estimate.models import Estimate, Model
+from invrender.estimate.noise import NoiseModel, Weights
+from invrender.estimate.search import LADDER, OTHER_FORMS, fit, models_of, with_neutral
+from invrender.estimate.statistics import total_statistics
+from invrender.estimate.weighing import weigh
+from invrender.transport.columns import PhotoColumns
+from invrender.transport.transfer import light_elements
+
+Floats = NDArray[np.float64]
+
+# Share of the cost that a specular part of the wrong form, which may predict worse than none, must take away for other
+# forms to be tried.
+_NOTABLE = 1.02
+# Of the error on unseen photographs that is left without a specular part, what other forms may leave at most to be
+# believed where RH01's finds none: whichever of several does best by chance does a little better.
+_MUCH_BETTER = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The ladder of models and what it was climbed with.
+
+    rungs, chosen : all models that were tried, the simple ones first, and the index of the chosen one. photos, weights,
+    noise : columns of the chosen form, what their samples count for, and why. trials : each form's on a share of the
+    samples; none where no specular part is needed.
+    """
+
+    rungs: tuple[Rung, ...]
+    chosen: int
+    photos: tuple[PhotoColumns, ...]
+    weights: tuple[Weights, ...]
+    noise: NoiseModel
+    trials: Mapping[LobeForm, Trial] = field(default_factory=dict)
+
+
+# How often `explain` reports progress, at most.
+EXPLANATION_STEPS = len(with_neutral(LADDER)) + len(OTHER_FORMS)
+
+
+def explain(
+    photos: Sequence[PhotoColumns],
+    lightings: Sequence[Lighting],
+    on_step: Callable[[], None] = lambda: None,
+) -> Explanation:
+    """Climb the ladder with RH01's form; where a specular part is needed, see if another form suits it better.
+
+    photos : columns of RH01's form. Of forms that explain as well RH01's is preferred.
+    """
+    noise, weights = weigh(photos, LADDER[-1])
+    rungs = climb_ladder(photos, weights, on_step, _models(LADDER, photos))
+    chosen = choose(rungs)
+    if not rungs[chosen].estimate.model.specular and not shows_more(rungs):
+        return Explanation(rungs, chosen, tuple(photos), tuple(weights), noise)
+    elements = {lighting.name: light_elements(lighting) for lighting in lightings}
+    trials = try_forms(photos, weights, elements, on_step)
+    others = _others(rungs[-1], PRINTED, trials)
+    all_rungs = (*rungs, *others)
+    if rungs[chosen].estimate.model.specular or (
+        min(rung.error for rung in others) < _MUCH_BETTER * rungs[chosen].error
+    ):
+        chosen = choose(all_rungs)
+    if all_rungs[chosen].estimate.model.form is PRINTED:
+        return Explanation(all_rungs, chosen, tuple(photos), tuple(weights), noise, trials)
+    return _in_form(_best_form(trials), photos, elements, trials)
+
+
+def _best_form(trials: Mapping[LobeForm, Trial]) -> LobeForm:
+    """The form, not RH01's, that suits the share best: beside RH01's large errors two others look alike."""
+    rungs = [rung for form, trial in trials.items() if form is not PRINTED for rung in trial.rungs]
+    rungs.sort(key=_simplest_first)
+    return rungs[choose(rungs)].estimate.model.form
+
+
+def refitted(known: Explanation, less: Sequence[Floats]) -> Estimate:
+    """The chosen model's estimate if the samples' radiances were lower by some (n, 3) per photograph."""
+    estimate = known.rungs[known.chosen].estimate
+    photos = [photo.less(radiance) for photo, radiance in zip(known.photos, less, strict=True)]
+    statistics = total_statistics(photos, [w.weight for w in known.weights])
+    return fit(estimate.model, statistics, estimate)
+
+
+def shows_more(rungs: Sequence[Rung]) -> bool:
+    """Whether a specular part explains more than chance would, though not what it takes to predict photographs."""
+    plain = next(rung.estimate.cost for rung in rungs if not rung.estimate.model.specular)
+    return plain > _NOTABLE * min(rung.estimate.cost for rung in rungs)
+
+
+def _in_form(
+    form: LobeForm,
+    photos: Sequence[PhotoColumns],
+    elements: Elements,
+    trials: Mapping[LobeForm, Trial],
+) -> Explanation:
+    """The ladder with another form on all samples, and the noise that this one leaves."""
+    columns = columns_of((form,), photos, elements)[form]
+    noise, weights = weigh(columns, models_of(form)[-1])
+    printed = climb_ladder(photos, weights, models=LADDER)
+    own = climb_ladder(columns, weights, models=_models(models_of(form), photos))
+    rest = [rung for rung in _others(own[-1], form, trials) if rung.estimate.model.form is not PRINTED]
+    chosen = len(printed) + choose(own)
+    return Explanation((*printed, *own, *rest), chosen, tuple(columns), tuple(weights), noise, trials)
+
+
+def _others(reference: Rung, form: LobeForm, trials: Mapping[LobeForm, Trial]) -> list[Rung]:
+    """Rungs of all forms but one, beside that one's richest on all samples; the simple and the good first."""
+    own = trials[form].rungs[-1]
+    found = [
+        beside(reference, rung, own)
+        for other, trial in trials.items()
+        if other is not form
+        for rung in trial.rungs
+    ]
+    return sorted(found, key=_simplest_first)
+
+
+def _simplest_first(rung: Rung) -> tuple[int, bool, float]:
+    """Order of rungs: few numbers first; of as many, facets that hide light and viewer together, then the best."""
+    return rung.parameters, rung.estimate.model.form in UNCORRELATED.values(), rung.error
+
+
+def _models(models: Sequence[Model], photos: Sequence[PhotoColumns]) -> Sequence[Model]:
+    """Whether Ks is the same in all channels can only be seen in light whose colour is known."""
+    return models if recovers_light(photos) else with_neutral(models)

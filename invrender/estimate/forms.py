@@ -1,0 +1,144 @@
+"""Forms of the specular part, tried on a share of the samples beside RH01's own.
+
+What a form is worth shows in its error on unseen photographs less RH01's on the same samples; added to RH01's on all
+samples it stands in one ladder with the other models. Which form it is, few samples tell: where two forms differ by a
+share of the noise too small for them, numbers differ by less than their error bars hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.lobes import PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.brdf.richer import Richer, extended, tabulated
+from invrender.estimate.evidence import Rung, climb_ladder, patches_of
+from invrender.estimate.models import Model
+from invrender.estimate.noise import Weights
+from invrender.estimate.search import OTHER_FORMS, fit, models_of
+from invrender.estimate.statistics import total_statistics
+from invrender.estimate.weighing import weigh
+from invrender.transport.columns import PhotoColumns, columns_of_forms, sample_count
+from invrender.transport.transfer import LightElement
+
+# Two forms that differ by a tenth of the noise are three standard errors apart on so many.
+_SAMPLES = 1500
+# Photographs with fewer are not worth their part.
+_FEWEST = 20
+# Variances of the noise by which the cost must fall for a form of more numbers to be tried: three standard deviations.
+_TELLING = 9.0
+# Times the least cost up to which facets that hide light and viewer apart are tried beside those that do it together.
+_NEAR = 2.0
+
+Elements = Mapping[str, Sequence[LightElement]]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Models of one form, fitted to a share of the samples.
+
+    rungs : their evidence on the share. photos, weights : the share.
+    """
+
+    rungs: tuple[Rung, ...]
+    photos: tuple[PhotoColumns, ...]
+    weights: tuple[Weights, ...]
+
+    def rung_like(self, model: Model) -> Rung:
+        """The rung with a Fresnel factor if a model, of any form and colour, has one and this form too."""
+        return next((r for r in self.rungs if r.estimate.model.fresnel == model.fresnel), self.rungs[-1])
+
+
+def try_forms(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    elements: Elements,
+    on_step: Callable[[], None] = lambda: None,
+) -> dict[LobeForm, Trial]:
+    """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's.
+
+    Beside `OTHER_FORMS` those that the best of facets extends to, where they fit better, and the same with light
+    and viewer hidden apart. The noise is read off the residuals of the form that fits best: what another misses is no
+    noise. `on_step` is called `len(OTHER_FORMS)` times at most.
+    """
+    total = sample_count(photos)
+    kept = [_share(photo, total) for photo in photos]
+    share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
+    columns: dict[LobeForm, list[PhotoColumns]] = {PRINTED: share}
+    single = [form for form in OTHER_FORMS if isinstance(form, Smith)]
+    # Made of the same lobes, they share their columns.
+    richer = {form: (*extended(form), *tabulated(form)) for form in single}
+    for group in together((*OTHER_FORMS, *chain.from_iterable(richer.values()))):
+        columns |= columns_of(group, share, elements)
+        on_step()
+    first = [Weights(w.trust[keep], w.weight[keep]) for w, keep in zip(weights, kept, strict=True)]
+
+    def costs_of(forms: Iterable[LobeForm]) -> dict[LobeForm, float]:
+        return {form: _cost(models_of(form)[-1], columns[form], first) for form in forms}
+
+    costs = costs_of((PRINTED, *OTHER_FORMS))
+    facets = min(single, key=lambda form: costs[form])
+    telling = min(costs.values()) * (1 - _TELLING / (3 * sample_count(share)))
+    costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < telling}
+    if costs[facets] < _NEAR * min(costs.values()):
+        apart = UNCORRELATED[facets]
+        columns |= columns_of((apart,), share, elements)
+        costs |= costs_of((apart,))
+    best = min(costs, key=lambda form: costs[form])
+    own = weigh(columns[best], models_of(best)[-1], first)[1]
+    patches = patches_of(photos)
+    return {
+        form: Trial(climb_ladder(part, own, models=models_of(form), patches=patches), tuple(part), tuple(own))
+        for form, part in columns.items()
+        if form in costs
+    }
+
+
+def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:
+    return fit(model, total_statistics(photos, [w.weight for w in weights])).cost
+
+
+def together(forms: Sequence[LobeForm]) -> list[tuple[LobeForm, ...]]:
+    """Forms in groups whose columns are made at once: those of facets, which reflect the same rays; each other one."""
+    facets = tuple(form for form in forms if isinstance(form, Smith | Richer))
+    others: list[tuple[LobeForm, ...]] = [(form,) for form in forms if form not in facets]
+    return [facets, *others] if facets else others
+
+
+def columns_of(
+    forms: Sequence[LobeForm], photos: Sequence[PhotoColumns], elements: Elements
+) -> dict[LobeForm, list[PhotoColumns]]:
+    """The same samples with columns of other forms: of several of facets, or of one."""
+    return columns_of_forms(
+        [photo.lighting for photo in photos],
+        elements,
+        [photo.field for photo in photos],
+        forms,
+        photos[0].shadows,
+        [photo.columns[..., 0] for photo in photos],
+    )
+
+
+def beside(reference: Rung, tried: Rung, own: Rung) -> Rung:
+    """A rung tried on a share of the samples as it would be on all.
+
+    reference : of another model, on all samples. own : the same model on the share.
+    """
+    squares = reference.photo_errors**2 + tried.photo_errors**2 - own.photo_errors**2
+    return replace(
+        tried,
+        # Where the share's noise says that nothing is left, a tenth is.
+        photo_errors=np.sqrt(np.maximum(squares, 0.01 * reference.photo_errors**2)),
+        patch_energy=reference.patch_energy + tried.patch_energy - own.patch_energy,
+    )
+
+
+def _share(photo: PhotoColumns, total: int) -> NDArray[np.bool_]:
+    """Which samples (n,) of a photograph to try forms on, of so many in all."""
+    count = min(len(photo.field), max(int(_SAMPLES * len(photo.field) / total), _FEWEST))
+    # The same at any number of photographs, so that results don't hang on their order.
+    return np.random.default_rng(0).permutation(len(photo.field)) < count

@@ -1,0 +1,145 @@
+"""The nested search of RH01 section 6.1: outside over the nonlinear parameters, linear solve inside.
+
+Outside: mu and sigma, from a grid by Gauss-Newton steps (`newton`), which get by with fewer points than RH01's simplex;
+it remains for costs that come without slopes. Inside: Kd, Ks and what is unknown of the light (`linear`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm
+from invrender.brdf.richer import FIRST_NUMBER, SHARES_BEYOND
+from invrender.estimate.models import Estimate, Model, bounds_of, coordinates, estimates, solved
+from invrender.estimate.newton import SMALL, gauss_newton
+from invrender.estimate.statistics import Statistics, Subsets, with_known_as_one
+
+Floats = NDArray[np.float64]
+
+# What the simplex must have come near, in the coordinates.
+_NEAR = 0.02
+# Part of a standard deviation to which rivals are fitted before the better one is.
+_TELLING = 0.3
+
+
+# Forms beside RH01's own.
+OTHER_FORMS = (BECKMANN, GGX_FORM, *PLASTICS.values(), PHONG)
+
+
+def models_of(form: LobeForm) -> tuple[Model, ...]:
+    """The models with a specular part of this form, those with fewer parameters first."""
+    plain = Model(f"{form.name} without Fresnel", specular=True, fresnel=False, form=form)
+    if not form.has_fresnel:
+        return (replace(plain, name=form.name),)
+    full = Model(form.name, specular=True, fresnel=True, form=form)
+    # An interface has an index.
+    return (full,) if form.interface else (plain, full)
+
+
+LADDER = (Model("lambertian", specular=False, fresnel=False), *models_of(PRINTED))
+
+
+def with_neutral(models: Sequence[Model]) -> tuple[Model, ...]:
+    """The models, before each that has a specular part its neutral likeness."""
+    return tuple(
+        each
+        for model in models
+        for each in (
+            (replace(model, name=f"neutral {model.name}", neutral=True), model)
+            if model.specular
+            else (model,)
+        )
+    )
+
+
+def fit(
+    model: Model, statistics: Sequence[Statistics], start: Estimate | None = None, small: float = SMALL
+) -> Estimate:
+    """Fit a model to the statistics of all lightings, made of columns of the model's form.
+
+    start : an estimate nearby, saves the search. small : part of a standard deviation that the last step may have.
+    """
+    subsets = Subsets(with_known_as_one(statistics))
+    if not model.specular or (start is not None and start.brdf.sigma is not None):
+        return fit_subsets(model, subsets, start, small)[0]
+    lower, upper = bounds_of(model)
+    grid = _grid(model)
+    costs = solved(model, subsets.take([0] * len(grid)), grid).cost
+    starts = grid[_rivals(grid, costs)]
+    rivals = gauss_newton(model, subsets.take([0] * len(starts)), starts, lower, upper, _TELLING)
+    return fit_subsets(model, subsets, min(rivals, key=lambda estimate: estimate.cost), small)[0]
+
+
+def fit_subsets(
+    model: Model, subsets: Subsets, start: Estimate | None, small: float = SMALL
+) -> list[Estimate]:
+    """Fits to subsets of the photographs, from an estimate near all of them, which a specular model needs."""
+    count = len(subsets)
+    if not model.specular:
+        points = np.zeros((count, 0))
+        return estimates(model, subsets, points, solved(model, subsets, points))
+    assert start is not None
+    lower, upper = bounds_of(model)
+    point = coordinates(model, start.brdf)
+    return gauss_newton(model, subsets, np.tile(point, (count, 1)), lower, upper, small)
+
+
+def _grid(model: Model) -> Floats:
+    """Coordinates (g, n) that a search starts at the best of."""
+    lower, upper = bounds_of(model)
+    sigma, mu = _axes(lower, upper)
+    own = {name: [value] for name, value in FIRST_NUMBER.items()}
+    # Between shares of lobes there are several minima.
+    own |= {name: [0.2, 0.8] for name in SHARES_BEYOND}
+    axes: dict[str, Iterable[float]] = {"sigma": sigma, "mu": mu, **own, "spread": np.log([2.5, 6.0])}
+    return np.array(list(product(*[axes[name] for name in model.coordinates])))
+
+
+def searched(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> Floats:
+    """Near the lowest cost: the best of a coarse grid and a rival far from it, a simplex from both."""
+    grid = _coarse_grid(lower, upper)
+    starts = [grid[k] for k in _rivals(np.array(grid), np.array([cost(point) for point in grid]))]
+    return min((simplex(cost, point, lower, upper) for point in starts), key=cost)
+
+
+def _rivals(grid: Floats, costs: Floats) -> list[int]:
+    """Places of the best point of a grid (g, n), and of the best of those far from it."""
+    best, *others = np.argsort(costs, kind="stable").tolist()
+    return [best, next((k for k in others if abs(grid[k, 0] - grid[best, 0]) > 0.5), others[0])]
+
+
+def _coarse_grid(lower: Floats, upper: Floats) -> list[Floats]:
+    return [np.array(point) for point in product(*_axes(lower, upper)[: len(lower)])]
+
+
+def _axes(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """Points over log sigma and over log(mu - 1)."""
+    return np.linspace(lower[0] + 0.2, upper[0] - 0.2, 18), np.log(np.array([0.2, 0.4, 0.7, 1.2]))
+
+
+def simplex(
+    cost: Callable[[Floats], float],
+    start: Floats,
+    lower: Floats,
+    upper: Floats,
+    size: float = 0.1,
+    near: float = _NEAR,
+) -> Floats:
+    """The least cost from a start, by a simplex of a size at first, until it is as small as `near`."""
+    scale = cost(start) + 1e-300
+    simplex = np.vstack([start, start + size * np.eye(len(start))])
+    simplex = np.where(simplex > upper, simplex - 2 * size, simplex)
+    found = minimize(
+        lambda x: cost(x) / scale,
+        start,
+        method="Nelder-Mead",
+        bounds=list(zip(lower, upper, strict=True)),
+        options={"initial_simplex": simplex, "xatol": near, "fatol": 2.5 * near**2, "maxfev": 1000},
+    )
+    return np.asarray(found.x)

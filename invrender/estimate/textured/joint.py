@@ -1,0 +1,374 @@
+"""Kd and Ks of all texels at once: a pixel shows the mean over what it covers, paint's edges and all.
+
+Tiny systems come first: each pixel's say is dealt to the texels by how much it covers of them [RH01, section 6.4]. They
+leave paint blurred by about a pixel. From there conjugate gradients solve the linear problem in which a pixel is such a
+mean, on texels half as wide, with the tiny systems for a preconditioner; the texels given are means over four of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
+
+from invrender.estimate.noise import NoiseModel, photo_weights
+from invrender.estimate.textured.sums import PointValues, Sums, products
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
+
+# Neighbouring half-width texels differ by this share of the mean, says the prior: no more than that paint has edges.
+_STEP = 0.5
+# Conjugate gradients end where a step moves values by less than this share of their standard deviations (RMS), before
+# the pixels that stray are known and after; or after so many steps.
+_FIRST_NEAR, _NEAR, _MOST_STEPS = 0.2, 0.035, 24
+# Pixels' worth of coverage from which on a photograph counts as seeing a point.
+_SEEN = 0.25
+# What neighbouring texels differ by counts as error of a texel by this share; steps of Kd for Ks, and of Ks for Kd, by
+# this share again (doll: z 1.1 RMS at paint's edges).
+_UNRESOLVED, _SHARED = 0.2, 0.5
+# Times that a mean over a point and its neighbours is taken: over some fifty of them.
+_AROUND = 8
+# A value with a standard deviation above this share of the surface's median isn't given.
+_HOPELESS = 0.5
+# What reaches a point in shadow is known to this share of the brightest light (doll).
+_SHADOW = 0.002
+# Residuals beyond what noise leaves by this factor, in squares, widen a point's error bars.
+_BEYOND_NOISE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a photograph says of n pixels: cover (n, points), as of `cover.cover`; the others (n, 3) float32.
+
+    diffuse, specular : transfers. lit : (n,) float32, the largest channel of the diffuse one by the lighting itself,
+    without what other parts of the object send. trust : how far pixels are trusted, (n, 1) or (n, 3). weight : trust
+    over the variance of radiance; before `solve_joint` knows that, anything.
+    """
+
+    cover: csr_array
+    diffuse: Singles
+    specular: Singles
+    lit: Singles
+    radiance: Singles
+    trust: Singles
+    weight: Singles
+
+    def predicted(self, values: Singles) -> Singles:
+        """Radiance (n, 3) of points' values (points, 6), Kd then Ks."""
+        seen = self.cover @ values
+        return np.asarray(self.diffuse * seen[:, :3] + self.specular * seen[:, 3:])
+
+    def pull(self, radiance: Singles) -> Singles:
+        """Weighed radiance (n, 3) times either transfer, (n, 6); the cover's transpose deals it to the points."""
+        weighed = self.weight * radiance
+        return np.concatenate([weighed * self.diffuse, weighed * self.specular], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Points that are solved for, and those that values are given at.
+
+    parents : (p,), the point that each belongs to, -1 for none. count : of these. pairs : (m, 2), neighbours.
+    """
+
+    parents: Ints
+    count: int
+    pairs: Ints
+
+    @property
+    def means(self) -> csr_array:
+        """Means (count, p) over the points that belong to each."""
+        own = np.flatnonzero(self.parents >= 0)
+        size = np.bincount(self.parents[own], minlength=self.count)
+        entries = ((1 / size[self.parents[own]]).astype(np.float32), (self.parents[own], own))
+        return csr_array(entries, shape=(self.count, len(self.parents)))
+
+    @property
+    def neighbours(self) -> csr_array:
+        """Means (count, count) over each point and those beside it."""
+        sides = self.parents[self.pairs]
+        sides = np.unique(sides[(sides >= 0).all(axis=1) & (sides[:, 0] != sides[:, 1])], axis=0)
+        itself = np.arange(self.count)
+        rows = np.concatenate([sides[:, 0], sides[:, 1], itself])
+        columns = np.concatenate([sides[:, 1], sides[:, 0], itself])
+        size = np.bincount(rows, minlength=self.count)
+        return csr_array((1 / size[rows], (rows, columns)), shape=(self.count, self.count))
+
+    @property
+    def laplacian(self) -> csr_array:
+        """The matrix (p, p) of the sum of squared differences between neighbours."""
+        one, other = self.pairs.T
+        entries = np.ones(len(one), np.float32)
+        links = csr_array((entries, (one, other)), shape=(len(self.parents),) * 2)
+        links = links + links.T
+        degree = np.asarray(links.sum(axis=1)).ravel()
+        diagonal = np.arange(len(degree))
+        return csr_array((degree, (diagonal, diagonal)), shape=links.shape) - links
+
+
+def stacked(views: Sequence[View]) -> tuple[list[View], csr_array]:
+    """The cover of all views' pixels, (n, points), and the views with its rows for theirs: they share its memory."""
+    whole = csr_array(vstack([view.cover for view in views], format="csr"))
+    ends = np.cumsum([0, *(len(view.radiance) for view in views)])
+    parts = []
+    for view, first, last in zip(views, ends[:-1], ends[1:], strict=True):
+        starts = whole.indptr[first : last + 1]
+        held = slice(starts[0], starts[-1])
+        rows = (whole.data[held], whole.indices[held], starts - starts[0])
+        parts.append(replace(view, cover=csr_array(rows, shape=view.cover.shape)))
+    return parts, whole
+
+
+def tiny_sums(views: Sequence[View], points: int, parents: Ints) -> Sums:
+    """Normal equations of each point, pixels being dealt to what they cover.
+
+    parents : the point that each that is covered belongs to, -1 for none.
+    """
+    total = Sums.zeros(points)
+    # What belongs to no point goes to one more, which is left out.
+    owners = np.where(parents >= 0, parents, points).astype(np.int32)
+    for view in views:
+        d, s, y, w = view.diffuse, view.specular, view.radiance, view.weight
+        ones = np.ones((len(d), 1), np.float32)
+        added = np.concatenate([products(d, s, y, w), ones], axis=1)
+        rows = (view.cover.data, owners[view.cover.indices], view.cover.indptr)
+        dealt = (csr_array(rows, shape=(len(d), points + 1)).T @ added)[:points]
+        total = total + Sums.of(dealt[:, :18], (dealt[:, 18] >= _SEEN).astype(float))
+    return total
+
+
+def solve_joint(
+    views: Sequence[View],
+    cover: csr_array,
+    grid: Grid,
+    tiny: Callable[[Sums], PointValues],
+    noise: NoiseModel,
+    rng: np.random.Generator,
+) -> PointValues:
+    """Kd and Ks of the grid's points with standard deviations, infinite where the photographs leave them open.
+
+    views, cover : as `stacked` has them. tiny : solves the tiny systems under the model; the cost returned is theirs.
+    """
+    views = _weighed(views, noise)
+    start = tiny(tiny_sums(views, grid.count, grid.parents))
+    sure = determined(start)
+    if not sure.any():
+        return start
+    both = np.concatenate([start.kd, start.ks], axis=1)
+    if not (start.ks_std[sure] > 0).any():
+        views = [_without_lobe(view, start.ks[0]) for view in views]
+        both[:, 3:] = 0
+    # Texels of which the tiny systems tell little begin in the middle of the others.
+    middle, mean = np.median(both[sure], axis=0), both[sure].mean(axis=0)
+    of_points = np.where(sure[:, None], both, middle).astype(np.float32)
+    at = np.where((grid.parents >= 0)[:, None], of_points[grid.parents], middle.astype(np.float32))
+    step = _STEP * np.maximum(mean, 0.1 * np.tile(mean[:3] + mean[3:], 2) + 1e-30)
+    prior = _Prior(grid.laplacian, (1 / step**2).astype(np.float32))
+    _conjugate(_System(views, cover, prior), at, [view.radiance for view in views], _FIRST_NEAR)
+    views = [_trusted(view, at, noise) for view in views]
+    system = _System(views, cover, prior)
+    _conjugate(system, at, [view.radiance for view in views], _NEAR)
+    # Noise in place of the photographs: what becomes of it says what noise does to the texels.
+    drawn = np.zeros_like(at)
+    _conjugate(system, drawn, (_drawn(view, rng) for view in views), _NEAR)
+    return _values(views, grid, tiny, at, drawn, start)
+
+
+def determined(values: PointValues) -> NDArray[np.bool_]:
+    """Which points (n,) have seen as much as they have numbers, with standard deviations below half the scale of all.
+
+    The scale is the median of Kd + Ks over those that have a standard deviation.
+    """
+    found = (values.freedom >= 0) & np.isfinite(values.kd_std + values.ks_std).all(axis=1)
+    if found.any():
+        limit = _HOPELESS * np.median((values.kd + values.ks)[found], axis=0)
+        found &= ((values.kd_std < limit) & (values.ks_std < limit)).all(axis=1)
+    return np.asarray(found)
+
+
+def _without_lobe(view: View, ks: Floats) -> View:
+    """The view less what a Ks (3,) that is the same everywhere makes of it."""
+    left = view.radiance - (ks * view.specular).astype(np.float32)
+    return replace(view, radiance=left, specular=np.zeros_like(view.specular))
+
+
+def _trusted(view: View, at: Singles, noise: NoiseModel) -> View:
+    """The view, weighed by what values leave of it: pixels that stray as noise does not count for less."""
+    predicted = view.predicted(at)
+    found = photo_weights(noise, predicted.astype(float), (view.radiance - predicted).astype(float))
+    return replace(view, weight=(found.weight * view.trust).astype(np.float32))
+
+
+def _drawn(view: View, rng: np.random.Generator) -> Singles:
+    """Noise as of the view's radiance, (n, 3)."""
+    noise = rng.standard_normal(view.radiance.shape, np.float32)
+    return np.asarray(noise / np.sqrt(np.maximum(view.weight, np.float32(1e-30))), np.float32)
+
+
+def in_shadow(views: Sequence[View]) -> list[bool]:
+    """Which photographs show nothing that light reaches: all is below what visibility is exact to."""
+    brightest = [float(max(view.lit.max(), view.specular.max())) for view in views]
+    return [bright <= _SHADOW * max(brightest) for bright in brightest]
+
+
+def _weighed(views: Sequence[View], noise: NoiseModel) -> list[View]:
+    """The views weighed by noise, pixels in shadow only as far as visibility is exact."""
+    bright = float(np.quantile(np.concatenate([view.lit for view in views]), 0.99))
+    result = []
+    for view in views:
+        brightness = np.maximum(view.radiance, 0)
+        off = _SHADOW * bright / np.maximum(view.lit, 1e-6 * bright)[:, None] * brightness
+        variance = noise.variance(brightness)
+        trust = view.trust * variance / (variance + off**2)
+        result.append(
+            replace(view, trust=trust.astype(np.float32), weight=(trust / variance).astype(np.float32))
+        )
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Prior:
+    laplacian: csr_array
+    precision: Singles
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The normal equations of all points: each channel for itself. cover : of all views' pixels together."""
+
+    views: Sequence[View]
+    cover: csr_array
+    prior: _Prior
+
+    def gathered(self, radiances: Iterable[Singles]) -> Singles:
+        """What radiances (n, 3) of the views' pixels say of the points, (points, 6)."""
+        return self.dealt(view.pull(one) for view, one in zip(self.views, radiances, strict=True))
+
+    def dealt(self, parts: Iterable[Singles]) -> Singles:
+        """Values (n, k) of each view's pixels, dealt to the points by their cover: sums (points, k)."""
+        values, first = np.empty((0, 0), np.float32), 0
+        for part in parts:
+            if not len(values):
+                values = np.empty((self.cover.shape[0], part.shape[1]), np.float32)
+            values[first : first + len(part)] = part
+            first += len(part)
+        return np.asarray(self.cover.T @ values)
+
+    def pressed(self, values: Singles) -> Singles:
+        """Their matrix times values (points, 6)."""
+        total = self.gathered(view.predicted(values) for view in self.views)
+        smooth = self.prior.laplacian @ values
+        smooth *= self.prior.precision
+        total += smooth
+        return total
+
+    def inverse(self) -> tuple[Singles, Singles, Singles]:
+        """Kd by Kd, Kd by Ks and Ks by Ks, (points, 3), of the inverse of each point's own equations."""
+        dd = self.dealt(view.weight * view.diffuse**2 for view in self.views)
+        ds = self.dealt(view.weight * view.diffuse * view.specular for view in self.views)
+        ss = self.dealt(view.weight * view.specular**2 for view in self.views)
+        degree = self.prior.laplacian.diagonal()[:, None] * self.prior.precision
+        # Points without neighbours that nothing shows.
+        dd, ss = (part + 1e-6 * part.max(axis=0) + 1e-30 for part in (dd + degree[:, :3], ss + degree[:, 3:]))
+        determinant = dd.astype(np.float64) * ss - ds.astype(np.float64) ** 2
+        kd, both, ks = ((part / determinant).astype(np.float32) for part in (ss, -ds, dd))
+        return kd, both, ks
+
+
+def _conjugate(system: _System, at: Singles, radiances: Iterable[Singles], near: float) -> None:
+    """Move values (p, 6) to the solution by preconditioned conjugate gradients, until steps are `near` enough."""
+    of_kd, of_both, of_ks = system.inverse()
+
+    def preconditioned(values: Singles) -> Singles:
+        kd, ks = values[:, :3], values[:, 3:]
+        return np.concatenate([of_kd * kd + of_both * ks, of_both * kd + of_ks * ks], axis=1)
+
+    def product(one: Singles, other: Singles) -> Floats:
+        both = np.einsum("pk,pk->k", one, other, dtype=np.float64)
+        return np.tile(both[:3] + both[3:], 2)
+
+    left = system.gathered(radiances)
+    left -= system.pressed(at)
+    along = preconditioned(left)
+    slope = product(left, along)
+    for _ in range(_MOST_STEPS):
+        pull = system.pressed(along)
+        curved = np.maximum(product(along, pull), 1e-300)
+        length = slope / curved
+        at += length.astype(np.float32) * along
+        # In each of three channels the step's square, in units of the variances that the equations leave.
+        if np.sqrt((length**2 * curved)[:3].sum() / at.size) < near:
+            return
+        pull *= length.astype(np.float32)
+        left -= pull
+        towards = preconditioned(left)
+        before, slope = slope, product(left, towards)
+        along *= (slope / np.maximum(before, 1e-300)).astype(np.float32)
+        along += towards
+
+
+def _values(
+    views: Sequence[View],
+    grid: Grid,
+    tiny: Callable[[Sums], PointValues],
+    at: Singles,
+    drawn: Singles,
+    start: PointValues,
+) -> PointValues:
+    """Means over each point's texels with their standard deviations.
+
+    at, drawn : (p, 6), solution and what noise alone gives. start : where Ks doesn't vary, it is this one's.
+    """
+    expected = tiny(tiny_sums(views, grid.count, grid.parents))
+    known = determined(expected)
+    means = grid.means
+    mean, off = (np.asarray(means @ values, np.float64) for values in (at, drawn))
+    tiny_std = np.clip(np.concatenate([expected.kd_std, expected.ks_std], axis=1), 1e-30, 1e30)
+    # What noise does to a texel over what the tiny systems expect of it; in the mean over some around it, for one draw
+    # says little of one texel.
+    square, count = (off / tiny_std) ** 2 * known[:, None], known.astype(float)
+    near = grid.neighbours
+    for _ in range(_AROUND):
+        square, count = near @ square, near @ count
+    noise_std = tiny_std * np.sqrt(square / np.maximum(count, 1e-9)[:, None]) * _widening(views, at, means)
+    # What is lost at edges of paint is lost to Kd and Ks as the tiny systems share out an error of radiance.
+    steps = np.sqrt(np.asarray(means @ _steps(at, grid.pairs), np.float64))
+    kd_per_ks = tiny_std[:, :3] / tiny_std[:, 3:]
+    lost = np.hypot(
+        steps, _SHARED * np.concatenate([steps[:, 3:] * kd_per_ks, steps[:, :3] / kd_per_ks], axis=1)
+    )
+    varies = bool((start.ks_std[known] > 0).any())
+    if not varies:
+        lost = steps
+    std = np.where(known[:, None], np.hypot(noise_std, _UNRESOLVED * lost), np.inf)
+    mean = np.maximum(mean, 0)
+    ks, ks_std = (mean[:, 3:], std[:, 3:]) if varies else (start.ks, start.ks_std)
+    return replace(start, kd=mean[:, :3], ks=ks, kd_std=std[:, :3], ks_std=ks_std)
+
+
+def _steps(at: Singles, pairs: Ints) -> Singles:
+    """Mean squared difference (p, 6) of each point's values from those beside it."""
+    one, other = pairs.T
+    size = np.bincount(one, minlength=len(at)) + np.bincount(other, minlength=len(at))
+    steps = np.empty_like(at)
+    for k, values in enumerate(at.T):
+        square = (values[one] - values[other]) ** 2
+        total = np.bincount(one, square, minlength=len(at)) + np.bincount(other, square, minlength=len(at))
+        steps[:, k] = total / np.maximum(size, 1)
+    return steps
+
+
+def _widening(views: Sequence[View], at: Singles, means: csr_array) -> Floats:
+    """By how much residuals beyond noise widen the points' error bars, (count, 1)."""
+    stray, covered = np.zeros(len(at)), np.zeros(len(at))
+    for view in views:
+        residual = (view.weight * (view.radiance - view.predicted(at)) ** 2).mean(axis=1)
+        stray += view.cover.T @ residual
+        covered += view.cover.T @ np.ones_like(residual)
+    excess = (means @ stray) / np.maximum(means @ covered, 1e-6)
+    return np.asarray(np.sqrt(np.where(excess > _BEYOND_NOISE, excess, 1))[:, None])

@@ -1,0 +1,254 @@
+"""Standard deviations of everything that is reported.
+
+Two answers are formed for each parameter and the larger is kept: the one that independent pixel noise
+implies (Gauss-Newton), and the sandwich that lets residuals be correlated within clusters of samples, as
+they are where the model or the object falls short. Clusters are tiles of each photograph (light, pose),
+patches of surface across all photographs (stains, dents). Dark and bright samples are held against each other besides
+(a black level, a curve).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from invrender.brdf.fresnel import MU_RANGE
+from invrender.brdf.lobes import LobeForm
+from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
+from invrender.brdf.richer import NUMBER_RANGE
+from invrender.estimate.clusters import patch_of, sums_by, tiles_of
+from invrender.estimate.linear import symmetric_pinv
+from invrender.estimate.models import Estimate
+from invrender.transport.columns import PhotoColumns, together
+from invrender.transport.predict import predict_columns, transfers
+from recon.sampling.lightfield import pools
+
+Floats = NDArray[np.float64]
+
+# What our own quadratures over pixels and maps leave, relative to the radiance, structured as it may be; and a share of
+# Kd + Ks, mu or sigma itself, better than which none is claimed to be known. Measured on the noise-free demonstration:
+# 8e-4 of mu (the outline's doing), 2e-4 of sigma and Ks, 4e-5 of Kd.
+NUMERICAL, FINEST = 5e-4, 5e-5
+# Areas of the surface along a unit of the normal's coordinates: wider than stains, which lie across patches.
+_AREAS_PER_UNIT = 2.0
+# Levels of brightness, each with as many samples.
+_LEVELS = 16
+# A prior that is flat between the bounds of the search; without it a parameter that the photographs do
+# not touch would have an infinite variance and drag others with it.
+PRIOR_STD = {
+    "mu": (MU_RANGE[1] - MU_RANGE[0]) / np.sqrt(12),
+    "sigma": (SIGMA_RANGE[1] - SIGMA_RANGE[0]) / np.sqrt(12),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """An estimate as one vector: mu, sigma, the form's own numbers (where the model has them), Kd, Ks, free strengths.
+
+    places : name of a block -> slice. Names are "mu", "sigma", those of the form's numbers, "kd", "ks" and
+    "lighting/element"; the last three have three numbers each, and a neutral Ks one. form : of the specular part.
+    """
+
+    vector: Floats
+    places: Mapping[str, slice]
+    form: LobeForm
+
+    def brdf(self, vector: Floats) -> Microfacet:
+        """The BRDF of a vector of this layout."""
+        mu = float(vector[self.places["mu"]][0]) if "mu" in self.places else None
+        sigma = float(vector[self.places["sigma"]][0]) if "sigma" in self.places else None
+        ks = vector[self.places["ks"]] if "ks" in self.places else np.zeros(3)
+        form = self.form.with_numbers(
+            {name: float(vector[self.places[name]][0]) for name in self.form.numbers}
+        )
+        return Microfacet(vector[self.places["kd"]], np.broadcast_to(ks, 3), mu, sigma, form)
+
+
+def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameters:
+    """The parameters of an estimate; `elements` gives each lighting's element names."""
+    blocks: dict[str, Floats] = {}
+    if estimate.brdf.mu is not None:
+        blocks["mu"] = np.array([estimate.brdf.mu])
+    if estimate.brdf.sigma is not None:
+        blocks["sigma"] = np.array([estimate.brdf.sigma])
+        blocks |= {name: np.array([value]) for name, value in estimate.brdf.form.numbers.items()}
+    blocks["kd"] = estimate.brdf.kd
+    if estimate.model.specular:
+        blocks["ks"] = estimate.brdf.ks[:1] if estimate.model.neutral else estimate.brdf.ks
+    for lighting, names in elements.items():
+        for name, strength in zip(names, estimate.strengths[lighting], strict=True):
+            if name != "known":
+                blocks[f"{lighting}/{name}"] = strength
+    places, start = {}, 0
+    for name, values in blocks.items():
+        places[name] = slice(start, start + len(values))
+        start += len(values)
+    return Parameters(np.concatenate(list(blocks.values())), places, estimate.brdf.form)
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How certain reported numbers are.
+
+    covariance : (k, k). fragility : (k,), the standard deviation that each number would have if the model
+        were off by its whole radiance, independently in each cluster; times a relative accuracy of the
+        model, what that accuracy allows to know.
+    """
+
+    covariance: Floats
+    fragility: Floats
+
+
+def uncertainty_of(
+    report: Callable[[Floats], Floats],
+    parameters: Parameters,
+    estimate: Estimate,
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Floats],
+) -> Uncertainty:
+    """Uncertainty of reported numbers, `report(vector)`, which must not depend on the gauge.
+
+    weights : (n, 3) per photo, inverse variances times what samples stand for.
+    """
+    size = len(parameters.vector)
+    information, noisy = np.zeros((2, size, size))
+    chi2, count = 0.0, 0
+    by_tile: list[Floats] = []
+    by_patch: dict[int, Floats] = {}
+    by_area: dict[int, Floats] = {}
+    by_level: dict[int, Floats] = {}
+    fields = [photo.field for photo in photos]
+    levels = np.quantile(
+        np.concatenate([field.radiance.mean(axis=1) for field in fields]),
+        np.linspace(0, 1, _LEVELS + 1)[1:-1],
+    )
+    for pool in pools(fields, [photo.lighting for photo in photos]):
+        photo, weight = together([photos[k] for k in pool]), np.concatenate([weights[k] for k in pool])
+        predicted = predict_columns(photo, estimate.brdf, estimate.strengths[photo.lighting])
+        residual = photo.radiance - predicted
+        # Side by side, the scores of the residuals and those of a model that is off by all its radiance.
+        scores, shares = np.zeros((len(photo.field), 2 * size)), photo.field.shares[:, None]
+        known = np.zeros((len(photo.field), size))
+        for channel, jacobian in enumerate(_jacobians(photo, parameters, estimate)):
+            weighted = jacobian * weight[:, channel, None]
+            information += weighted.T @ jacobian
+            # A sample that stands for several has the noise of one.
+            noisy += weighted.T @ (shares * jacobian)
+            known += weighted * jacobian
+            scores[:, :size] += weighted * residual[:, channel, None]
+            scores[:, size:] += weighted * predicted[:, channel, None]
+        chi2 += float((weight * residual**2).sum())
+        count += residual.size
+        by_tile += list(sums_by(tiles_of([fields[k] for k in pool]), scores).values())
+        for patch, score in sums_by(patch_of(photo.field), scores).items():
+            by_patch[patch] = by_patch.get(patch, 0) + score
+        for area, score in sums_by(patch_of(photo.field, _AREAS_PER_UNIT), scores).items():
+            by_area[area] = by_area.get(area, 0) + score
+        level_of = np.searchsorted(levels, predicted.mean(axis=1))
+        for level, sums in sums_by(level_of, np.hstack([scores[:, :size], known])).items():
+            by_level[level] = by_level.get(level, 0) + sums
+    prior = np.zeros(size)
+    for name, std in PRIOR_STD.items():
+        if name in parameters.places:
+            prior[parameters.places[name]] = 1 / std**2
+    reduced = chi2 / max(count - size, 1)
+    inverse = symmetric_pinv(information / reduced + np.diag(prior))
+    derivative = _numerical_jacobian(report, parameters.vector)
+    moved = derivative @ inverse
+    independent = moved @ (noisy / reduced + np.diag(prior)) @ moved.T
+    ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
+    for clusters in map(np.array, (by_tile, list(by_area.values()))):
+        # So that intervals of 1.96 deviations hold 95% where clusters are few, as Student's do.
+        few = (student.ppf(0.975, max(len(clusters) - 1, 1)) / norm.ppf(0.975)) ** 2
+        pull = few * _pull(moved / reduced, clusters[:, :size])
+        ratio = np.maximum(ratio, pull / np.maximum(np.diag(independent), 1e-300))
+    for clusters in map(np.array, (by_tile, list(by_patch.values()))):
+        fragility = np.maximum(fragility, np.sqrt(_pull(moved / reduced, clusters[:, size:])))
+    root = np.sqrt(ratio)
+    covariance = independent * np.outer(root, root)
+    apart = derivative @ _halves_apart(by_level, parameters, reduced)
+    return Uncertainty(covariance + np.outer(apart, apart), fragility)
+
+
+def _pull(moved: Floats, clusters: Floats) -> Floats:
+    """Variances (k,) of numbers that scores of clusters (g, p) move, each by moved @ score, independently."""
+    return np.asarray(len(clusters) / max(len(clusters) - 1, 1) * ((moved @ clusters.T) ** 2).sum(axis=1))
+
+
+def _halves_apart(sums: Mapping[int, Floats], parameters: Parameters, reduced: float) -> Floats:
+    """Half of what Kd of dark samples differs by from that of bright ones, in the parameters' layout; 0 within chance.
+
+    What all photographs have in common, as a wrong black level or a curve, shows between the two only. sums :
+    per level of brightness, (2 p,), of weighted residuals and of weighted squares of each parameter.
+    """
+    result = np.zeros(len(parameters.vector))
+    if len(sums) < 2:
+        return result
+    kd = parameters.places["kd"]
+    own, known = (half[:, kd] for half in np.hsplit(np.array([sums[level] for level in sorted(sums)]), 2))
+    # Halves of what is known of each channel.
+    share = np.cumsum(known, axis=0) / np.maximum(known.sum(axis=0), 1e-300)
+    dark = share <= np.maximum(0.5, share[0])
+    values, variances = [], []
+    for half in (dark, ~dark):
+        total = np.maximum((known * half).sum(axis=0), 1e-300)
+        values.append((own * half).sum(axis=0) / total)
+        variances.append(reduced / total)
+    difference = values[0] - values[1]
+    beyond = difference**2 > 9 * (variances[0] + variances[1])
+    result[kd] = np.where(beyond & dark.any(axis=0) & (~dark).any(axis=0), difference / 2, 0)
+    return result
+
+
+def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -> list[Floats]:
+    """Derivatives (n, parameters) of a photograph's radiance, one per channel."""
+    brdf, strengths = estimate.brdf, estimate.strengths[photo.lighting]
+    diffuse, specular = transfers(photo, brdf)
+    scalars = ("mu", "sigma", *brdf.form.numbers)
+    slopes = {name: _slope(photo, brdf, name) for name in scalars if name in parameters.places}
+    result = []
+    for c in range(3):
+        row = min(c, diffuse.shape[0] - 1)
+        jacobian = np.zeros((len(photo.field), len(parameters.vector)))
+        jacobian[:, parameters.places["kd"].start + c] = diffuse[row] @ strengths[:, c]
+        if "ks" in parameters.places:
+            ks = parameters.places["ks"]
+            jacobian[:, min(ks.start + c, ks.stop - 1)] = specular[row] @ strengths[:, c]
+        for name, slope in slopes.items():
+            moved = brdf.kd[c] * slope[0][row] + brdf.ks[c] * slope[1][row]
+            jacobian[:, parameters.places[name].start] = moved @ strengths[:, c]
+        for e, name in enumerate(photo.elements):
+            place = parameters.places.get(f"{photo.lighting}/{name}")
+            if place is not None:
+                shading = brdf.kd[c] * diffuse[row][:, e] + brdf.ks[c] * specular[row][:, e]
+                jacobian[:, place.start + c] = shading
+        result.append(jacobian)
+    return result
+
+
+def _slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> Floats:
+    """Central difference (2, ...) of the transfers in mu, sigma or a number of the form, within the search's bounds."""
+    value = brdf.form.numbers[name] if name in brdf.form.numbers else getattr(brdf, name)
+    low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE, **NUMBER_RANGE}[name]
+    step = 1e-3 * max(value, 0.01)
+    ends = np.clip([value - step, value + step], low, high)
+    moved = [np.stack(transfers(photo, brdf.moved_to(name, float(end)))) for end in ends]
+    return (moved[1] - moved[0]) / (ends[1] - ends[0])
+
+
+def _numerical_jacobian(report: Callable[[Floats], Floats], vector: Floats) -> Floats:
+    columns = []
+    for k in range(len(vector)):
+        step = 1e-6 * max(abs(vector[k]), 1e-3)
+        ends = []
+        for sign in (-1, 1):
+            moved = vector.copy()
+            moved[k] += sign * step
+            ends.append(report(moved))
+        columns.append((ends[1] - ends[0]) / (2 * step))
+    return np.stack(columns, axis=-1)

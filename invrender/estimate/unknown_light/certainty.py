@@ -1,0 +1,255 @@
+"""How certain a blind fit is: the joint covariance, and what the lighting's degrees owe to the photographs.
+
+As for known light, of the two answers for each nonlinear parameter the larger is kept: what independent noise implies,
+and what residuals imply that hang together within tiles of a photograph or patches of the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.richer import NUMBER_RANGE
+from invrender.estimate.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, sums_by, tiles_of
+from invrender.estimate.uncertainty import NUMERICAL, PRIOR_STD
+from invrender.estimate.unknown_light.antipodes import Sides
+from invrender.estimate.unknown_light.projection import Fit, joint_rows, predicted, prior_precision, reduced
+from invrender.estimate.unknown_light.rungs import joint_equations
+from invrender.estimate.unknown_light.start import Search
+from invrender.estimate.unknown_light.widths import lamp_widths
+from invrender.theory.conditioning import Information
+
+Floats = NDArray[np.float64]
+
+# Of a share, flat between 0 and 1; of a source's turns, about half a hemisphere.
+_SHARE_STD, _TURN_STD = 1 / np.sqrt(12), 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Certainty:
+    """Standard deviations of a fit.
+
+    covariance : (t, t), of kappa, mu, sigma (radians) and the sources' turns (radians), as `State.names` lists them.
+    light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility : (t,), by how much each moves
+    when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting, mean
+    share of what is known of a coefficient that comes from the photographs, not from the prior. misfit : what of the
+    sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii : (j,) radians, of discs that
+    the sources look like; 0 of those that may be points. other_mu : by name, of forms of the lobe that explain as well
+    and have mu beyond its own doubt elsewhere.
+    """
+
+    covariance: Floats
+    light_std: Mapping[int, Floats]
+    fragility: Floats
+    degree_shares: Mapping[int, Floats]
+    misfit: float = 0.0
+    radii: Floats = field(default_factory=lambda: np.zeros(0))
+    other_mu: Mapping[str, float] = field(default_factory=dict)
+
+
+def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None) -> Certainty:
+    """Certainty at a fit, which must be the best of its model, and what else its standard deviations must hold.
+
+    split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
+    """
+    certainty = _with_widths(_of_noise(search, fit), search, fit)
+    certainty = _with_sides(_with_split(certainty, fit, split), sides)
+    fields = [photo for sight in search.sights for photo in sight.photos]
+    left = [
+        photo
+        for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
+        for photo in sight.split(np.sqrt(trust) * (sight.radiance - predicted(sight, fit, rows)))
+    ]
+    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
+    # In clean sets nothing of it is left.
+    structured = structured_rms(fields, left, finest_tiles(fields)) / max(float(energy), 1e-300)
+    # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
+    # radian: by as much does shading that is wrong by so much of itself turn a source.
+    # A lobe that a wrong model has made narrow is not the better known for it.
+    widths = {"mu": fit.state.mu or 0.0, "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"])}
+    own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
+    misfit = _lobe_misfit(search, fit)
+    # A model that is off by so much in its highlights; and a lamp's own width, which nobody knows, passes for sigma's.
+    of_width = np.array([misfit * (fit.state.sigma or 0) * (name == "sigma") for name in fit.state.names])
+    own = np.sqrt(own**2 + of_width**2 + (np.hypot(misfit, NUMERICAL) * certainty.fragility) ** 2)
+    certainty = replace(certainty, misfit=misfit)
+    return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
+
+
+def _lobe_misfit(search: Search, fit: Fit) -> float:
+    """What of the sources' highlights is left that isn't noise, relative to them."""
+    if fit.state.sigma is None or not len(fit.state.directions):
+        return 0.0
+    parts = []
+    size = (fit.l_max + 1) ** 2
+    for sight, weight, trust, rows in zip(search.sights, search.weights, search.trust, fit.rows, strict=True):
+        sent = fit.light[sight.lighting][size:]
+        radiance = predicted(sight, fit, rows)
+        lobes = fit.state.kappa * (rows.lamps_specular @ sent)
+        parts.append((lobes, radiance, sight.radiance - radiance, trust, weight))
+    return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _with_widths(certainty: Certainty, search: Search, fit: Fit) -> Certainty:
+    """Standard deviations that hold by how much lamps as wide as they look put all else elsewhere."""
+    precision = (fit.state.scales() / [_prior_std(name) for name in fit.state.names]) ** 2
+    widths = lamp_widths(search, fit, precision, _noise(search, fit))
+    return replace(
+        certainty,
+        covariance=certainty.covariance + np.diag(widths.moved**2),
+        light_std={k: np.hypot(std, widths.light_moved[k]) for k, std in certainty.light_std.items()},
+        radii=widths.radii,
+    )
+
+
+def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
+    """Standard deviations that hold by how much two sources instead of one put the BRDF and that source elsewhere."""
+    if split is None or split.state.names[: len(fit.state.names)] != fit.state.names:
+        return certainty
+    state, other, kept = fit.state, split.state, len(fit.state.directions)
+    ends = [
+        np.array([*of.kappa, *(x for x in (of.mu, of.sigma) if x is not None), *of.form.numbers.values()])
+        for of in (state, other)
+    ]
+    off = np.concatenate([ends[1] - ends[0], np.zeros(2 * kept)])
+    for second, owner in zip(other.directions[kept:], other.owners[kept:], strict=True):
+        # The one stands between the two, on a line that it doesn't tell.
+        nearest = int(np.where(state.owners == owner, state.directions @ second, -1).argmax())
+        apart = np.array([second, other.directions[nearest]]) @ state.directions[nearest]
+        turns = off[len(ends[0]) + 2 * nearest :][:2]
+        turns[:] = np.maximum(turns, np.arccos(np.clip(apart.min(), -1, 1)))
+    return replace(certainty, covariance=certainty.covariance + np.diag(off**2))
+
+
+def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
+    """Standard deviations that hold by how much lamps that may be at their antipodes are elsewhere there."""
+    if sides is None:
+        return certainty
+    # No lobe, so that the sources' turns are all that there is.
+    off = np.where(np.repeat(sides.open, 2), np.pi, 0.0)
+    light_std = {k: np.hypot(std, sides.moved[k]) for k, std in certainty.light_std.items()}
+    return replace(certainty, covariance=certainty.covariance + np.diag(off**2), light_std=light_std)
+
+
+def _of_noise(search: Search, fit: Fit) -> Certainty:
+    joint = joint_equations(search, fit)
+    equations = reduced(joint.whole)
+    scales, noise = fit.state.scales(), _noise(search, fit)
+    prior_std = np.array([_prior_std(name) for name in fit.state.names]) / scales
+    inverse = np.asarray(np.linalg.inv(equations.corner / noise + np.diag(1 / prior_std**2)), float)
+    ratio, fragility = _sandwich(search, fit, equations.leverage, inverse / noise, np.diag(inverse))
+    root = np.sqrt(ratio)
+    covariance = inverse * np.outer(root, root)
+    light_std, shares = {}, {}
+    wider = _wider_light(search, fit, noise)
+    for lighting in fit.light:
+        prior = prior_precision(search.scales[lighting], fit.l_max, int((fit.state.owners == lighting).sum()))
+        gram, leverage = joint.whole[lighting].gram, equations.leverage[lighting]
+        light_std[lighting], shares[lighting] = _of_light(
+            gram, leverage, prior, noise, covariance, wider[lighting], fit.l_max
+        )
+    return Certainty(
+        covariance * np.outer(scales, scales),
+        light_std,
+        fragility * np.abs(scales),
+        shares,
+    )
+
+
+def _noise(search: Search, fit: Fit) -> float:
+    """Variance of the noise, in units of the weights'."""
+    count = sum(np.count_nonzero(weight) for weight in search.weights)
+    return fit.cost / max(count - fit.parameters, 1)
+
+
+def _of_light(
+    gram: Floats,
+    leverage: Floats,
+    prior: Floats,
+    noise: float,
+    covariance: Floats,
+    wider: Floats,
+    l_max: int,
+) -> tuple[Floats, Floats]:
+    """Standard deviations (k + j, 3) of a lighting, and the photographs' share (l_max + 1,) in what is known of it.
+
+    wider : (k + j, 3), times the variances that independent noise leaves.
+    """
+    size = (l_max + 1) ** 2
+    stds, shares = [], []
+    for c in range(3):
+        before = np.diag(prior[c])
+        data = (gram[c] - before) / noise
+        alone, shared = np.linalg.inv(data + before), leverage[c] @ covariance @ leverage[c].T
+        posterior = alone + shared
+        stds.append(np.sqrt(wider[:, c] * np.diag(alone) + np.diag(shared)))
+        gained = np.linalg.inv(posterior[:size, :size]) - before[:size, :size]
+        known = Information((gained + gained.T) / 2).against(prior[c, :size] ** -0.5)
+        shares.append(known.share_per_degree())
+    return np.stack(stds, axis=-1), np.mean(shares, axis=0)
+
+
+def _prior_std(name: str) -> float:
+    if name in NUMBER_RANGE:
+        return float(np.ptp(NUMBER_RANGE[name]) / np.sqrt(12))
+    return PRIOR_STD.get(name, _SHARE_STD if name.startswith("kappa") else _TURN_STD)
+
+
+def _sandwich(
+    search: Search, fit: Fit, leverage: Mapping[int, Floats], gain: Floats, independent: Floats
+) -> tuple[Floats, Floats]:
+    """Variances from clustered residuals over independent ones, at least 1, and fragility, (t,) each."""
+    t = len(independent)
+    by_tile: list[Floats] = []
+    by_patch: dict[int, Floats] = {}
+    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
+        radiance = predicted(sight, fit, rows)
+        residual = sight.radiance - radiance
+        lit, shared = joint_rows(sight, fit, rows)
+        # What of a parameter's effect the lighting can't undo.
+        own = (shared - lit @ leverage[sight.lighting]) * weight.T[:, :, None]
+        scores = np.hstack([np.einsum("cnt,nc->nt", own, part) for part in (residual, radiance)])
+        by_tile += list(sums_by(tiles_of(sight.photos), scores).values())
+        for patch, score in sums_by(patch_of(sight.field), scores).items():
+            by_patch[patch] = by_patch.get(patch, 0) + score
+    ratio, fragility = np.ones(t), np.zeros(t)
+    for clusters in (np.array(by_tile), np.array(list(by_patch.values()))):
+        few = len(clusters) / max(len(clusters) - 1, 1)
+        of_noise, of_model = (
+            few * ((half @ gain) ** 2).sum(axis=0) for half in (clusters[:, :t], clusters[:, t:])
+        )
+        ratio = np.maximum(ratio, of_noise / np.maximum(independent, 1e-300))
+        fragility = np.maximum(fragility, np.sqrt(of_model))
+    return ratio, fragility
+
+
+def _wider_light(search: Search, fit: Fit, noise: float) -> dict[int, Floats]:
+    """Variances of each lighting (k + j, 3) from clustered residuals over independent ones, at least 1."""
+    inverses = {lighting: np.linalg.inv(gram) for lighting, gram in fit.grams.items()}
+    by_tile: dict[int, list[Floats]] = {lighting: [] for lighting in inverses}
+    by_patch: dict[int, dict[int, Floats]] = {lighting: {} for lighting in inverses}
+    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
+        left = weight * (sight.radiance - predicted(sight, fit, rows))
+        scores = np.hstack(
+            [
+                (rows.of_channel(kappa) * left[:, c, None]) @ inverses[sight.lighting][c]
+                for c, kappa in enumerate(fit.state.kappa)
+            ]
+        )
+        by_tile[sight.lighting] += list(sums_by(tiles_of(sight.photos), scores).values())
+        patches = by_patch[sight.lighting]
+        for patch, score in sums_by(patch_of(sight.field), scores).items():
+            patches[patch] = patches.get(patch, 0) + score
+    wider = {}
+    for lighting, inverse in inverses.items():
+        independent = noise * np.diagonal(inverse, axis1=1, axis2=2)
+        found = np.ones_like(independent)
+        for clusters in (np.array(by_tile[lighting]), np.array(list(by_patch[lighting].values()))):
+            few = len(clusters) / max(len(clusters) - 1, 1)
+            together = few * (clusters**2).sum(axis=0).reshape(independent.shape)
+            found = np.maximum(found, together / np.maximum(independent, 1e-300))
+        wider[lighting] = found.T
+    return wider

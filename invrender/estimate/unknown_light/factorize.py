@@ -1,0 +1,299 @@
+"""BRDF and lighting of a homogeneous body, both unknown, from photographs of it [RH01, sections 6.3 and 6.4]."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import one_blas_thread
+from invrender.brdf.lobes import GGX_FORM, PRINTED
+from invrender.brdf.richer import COATED_HAZY
+from invrender.estimate.noise import NoiseModel, Weights
+from invrender.estimate.unknown_light.antipodes import Sides, likelier_sides
+from invrender.estimate.unknown_light.certainty import Certainty, certainty_of
+from invrender.estimate.unknown_light.forms import MOST_FORMS, Formed, choose_form
+from invrender.estimate.unknown_light.ladder import climb, confirm, model_name, neighbours, without_rows
+from invrender.estimate.unknown_light.lampcount import needed_lamps
+from invrender.estimate.unknown_light.projection import Fit, light_scale, predicted
+from invrender.estimate.unknown_light.remarks import remarks
+from invrender.estimate.unknown_light.rivals import rivals_of, with_rivals
+from invrender.estimate.unknown_light.rungs import BlindRung, cross_validate, simplest
+from invrender.estimate.unknown_light.screen import find_among_nonsense, judged, noise_and_weights
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSolution, BlindSources
+from invrender.estimate.unknown_light.sources import Found
+from invrender.estimate.unknown_light.start import Region, Search, of_degree, thinned
+from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.verdicts import doubt_of, quantities_of
+from invrender.transport.lobetable import TRANSFERS, Transfer
+from invrender.transport.visibility import Shadows
+from recon.harmonics.basis import check_degree
+from recon.sampling.lightfield import LightField, off_terminators, pools
+
+Floats = NDArray[np.float64]
+
+# What the lighting is called where all photographs are under one.
+ONLY_LIGHT = "light"
+ORDERS = (0, 4, 6, 8, 10, 12, 16)
+# Sources are looked for under light of up to this degree, in a part of the samples.
+_SEARCH_DEGREE, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING = 10, 3000, 600
+# Samples that the ladder of models is climbed with.
+_LADDER_SAMPLES, _LADDER_PER_LIGHTING = 15_000, 2000
+# Noise that is assumed until residuals show it.
+_FIRST_RELATIVE, _FIRST_FLOOR, _BRIGHT = 0.01, 0.002, 0.6
+_SAME_ANGLE = 1e-3
+# Weight of samples of a mesh whose lobe an edge cuts. They would pull at mu, but may be all that there are.
+_AT_EDGES = 0.1
+
+
+def factorize_blind(
+    photos: Sequence[LightField],
+    lighting_of: Sequence[str] | None = None,
+    orders: Sequence[int] = ORDERS,
+    source_region: Region | None = None,
+    ladder: bool = True,
+    on_step: Callable[[], None] = lambda: None,
+    transfer: Transfer = "exact",
+    shadows: Shadows | None = None,
+) -> BlindSolution:
+    """Lightings and BRDF from light-field samples of a homogeneous body under unknown light.
+
+    photos : two or more, normals and views in one frame. lighting_of : which lighting each is under, by name; all under
+    one if None. orders : degrees of the lightings that are tried, one for all of them; those above 10 as long as it
+    takes the one before. source_region : where sources may be; None for anywhere. ladder : whether other forms of the
+    lobe and simpler models are tried; False fits RH01's microfacet model at the highest order up to 10. `on_step` is
+    called after each model. transfer : what the lobe makes of the light, of RH01's form alone unless `exact`; sources
+    have closed forms in any case [eq. 23]. shadows : of a mesh on itself; None of a convex body. Raises ValueError for
+    photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
+    finite or mostly negative.
+    """
+    orders = sorted(set(orders))
+    lighting_of = [ONLY_LIGHT] * len(photos) if lighting_of is None else list(lighting_of)
+    names = tuple(dict.fromkeys(lighting_of))
+    _check(photos, lighting_of, orders, transfer)
+    numbers = [names.index(name) for name in lighting_of]
+    together = pools(photos, numbers)
+    with one_blas_thread():
+        degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
+        # Prepared for uniform light as yet: parts of the samples are, for more.
+        sights = [
+            Sight.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows) for pool in together
+        ]
+        search = _first_weights(sights, source_region)
+        dark = degree == 0 or (ladder and orders[0] == 0)
+        thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
+        assumed = _assumed(photos)
+        any_form = ladder and transfer == "exact"
+        form = COATED_HAZY[GGX_FORM] if any_form else PRINTED
+        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed, form)
+        strays, thin = kept is not thin, kept
+        formed = Formed(found, ())
+        if any_form:
+            formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
+        found = formed.found
+        # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
+        few = thinned(search, degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
+        if strays:
+            few = judged(few, found.fit, assumed)
+        fit = few.fit(found.fit.state, degree)
+        few, noise, weights = _weighed(few, fit)
+        # What a lamp in the dark explains is judged again by the noise that was found.
+        state = fit.state if degree else needed_lamps(few, fit)
+        fit = few.fit(state, degree)
+        on_step()
+        rungs = [cross_validate(model_name(fit), few, fit)]
+        if ladder:
+            rungs = climb(few, thin, lamps, rungs[0], orders, formed.others, on_step)
+        rungs[0] = without_rows(rungs[0])
+        chosen = simplest(rungs)
+        pair = [chosen] if few.numbers == search.numbers else neighbours(rungs, chosen)
+        own, degree = rungs[chosen].fit, max(rungs[index].fit.l_max for index in pair)
+        if few.numbers == search.numbers:
+            search = of_degree(few, degree)
+        else:
+            # What all samples take up shall not come on top of what parts of them did.
+            del few, thin, kept, fit
+            search = of_degree(search, degree, settled=True)
+            search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
+        chosen = confirm(search, rungs, pair)
+        on_step()
+        sides = likelier_sides(search, rungs[chosen].fit)
+        if sides is not None and sides.fit is not rungs[chosen].fit:
+            rungs[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
+        certainty = certainty_of(search, rungs[chosen].fit, found.split, sides)
+        certainty = with_rivals(certainty, rungs[chosen].fit, rivals_of(search, rungs[chosen], rungs))
+    # As they were given.
+    back = np.argsort(np.concatenate(together))
+    rungs = [replace(rung, photo_errors=rung.photo_errors[back]) for rung in rungs]
+    by_photo = [of for sight, own in zip(search.sights, weights, strict=True) for of in _split(sight, own)]
+    weights = tuple(by_photo[k] for k in back)
+    return _solution(search, rungs, chosen, certainty, noise, weights, found, sides, names, transfer)
+
+
+def blind_steps(orders: Sequence[int] = ORDERS) -> int:
+    """How often `factorize_blind` reports progress at most."""
+    # Each order with a lobe and without, and of degree 2; lamps; other forms; the first fit, what may be left out, the
+    # last.
+    return 2 * len(orders) + 6 + MOST_FORMS
+
+
+def _check(
+    photos: Sequence[LightField], lighting_of: Sequence[str], orders: Sequence[int], transfer: Transfer
+) -> None:
+    if transfer not in TRANSFERS:
+        raise ValueError(f"transfer is {transfer!r}; it must be one of {', '.join(TRANSFERS)}")
+    if len(photos) < 2:
+        raise ValueError(
+            f"there are {len(photos)} photographs; one can't tell light from reflectance (any image is explained by a"
+            " mirror ball under some light): add photographs from other sides"
+        )
+    if len(lighting_of) != len(photos):
+        raise ValueError(
+            f"lighting_of names the lightings of {len(lighting_of)} photographs; there are {len(photos)}"
+        )
+    if not orders:
+        raise ValueError("orders is empty; name at least one degree of the lighting to try")
+    check_degree(orders[0], "the lowest of orders")
+    for index, photo in enumerate(photos):
+        wrong = photo.radiance.size - int(np.isfinite(photo.radiance).sum())
+        if wrong:
+            raise ValueError(
+                f"photograph {index}: {wrong} of {photo.radiance.size} radiances are not finite; leave out those"
+                " samples"
+            )
+    # Lamps alone are an answer to a dark room only: elsewhere it takes the next order.
+    unknowns = (next((order for order in orders if order), 0) + 1) ** 2 + 6
+    counts: Counter[str] = Counter()
+    for photo, name in zip(photos, lighting_of, strict=True):
+        counts[name] += len(photo)
+    for name, samples in counts.items():
+        if samples < unknowns:
+            where = "" if len(counts) == 1 else f" under lighting {name!r}"
+            raise ValueError(
+                f"there are {samples} samples{where} for {unknowns} unknowns; take more samples or lower the order"
+            )
+    radiance = np.concatenate([photo.radiance for photo in photos])
+    dark = float((radiance <= 0).mean())
+    if dark > 0.5:
+        raise ValueError(
+            f"{dark:.0%} of the radiances are zero or negative; check the black level and the masks"
+        )
+    cos = np.concatenate([photo.cos_exitant for photo in photos])
+    if np.ptp(np.arccos(np.clip(cos, -1, 1))) < _SAME_ANGLE:
+        raise ValueError(
+            f"all samples are seen at one exitant angle, {np.degrees(np.arccos(min(cos[0], 1))):.1f} degrees; add"
+            " pixels nearer the outline"
+        )
+
+
+def _first_weights(sights: Sequence[Sight], region: Region | None) -> Search:
+    assumed = _assumed([photo for sight in sights for photo in sight.photos])
+    fields = [sight.field for sight in sights]
+    weights = [(field.weight * field.shares)[:, None] / assumed.variance(field.radiance) for field in fields]
+    trust = [np.ones_like(field.radiance) for field in fields]
+    return Search(sights, weights, trust, light_scale(sights), region)
+
+
+def _assumed(photos: Sequence[LightField]) -> NoiseModel:
+    level = float(np.mean([np.quantile(np.abs(photo.radiance), _BRIGHT) for photo in photos]))
+    return NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
+
+
+def _split(sight: Sight, weights: Weights) -> list[Weights]:
+    """Weights of a sight's samples, photograph by photograph."""
+    parts = zip(sight.split(weights.trust), sight.split(weights.weight), strict=True)
+    return [Weights(*pair) for pair in parts]
+
+
+def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:
+    """The same search with weights from the noise that a fit's residuals show."""
+    predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
+    residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
+    brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
+    weights, counted_trust = [], []
+    noise, judged_by = noise_and_weights(search, fit, brightness, residuals)
+    for sight, found in zip(search.sights, judged_by, strict=True):
+        sources = fit.state.under(sight.lighting).directions
+        counted = (sight.field.weight * sight.field.shares * _off_terminators(sight, sources))[:, None]
+        if fit.state.sigma is not None:
+            counted = counted * np.where(sight.off_edges(fit.state.sigma), 1, _AT_EDGES)[:, None]
+        weights.append(Weights(found.trust, found.weight * counted))
+        counted_trust.append(found.trust * counted)
+    return (
+        replace(search, weights=[w.weight for w in weights], trust=counted_trust),
+        noise,
+        tuple(weights),
+    )
+
+
+def _off_terminators(sight: Sight, directions: Floats) -> NDArray[np.bool_]:
+    """Which samples (n,) are clear of the sources' horizons and of the borders of the shadows that they cast."""
+    field = sight.field
+    numbered = replace(field, rows=np.arange(len(field)), sources_visible=sight.free(directions))
+    clear = np.isin(numbered.rows, off_terminators(numbered, directions).rows)
+    return clear & sight.off_borders(directions)
+
+
+def _solution(
+    search: Search,
+    rungs: Sequence[BlindRung],
+    chosen: int,
+    certainty: Certainty,
+    noise: NoiseModel,
+    weights: tuple[Weights, ...],
+    found: Found,
+    sides: Sides | None,
+    names: Sequence[str],
+    transfer: Transfer,
+) -> BlindSolution:
+    fit = rungs[chosen].fit
+    return BlindSolution(
+        model=rungs[chosen].name,
+        brdf_share=fit.state.kappa,
+        mu=fit.state.mu,
+        sigma=fit.state.sigma,
+        form=fit.state.form,
+        lights={
+            name: _light(search.only(number), fit, certainty, number) for number, name in enumerate(names)
+        },
+        quantities=quantities_of(fit, certainty, search.sights),
+        covariance=certainty.covariance,
+        covariance_names=_covariance_names(fit.state, names),
+        rungs=tuple(rungs),
+        chosen=chosen,
+        noise=noise,
+        weights=weights,
+        gauge=GAUGE,
+        warnings=remarks(search, fit, found, certainty, sides, names),
+        certainty=certainty,
+        transfer=transfer,
+    )
+
+
+def _light(search: Search, fit: Fit, certainty: Certainty, number: int) -> BlindLight:
+    size, light, std = (fit.l_max + 1) ** 2, fit.light[number], certainty.light_std[number]
+    count = len(fit.state.directions)
+    turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
+    own = fit.state.owners == number
+    sources = BlindSources(
+        fit.state.directions[own], light[size:], std[size:], np.degrees(turns[own].max(axis=1, initial=0))
+    )
+    shares = certainty.degree_shares[number]
+    degree, doubt = doubt_of(fit, shares, [sight.field for sight in search.sights])
+    return BlindLight(light[:size], std[:size], sources, shares, degree, doubt)
+
+
+def _covariance_names(state: State, names: Sequence[str]) -> tuple[str, ...]:
+    """The state's names, sources by their lighting where there are several, each counted on its own."""
+    if len(names) == 1:
+        return state.names
+    seen: Counter[int] = Counter()
+    own = []
+    for owner in state.owners.tolist():
+        seen[owner] += 1
+        own += [f"{names[owner]}/source {seen[owner]} {way}" for way in "ab"]
+    return (*state.names[: len(state.names) - len(own)], *own)

@@ -1,0 +1,99 @@
+"""Which form the lobe has, by the ladder's evidence on part of the samples, before the ladder is climbed.
+
+Weights that are taken from the residuals of a wrong form would hide that it is wrong, and sources that were found with
+it may stand for its faults: so the form comes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from invrender.brdf.lobes import FORMS, GGX_FORM, PLASTICS, PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.brdf.richer import extended
+from invrender.estimate.evidence import CLEARLY_WORSE
+from invrender.estimate.unknown_light.lampcount import brightest_each, is_endless
+from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.rungs import BlindRung, as_good, cross_validate
+from invrender.estimate.unknown_light.sources import Found, examined, find_sources, off_borders
+from invrender.estimate.unknown_light.start import Search
+from invrender.estimate.unknown_light.state import State
+
+# Forms that a lobe is tried as; beside the best of facets what it extends to, if RH01's isn't as good.
+FIRST_FORMS = (*FORMS.values(), *PLASTICS.values())
+MOST_FORMS = len(FIRST_FORMS) + 1 + len(extended(GGX_FORM))
+# From another's best answer, after which forms differ by far more than they still gain. In the dark, where an iteration
+# takes no time, those go on whose cost is near the least.
+_ITERATIONS, _IN_THE_DARK, _FEW = 2, 4, 10
+_NEAR = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Formed:
+    """The best fit with its sources, and what lobes of the other forms came to."""
+
+    found: Found
+    others: tuple[State, ...]
+
+
+def choose_form(search: Search, found: Found, l_max: int) -> Formed:
+    """The form that predicts samples best; RH01's unless that is worse by a standard error, as on the ladder.
+
+    One with numbers of its own is chosen only where all simpler ones are clearly worse: of several, one will be a
+    little better by chance.
+    """
+    whole, search = search, off_borders(search, found.fit.state)
+    own = found.fit if search is whole else search.fit(found.fit.state, l_max)
+    rungs: dict[LobeForm, BlindRung] = {}
+
+    def trying(forms: Iterable[LobeForm], start: Fit) -> None:
+        fits = {
+            form: start
+            if start is own and form is own.state.form.family
+            else search.fit(start.state.with_form(form), l_max, _ITERATIONS)
+            for form in forms
+        }
+        least = min(fit.cost for fit in fits.values())
+        for form, fit in fits.items():
+            if not l_max and fit is not start and fit.cost < _NEAR * least:
+                fit = search.fit(fit.state, l_max, _IN_THE_DARK)
+            if form is PRINTED or not is_endless(fit.state):
+                rungs[form] = cross_validate(form.name, search, fit)
+
+    trying(FIRST_FORMS, own)
+    if not as_good(rungs[PRINTED], min(rungs.values(), key=_deviance)) and any(
+        isinstance(f, Smith) for f in rungs
+    ):
+        facets = min(
+            (form for form in rungs if isinstance(form, Smith)), key=lambda form: _deviance(rungs[form])
+        )
+        # Those that hold it must not be better for having gone on for longer.
+        trying([facets], rungs[facets].fit)
+        # Beside lamps alone there is no light that could take up what a coat or a haze explains.
+        trying([UNCORRELATED[facets], *(() if l_max else extended(facets))], rungs[facets].fit)
+    chosen = _simplest(rungs)
+    others = tuple(rung.fit.state for form, rung in rungs.items() if form is not chosen)
+    if chosen is not own.state.form.family and not l_max:
+        # Lamps in the dark were counted whatever the form is: those that were found stay.
+        found = Found(whole.fit(rungs[chosen].fit.state, l_max, _FEW), None)
+    elif chosen is not own.state.form.family:
+        found = examined(whole, find_sources(whole, brightest_each(rungs[chosen].fit), l_max))
+    return Formed(found, others)
+
+
+def _simplest(rungs: Mapping[LobeForm, BlindRung]) -> LobeForm:
+    """RH01's form if it is as good as the best, or this; light and viewer hidden apart if it is worse than that by a
+    standard error; one with more numbers if it is clearly worse."""
+    best = min((form for form in FIRST_FORMS if form in rungs), key=lambda form: _deviance(rungs[form]))
+    chosen = PRINTED if as_good(rungs[PRINTED], rungs[best]) else best
+    for apart in set(rungs) & set(UNCORRELATED.values()):
+        chosen = chosen if as_good(rungs[chosen], rungs[apart]) else apart
+    richer = sorted((form for form in rungs if form.numbers), key=lambda form: rungs[form].parameters)
+    for form in richer:
+        if not as_good(rungs[chosen], rungs[form], CLEARLY_WORSE):
+            chosen = form
+    return chosen
+
+
+def _deviance(rung: BlindRung) -> float:
+    return float(rung.deviance.mean())

@@ -1,0 +1,122 @@
+"""The ladder of models under unknown light: orders of the lighting, and what else may be left out or be needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from invrender.estimate.unknown_light.price import bright
+from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.rungs import BlindRung, cross_validate, simplest
+from invrender.estimate.unknown_light.sources import Lamps, find_sources, sources_of_diffuse
+from invrender.estimate.unknown_light.start import Search, forget_rows, of_degree
+from invrender.estimate.unknown_light.state import FIRST_MU, State
+
+# Iterations by which a model that is any good has arrived, from the best of another.
+_ENOUGH = 8
+
+
+def climb(
+    search: Search,
+    thin: Search,
+    lamps: Lamps | None,
+    first: BlindRung,
+    orders: Sequence[int],
+    others: Sequence[State],
+    on_step: Callable[[], None],
+) -> list[BlindRung]:
+    """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
+
+    Orders above the first rung's are tried one after the other, as long as it takes the last. others : states with
+    lobes of other forms, as good as their best.
+    """
+    rungs, fit = [first], first.fit
+    prepared = {0: of_degree(search, 0), fit.l_max: search}
+
+    def add(state: State, l_max: int, fitted: bool = False) -> None:
+        degree = max(l_max, fit.l_max) if l_max else 0
+        if degree not in prepared:
+            prepared[degree] = of_degree(search, degree)
+        own = prepared[degree]
+        for other in prepared.values():
+            if other is not own:
+                # Rows that are kept for the next step of a search take up more than all else.
+                forget_rows(other)
+        tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max, _ENOUGH))
+        rungs.append(without_rows(cross_validate(model_name(tried), own, tried)))
+        on_step()
+
+    for order in orders:
+        if order < fit.l_max and (order or lamps is not None):
+            add(fit.state, order)
+    for order in orders:
+        if order > fit.l_max and _takes_the_highest(rungs):
+            state = rungs[simplest(rungs)].fit.state
+            # Beside finer light lamps show that coarser light took up.
+            finer = find_sources(of_degree(thin, order), state, order).state
+            add(finer if len(finer.directions) > len(state.directions) else state, order)
+    if lamps is not None:
+        if fit.l_max:
+            add(lamps.glossy.state.with_form(fit.state.form), 0)
+        add(lamps.diffuse.state, 0)
+    best = rungs[simplest(rungs)].fit
+    if best.state.sigma is not None and best.state.form.has_fresnel:
+        bare = best.state.mu is None
+        add(replace(best.state, mu=FIRST_MU) if bare else best.state.without_fresnel(), best.l_max)
+    for other in others:
+        if len(best.state.directions) > len(other.directions):
+            other = replace(other, directions=best.state.directions, owners=best.state.owners)
+        add(other, best.l_max, fitted=True)
+    if len(best.state.directions):
+        weakest = int(best.irradiances.sum(axis=1).argmin())
+        add(best.state.without_source(weakest), best.l_max)
+    # What a purely diffuse body would need of light is another matter: its sources are looked for anew.
+    diffuse, glossy = sources_of_diffuse(thin, fit.l_max, lamps), len(rungs)
+    for order in sorted({min(2, orders[-1]), *(rung.fit.l_max for rung in rungs)} - {0}):
+        if len(rungs) == glossy or _takes_the_highest(rungs[glossy:]):
+            add(diffuse, order)
+    return rungs
+
+
+def _takes_the_highest(rungs: Sequence[BlindRung]) -> bool:
+    """Whether no light of a lower degree than the highest that was tried suffices."""
+    return rungs[simplest(rungs)].fit.l_max == max(rung.fit.l_max for rung in rungs)
+
+
+def neighbours(rungs: Sequence[BlindRung], chosen: int) -> list[int]:
+    """The chosen rung and, if there is one, that of the same model with the next richer lighting."""
+    own = rungs[chosen].fit
+    richer = [
+        index
+        for index, rung in enumerate(rungs)
+        if rung.fit.l_max > own.l_max
+        and rung.fit.state.names == own.state.names
+        and rung.fit.state.form.family is own.state.form.family
+    ]
+    return [chosen, *sorted(richer, key=lambda index: rungs[index].fit.l_max)[:1]]
+
+
+def confirm(search: Search, rungs: list[BlindRung], pair: Sequence[int]) -> int:
+    """Fit some rungs to all samples, in place; the simplest of them that suffices, which alone keeps its rows."""
+    for index in pair:
+        fit = search.fit(rungs[index].fit.state, rungs[index].fit.l_max)
+        rungs[index] = cross_validate(model_name(fit), search, fit)
+    chosen = pair[simplest([rungs[index] for index in pair])]
+    for index in pair:
+        rungs[index] = rungs[index] if index == chosen else without_rows(rungs[index])
+    return chosen
+
+
+def without_rows(rung: BlindRung) -> BlindRung:
+    """The rung without its fit's rows, which take up far more than all else together."""
+    return replace(rung, fit=replace(rung.fit, rows=()))
+
+
+def model_name(fit: Fit) -> str:
+    """What a rung is called: its lobe, its lighting's degree, its sources."""
+    state = fit.state
+    kind = "lambertian" if state.sigma is None else state.form.name
+    bare = state.sigma is not None and state.mu is None and state.form.has_fresnel
+    count = len(state.directions)
+    sources = f"{count} source{'' if count == 1 else 's'}"
+    return f"{kind}{' without Fresnel' if bare else ''}, lighting of degree {fit.l_max}, {sources}"

@@ -1,0 +1,276 @@
+"""Variable projection: the lighting solved linearly inside, BRDF and sources by damped Gauss-Newton outside.
+
+With the lighting optimal, Kaufman's step for the nonlinear parameters is the Schur complement of the joint normal
+equations, which are an arrow: a block per channel of each lighting, bordered by what channels and lightings share.
+Schur complements add up, so that each lighting keeps an arrow of its own. The same arrows yield fits that leave samples
+out and the covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from capture.parallel import parallel_map
+from invrender.estimate.unknown_light.rows import Rows, rows_of, slopes_of
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.state import State
+
+Floats = NDArray[np.float64]
+
+ITERATIONS = 30
+# Of squared residuals, in units of the noise that they show, in which a parameter's step by its standard deviation
+# costs 1: so small gains end a search; smaller than the others they are beneath what single precision tells apart.
+_CONVERGED, _TOLD_APART = 1e-2, 1.0
+_FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The best state of a model, and its lightings, each by its number.
+
+    l_max : of the lightings. light : (k + j, 3) each, harmonic coefficients, then the irradiances of its sources.
+    costs : squared residuals over variances, with what the prior adds. grams : (3, k + j, k + j) each, of the
+    lighting's equations, prior included. rows : per sight.
+    """
+
+    state: State
+    l_max: int
+    light: Mapping[int, Floats]
+    costs: Mapping[int, float]
+    grams: Mapping[int, Floats]
+    rows: tuple[Rows, ...]
+
+    @property
+    def cost(self) -> float:
+        """Squared residuals over variances of all photographs, with what the priors add."""
+        return sum(self.costs.values())
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers were fitted."""
+        return sum(light.size for light in self.light.values()) + len(self.state.names)
+
+    def slow(self, lighting: int) -> Floats:
+        """Coefficients ((l_max + 1)^2, 3) of a lighting without its sources."""
+        return self.light[lighting][: (self.l_max + 1) ** 2]
+
+    @property
+    def irradiances(self) -> Floats:
+        """Irradiances (k, 3) of all sources, in the state's order."""
+        found = np.zeros((len(self.state.directions), 3))
+        for lighting, light in self.light.items():
+            found[self.state.owners == lighting] = light[(self.l_max + 1) ** 2 :]
+        return found
+
+
+def prior_precision(scale: Floats, l_max: int, sources: int) -> Floats:
+    """Precision (3, k + j) of what is known of lighting beforehand: that it is nowhere negative.
+
+    scale : (3,) coefficient of degree 0. The RMS over m of L_lm is then at most L_00, by the addition theorem; a
+    source's irradiance, at most sqrt(4 pi) L_00.
+    """
+    size = (l_max + 1) ** 2
+    std = np.concatenate([np.ones(size), np.full(sources, np.sqrt(4 * np.pi))])
+    return np.asarray(1 / np.maximum(scale[:, None] * std, 1e-300) ** 2)
+
+
+def light_scale(sights: Sequence[Sight]) -> dict[int, Floats]:
+    """An upper estimate (3,) of each lighting's coefficient of degree 0, in the gauge Kd + Ks = 1.
+
+    Uniform light L sends at least L to the camera (a mirror would; diffuse bodies send pi L).
+    """
+    means: dict[int, list[Floats]] = {}
+    for sight in sights:
+        means.setdefault(sight.lighting, []).extend(
+            np.abs(photo.radiance).mean(axis=0) for photo in sight.photos
+        )
+    return {lighting: np.sqrt(4 * np.pi) * np.max(of, axis=0) for lighting, of in means.items()}
+
+
+def solve_lighting(
+    sights: Sequence[Sight],
+    weights: Sequence[Floats],
+    scales: Mapping[int, Floats],
+    state: State,
+    l_max: int,
+) -> Fit:
+    """The best lightings at a state; weights : (n, 3) per sight, inverse variances."""
+
+    def equations(pair: tuple[Sight, Floats]) -> tuple[Rows, Floats, Floats, float]:
+        sight, weight = pair
+        rows = rows_of(sight, state.under(sight.lighting), l_max)
+        gram, right = [], []
+        for c in range(3):
+            root = np.sqrt(weight[:, c])
+            whitened = rows.of_channel(state.kappa[c]) * root[:, None]
+            gram.append(whitened.T @ whitened)
+            right.append(whitened.T @ (root * sight.radiance[:, c]))
+        return rows, np.array(gram), np.array(right), float((weight * sight.radiance**2).sum())
+
+    rows, grams, rights, energies = zip(
+        *parallel_map(equations, zip(sights, weights, strict=True)), strict=True
+    )
+    lights, costs, full = {}, {}, {}
+    for lighting in dict.fromkeys(sight.lighting for sight in sights):
+        mine = [k for k, sight in enumerate(sights) if sight.lighting == lighting]
+        gram, right = sum(grams[k] for k in mine), sum(rights[k] for k in mine)
+        prior = prior_precision(scales[lighting], l_max, int((state.owners == lighting).sum()))
+        full[lighting] = gram = gram + np.einsum("cp,pq->cpq", prior, np.eye(prior.shape[1]))
+        lights[lighting] = np.stack([cho_solve(cho_factor(gram[c]), right[c]) for c in range(3)], axis=-1)
+        costs[lighting] = float(sum(energies[k] for k in mine) - (right.T * lights[lighting]).sum())
+    return Fit(state, l_max, lights, costs, full, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Arrow:
+    """Joint normal equations of a lighting: per channel, its border, and the corner of shared parameters.
+
+    gram : (3, p, p). border : (3, p, t), zero where a channel doesn't depend on a parameter. corner : (t, t).
+    right : (3, p) and right_shared : (t,), the rows' products with residuals.
+    """
+
+    gram: Floats
+    border: Floats
+    corner: Floats
+    right: Floats
+    right_shared: Floats
+
+    def __add__(self, other: Arrow) -> Arrow:
+        return Arrow(
+            self.gram + other.gram,
+            self.border + other.border,
+            self.corner + other.corner,
+            self.right + other.right,
+            self.right_shared + other.right_shared,
+        )
+
+    def __sub__(self, other: Arrow) -> Arrow:
+        return Arrow(
+            self.gram - other.gram,
+            self.border - other.border,
+            self.corner - other.corner,
+            self.right - other.right,
+            self.right_shared - other.right_shared,
+        )
+
+
+def reduced(arrows: Mapping[int, Arrow]) -> Reduced:
+    """The shared parameters' equations, all lightings eliminated."""
+    corners, rights, leverage, alone = [], [], {}, {}
+    for lighting, arrow in arrows.items():
+        factors = [cho_factor(gram) for gram in arrow.gram]
+        leverage[lighting] = np.stack([cho_solve(f, b) for f, b in zip(factors, arrow.border, strict=True)])
+        alone[lighting] = np.stack([cho_solve(f, r) for f, r in zip(factors, arrow.right, strict=True)])
+        corners.append(arrow.corner - np.einsum("cpt,cpu->tu", arrow.border, leverage[lighting]))
+        rights.append(arrow.right_shared - np.einsum("cpt,cp->t", leverage[lighting], arrow.right))
+    return Reduced(sum(corners), sum(rights), leverage, alone)
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """Equations of the shared parameters.
+
+    leverage : (3, p, t) of each lighting, how it gives way to them. alone : (3, p) of each, its step without them.
+    """
+
+    corner: Floats
+    right: Floats
+    leverage: Mapping[int, Floats]
+    alone: Mapping[int, Floats]
+
+    def step(self, free: NDArray[np.bool_], damping: float = 0.0) -> Floats:
+        """Step (t,) of the shared parameters that are free, damped as Levenberg and Marquardt do."""
+        result = np.zeros(len(free))
+        corner = self.corner[np.ix_(free, free)]
+        diagonal = np.diag(corner)
+        damped = corner + np.diag(damping * diagonal + 1e-12 * diagonal.max(initial=0) + 1e-300)
+        result[free] = np.linalg.solve(damped, self.right[free])
+        return result
+
+
+def joint_rows(sight: Sight, fit: Fit, rows: Rows) -> tuple[Floats, Floats]:
+    """Jacobian of a sight's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
+    lit = np.stack([rows.of_channel(kappa) for kappa in fit.state.kappa])
+    return lit, _shared_rows(sight, fit, rows)
+
+
+def _shared_rows(sight: Sight, fit: Fit, rows: Rows) -> Floats:
+    state = fit.state
+    slopes = slopes_of(sight, state.under(sight.lighting), rows, fit.light[sight.lighting])
+    shared = np.zeros((3, len(sight.field), len(state.names)))
+    for c in range(3):
+        shared[c][:, state.own(c, sight.lighting)] = slopes[:, c]
+    return shared
+
+
+def predicted(sight: Sight, fit: Fit, rows: Rows) -> Floats:
+    """Radiance (n, 3) of a sight's rows."""
+    return rows.radiance(fit.state.kappa, fit.light[sight.lighting])
+
+
+def _border(sights: Sequence[Sight], weights: Sequence[Floats], fit: Fit) -> Reduced:
+    """Kaufman's equations at a fit whose lightings are optimal."""
+
+    def equations(item: tuple[Sight, Floats, Rows]) -> tuple[Floats, Floats, Floats]:
+        sight, weight, rows = item
+        residual = sight.radiance - predicted(sight, fit, rows)
+        shared = _shared_rows(sight, fit, rows)
+        weighted = shared * weight.T[:, :, None]
+        return (
+            rows.sums(fit.state.kappa, weighted),
+            np.einsum("cnt,cnu->tu", shared, weighted, optimize=True),
+            np.einsum("cnt,nc->t", weighted, residual),
+        )
+
+    parts = list(parallel_map(equations, zip(sights, weights, fit.rows, strict=True)))
+    arrows = {}
+    for lighting, gram in fit.grams.items():
+        mine = [part for sight, part in zip(sights, parts, strict=True) if sight.lighting == lighting]
+        borders, corners, rights = zip(*mine, strict=True)
+        none = np.zeros(fit.light[lighting].T.shape)
+        arrows[lighting] = Arrow(gram, sum(borders), sum(corners), none, sum(rights))
+    return reduced(arrows)
+
+
+def refine(
+    sights: Sequence[Sight],
+    weights: Sequence[Floats],
+    scales: Mapping[int, Floats],
+    state: State,
+    l_max: int,
+    iterations: int = ITERATIONS,
+) -> Fit:
+    """The best state near a given one, with its lightings."""
+    fit = solve_lighting(sights, weights, scales, state, l_max)
+    if not state.names:
+        return fit
+    damping = _FIRST_DAMPING
+    count = sum(weight.size for weight in weights)
+    for _ in range(iterations):
+        equations = _border(sights, weights, fit)
+        free = ~fit.state.stuck(equations.right)
+        noise = max(fit.cost / count, 1)
+        if equations.step(free) @ equations.right < _CONVERGED * noise:
+            return fit
+        while True:
+            step = equations.step(free, damping)
+            promise = step @ equations.right / noise
+            # A mesh's shadows may spoil what any step gains: one that promises nothing isn't tried.
+            if promise < _CONVERGED:
+                return fit
+            tried = solve_lighting(sights, weights, scales, fit.state.moved(step), l_max)
+            if tried.cost <= fit.cost or promise < _TOLD_APART:
+                break
+            damping *= 10
+        gain = (fit.cost - tried.cost) / noise
+        if gain > 0:
+            fit = tried
+        if gain < _CONVERGED:
+            return fit
+        damping = max(damping / 10, _LEAST_DAMPING)
+    return fit

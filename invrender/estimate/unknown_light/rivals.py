@@ -1,0 +1,102 @@
+"""Other forms of the lobe that explain the photographs as well, and what they put elsewhere.
+
+As under known light, what models say that the photographs don't speak against belongs into the error bars. The forms
+are those that were tried before the ladder, and the chosen one's with light and viewer hidden apart, or together. All
+are fitted to the same samples, whose noise is in each alike: what they differ by counts whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.lobes import UNCORRELATED
+from invrender.estimate.unknown_light.certainty import Certainty
+from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.rungs import BlindRung, as_good, cross_validate
+from invrender.estimate.unknown_light.start import Search
+from invrender.estimate.unknown_light.state import State
+from recon.mesh.tangents import tangents
+
+Floats = NDArray[np.float64]
+
+# Error on samples that a form has not seen, over the chosen one's, up to which it may be a rival once it is fitted: it
+# was left two iterations after RH01's best.
+_PROMISING = 1.1
+_ITERATIONS = 4
+
+
+def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> tuple[Fit, ...]:
+    """Fits with lobes of other forms that predict samples as well, as on the ladder; without their rows.
+
+    chosen : fitted to all samples of the search. tried : the ladder, from whose fits of other forms they start.
+    """
+    own, error = chosen.fit.state, chosen.error
+    if own.sigma is None:
+        return ()
+    # The same with what hides light and viewer hidden together or apart starts at the chosen one itself.
+    like = {**UNCORRELATED, **{apart: form for form, apart in UNCORRELATED.items()}}.get(own.form)
+    starts = [
+        _instead(own, rung.fit.state)
+        for rung in tried
+        if rung.fit.state.sigma is not None
+        # One with more numbers is as good by these alone.
+        and rung.parameters <= chosen.parameters
+        and rung.fit.state.form.family is not own.form.family
+        and rung.fit.state.form is not like
+        and rung.error < _PROMISING * error
+    ]
+    starts += [] if like is None else [own.with_form(like)]
+    rungs = [chosen]
+    for start in starts:
+        fit = search.fit(start, chosen.fit.l_max, _ITERATIONS)
+        rung = cross_validate(fit.state.form.name, search, fit)
+        rungs.append(replace(rung, fit=replace(fit, rows=())))
+    best = min(rungs, key=lambda rung: rung.deviance.mean())
+    return tuple(rung.fit for rung in rungs[1:] if as_good(rung, best))
+
+
+def _instead(own: State, other: State) -> State:
+    """Another form's BRDF under the sources of one's own, without Fresnel factor where this has none."""
+    other = other.without_fresnel() if own.mu is None else other
+    return replace(other, directions=own.directions, owners=own.owners)
+
+
+def with_rivals(certainty: Certainty, fit: Fit, rivals: Sequence[Fit]) -> Certainty:
+    """Standard deviations that hold by how much rivals put each number and the light elsewhere."""
+    names = fit.state.names
+    std = dict(zip(names, np.sqrt(np.diag(certainty.covariance)), strict=True))
+    apart, light_std, other_mu = np.zeros(len(names)), dict(certainty.light_std), {}
+    for rival in rivals:
+        moved = _moved(fit.state, rival.state)
+        apart = np.maximum(apart, [abs(moved.get(name, 0.0)) for name in names])
+        if rival.state.mu is not None and abs(moved.get("mu", 0.0)) > std.get("mu", np.inf):
+            other_mu[rival.state.form.name] = rival.state.mu
+        for k, own in certainty.light_std.items():
+            light_std[k] = np.maximum(light_std[k], np.hypot(own, rival.light[k] - fit.light[k]))
+    return replace(
+        certainty,
+        covariance=certainty.covariance + np.diag(apart**2),
+        light_std=light_std,
+        other_mu=other_mu,
+    )
+
+
+def _moved(own: State, rival: State) -> dict[str, float]:
+    """By how much another state has the numbers elsewhere that both have, by the names of `State.names`."""
+    moved = {
+        f"kappa {c}": float(there - here)
+        for c, here, there in zip("rgb", own.kappa, rival.kappa, strict=True)
+    }
+    moved["sigma"] = rival.roughness - own.roughness
+    numbers = own.form.numbers
+    moved |= {name: value - numbers[name] for name, value in rival.form.numbers.items() if name in numbers}
+    if own.mu is not None and rival.mu is not None:
+        moved["mu"] = rival.mu - own.mu
+    turned = np.einsum("kaj,kj->ka", tangents(own.directions), rival.directions)
+    for k, ways in enumerate(turned.tolist()):
+        moved |= {f"source {k + 1} {way}": turn for way, turn in zip("ab", ways, strict=True)}
+    return moved

@@ -1,0 +1,196 @@
+"""The ladder: models cross-validated over photographs, and the simplest that predicts as well as the best.
+
+Fits that leave photographs out come from the joint normal equations by one Gauss-Newton step, which is exact for the
+lighting and, a step away from the optimum, as good as exact for the rest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import parallel_map
+from invrender.estimate.clusters import tile_of
+from invrender.estimate.evidence import MAX_FOLDS, relative_rms
+from invrender.estimate.unknown_light.projection import Arrow, Fit, joint_rows, predicted, reduced
+from invrender.estimate.unknown_light.rows import Rows
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.start import Search
+from recon.sampling.lightfield import LightField
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# From this many photographs of each lighting on they are left out whole; of fewer, tiles are, since the rest would not
+# see the light.
+_ENOUGH_PHOTOS = 8
+_TILE_FOLDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class BlindRung:
+    """A model of the ladder with its evidence.
+
+    photo_errors : (photos,), relative RMS of each photograph as predicted by fits that have not seen it (with few
+        photographs: that part of it). deviance : (groups,), mean squared error in units of the noise, of each
+        photograph (with few photographs: of each set of tiles).
+    """
+
+    name: str
+    fit: Fit
+    photo_errors: Floats
+    deviance: Floats
+
+    @property
+    def parameters(self) -> int:
+        return self.fit.parameters
+
+    @property
+    def error(self) -> float:
+        """Mean over photographs of the cross-validated relative RMS."""
+        return float(self.photo_errors.mean())
+
+
+def simplest(rungs: Sequence[BlindRung]) -> int:
+    """The index of the rung with fewest parameters whose error is within one standard error of the best one's."""
+    best = min(rungs, key=lambda rung: rung.deviance.mean())
+    fitting = [index for index, rung in enumerate(rungs) if as_good(rung, best)]
+    return min(fitting, key=lambda index: rungs[index].parameters)
+
+
+def as_good(rung: BlindRung, best: BlindRung, errors: float = 1.0) -> bool:
+    """Whether a rung's error is within one standard error of another's, or so many.
+
+    The standard error is that of the difference, group by group: what both find hard is no excuse for one.
+    """
+    worse = rung.deviance - best.deviance
+    return bool(worse.mean() <= errors * worse.std(ddof=1) / np.sqrt(len(worse)))
+
+
+def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:
+    """The evidence for a fitted model."""
+    joint = joint_equations(search, fit)
+    free = ~fit.state.stuck(reduced(joint.whole).right)
+    residuals = [np.empty_like(sight.field.radiance) for sight in search.sights]
+    steps = {}
+    for fold, parts in joint.folds.items():
+        rest = reduced({k: arrow - parts[k] if k in parts else arrow for k, arrow in joint.whole.items()})
+        step = rest.step(free)
+        light_steps = {k: rest.alone[k] - np.einsum("cpt,t->cp", rest.leverage[k], step) for k in joint.whole}
+        steps[fold] = (light_steps, step)
+    for sight, rows, of, residual in zip(search.sights, fit.rows, joint.fold_of, residuals, strict=True):
+        lit, shared = joint_rows(sight, fit, rows)
+        left = sight.radiance - predicted(sight, fit, rows)
+        for fold in np.unique(of):
+            chosen, (light_steps, step) = of == fold, steps[int(fold)]
+            own = light_steps[sight.lighting]
+            change = (lit[:, chosen] @ own[:, :, None])[:, :, 0] + shared[:, chosen] @ step
+            residual[chosen] = left[chosen] - change.T
+    errors = [
+        relative_rms(*of_photo)
+        for residual, sight, trust in zip(residuals, search.sights, search.trust, strict=True)
+        for of_photo in zip(*map(sight.split, (residual, sight.field.radiance, trust)), strict=True)
+    ]
+    squares = [weight * residual**2 for weight, residual in zip(search.weights, residuals, strict=True)]
+    if left_out_whole(search.sights):
+        by_photo = zip(search.sights, squares, strict=True)
+        deviance = [square.mean() for sight, of in by_photo for square in sight.split(of)]
+    else:
+        deviance = [
+            np.concatenate([s[of == fold] for s, of in zip(squares, joint.fold_of, strict=True)]).mean()
+            for fold in joint.folds
+        ]
+    return BlindRung(name, fit, np.array(errors), np.array(deviance))
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Joint normal equations at a fit by lighting: of all samples with the prior, and of each fold.
+
+    fold_of : (n,) per sight.
+    """
+
+    whole: dict[int, Arrow]
+    folds: dict[int, dict[int, Arrow]]
+    fold_of: tuple[Ints, ...]
+
+
+def joint_equations(search: Search, fit: Fit) -> Joint:
+    """Equations at a fit, fold by fold."""
+    fold_of = _folds(search.sights)
+
+    def of_sight(item: tuple[Sight, Floats, Rows, Ints]) -> dict[int, Arrow]:
+        sight, weight, rows, fold = item
+        lit, shared = joint_rows(sight, fit, rows)
+        residual = sight.radiance - predicted(sight, fit, rows)
+        return {
+            int(k): _equations(
+                lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k]
+            )
+            for k in np.unique(fold)
+        }
+
+    folds: dict[int, dict[int, Arrow]] = {}
+    sums: dict[int, Arrow] = {}
+    found = parallel_map(of_sight, zip(search.sights, search.weights, fit.rows, fold_of, strict=True))
+    for sight, parts in zip(search.sights, found, strict=True):
+        for fold, part in parts.items():
+            _add(folds.setdefault(fold, {}), sight.lighting, part)
+            _add(sums, sight.lighting, part)
+    # The light is at its optimum, prior included: there its equations have nothing left to say.
+    whole = {
+        k: replace(arrow, gram=fit.grams[k], right=np.zeros_like(arrow.right)) for k, arrow in sums.items()
+    }
+    return Joint(whole, folds, fold_of)
+
+
+def _add(arrows: dict[int, Arrow], lighting: int, part: Arrow) -> None:
+    arrows[lighting] = arrows[lighting] + part if lighting in arrows else part
+
+
+def _equations(lit: Floats, shared: Floats, weight: Floats, residual: Floats) -> Arrow:
+    root = np.sqrt(weight.T)[:, :, None]
+    lit, shared, left = lit * root, shared * root, residual.T[:, :, None] * root
+    return Arrow(
+        lit.transpose(0, 2, 1) @ lit,
+        lit.transpose(0, 2, 1) @ shared,
+        (shared.transpose(0, 2, 1) @ shared).sum(axis=0),
+        (lit.transpose(0, 2, 1) @ left)[:, :, 0],
+        (shared.transpose(0, 2, 1) @ left).sum(axis=(0, 2)),
+    )
+
+
+def left_out_whole(sights: Sequence[Sight]) -> bool:
+    """Whether photographs are left out whole: each lighting has enough of them."""
+    return min(photo_counts(sights).values()) >= _ENOUGH_PHOTOS
+
+
+def photo_counts(sights: Sequence[Sight]) -> Counter[int]:
+    """How many photographs were taken under each lighting, by its number."""
+    return Counter(sight.lighting for sight in sights for _ in sight.photos)
+
+
+def _folds(sights: Sequence[Sight]) -> tuple[Ints, ...]:
+    if left_out_whole(sights):
+        # Numbered within each lighting, so that no fold takes all that shows one of them.
+        seen: Counter[int] = Counter()
+        folds = []
+        for sight in sights:
+            numbers = seen[sight.lighting] + np.arange(len(sight.photos))
+            folds.append(np.repeat(numbers % MAX_FOLDS, [len(photo) for photo in sight.photos]))
+            seen[sight.lighting] += len(sight.photos)
+        return tuple(folds)
+    number = count()
+    return tuple(
+        np.concatenate([(_tiles(photo) + 3 * next(number)) % _TILE_FOLDS for photo in sight.photos])
+        for sight in sights
+    )
+
+
+def _tiles(photo: LightField) -> Ints:
+    return np.unique(tile_of(photo), return_inverse=True)[1]

@@ -1,0 +1,178 @@
+"""What factorization under wholly unknown lighting hands on, and the radiance that it predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.fresnel import normalised_fresnel
+from invrender.brdf.lobes import PRINTED, Angles, LobeForm, part_width
+from invrender.estimate.noise import NoiseModel, Weights
+from invrender.estimate.quantities import Quantity
+from invrender.estimate.unknown_light.certainty import Certainty
+from invrender.estimate.unknown_light.rungs import BlindRung
+from invrender.estimate.unknown_light.state import State
+from invrender.transport.base import let_through, sky_factors
+from invrender.transport.formtable import form_radiance
+from invrender.transport.lobetable import Transfer, specular_radiance
+from invrender.transport.visibility import Shadows
+from recon.harmonics.basis import degree_of, evaluate_harmonics
+from recon.harmonics.complex import project_sources
+from recon.sampling.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+GAUGE = (
+    "no light is known, so the overall scale of light against reflectance is free in each channel: Kd + Ks = 1 in each,"
+    " and lighting is in units of the photographs over that"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class BlindSources:
+    """Directional sources: directions (k, 3) unit, irradiances (k, 3) and their standard deviations.
+
+    direction_std_deg : (k,) degrees, along the worse of two ways.
+    """
+
+    directions: Floats
+    irradiances: Floats
+    irradiance_std: Floats
+    direction_std_deg: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BlindLight:
+    """One recovered lighting, in the solution's gauge.
+
+    coefficients, coefficients_std : ((l_max + 1)^2, 3), of the light without its sources, at index l*l + l + m.
+    sources : those found. degree_shares : (l_max + 1,), mean share of what is known of a coefficient that comes from
+    the photographs. determined_degree : the degree up to which these, not the prior, determine it; -1 if not even the
+    mean. doubt : why degrees of it aren't determined, and what would help; None if all are.
+    """
+
+    coefficients: Floats
+    coefficients_std: Floats
+    sources: BlindSources
+    degree_shares: Floats
+    determined_degree: int
+    doubt: Quantity | None
+
+    @property
+    def normalised_coefficients(self) -> Floats:
+        """The whole light's coefficients ((l_max + 1)^2, 3), sources included, over those of degree 0."""
+        total, sources = self.coefficients, self.sources
+        if len(sources.directions):
+            l_max = degree_of(len(total))
+            total = total + project_sources(sources.directions, sources.irradiances, l_max)
+        return np.asarray(total / total[0])
+
+
+@dataclass(frozen=True, eq=False)
+class BlindSolution:
+    """BRDF and lightings of a homogeneous body, up to a scale per channel (`gauge`).
+
+    model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks). mu, sigma : None where the model lacks
+    them; sigma in radians. form : of the lobe. lights : by name, in the order in which photographs first name them.
+    quantities : "kd_normalised", "ks_normalised", "mu", "sigma". covariance, covariance_names : of the shares, mu,
+    sigma and the sources' turns (radians). rungs, chosen : the ladder. noise, weights : as in `noise`, weights per
+    photograph. transfer : of the lobe, that the fit went by.
+    """
+
+    model: str
+    brdf_share: Floats
+    mu: float | None
+    sigma: float | None
+    form: LobeForm
+    lights: Mapping[str, BlindLight]
+    quantities: Mapping[str, Quantity]
+    covariance: Floats
+    covariance_names: tuple[str, ...]
+    rungs: tuple[BlindRung, ...]
+    chosen: int
+    noise: NoiseModel
+    weights: tuple[Weights, ...]
+    gauge: str
+    warnings: tuple[str, ...]
+    certainty: Certainty
+    transfer: Transfer = "exact"
+
+    @property
+    def l_max(self) -> int:
+        """Degree of the lightings."""
+        return self.rungs[self.chosen].fit.l_max
+
+    @property
+    def light(self) -> BlindLight:
+        """The only lighting; raises ValueError where there are several."""
+        if len(self.lights) > 1:
+            raise ValueError(f"there are {len(self.lights)} lightings; name one of {', '.join(self.lights)}")
+        return next(iter(self.lights.values()))
+
+
+def predict_blind(
+    solution: BlindSolution,
+    field: LightField,
+    light: BlindLight | None = None,
+    shadows: Shadows | None = None,
+) -> Floats:
+    """Radiance (n, 3) of a photograph's samples in a recovered light (the only one if None), in photographs' units.
+
+    shadows : of a mesh on itself, if it has any.
+    """
+    base, lobe = predict_parts(solution, field, light, shadows)
+    return base + lobe
+
+
+def predict_parts(
+    solution: BlindSolution,
+    field: LightField,
+    light: BlindLight | None = None,
+    shadows: Shadows | None = None,
+) -> tuple[Floats, Floats]:
+    """`predict_blind` in two parts, (n, 3) each: what the base sends, and the lobe."""
+    state = solution.rungs[solution.chosen].fit.state
+    light = solution.light if light is None else light
+    directions, strengths = light.sources.directions, light.sources.irradiances
+    exitant = np.clip(np.einsum("nk,nk->n", field.normals, field.views), 0, 1)
+    cosines = np.clip(field.normals @ directions.T, 0, 1)
+    l_max = degree_of(len(light.coefficients))
+    factors = sky_factors(state.form, state.mu, l_max)
+    total = evaluate_harmonics(field.normals, l_max) @ (factors[:, None] * light.coefficients)
+    lit = np.ones(cosines.shape)
+    if shadows is not None:
+        total -= shadows.hidden(field, light.coefficients)
+        for k, direction in enumerate(directions):
+            lit[:, k] = shadows.lit(field, direction)
+    total += (cosines * let_through(state.form, state.mu, cosines) * lit) @ strengths
+    total *= let_through(state.form, state.mu, exitant)[:, None] * (1 - state.kappa)
+    lobe = np.zeros_like(total)
+    if state.sigma is not None:
+        lobe = _reflected(state, field, light.coefficients, solution.transfer)
+        if shadows is not None:
+            lobe *= field.reflected_visible[:, None]
+        for direction, strength, seen in zip(directions, strengths, lit.T, strict=True):
+            angles = Angles.between(field.normals, direction, field.views)
+            lobe += (state.form.reflected(angles, state.mu, state.sigma) * seen)[:, None] * strength
+    return np.asarray(field.mean_over_rays(total)), np.asarray(field.mean_over_rays(state.kappa * lobe))
+
+
+def _reflected(state: State, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
+    """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
+    if state.form is not PRINTED:
+        return np.asarray(
+            sum(
+                share
+                * form_radiance(
+                    field, lighting, state.form.lobe, state.mu, float(part_width(factor, state.roughness))
+                )
+                for share, factor in state.form.parts
+            )
+        )
+    cos = np.einsum("nk,nk->n", field.normals, field.views)
+    return normalised_fresnel(state.mu, cos)[:, None] * specular_radiance(
+        field, lighting, state.roughness, transfer
+    )

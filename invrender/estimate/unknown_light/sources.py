@@ -1,0 +1,253 @@
+"""Directional sources, found: entered at peaks of the light, kept only where the photographs ask for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.fresnel import MU_RANGE
+from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.estimate.unknown_light.lampcount import fewest_lamps
+from invrender.estimate.unknown_light.price import bright, price
+from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.start import (
+    NOTHING,
+    PEAK_WIDTH,
+    Search,
+    first_state,
+    light_peaks,
+    of_degree,
+)
+from invrender.estimate.unknown_light.state import State, turn
+
+Floats = NDArray[np.float64]
+
+# Iterations until a source has shown its worth.
+_FEW = 6
+_MOST_SOURCES = 6
+# Lamps alone that leave squared residuals so many times as large are no explanation worth a thought.
+_NOT_DARK = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The best fit with as many sources as are worth their parameters.
+
+    split : a fit that explains more with one of a lighting's as two, nearer to each other than the lobe is wide; None
+    if no such does.
+    """
+
+    fit: Fit
+    split: Fit | None
+
+
+def find_sources(search: Search, start: State, l_max: int, peaks_at: int | None = None) -> Fit:
+    """Sources entered one at a time in each lighting, refined with all else and kept where photographs ask for them.
+
+    l_max : of the light beside them. peaks_at : degree of the light whose peaks they are looked for at; l_max if None.
+    """
+    fit = bright(search, _sensible(search, search.fit(start, l_max)))
+    open_to = search.lightings
+    while open_to:
+        entered = fit.state
+        for lighting in open_to:
+            peak = _best_peak(search.only(lighting), fit, lighting, l_max if peaks_at is None else peaks_at)
+            entered = entered if peak is None else entered.with_source(peak, lighting)
+        if entered is fit.state:
+            break
+        better = bright(search, _sensible(search, search.fit(entered, l_max, _FEW)))
+        tried = [k for k in open_to if (entered.owners == k).sum() > (fit.state.owners == k).sum()]
+        # An entry may have let an earlier one go dark, whose place it then takes.
+        open_to = [k for k in tried if not _close(better.state, k) and _worth_it(search, better, fit, k)]
+        if len(open_to) < len(tried) and open_to:
+            state = better.state
+            for lighting in set(tried) - set(open_to):
+                state = _with_sources_of(state, fit.state, lighting)
+            better = search.fit(state, l_max, _FEW)
+        fit = better if open_to else fit
+    return _without_needless(search, _fresnel_again(search, fit, start.mu), start)
+
+
+def _best_peak(search: Search, fit: Fit, lighting: int, degree: int) -> Floats | None:
+    """The peak (3,) of one lighting that explains most as a source; None if there is none, or sources enough."""
+    state = fit.state.under(lighting)
+    if len(state.directions) >= _MOST_SOURCES:
+        return None
+    seen = fit if degree == fit.l_max else search.at(state, degree)
+    apart = np.cos(state.sigma or PEAK_WIDTH)
+    peaks = [
+        peak
+        for peak in light_peaks(seen.slow(lighting), search.region)
+        if (state.directions @ peak < apart).all()
+    ]
+    entered = (search.at(state.with_source(peak, lighting), fit.l_max) for peak in peaks)
+    best = min(entered, key=lambda f: f.cost, default=None)
+    return None if best is None else best.state.directions[-1]
+
+
+def _close(state: State, lighting: int) -> bool:
+    """Whether two sources of a lighting are nearer to each other than the lobe is wide."""
+    ways = state.under(lighting).directions
+    return len(ways) > 1 and (ways @ ways.T - 2 * np.eye(len(ways))).max() > np.cos(state.sigma or PEAK_WIDTH)
+
+
+def _with_sources_of(state: State, other: State, lighting: int) -> State:
+    """A state with the sources that another has in one lighting."""
+    result = state.without_source(np.flatnonzero(state.owners == lighting))
+    for direction in other.under(lighting).directions:
+        result = result.with_source(direction, lighting)
+    return result
+
+
+def _without_needless(search: Search, fit: Fit, start: State) -> Fit:
+    """The fit without those sources that the start took on trust, each lighting's first, where they save too little."""
+    trusted = [k for k in search.lightings if k in start.owners and k in fit.state.owners]
+    if not trusted:
+        return fit
+    first = np.array([int(np.flatnonzero(fit.state.owners == k)[0]) for k in trusted])
+    without = search.fit(fit.state.without_source(first), fit.l_max, _FEW)
+    needless = []
+    for lighting, index in zip(trusted, first, strict=True):
+        # With the BRDF held, too: it may go far to make up for the others'.
+        held = search.only(lighting).at(fit.state.without_source(index).under(lighting), fit.l_max)
+        if not all(_worth_it(search, fit, simpler, lighting) for simpler in (without, held)):
+            needless.append(index)
+    if len(needless) == len(trusted):
+        return without
+    return search.fit(fit.state.without_source(np.array(needless)), fit.l_max, _FEW) if needless else fit
+
+
+def examined(search: Search, fit: Fit) -> Found:
+    """A fit, and what explains more with one of its sources as two."""
+    return Found(fit, _with_seconds(search, fit))
+
+
+def _with_seconds(search: Search, fit: Fit) -> Fit | None:
+    """The best fit with a source as two, in each lighting in which that is worth it."""
+    if fit.state.sigma is None:
+        return None
+    search, state = off_borders(search, fit.state), fit.state
+    for lighting in search.lightings:
+        second = _second(search, fit, lighting)
+        state = state if second is None else state.with_source(second, lighting)
+    return None if state is fit.state else search.fit(state, fit.l_max, _FEW)
+
+
+def off_borders(search: Search, state: State) -> Search:
+    """The same without what lies at the borders of shadows that a mesh casts; the search itself where none are cast.
+
+    Pixels there are neither lit nor dark; taken for whole ones they look like a second source, or another form of lobe.
+    """
+    if all(sight.shadows is None for sight in search.sights):
+        return search
+    clear = [sight.off_borders(state.under(sight.lighting).directions)[:, None] for sight in search.sights]
+    weights = [weight * counts for weight, counts in zip(search.weights, clear, strict=True)]
+    return replace(search, weights=weights)
+
+
+def _second(search: Search, fit: Fit, lighting: int) -> Floats | None:
+    """Where a lighting has a second source beside one of its own; None if nothing asks for one."""
+    own, state, offset = search.only(lighting), fit.state.under(lighting), (fit.state.sigma or 0.0) / 2
+    trials = []
+    for direction in state.directions:
+        for way in (*np.eye(2), *-np.eye(2)):
+            trials.append(own.at(state.with_source(turn(direction, *(offset * way)), lighting), fit.l_max))
+    if not trials:
+        return None
+    best = own.fit(min(trials, key=lambda f: f.cost).state, fit.l_max, _FEW)
+    single = own.fit(state, fit.l_max, _FEW)
+    near = (best.state.directions[:-1] @ best.state.directions[-1]).max() > np.cos(best.state.sigma or 0.0)
+    return best.state.directions[-1] if near and _worth_it(own, best, single, lighting) else None
+
+
+def _worth_it(search: Search, fit: Fit, simpler: Fit, lighting: int) -> bool:
+    """Whether a source of a lighting saves what its parameters cost; all are bright, and lie where they should."""
+    own = fit.state.owners == lighting
+    saves = simpler.costs[lighting] - fit.costs[lighting] > price(search, fit, lighting)
+    inside = search.region is None or bool(search.region.holds(fit.state.directions[own]).all())
+    return bool(saves and inside and (fit.irradiances[own].sum(axis=1) > 0).all())
+
+
+def likelier(search: Search, found: Found, state: State) -> Found:
+    """What was found, or the best near another state if that explains more for its sources' price."""
+    fit = _likelier(search, found.fit, search.fit(state, found.fit.l_max))
+    return found if fit is found.fit else examined(search, fit)
+
+
+def _likelier(search: Search, first: Fit, second: Fit) -> Fit:
+    """The one of two fits of one degree that explains more for its sources' price."""
+    best = min(first, second, key=lambda fit: fit.cost)
+    prices = {lighting: price(search, best, lighting) for lighting in search.lightings}
+    return min(first, second, key=lambda fit: fit.cost + sum(prices[k] for k in fit.state.owners.tolist()))
+
+
+def _sensible(search: Search, fit: Fit) -> Fit:
+    """The fit, without Fresnel factor where that runs to the end of its range and explains less than none does."""
+    if fit.state.mu is None or fit.state.mu < MU_RANGE[1]:
+        return fit
+    return min(fit, search.fit(fit.state.without_fresnel(), fit.l_max), key=lambda f: f.cost)
+
+
+def _fresnel_again(search: Search, fit: Fit, mu: float | None) -> Fit:
+    """The fit with a Fresnel factor from mu on, if it had to go before all sources were found and explains more now."""
+    if mu is None or fit.state.mu is not None:
+        return fit
+    return min(fit, _sensible(search, search.fit(replace(fit.state, mu=mu), fit.l_max)), key=lambda f: f.cost)
+
+
+@dataclass(frozen=True, eq=False)
+class Lamps:
+    """Fits with nothing but lamps in the dark, and the same faint light from all sides: of degree 0."""
+
+    glossy: Fit
+    diffuse: Fit
+
+
+def find_starts(
+    search: Search, l_max: int, in_the_dark: bool, form: LobeForm = PRINTED
+) -> tuple[Found, Lamps | None]:
+    """Sources beside light of degree l_max, as a body with a lobe shows them, and lamps in the dark if that may be it.
+
+    Lamps alone are fitted to the search as prepared for degree 0: lobes take time with the degree that they are for.
+    in_the_dark : whether lamps are looked for; they always are at degree 0. form : of the lobe, that lamps
+    alone are counted with.
+    """
+    if not l_max:
+        dark = of_degree(search, 0)
+        alone = fewest_lamps(dark, _diffuse_lamps(search), form)
+        # Of two that are nearer to each other than the lobe is wide nothing tells in the dark.
+        return Found(alone, None), Lamps(alone, dark.fit(alone.state.without_lobe(), 0))
+    found = examined(search, find_sources(search, first_state(search, l_max), l_max))
+    lamps = _lamps_alone(search, found.fit) if in_the_dark else None
+    if lamps is None:
+        return found, None
+    return likelier(search, found, lamps.glossy.state), lamps
+
+
+def _lamps_alone(search: Search, beside: Fit) -> Lamps | None:
+    """Lamps in a dark room, those that were found beside light among them; None if they are no explanation.
+
+    beside : the fit with light that they are measured against.
+    """
+    diffuse, dark = _diffuse_lamps(search), of_degree(search, 0)
+    # Light of many degrees passes for a lamp or two; a lamp that only a lobe shows isn't found without one.
+    starts = (first_state(dark, 0, diffuse.state), beside.state)
+    glossy = min((dark.fit(start, 0, _FEW) for start in starts), key=lambda fit: fit.cost)
+    return Lamps(dark.fit(glossy.state, 0), diffuse) if glossy.cost < _NOT_DARK * beside.cost else None
+
+
+def _diffuse_lamps(search: Search) -> Fit:
+    """Lamps in the dark as a diffuse body shows them, looked for at the peaks of light of the search's degree."""
+    return find_sources(search, NOTHING, 0, peaks_at=search.sights[0].l_max)
+
+
+def sources_of_diffuse(search: Search, l_max: int, lamps: Lamps | None) -> State:
+    """Sources beside light of degree l_max, as a diffuse body shows them; those of lamps where they are likelier."""
+    if lamps is not None and not l_max:
+        return lamps.diffuse.state
+    found = find_sources(search, NOTHING, l_max)
+    return (
+        found if lamps is None else _likelier(search, found, search.fit(lamps.diffuse.state, l_max))
+    ).state

@@ -1,0 +1,211 @@
+"""A first answer from nothing: trial BRDFs, the light that they imply, and its sharp peaks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.estimate.clusters import outstanding
+from invrender.estimate.unknown_light.projection import ITERATIONS, Fit, refine, solve_lighting
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.state import FIRST_MU, State
+from recon.harmonics.basis import degree_of, degrees, evaluate_harmonics, sphere_directions
+from recon.sampling.lightfield import LightField, pools
+
+Floats = NDArray[np.float64]
+
+_ROUGHNESSES, _SHARES, _TRIED = (0.08, 0.15, 0.3), (0.1, 0.6), 2
+# Where there are lamps only, whose highlights may be narrow: the roughnesses of narrow lobes, and those of wide ones.
+_IN_THE_DARK = (0.02, 0.05), (0.1, 0.3)
+_GRID = 20000
+# A diffuse body without sources.
+NOTHING = State(np.zeros(3), None, None, np.zeros((0, 3)))
+# Width, radians, of the peaks that are looked for, and how far apart they are.
+PEAK_WIDTH, _APART = 0.08, 0.35
+_PEAKS = 4
+# Of the samples that are taken, what small highlights may add is one in so many.
+_BRIGHT = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Where on the sphere of directions sources are looked for: within `radius`, radians, of a unit direction."""
+
+    direction: Floats
+    radius: float
+
+    def __post_init__(self) -> None:
+        direction = np.asarray(self.direction, float)
+        if direction.shape != (3,) or not np.isfinite(direction).all():
+            raise ValueError(
+                f"the source region's direction is {direction.tolist()}; it must be three finite numbers"
+            )
+        if abs(np.linalg.norm(direction) - 1) > 1e-4:
+            raise ValueError(
+                f"the source region's direction {direction.tolist()} has length {np.linalg.norm(direction):.3g},"
+                " outside the sphere of directions; divide it by its length"
+            )
+        if not 0 < self.radius <= np.pi:
+            raise ValueError(
+                f"the source region's radius is {self.radius} rad, outside the sphere of directions; it must be"
+                " above 0 and at most pi"
+            )
+        object.__setattr__(self, "direction", direction)
+
+    def holds(self, directions: Floats) -> NDArray[np.bool_]:
+        """Whether it holds directions (..., 3)."""
+        return np.asarray(directions @ self.direction >= np.cos(self.radius))
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Photographs as searches take them.
+
+    weights, trust : (n, 3) per sight, as in `noise.Weights`. scales : (3,) of each lighting by its number, that
+    the prior goes by.
+    """
+
+    sights: Sequence[Sight]
+    weights: Sequence[Floats]
+    trust: Sequence[Floats]
+    scales: Mapping[int, Floats]
+    region: Region | None = None
+
+    @property
+    def problem(self) -> tuple[Sequence[Sight], Sequence[Floats], Mapping[int, Floats]]:
+        """What the solvers take: sights, weights, and the lightings' scales."""
+        return self.sights, self.weights, self.scales
+
+    @property
+    def numbers(self) -> int:
+        return sum(weight.size for weight in self.weights)
+
+    @property
+    def lightings(self) -> list[int]:
+        """Numbers of the lightings that photographs are under."""
+        return sorted(self.scales)
+
+    def only(self, lighting: int) -> Search:
+        """The same with the photographs under one lighting only."""
+        mine = [k for k, sight in enumerate(self.sights) if sight.lighting == lighting]
+        return Search(
+            [self.sights[k] for k in mine],
+            [self.weights[k] for k in mine],
+            [self.trust[k] for k in mine],
+            {lighting: self.scales[lighting]},
+            self.region,
+        )
+
+    def fit(self, state: State, l_max: int, iterations: int = ITERATIONS) -> Fit:
+        """The best fit near a state."""
+        return refine(*self.problem, state, l_max, iterations)
+
+    def at(self, state: State, l_max: int) -> Fit:
+        """The best lightings at a state."""
+        return solve_lighting(*self.problem, state, l_max)
+
+
+def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
+    """The likeliest of a few shares and roughnesses, with each lighting's source at a peak that they imply.
+
+    known : the sources to begin with.
+    """
+    trials = []
+    for sigma, share in product(_ROUGHNESSES, _SHARES):
+        bare = replace(known, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma)
+        state, cost = bare, 0.0
+        for lighting in search.lightings:
+            own = search.only(lighting)
+            fits = [own.at(bare, l_max)]
+            peaks = light_peaks(fits[0].slow(lighting), search.region)[:_TRIED]
+            fits += [own.at(bare.with_source(peak, lighting), l_max) for peak in peaks]
+            best = min(fits, key=lambda fit: fit.cost)
+            cost += best.cost
+            for direction in best.state.directions[len(known.directions) :]:
+                state = state.with_source(direction, lighting)
+        trials.append((cost, state))
+    return min(trials, key=lambda trial: trial[0])[1]
+
+
+def first_states(search: Search, lamps: State) -> list[State]:
+    """The likelier share and roughness of a narrow lobe, and of a wide one, for given lamps in the dark and form."""
+    found = []
+    for roughnesses in _IN_THE_DARK:
+        trials = [
+            replace(lamps, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma).with_form(lamps.form)
+            for sigma, share in product(roughnesses, _SHARES)
+        ]
+        found.append(min(trials, key=lambda state: search.at(state, 0).cost))
+    return found
+
+
+def light_peaks(light: Floats, region: Region | None) -> Floats:
+    """Directions (k, 3) of the sharpest peaks of light ((l_max + 1)^2, 3), highest first."""
+    l_max = degree_of(len(light))
+    l = degrees(l_max)
+    # Area lights have little power in the degrees that the Laplacian raises.
+    sharpened = light.sum(axis=1) * l * (l + 1) * np.exp(-((PEAK_WIDTH * l) ** 2))
+    grid = sphere_directions(_GRID)
+    if region is not None:
+        grid = grid[region.holds(grid)]
+    height = evaluate_harmonics(grid, l_max) @ sharpened
+    peaks: list[Floats] = []
+    while len(peaks) < _PEAKS and len(grid) and height.max() > 0:
+        peaks.append(grid[height.argmax()])
+        away = grid @ peaks[-1] < np.cos(_APART)
+        grid, height = grid[away], height[away]
+    return np.array(peaks).reshape(-1, 3)
+
+
+def of_degree(search: Search, l_max: int, settled: bool = False) -> Search:
+    """The same, prepared for lighting of another degree; settled : as of `Sight`."""
+    sights = [
+        sight
+        if (sight.l_max, sight.settled) == (l_max, settled)
+        else sight.like(sight.photos, l_max, settled)
+        for sight in search.sights
+    ]
+    return replace(search, sights=sights)
+
+
+def forget_rows(search: Search) -> None:
+    """Leave the memory of rows that sights keep from step to step; they are made again when asked for."""
+    for sight in search.sights:
+        sight.forget_rows()
+
+
+def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
+    """The same with at most about `most` samples, or `per_lighting` of each if that is more, evenly taken.
+
+    Of small highlights that the even choice would leave a few samples of, more are taken, up to a tenth of all: they
+    tell most of lamps and of the lobe, and few that stand alone look like dust.
+    """
+    total = sum(len(sight.field) for sight in search.sights)
+    every = max(1, int(np.ceil(total / max(most, per_lighting * len(search.lightings)))))
+    if every == 1 and all(sight.l_max == l_max for sight in search.sights):
+        return search
+    owners = [sight for sight in search.sights for _ in sight.photos]
+    photos = [photo for sight in search.sights for photo in sight.photos]
+    keeps = [_evenly(photo, every, k) for k, photo in enumerate(photos)]
+    photos = [photo.where(keep) for photo, keep in zip(photos, keeps, strict=True)]
+    kept = np.concatenate(keeps)
+    # Lightings come one after the other, and so do photographs in their pools.
+    together = pools(photos, [sight.lighting for sight in owners])
+    sights = [owners[pool[0]].like([photos[k] for k in pool], l_max) for pool in together]
+    ends = np.cumsum([len(sight.field) for sight in sights])[:-1]
+    weights, trust = (np.split(np.concatenate(of)[kept], ends) for of in (search.weights, search.trust))
+    return replace(search, sights=sights, weights=weights, trust=trust)
+
+
+def _evenly(photo: LightField, every: int, first: int) -> NDArray[np.bool_]:
+    """One in so many samples (n,) of a photograph, and some of its small highlights'; of one in so many places, all."""
+    if photo.place is not None:
+        return np.asarray(photo.place % every == 0)
+    keep = np.arange(len(photo)) % every == first % every
+    bright = np.flatnonzero(outstanding(photo))
+    keep[bright[:: max(1, _BRIGHT * every * len(bright) // len(keep))]] = True
+    return keep

@@ -1,0 +1,160 @@
+"""The nonlinear unknowns: what of the BRDF and of the sources radiance is not linear in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.fresnel import MU_RANGE
+from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.microfacet import SIGMA_RANGE
+from invrender.brdf.richer import NUMBER_RANGE
+from recon.mesh.tangents import tangents
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Where a search for the refractive index begins.
+FIRST_MU = 1.5
+# Largest steps: of a share, of log(mu - 1), log sigma and log spread, of a source, radians, and of others.
+_STEPS = {"kappa": 0.2, "mu": 0.5, "sigma": 0.5, "coat": 0.3, "haze": 0.2, "spread": 0.5, "source": 0.1}
+_SHARES = (1e-3, 1 - 1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A BRDF up to its scale, and where the sources are.
+
+    kappa : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is diffuse, and
+    kappa zero. directions : (k, 3) unit, towards the sources. form : of the lobe. owners : (k,), the number of the
+    lighting that each source belongs to.
+    """
+
+    kappa: Floats
+    mu: float | None
+    sigma: float | None
+    directions: Floats
+    form: LobeForm = PRINTED
+    owners: Ints = field(default_factory=lambda: np.zeros(0, int))
+
+    @property
+    def roughness(self) -> float:
+        """sigma of a state that has a lobe."""
+        if self.sigma is None:
+            raise ValueError("the state has no sigma, for all is diffuse; ask for its diffuse part alone")
+        return self.sigma
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nonlinear parameters, in the order of steps and covariances.
+
+        mu stands for log(mu - 1), sigma and the form's spread for their logs; a source's two are turns, radians, along
+        its `tangents`.
+        """
+        names = [] if self.sigma is None else ["kappa r", "kappa g", "kappa b"]
+        names += [] if self.mu is None else ["mu"]
+        names += [] if self.sigma is None else ["sigma", *self.form.numbers]
+        return (*names, *(f"source {k + 1} {way}" for k in range(len(self.directions)) for way in "ab"))
+
+    def own(self, channel: int, lighting: int) -> list[int]:
+        """Indices into `names` of what a channel depends on: its kappa, the lighting's sources, and what all share."""
+        skip = {"kappa r", "kappa g", "kappa b"} - {f"kappa {'rgb'[channel]}"}
+        others = np.flatnonzero(self.owners != lighting)
+        skip |= {f"source {k + 1} {way}" for k in others for way in "ab"}
+        return [k for k, name in enumerate(self.names) if name not in skip]
+
+    def scales(self) -> Floats:
+        """Derivatives of kappa, mu, sigma (radians), the form's numbers and turns by the parameters of `names`."""
+        spread = self.form.numbers.get("spread", 0.0)
+        by_name = {"mu": (self.mu or 1) - 1, "sigma": self.sigma or 0.0, "spread": spread}
+        return np.array([by_name.get(name, 1.0) for name in self.names])
+
+    def moved(self, step: Floats) -> State:
+        """The state after a step, cut to what a linear model can be trusted with and to the parameters' ranges."""
+        limits = np.array([_STEPS[name.split()[0]] for name in self.names])
+        by_name = dict(zip(self.names, np.clip(step, -limits, limits).tolist(), strict=True))
+        form = self.form
+        if self.sigma is None:
+            kappa, sigma = self.kappa, None
+        else:
+            kappa = np.clip(self.kappa + [by_name[f"kappa {c}"] for c in "rgb"], *_SHARES)
+            sigma = float(np.clip(self.sigma * np.exp(by_name["sigma"]), *SIGMA_RANGE))
+            form = form.with_numbers({name: self._number(name, by_name[name]) for name in form.numbers})
+        mu = None if self.mu is None else float(np.clip(1 + (self.mu - 1) * np.exp(by_name["mu"]), *MU_RANGE))
+        turned = [
+            turn(direction, by_name[f"source {k + 1} a"], by_name[f"source {k + 1} b"])
+            for k, direction in enumerate(self.directions)
+        ]
+        directions = np.array(turned).reshape(-1, 3)
+        return replace(self, kappa=kappa, mu=mu, sigma=sigma, directions=directions, form=form)
+
+    def _number(self, name: str, step: float) -> float:
+        """A number of the form after a step."""
+        value = self.form.numbers[name]
+        return float(np.clip(value * np.exp(step) if name == "spread" else value + step, *NUMBER_RANGE[name]))
+
+    def stuck(self, gradient: Floats) -> NDArray[np.bool_]:
+        """Which parameters are at an end of their range that they would leave, (t,)."""
+        ends = {"mu": (self.mu, MU_RANGE), "sigma": (self.sigma, SIGMA_RANGE)}
+        ends |= {name: (value, NUMBER_RANGE[name]) for name, value in self.form.numbers.items()}
+        ends |= {f"kappa {c}": (float(self.kappa[k]), _SHARES) for k, c in enumerate("rgb")}
+        found = []
+        for name, slope in zip(self.names, gradient, strict=True):
+            value, (low, high) = ends.get(name, (None, (0.0, 0.0)))
+            found.append(
+                value is not None and ((value <= low and slope < 0) or (value >= high and slope > 0))
+            )
+        return np.array(found, bool)
+
+    def under(self, lighting: int) -> State:
+        """The same with no sources but those of one lighting."""
+        return self.without_source(np.flatnonzero(self.owners != lighting))
+
+    def with_form(self, form: LobeForm) -> State:
+        """The same with a lobe of another form, which may have no Fresnel factor, or an interface that needs one.
+
+        What numbers both forms have stay as they are.
+        """
+        form = form.with_numbers(
+            {name: self.form.numbers[name] for name in form.numbers if name in self.form.numbers}
+        )
+        mu = FIRST_MU if form.interface and self.mu is None else self.mu
+        return replace(self, form=form, mu=mu if form.has_fresnel else None)
+
+    def without_fresnel(self) -> State:
+        """The same without Fresnel factor, and so without interface."""
+        return replace(self, form=self.form.lobe if self.form.interface else self.form, mu=None)
+
+    def without_lobe(self) -> State:
+        """The same sources on a diffuse body."""
+        return State(np.zeros(3), None, None, self.directions, owners=self.owners)
+
+    def with_source(self, direction: Floats, lighting: int = 0) -> State:
+        """The same with one more source."""
+        return replace(
+            self,
+            directions=np.vstack([self.directions, direction]),
+            owners=np.append(self.owners, lighting),
+        )
+
+    def without_source(self, index: int | Ints) -> State:
+        """The same without one of its sources, or several."""
+        return replace(
+            self,
+            directions=np.delete(self.directions, index, axis=0),
+            owners=np.delete(self.owners, index),
+        )
+
+
+def turns(directions: Floats, angle: float) -> Floats:
+    """Directions (k, 3) turned by an angle, radians, along each of their tangents: (k, 2, 3)."""
+    moved = directions[:, None] + angle * tangents(directions)
+    return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
+
+
+def turn(direction: Floats, a: float, b: float) -> Floats:
+    """A direction turned by small angles, radians, along its tangents."""
+    moved = direction + np.array([a, b]) @ tangents(direction)
+    return np.asarray(moved / np.linalg.norm(moved))

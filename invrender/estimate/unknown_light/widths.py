@@ -1,0 +1,110 @@
+"""What lamps that are no points put elsewhere, and how wide photographs show them to be.
+
+The mean of f over a disc of angular radius a about d is f(d) + (a^2 / 8) Laplacian f(d), to the first order: the square
+of a lamp's radius is one more number that radiance is linear in, beside all that was fitted. In half-vectors, which
+grazing light stretches, a wide lamp is no wide lobe, so that the two can be told apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.estimate.unknown_light.price import hanging_together
+from invrender.estimate.unknown_light.projection import Arrow, Fit, joint_rows, predicted, reduced
+from invrender.estimate.unknown_light.rows import rows_of
+from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.start import Search
+from invrender.estimate.unknown_light.state import turn
+
+Floats = NDArray[np.float64]
+
+# Angular distance, radians, over which the Laplacian is taken.
+_STEP = 0.02
+# Standard deviations beyond which a lamp is seen to be wide.
+_SEEN = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Widths:
+    """How wide lamps look, and what this would change.
+
+    radii : (j,) radians, of discs of even radiance; 0 of lamps that may be points. moved : (t,), change of what was
+    fitted, as `State.names` lists it, were they so wide. light_moved : (k + j, 3) of each lighting, likewise.
+    """
+
+    radii: Floats
+    moved: Floats
+    light_moved: Mapping[int, Floats]
+
+
+def lamp_widths(search: Search, fit: Fit, precision: Floats, noise: float) -> Widths:
+    """How wide the lamps look from a fit that has them as points, by one Gauss-Newton step over all unknowns.
+
+    precision : (t,), what is known beforehand of the nonlinear parameters. noise : variance in units of the weights'.
+    """
+    t, count = len(fit.state.names), len(fit.state.directions)
+    radii, moved = np.zeros(count), np.zeros(t)
+    light_moved = {lighting: np.zeros_like(light) for lighting, light in fit.light.items()}
+    equations = reduced(_equations(search, fit)) if count else None
+    # What a model of the light or of the material lacks looks like a width, too.
+    witnesses = hanging_together(search, fit, search.lightings)
+    wide = np.arange(count)
+    while equations is not None and len(wide):
+        free = np.concatenate([np.arange(t), t + wide])
+        corner = equations.corner[np.ix_(free, free)] / noise
+        corner[:t, :t] += np.diag(precision)
+        covariance = np.linalg.inv(corner)
+        # The nonlinear parameters are at their optimum: what a width changes of them it does by itself.
+        squared = covariance[t:, t:] @ equations.right[t + wide] / noise
+        seen = squared > _SEEN * np.sqrt(witnesses * np.diag(covariance)[t:])
+        if seen.all():
+            radii[wide] = np.sqrt(squared)
+            moved = covariance[:t, t:] @ equations.right[t + wide] / noise
+            step = np.concatenate([moved, squared])
+            light_moved = {k: -(by[:, :, free] @ step).T for k, by in equations.leverage.items()}
+            break
+        wide = wide[seen]
+    return Widths(radii, moved * fit.state.scales(), light_moved)
+
+
+def _equations(search: Search, fit: Fit) -> dict[int, Arrow]:
+    """Joint normal equations, the squared radii after all other shared parameters."""
+    arrows: dict[int, Arrow] = {}
+    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
+        lit, shared = joint_rows(sight, fit, rows)
+        shared = np.concatenate([shared, _columns(sight, fit)], axis=-1)
+        weighted = shared * weight.T[:, :, None]
+        residual = sight.radiance - predicted(sight, fit, rows)
+        arrow = Arrow(
+            fit.grams[sight.lighting],
+            lit.transpose(0, 2, 1) @ weighted,
+            np.einsum("cnt,cnu->tu", shared, weighted, optimize=True),
+            np.zeros(fit.light[sight.lighting].T.shape),
+            np.einsum("cnt,nc->t", weighted, residual),
+        )
+        known = arrows.get(sight.lighting)
+        arrows[sight.lighting] = arrow if known is None else replace(known + arrow, gram=known.gram)
+    return arrows
+
+
+def _columns(sight: Sight, fit: Fit) -> Floats:
+    """Derivatives (3, n, j) of a photograph's radiance by the squared radii (radians^2) of all sources."""
+    state = fit.state.under(sight.lighting)
+    columns = np.zeros((3, len(sight.field), len(fit.state.directions)))
+    if not len(state.directions):
+        return columns
+
+    def lit(way: Floats) -> Floats:
+        directions = np.array([turn(direction, *way) for direction in state.directions])
+        rows = rows_of(sight, replace(state, directions=directions), 0)
+        return np.stack([rows.of_channel(kappa)[:, 1:] for kappa in state.kappa])
+
+    around = [lit(_STEP * way) for way in (*np.eye(2), *-np.eye(2))]
+    laplacian = (np.sum(around, axis=0) - 4 * lit(np.zeros(2))) / _STEP**2
+    irradiances = fit.light[sight.lighting][-len(state.directions) :]
+    columns[:, :, fit.state.owners == sight.lighting] = laplacian / 8 * irradiances.T[:, None, :]
+    return columns

@@ -1,0 +1,1 @@
+"""Inverse BRDF: reflectance without a formula, under known light."""

@@ -1,0 +1,115 @@
+"""brdf.json: a measured BRDF with its errors, and what the measurement could tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.files.documents import software
+from invrender.inverse_brdf.harmonic import HarmonicBRDF
+from invrender.inverse_brdf.near import Measured
+from invrender.inverse_brdf.reciprocal import unknowns
+from invrender.inverse_brdf.slices import Ringing
+
+Floats = NDArray[np.float64]
+
+
+def harmonic_document(brdf: HarmonicBRDF, rings: Ringing) -> dict[str, Any]:
+    """Coefficients rho_lpq of rho cos theta_i cos theta_o, l <= p, per channel.
+
+    Each has value and std, three numbers, null in channels where it isn't determined, with the reason. conditioning :
+    lighting_gain, per degree and channel, by which lighting passes the BRDF's degree on; singular_values per channel,
+    in units of noise and of the bounds of energy; effective_rank, how many coefficients the samples determine.
+    """
+    coefficients = []
+    for index, (l, p, q) in enumerate(zip(*unknowns(brdf.order), strict=True)):
+        known = brdf.determined[index]
+        entry = {
+            "l": int(l),
+            "p": int(p),
+            "q": int(q),
+            "value": _numbers(brdf.coefficients[index], known),
+            "std": _numbers(brdf.std[index], known),
+        }
+        coefficients.append(entry if known.all() else entry | {"reason": brdf.reasons[index]})
+    return {
+        "method": "harmonic",
+        "order": brdf.order,
+        "coefficients": coefficients,
+        "conditioning": {
+            "lighting_gain": brdf.gains.tolist(),
+            "singular_values": brdf.singular_values.tolist(),
+            "effective_rank": brdf.rank.tolist(),
+        },
+        "relative_rms": brdf.residual,
+        "negative_share": rings.negative_share,
+        "negative_depth": rings.depth,
+    }
+
+
+def table_document(found: Measured) -> dict[str, Any]:
+    """The BRDF per bin of half and difference angles, 1/sr, and RH01's parameters fitted to it.
+
+    values, std : (n_h, n_d, n_p, 3), null where a bin holds nothing. counts : samples; 0 with a value where it was
+    taken from the bin in which light and viewer are exchanged. Bins start at theta_h = pi/2 (i / n_h)^2, theta_d =
+    pi/2 j / n_d, phi_d = pi k / n_p. coverage : shares of the bins in whose centre light and viewer are above the
+    surface. source_distance_m : of the source from the object's centre, null where it counts as far.
+    """
+    table, fit = found.table, found.fit
+    filled = np.broadcast_to(table.filled[..., None], table.values.shape)
+    return {
+        "method": "table",
+        "bins": list(table.counts.shape),
+        "values": _nested(table.values, filled),
+        "std": _nested(table.std, filled),
+        "counts": table.counts.tolist(),
+        "coverage": {
+            "measured": table.coverage(table.measured),
+            "with_reciprocity": table.coverage(table.filled),
+        },
+        "fit": {
+            name: {"value": fit.parameters[part].tolist(), "std": fit.std[part].tolist()}
+            for name, part in FIT_PARTS.items()
+        }
+        | {"relative_rms": fit.misfit, "chi2": fit.chi2},
+        "source_distance_m": None
+        if found.distance is None
+        else dict(zip(("value", "std"), found.distance, strict=True)),
+    }
+
+
+# Where each parameter stands in a fit's covariance.
+FIT_PARTS = {"kd": slice(0, 3), "ks": slice(3, 6), "mu": slice(6, 7), "sigma": slice(7, 8)}
+
+
+def document(
+    name: str,
+    measured: Mapping[str, Any],
+    photos: Sequence[Mapping[str, Any]],
+    warnings: Sequence[str],
+    inputs: Mapping[str, str],
+) -> dict[str, Any]:
+    """The whole of brdf.json. photos : file, samples, held_out and relative RMS residual of each."""
+    return {
+        "format": 1,
+        "name": name,
+        **measured,
+        "photos": list(photos),
+        "warnings": list(warnings),
+        "inputs": dict(inputs),
+        "software": software(),
+    }
+
+
+def _numbers(values: Floats, known: NDArray[np.bool_]) -> list[float | None]:
+    return [float(value) if is_known else None for value, is_known in zip(values, known, strict=True)]
+
+
+def _nested(values: Floats, known: NDArray[np.bool_]) -> Any:
+    """Nested lists, null where not known; numbers to six digits, which is more than any was measured to."""
+    result = np.full(values.shape, None, object)
+    result[known] = [float(f"{value:.6g}") for value in values[known]]
+    return result.tolist()

@@ -1,1 +1,0 @@
-"""The model of the reflected light field: BRDF, transfer of lighting, prediction."""

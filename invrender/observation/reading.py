@@ -1,0 +1,166 @@
+"""Photographs of an object to samples: decoded, masked, drawn, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.decode import decode_photo
+from capture.parallel import parallel_map
+from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
+from capture.radiance import RadianceImage
+from invrender.observation.clock import Clock
+from recon.sampling.draw import NO_SOURCES, WHOLE, Importance, sample_body
+from recon.sampling.find import FoundBody
+from recon.sampling.lightfield import LightField, off_terminators
+
+_MIN_SAMPLES_PER_PHOTO = 20
+# Noise about black makes half of a dark photograph's numbers negative.
+_MOSTLY_NEGATIVE = 0.6
+# Relative difference up to which two radiances are one value of a file.
+_SAME = 1e-6
+# Share of the object's pixels that are saturated in a photograph, or grey in its mask well inside of the outline, from
+# which on it is told.
+_CUT_OFF, _GREY = 0.001, 0.05
+
+
+def read_samples(
+    photoset: PhotoSet,
+    found: FoundBody,
+    sources: Mapping[str, NDArray[np.float64]],
+    samples: int,
+    clock: Clock,
+    track: Track,
+    importance: Mapping[str, Importance] = MappingProxyType({}),
+    highlights: bool = False,
+) -> tuple[dict[str, LightField], list[str]]:
+    """Samples of every photograph by its label, on all cores; and sentences on what was left out.
+
+    sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
+    how many in all, evenly over the photographs that are fitted; each that is held out gets as many. importance : per
+    lighting, how much pixels tell; of one without it samples are spread evenly. highlights : as of `sample_body`.
+    """
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
+
+    def read(index: int) -> tuple[LightField, float, float, NDArray[np.floating] | None]:
+        photo = photoset.photos[index]
+        with clock.on("capture"):
+            image = decode_photo(photoset, photo)
+        with clock.on("recon"):
+            mask = found.mask_of(photo)
+            directions = sources.get(photo.lighting, NO_SOURCES)
+            # Seeded by place, so that neither order nor threads change what is drawn.
+            rng = np.random.default_rng(index)
+            telling = importance.get(photo.lighting)
+            view = found.body, photo.camera, image, mask, directions
+            drawn = sample_body(*view, budget, rng, telling, highlights)
+            drawn = off_terminators(drawn, directions)
+            check_usable(photo, image, drawn, mask)
+        saturated = float(image.saturated[_inside(image, mask)].mean())
+        ceiling = image.radiance.max(axis=(0, 1)) if image.saturated.any() else None
+        return drawn, saturated, 0.0 if mask is None else _grey_inside(mask), ceiling
+
+    fields: dict[str, LightField] = {}
+    cut_off: dict[str, float] = {}
+    grey: dict[str, float] = {}
+    work = parallel_map(read, range(len(photoset.photos)))
+    ceilings = []
+    for photo in track(photoset.photos, "Reading photographs"):
+        fields[photo.label], cut_off[photo.label], grey[photo.label], ceiling = next(work)
+        ceilings += [] if ceiling is None else [ceiling]
+    if ceilings and photoset.radiometry.exposure == "equal":
+        fields = {label: _below(np.array(ceilings), field) for label, field in fields.items()}
+    return fields, [*_saturation(_above(_CUT_OFF, cut_off)), *_grey_masks(_above(_GREY, grey))]
+
+
+def _below(ceilings: NDArray[np.floating], field: LightField) -> LightField:
+    """The samples that are at none of the values (k, 3) where photographs of equal exposure are cut off.
+
+    A photograph in which few pixels are cut off doesn't show it itself.
+    """
+    at = np.abs(field.radiance[:, None] - ceilings) <= _SAME * np.abs(ceilings)
+    free = ~at.any(axis=(1, 2))
+    return field if free.all() else field.where(free)
+
+
+def usable_pixels(
+    photoset: PhotoSet, found: FoundBody, photo: Photo, sources: NDArray[np.float64], clock: Clock
+) -> LightField:
+    """All pixels of a photograph that show the object and none of the terminators of sources (k, 3)."""
+    with clock.on("capture"):
+        image = decode_photo(photoset, photo)
+    with clock.on("recon"), clock.on("visibility"):
+        mask = found.mask_of(photo)
+        drawn = sample_body(found.body, photo.camera, image, mask, sources, None, np.random.default_rng(0))
+        drawn = off_terminators(drawn, sources)
+        check_usable(photo, image, drawn, mask)
+    return drawn
+
+
+def _above(limit: float, shares: Mapping[str, float]) -> dict[str, float]:
+    return {label: share for label, share in shares.items() if share > limit}
+
+
+def _saturation(shares: Mapping[str, float]) -> list[str]:
+    if not shares:
+        return []
+    worst = max(shares, key=lambda label: shares[label])
+    return [
+        f"Saturated pixels are left out, in {len(shares)} photograph{'s' if len(shares) > 1 else ''}: up to"
+        f" {shares[worst]:.1%} of the object ({worst}). Expose shorter, or export floats that are not cut off, so that"
+        " highlights show their peaks."
+    ]
+
+
+def _grey_masks(shares: Mapping[str, float]) -> list[str]:
+    if not shares:
+        return []
+    worst = max(shares, key=lambda label: shares[label])
+    return [
+        "Pixels that masks call only partly the object's are left out with their neighbours, well inside of its outline"
+        f" too: up to {shares[worst]:.0%} of these ({worst}; {len(shares)} mask{'s' if len(shares) > 1 else ''})."
+        " Masks must be white inside, of their largest value: is one noisy, or has it holes?"
+    ]
+
+
+def _grey_inside(coverage: NDArray[np.float32]) -> float:
+    """Of the pixels that are two and more away from the outline, the share that isn't wholly the object's."""
+    cross, square = (cv2.getStructuringElement(form, (3, 3)) for form in (cv2.MORPH_CROSS, cv2.MORPH_RECT))
+    inner = cv2.dilate((coverage >= 0.5).astype(np.uint8), cross, iterations=2)
+    for element in (cross, square):
+        inner = cv2.erode(inner, element, iterations=2, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    seen = coverage[inner > 0]
+    return float((seen < WHOLE).mean()) if len(seen) else 0.0
+
+
+def _inside(image: RadianceImage, coverage: NDArray[np.float32] | None) -> NDArray[np.bool_]:
+    return np.ones(image.saturated.shape, bool) if coverage is None else coverage >= 0.5
+
+
+def check_usable(
+    photo: Photo, image: RadianceImage, samples: LightField, coverage: NDArray[np.float32] | None
+) -> None:
+    """ValueError if a photograph says nothing: saturated, too small, negative, or black throughout the object."""
+    if image.saturated[_inside(image, coverage)].all():
+        raise ValueError(
+            f"{photo.file}: every pixel of the object is saturated; expose shorter, or leave it out"
+        )
+    if len(samples) < _MIN_SAMPLES_PER_PHOTO:
+        raise ValueError(
+            f"{photo.file}: only {len(samples)} pixels of the object are usable (not saturated, not at its rim);"
+            " the object must be larger in the image, or the exposure shorter"
+        )
+    negative = float((samples.radiance < 0).mean())
+    if negative > _MOSTLY_NEGATIVE:
+        raise ValueError(
+            f"{photo.file}: {negative:.0%} of the object's radiances are negative, more than noise about black leaves;"
+            " check the black level (is it subtracted twice?) and the mask"
+        )
+    if not samples.radiance.any():
+        raise ValueError(f"{photo.file}: the object is black in every pixel; expose longer, or leave it out")

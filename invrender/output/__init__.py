@@ -1,0 +1,1 @@
+"""What is made of a result: report, pictures, comparisons, files for other programs."""

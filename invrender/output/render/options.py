@@ -1,0 +1,85 @@
+"""The options of `render`, and which of them exclude each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from invrender.output.render.frames import TURNS
+from invrender.result.saved import nearest
+
+DEFAULT_FPS = 25.0
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """The options of the command, as given; see its help."""
+
+    result: Path
+    out: Path
+    lighting: str | None = None
+    light: Path | None = None
+    panorama: bool = False
+    sources: tuple[str, ...] = ()
+    rotate_light: float = 0.0
+    view: str | None = None
+    photo: str | None = None
+    photoset: Path | None = None
+    size: str | None = None
+    fov_deg: float | None = None
+    turntable: int | None = None
+    turn: str | None = None
+    fps: float | None = None
+    radius: float | None = None
+    mesh: Path | None = None
+    mesh_to_world: Path | None = None
+    mean: bool = False
+    exposure_ev: float | None = None
+    std: bool = False
+    assume: tuple[str, ...] = ()
+
+
+def check_options(options: RenderOptions) -> None:
+    """ValueError where options exclude each other."""
+    _check_output(options)
+    _check_turntable(options)
+    if options.photo and (options.view or options.size or options.fov_deg is not None):
+        raise ValueError("--photo is a whole camera: it excludes --view, --size and --fov")
+    if options.mesh is not None and options.radius is not None:
+        raise ValueError("--radius is a sphere's; it excludes --mesh")
+    if options.mesh_to_world is not None and options.mesh is None:
+        raise ValueError("--mesh-to-world places a mesh; give --mesh")
+    if not abs(options.rotate_light) <= 360:
+        raise ValueError(f"--rotate-light is {options.rotate_light:g} degrees; it must be -360 to 360")
+
+
+def _check_output(options: RenderOptions) -> None:
+    ending = options.out.suffix.lower()
+    if options.turntable is None and ending not in (".exr", ".png"):
+        raise ValueError(
+            f"-o {options.out}: the name must end in .exr or .png; with --turntable in .mp4 or .png, or be a folder's"
+        )
+    if options.turntable is not None and ending not in ("", ".png", ".mp4"):
+        raise ValueError(
+            f"-o {options.out}: --turntable writes a video (.mp4), a strip of pictures (.png), or a folder of EXR and"
+            f" PNG: give a name without {ending}"
+        )
+    if options.std and ending in (".png", ".mp4"):
+        raise ValueError(f"--std: {ending} has no room for standard deviations; write an .exr")
+    if options.exposure_ev is not None and ending == ".exr":
+        raise ValueError("--exposure is for looking at; an .exr holds the radiance itself: leave it out")
+    if options.exposure_ev is not None and not abs(options.exposure_ev) <= 100:
+        raise ValueError(f"--exposure is {options.exposure_ev:g} EV; it must be -100 to 100")
+
+
+def _check_turntable(options: RenderOptions) -> None:
+    if options.turn is not None and options.turn not in TURNS:
+        raise ValueError(f"--turn {options.turn}: {nearest(options.turn, TURNS)}")
+    if options.turn is not None and options.turntable is None:
+        raise ValueError("--turn says what goes round; give --turntable and how many pictures")
+    if options.fps is not None and options.out.suffix.lower() != ".mp4":
+        raise ValueError("--fps is a video's; write an .mp4, with --turntable")
+    if options.fps is not None and not 1 <= options.fps <= 240:
+        raise ValueError(f"--fps is {options.fps:g}; it must be 1 to 240")
+    if options.turntable is not None and options.photo and options.turn != "light":
+        raise ValueError("--photo is a camera that rests: it excludes --turntable, but with --turn light")

@@ -1,0 +1,1 @@
+"""Prefiltered light: spherical harmonic reflection maps [R02, chapter 5]."""

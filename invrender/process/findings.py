@@ -1,0 +1,123 @@
+"""What a user should know before using a result, in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from capture.lighting import Lighting
+from capture.photoset import PhotoSet
+from capture.wording import some_of
+from invrender.diagnostics.named import NamedCause
+from invrender.estimate.conclusions import Solution
+from invrender.estimate.evidence import MISFIT_REMEDY, outlying
+from invrender.observation.specimen import Specimen
+from recon.mesh.bodies import SphereBody
+
+# Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
+POOR = 0.12
+NO_CAUSE = (
+    "No single cause stands out: it may be a material that is none of the models, light that isn't in the model, or"
+    " several faults at once."
+)
+# Structured residual, and share of stray samples, above which a warning is due.
+_STRUCTURED, _STRAYS = 0.005, 0.02
+# Photographs or lightings that a warning names before it counts the rest.
+_NAMED = 8
+
+
+def find_warnings(
+    photoset: PhotoSet,
+    solution: Solution,
+    specimen: Specimen,
+    lightings: Mapping[str, Lighting],
+    causes: Sequence[NamedCause] = (),
+) -> tuple[str, ...]:
+    """Sentences on all that a user should know before using the numbers; empty if there is nothing.
+
+    causes : of what the solution leaves, the best supported first.
+    """
+    warnings = [*specimen.warnings, *(cause.text for cause in causes)]
+    rung = solution.rungs[solution.chosen]
+    if rung.error > POOR:
+        remedy = "see to its cause" if causes else MISFIT_REMEDY
+        warnings.append(
+            f"No model explains these photographs well: {rung.error:.0%} of the radiance (RMS) is left on unseen"
+            f" photographs. Before using any number, {remedy}."
+        )
+    elif solution.structured > max(_STRUCTURED, 0.5 * solution.noise.relative):
+        unknown = "" if causes else f" {NO_CAUSE}"
+        warnings.append(
+            f"What is left unexplained is not only noise: {solution.structured:.1%} of the radiance (RMS) hangs"
+            f" together over parts of the photographs.{unknown} The error bars hold what it moves between"
+            " photographs, and between forms that explain as well."
+        )
+    strays = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
+    if strays > _STRAYS:
+        warnings.append(
+            f"{strays:.1%} of the samples stray from the fit as noise does not, and count for less; look at the"
+            " difference pictures."
+        )
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    usual = float(np.median(rung.photo_errors))
+    worse = {
+        photo.label: error
+        for photo, wrong, error in zip(fitted, outlying(rung.photo_errors), rung.photo_errors, strict=True)
+        if wrong
+    }
+    warnings += [] if not worse else [_far_worse(worse, usual)]
+    body = specimen.body
+    outlines = body.sphere.residual_px if isinstance(body, SphereBody) else ()
+    if max(outlines, default=0) > 0.6:
+        warnings.append(
+            f"The masks' outlines stray up to {max(outlines):.1f} px from the sphere; normals near the rim are"
+            " uncertain by as much. If masks are better than that, check the poses, the camera's focal length, and"
+            " [object] centre and radius where they are given."
+        )
+    said: dict[str, list[str]] = {}
+    for table in photoset.lightings:
+        lighting = lightings.get(table.name)
+        for text in () if lighting is None else lighting.warnings:
+            said.setdefault(f"{text}.", []).append(repr(table.name))
+        if lighting is not None and table.mirror_ball and table.recover is None and lighting.recovers:
+            text = (
+                "the highlight on the mirror ball is saturated, so its direction is used"
+                f" but {' and '.join(lighting.recovers)} are fitted; expose the ball shorter to measure them."
+            )
+            said.setdefault(text, []).append(repr(table.name))
+    warnings += [f"Lighting {some_of(names, _NAMED)}: {text}" for text, names in said.items()]
+    negative = [
+        repr(fitted.lighting.name)
+        for fitted in solution.lightings
+        if fitted.ambient is not None
+        and fitted.ambient_std is not None
+        and (fitted.ambient < -3 * fitted.ambient_std).any()
+    ]
+    if negative:
+        warnings.append(
+            f"The recovered ambient is negative beyond its error in {some_of(negative, _NAMED)}: the source,"
+            " the pose or the black level is not what the model takes it for."
+        )
+    albedo = solution.quantities.get("albedo")
+    if albedo is not None and albedo.value is not None and (albedo.value > 1).any():
+        warnings.append(
+            f"The albedo is {np.round(albedo.value, 2).tolist()}, more than 1: photographs and lighting are not in"
+            " the same unit of radiance, so only the ratios of Kd and Ks are meaningful."
+        )
+    return tuple(warnings)
+
+
+def _far_worse(errors: Mapping[str, float], usual: float) -> str:
+    """A sentence on photographs with their errors by label; usual : the median of all."""
+    worst = sorted(errors, key=lambda label: -errors[label])
+    if len(worst) == 1:
+        return (
+            f"{worst[0]} is explained far worse than the others (RMS {errors[worst[0]]:.1%}, median {usual:.1%}) and"
+            " counts for less: check its pose, light and mask."
+        )
+    named = some_of([f"{label} {errors[label]:.1%}" for label in worst], _NAMED)
+    return (
+        f"{len(worst)} photographs are explained far worse than the others (RMS, median {usual:.1%}) and count for"
+        f" less: {named}. Check their poses, lights and masks."
+    )

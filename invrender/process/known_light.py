@@ -1,0 +1,262 @@
+"""The main job where lighting is known, or all of it but strengths."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
+from invrender.diagnostics.diagnosis import diagnose
+from invrender.diagnostics.knownlight import known_light_remainders
+from invrender.diagnostics.named import NamedCause, named_causes
+from invrender.estimate.conclusions import Solution, conclude
+from invrender.estimate.evidence import fit_strengths, outlying
+from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
+from invrender.estimate.interreflection import Accounted, account_for_bounces, unknown_scale
+from invrender.observation.clock import Clock
+from invrender.observation.lightframe import other_frame
+from invrender.observation.reading import read_samples
+from invrender.observation.specimen import Specimen
+from invrender.observation.spherechange import place_changes
+from invrender.process.findings import POOR, find_warnings
+from invrender.process.leverage import importances
+from invrender.process.newlight import scored_lighting, used_tables
+from invrender.process.solved import Solved, factorization
+from invrender.transport.bounce import Bounced, Parts
+from invrender.transport.columns import PhotoColumns, all_columns, photo_columns
+from invrender.transport.manypixels import ManyPixels
+from invrender.transport.predict import predict, predict_columns
+from invrender.transport.transfer import LightElement, light_elements
+from invrender.transport.visibility import Shadows
+from recon.lighting import read_lighting
+from recon.mesh.bodies import Body, SphereBody
+from recon.sampling.lightfield import LightField
+
+# Of what photographs differ from the model, the share (RMS) by which pictures of it may be off: they differ 3% more.
+_PICTURES_OFF = 0.25
+# Deviation of a sphere's place, of its radius, below which normals are known well enough: a twentieth of a degree.
+_PLACED_WELL = 8e-4
+
+
+def solve_known_light(
+    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
+) -> Solved:
+    """Recover the BRDF of an object, and what of its lighting is free."""
+    with clock.on("recon"):
+        lightings = _used_lightings(photoset)
+    sources = {name: lighting.directions for name, lighting in lightings.items()}
+    telling = importances(photoset, specimen, lightings, clock)
+    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track, telling)
+    with clock.on("invrender"):
+        elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+        columns = _columns(photoset, fields, elements, specimen.shadows)
+    _check_lit(photoset, lightings, columns)
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    with clock.on("invrender"):
+        steps = iter(track(range(EXPLANATION_STEPS), "Fitting and cross-validating"))
+        next(steps)
+        # A light that only held-out photographs are under is no evidence: it is scored, not fitted.
+        seen = {photo.lighting for photo in fitted}
+        used = [lighting for name, lighting in lightings.items() if name in seen]
+        known = explain([columns[photo.label] for photo in fitted], used, lambda: next(steps, None))
+        for _ in steps:
+            pass
+        parts = None if specimen.shadows is None else Parts.of(specimen.shadows)
+        bounces, remarks = None, []
+        if parts is not None and any(element.name == "known" for name in seen for element in elements[name]):
+            given = [columns[photo.label] for photo in fitted]
+            bounces = _bounces(parts, given, known, used, elements, track)
+        elif parts is not None:
+            remarks = unknown_scale(parts, known, elements)
+        concluded = bounces.known if bounces else known
+        doubts = [bounces.doubts] if bounces and bounces.doubts is not None else []
+        doubts += _of_place(specimen.body, concluded, elements)
+        solution = conclude(concluded, used, doubts)
+        columns = _in_form(photoset, solution, columns, elements)
+        bounced: Mapping[str, Bounced] = {}
+        if bounces is not None and bounces.bounced:
+            held_out = [photo for photo in photoset.photos if photo.held_out]
+            columns, bounced = _less_bounced(solution, columns, held_out, elements, bounces)
+        strengths = {
+            photo.label: _strengths(solution, columns[photo.label], photo.held_out)
+            for photo in photoset.photos
+        }
+        scored = []
+        for name in [name for name in lightings if name not in seen]:
+            label = next(photo.label for photo in photoset.photos if photo.lighting == name)
+            scored.append(scored_lighting(lightings[name], elements[name], strengths[label]))
+        residuals = {
+            label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
+            for label, entry in columns.items()
+        }
+    elsewhere, chosen = None, solution.rungs[solution.chosen]
+    if chosen.error > POOR and not any(light.recovers for light in used):
+        elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
+    causes: tuple[NamedCause, ...] = ()
+    if elsewhere is None:
+        left = {photo.label: columns[photo.label] for photo in fitted}
+        scene = known_light_remainders(solution, specimen, left, lightings, elements, residuals)
+        diagnosis = diagnose(scene, bool(outlying(chosen.photo_errors).any()))
+        causes = named_causes(diagnosis, photoset.radiometry.exposure)
+        if diagnosis is not None and diagnosis.findings:
+            # The error bars hold what a fault moves.
+            brdf = solution.estimate.brdf
+            instead = [finding.instead(brdf) for finding in diagnosis.findings]
+            solution = conclude(concluded, used, doubts, instead)
+    warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings, causes), *remarks]
+    warnings += [elsewhere] if elsewhere else []
+    result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
+    result = replace(result, interreflection=None if bounces is None else bounces.found, causes=causes)
+
+    def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
+        return shown + bounced[photo.lighting].radiance(field, result.brdf) if bounced else shown
+
+    def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
+        light = elements[photo.lighting], strengths[photo.label]
+        return with_bounces(photo, field, predict(result.brdf, *light, field, specimen.shadows))
+
+    by_samples = sorted(photoset.photos, key=lambda photo: len(fields[photo.label]))
+    many = ManyPixels(
+        result.brdf,
+        elements,
+        # The last is kept, which is the photograph with the most samples.
+        {photo.lighting: fields[photo.label] for photo in by_samples},
+        Counter(photo.lighting for photo in photoset.photos),
+        specimen.shadows,
+        _PICTURES_OFF * (result.rms(held_out=False) or 0.0),
+    )
+
+    def pictured(photo: Photo, field: LightField) -> NDArray[np.float64]:
+        shown = many.radiance(photo.lighting, strengths[photo.label], field)
+        return with_bounces(photo, field, shown)
+
+    return Solved(result, fields, residuals, radiance, pictured=pictured)
+
+
+def _columns(
+    photoset: PhotoSet,
+    fields: Mapping[str, LightField],
+    elements: Mapping[str, Sequence[LightElement]],
+    shadows: Shadows | None,
+) -> dict[str, PhotoColumns]:
+    photos = photoset.photos
+    found = all_columns(
+        [photo.lighting for photo in photos],
+        elements,
+        [fields[photo.label] for photo in photos],
+        shadows=shadows,
+    )
+    return {photo.label: columns for photo, columns in zip(photos, found, strict=True)}
+
+
+def _bounces(
+    parts: Parts,
+    photos: Sequence[PhotoColumns],
+    known: Explanation,
+    lightings: Sequence[Lighting],
+    elements: Mapping[str, Sequence[LightElement]],
+    track: Track,
+) -> Accounted | None:
+    """What light that bounces between a mesh's parts changes; None where there is none that matters."""
+    steps = iter(track(range(EXPLANATION_STEPS), "Judging light that bounces"))
+    next(steps)
+    found = account_for_bounces(parts, photos, known, lightings, elements, lambda: next(steps, None))
+    for _ in steps:
+        pass
+    return found
+
+
+def _of_place(
+    body: Body, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
+) -> list[list[NDArray[np.float64]]]:
+    """What a sphere's place and radius leave in doubt of each photograph's radiance, where that is notable."""
+    if not isinstance(body, SphereBody):
+        return []
+    deviation = np.sqrt(np.linalg.eigvalsh(body.sphere.covariance).max())
+    if deviation < _PLACED_WELL * body.sphere.radius:
+        return []
+    estimate, photos = known.rungs[known.chosen].estimate, known.photos
+
+    def radiance(k: int, field: LightField) -> NDArray[np.float64]:
+        name = photos[k].lighting
+        return predict(estimate.brdf, elements[name], estimate.strengths[name], field)
+
+    return place_changes([photo.field for photo in photos], body.sphere, radiance)
+
+
+def _less_bounced(
+    solution: Solution,
+    columns: Mapping[str, PhotoColumns],
+    held_out: Sequence[Photo],
+    elements: Mapping[str, Sequence[LightElement]],
+    bounces: Accounted,
+) -> tuple[dict[str, PhotoColumns], dict[str, Bounced]]:
+    """Columns, those of held-out photographs without bounced light too, and what bounces under every lighting."""
+    columns, bounced = dict(columns), dict(bounces.bounced)
+    for photo in held_out:
+        own = columns[photo.label]
+        if photo.lighting not in bounced:
+            guess = _strengths(solution, own, held_out=True)
+            light = elements[photo.lighting], guess, solution.estimate.brdf
+            bounced[photo.lighting] = bounces.parts.bounced(*light)
+        columns[photo.label] = own.less(bounced[photo.lighting].radiance(own.field, solution.estimate.brdf))
+    return columns, bounced
+
+
+def _in_form(
+    photoset: PhotoSet,
+    solution: Solution,
+    columns: Mapping[str, PhotoColumns],
+    elements: Mapping[str, Sequence[LightElement]],
+) -> dict[str, PhotoColumns]:
+    """Columns of the form that was found; of held-out photographs they may not have been made yet."""
+    form = solution.estimate.model.form
+    fitted = iter(solution.photos)
+    found = {}
+    for photo in photoset.photos:
+        own = columns[photo.label] if photo.held_out else next(fitted)
+        if own.form is not form:
+            own = photo_columns(photo.lighting, elements[photo.lighting], own.field, form, own.shadows)
+        found[photo.label] = own
+    return found
+
+
+def _used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
+    return {table.name: read_lighting(photoset, table) for table in used_tables(photoset)}
+
+
+def _check_lit(
+    photoset: PhotoSet, lightings: Mapping[str, Lighting], columns: Mapping[str, PhotoColumns]
+) -> None:
+    for name, lighting in lightings.items():
+        users = [columns[photo.label] for photo in photoset.photos if photo.lighting == name]
+        for k, direction in enumerate(lighting.directions):
+            highest = max(float((photo.field.sample_normals @ direction).max()) for photo in users)
+            if highest <= 0:
+                raise ValueError(
+                    f'{photoset.manifest}: [[lighting]] "{name}": source {k + 1} at {np.round(direction, 3).tolist()}'
+                    " is below the horizon of everything that is seen; directions point from the object to the"
+                    " light, in the world's frame: check its sign and frame"
+                )
+            if lighting.recover_irradiance and not any(
+                photo.field.sources_visible[:, k].any() for photo in users
+            ):
+                raise ValueError(
+                    f'{photoset.manifest}: [[lighting]] "{name}": source {k + 1} is hidden by the object itself from'
+                    " everything that is seen, so its irradiance can't be recovered: photograph the side that it"
+                    " lights, or give its irradiance"
+                )
+
+
+def _strengths(solution: Solution, photo: PhotoColumns, held_out: bool) -> NDArray[np.float64]:
+    known = solution.estimate.strengths.get(photo.lighting)
+    if known is not None:
+        return known
+    assert held_out
+    return fit_strengths(photo, 1 / solution.noise.variance(photo.radiance), solution.estimate)

@@ -1,0 +1,300 @@
+"""The main job where nothing is known of the lighting: light and BRDF from the same photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
+from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.richer import NUMBER_RANGE
+from invrender.diagnostics.diagnosis import diagnose
+from invrender.diagnostics.named import named_causes
+from invrender.diagnostics.unknownlight import unknown_light_remainders
+from invrender.estimate.clusters import structured_rms
+from invrender.estimate.conclusions import Solution, unless_misfit
+from invrender.estimate.evidence import Rung
+from invrender.estimate.models import Estimate, Model
+from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
+from invrender.estimate.unknown_light import (
+    ORDERS,
+    BlindLight,
+    BlindSolution,
+    blind_steps,
+    factorize_blind,
+    predict_blind,
+)
+from invrender.estimate.unknown_light.bounces import Sent, account_for_bounces
+from invrender.estimate.unknown_light.ladder import without_rows
+from invrender.estimate.unknown_light.state import State
+from invrender.observation.clock import Clock
+from invrender.observation.reading import read_samples
+from invrender.observation.specimen import Specimen
+from invrender.process.findings import find_warnings
+from invrender.process.newlight import NewLight, new_lights, scored_lighting, used_tables
+from invrender.process.solved import Solved, factorization
+from invrender.transport.bounce import Bounced, Parts
+from invrender.transport.predict import predict
+from invrender.transport.visibility import Shadows
+from invrender.wording import sentences
+from recon.harmonics.basis import degree_of
+from recon.harmonics.latlong import project_latlong, synthesise_latlong
+from recon.sampling.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+_MAP_HEIGHT = 64
+# Turns to a map that is nowhere negative; the degree up to which it keeps the light's harmonics.
+_CUTS, _SHADED = 30, 4
+# Turns of strengths and what bounces by them; each leaves a share of the error that is as small as what bounces.
+_TURNS = 3
+# Of the light in a dark room: the same from all sides.
+_DARK = (0,)
+_NO_SCALE = Quantity(
+    None,
+    None,
+    "undetermined",
+    "without highlights, photographs in unknown light show only the product of Kd and light",
+    "measure the light, with a mirror ball say, or photograph something of known albedo beside the object",
+)
+
+
+def solve_unknown_light(
+    photoset: PhotoSet,
+    specimen: Specimen,
+    samples: int,
+    clock: Clock,
+    track: Track,
+    factorize: Callable[..., BlindSolution] | None = None,
+) -> Solved:
+    """Recover the BRDF of an object, up to a scale per channel, and all of the lightings on it.
+
+    factorize : `factorize_blind` with some of its options chosen; if None, as the set has it.
+    """
+    with clock.on("recon"):
+        others = new_lights(photoset)
+    orders = orders_of(photoset, others)
+    factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
+    sources = {name: other.lighting.directions for name, other in others.items()}
+    fields, left_out = read_samples(
+        photoset, specimen.found, sources, samples, clock, track, highlights=orders == _DARK
+    )
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    with clock.on("invrender"):
+        names, seen = [photo.lighting for photo in fitted], [fields[photo.label] for photo in fitted]
+
+        def solve(photos: Sequence[LightField], doing: str) -> BlindSolution:
+            steps = iter(track(range(blind_steps(orders)), doing))
+            next(steps)
+            found = factorize(photos, names, on_step=lambda: next(steps, None), shadows=specimen.shadows)
+            for _ in steps:
+                pass
+            # Rows take up far more than all else, and nobody asks for them again.
+            return replace(found, rungs=tuple(map(without_rows, found.rungs)))
+
+        blind = solve(seen, "Fitting light and BRDF")
+        parts = None if specimen.shadows is None else Parts.of(specimen.shadows)
+        bounces = None
+        if parts is not None:
+            without = partial(solve, doing="Fitting without light that bounces")
+            bounces = account_for_bounces(parts, seen, names, blind, without)
+            blind = blind if bounces is None else bounces.blind
+        sent = None if bounces is None else bounces.sent
+        numbers = {name: number for number, name in enumerate(blind.lights)}
+
+        def recovered(photo: Photo, field: LightField) -> Floats:
+            shown = predict_blind(blind, field, blind.lights[photo.lighting], specimen.shadows)
+            return shown if sent is None else shown + sent.radiance(numbers[photo.lighting], field)
+
+        left = [field.radiance - recovered(photo, field) for photo, field in zip(fitted, seen, strict=True)]
+        solution = _solution(blind, seen, left)
+        brdf = solution.estimate.brdf
+        under = {
+            photo.label: _under(others[photo.lighting], solution, fields[photo.label], specimen.shadows, sent)
+            for photo in photoset.photos
+            if photo.lighting in others
+        }
+        strengths = {label: own for label, (own, _) in under.items()}
+
+        def radiance(photo: Photo, field: LightField) -> Floats:
+            if photo.lighting not in others:
+                return recovered(photo, field)
+            own, bounced = under[photo.label]
+            shown = predict(brdf, others[photo.lighting].elements, own, field, specimen.shadows)
+            return shown if bounced is None else shown + bounced.radiance(field, brdf)
+
+        residuals = dict(zip([photo.label for photo in fitted], left, strict=True))
+        for photo in photoset.photos:
+            if photo.held_out:
+                field = fields[photo.label]
+                residuals[photo.label] = field.radiance - radiance(photo, field)
+        given = [(photo.label, photo.lighting, fields[photo.label]) for photo in fitted]
+        scene = unknown_light_remainders(blind, solution.estimate.brdf, specimen, given, left)
+        causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
+    found = find_warnings(photoset, solution, specimen, {}, causes)
+    warnings = (*left_out, *sentences(blind.warnings), *found)
+    # Of several photographs under such a light the first tells its strength in the result.
+    firsts = {
+        photo.lighting: strengths[photo.label]
+        for photo in reversed(photoset.photos)
+        if photo.label in strengths
+    }
+    scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
+    result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
+    result = replace(result, causes=causes, interreflection=None if bounces is None else bounces.found)
+    return Solved(result, fields, residuals, radiance)
+
+
+def _under(
+    other: NewLight, solution: Solution, field: LightField, shadows: Shadows | None, sent: Sent | None
+) -> tuple[Floats, Bounced | None]:
+    """Strengths of a known light that suit a photograph under it best, and what bounces there at a known albedo."""
+    strengths = other.strengths(solution, field, shadows)
+    if sent is None:
+        return strengths, None
+    brdf = solution.estimate.brdf
+    for _ in range(_TURNS):
+        bounced = sent.parts.bounced(other.elements, strengths, brdf, sent.albedo)
+        less = replace(field, radiance=field.radiance - bounced.radiance(field, brdf))
+        strengths = other.strengths(solution, less, shadows)
+    return strengths, bounced
+
+
+def _check_held_out(photoset: PhotoSet, others: Collection[str]) -> None:
+    seen = {photo.lighting for photo in photoset.photos if not photo.held_out}
+    for photo in photoset.photos:
+        if photo.lighting not in seen and photo.lighting not in others:
+            raise ValueError(
+                f"{photoset.manifest}: {photo.label} is held out, and no fitted photograph is under its lighting"
+                f" {photo.lighting!r}, which is unknown: nothing can predict it; fit one photograph under that light,"
+                " or leave it out"
+            )
+
+
+def orders_of(photoset: PhotoSet, others: Collection[str]) -> tuple[int, ...]:
+    """Degrees of unknown light to try: all, or of a dark room.
+
+    others : names of lightings that are known, to score held-out photographs by. ValueError for photographs that
+    nothing can predict, and where dark is said of some of the unknown lightings only.
+    """
+    _check_held_out(photoset, others)
+    return _DARK if _is_dark(photoset, others) else ORDERS
+
+
+def _is_dark(photoset: PhotoSet, others: Collection[str]) -> bool:
+    """Whether there are only lamps in the dark; ValueError where that is said of some unknown lightings only."""
+    tables = [table for table in used_tables(photoset) if table.name not in others]
+    lit = [table.name for table in tables if not table.dark]
+    if lit and len(lit) < len(tables):
+        raise ValueError(
+            f"{photoset.manifest}: dark = true is said of some unknown lightings, but not of {lit[0]!r}; one degree of"
+            " light is sought for all of them: say it of all or of none"
+        )
+    return bool(tables) and not lit
+
+
+def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Sequence[Floats]) -> Solution:
+    """The solution in the terms of those under known light; Kd + Ks is 1 in each channel."""
+    rungs = tuple(
+        Rung(
+            Estimate(
+                Model(
+                    rung.name,
+                    specular=rung.fit.state.sigma is not None,
+                    fresnel=rung.fit.state.mu is not None,
+                    form=rung.fit.state.form,
+                ),
+                _brdf(rung.fit.state),
+                {},
+                rung.fit.cost,
+            ),
+            rung.photo_errors,
+            np.zeros(1),
+            rung.parameters,
+        )
+        for rung in blind.rungs
+    )
+    names, of_brdf = _brdf_numbers(blind.covariance_names)
+    trusted = [np.sqrt(own.trust) * residual for own, residual in zip(blind.weights, residuals, strict=True)]
+    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
+    return Solution(
+        estimate=rungs[blind.chosen].estimate,
+        rungs=rungs,
+        chosen=blind.chosen,
+        noise=blind.noise,
+        weights=blind.weights,
+        structured=structured_rms(fields, trusted) / float(energy),
+        quantities=unless_misfit(_quantities(blind), rungs[blind.chosen].error),
+        lightings=tuple(recovered_lighting(name, light) for name, light in blind.lights.items()),
+        covariance=of_brdf @ blind.covariance @ of_brdf.T,
+        covariance_names=names,
+        gauge=blind.gauge,
+    )
+
+
+def _brdf(state: State) -> Microfacet:
+    return Microfacet(1 - state.kappa, state.kappa, state.mu, state.sigma, state.form)
+
+
+def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
+    """Names of the BRDF's numbers, and how those that were fitted (t,) make them up, (n, t): Kd falls as Ks rises."""
+    made_of: dict[str, dict[str, float]] = {}
+    for name, sign in (("kd", -1.0), ("ks", 1.0)):
+        made_of |= {f"{name}.{c}": {f"kappa {c}": sign} for c in "rgb" if f"kappa {c}" in fitted}
+    made_of |= {name: {name: 1.0} for name in ("mu", "sigma", *NUMBER_RANGE) if name in fitted}
+    parts = [[parts.get(name, 0.0) for name in fitted] for parts in made_of.values()]
+    return tuple(made_of), np.array(parts).reshape(len(made_of), len(fitted))
+
+
+def _quantities(blind: BlindSolution) -> dict[str, Quantity]:
+    if blind.sigma is None:
+        return {"kd": _NO_SCALE}
+    quantities = blind.quantities
+    # In this gauge the shares are Kd and Ks themselves.
+    return {"kd": quantities["kd_normalised"], "ks": quantities["ks_normalised"], **quantities}
+
+
+def _map_of(coefficients: Floats) -> NDArray[np.float32]:
+    """The map (64, 128, 3) of harmonics ((l_max + 1)^2, 3), nowhere negative.
+
+    Harmonics ring below zero around what is sharp. A map cut there would be brighter than the light is: so it is cut
+    and given back its harmonics up to the degree that shading shows, in turns [Youla & Webb 1982, eq. 2.1].
+    """
+    radiance = synthesise_latlong(coefficients, _MAP_HEIGHT)
+    degree = min(_SHADED, degree_of(len(coefficients)))
+    kept = coefficients[: (degree + 1) ** 2]
+    for _ in range(_CUTS):
+        cut = np.maximum(radiance, 0)
+        radiance = cut + synthesise_latlong(kept - project_latlong(cut, degree), _MAP_HEIGHT)
+    return np.maximum(radiance, 0).astype(np.float32)
+
+
+def recovered_lighting(name: str, light: BlindLight) -> FittedLighting:
+    """A recovered light as results have it."""
+    radiance = _map_of(light.coefficients)
+    sources = light.sources
+    lighting = Lighting(
+        name,
+        radiance,
+        sources.directions,
+        np.maximum(sources.irradiances, 0),
+        recover_irradiance=True,
+        direction_std_deg=sources.direction_std_deg,
+        origin="recovered",
+    )
+    doubt = light.doubt
+    harmonics = HarmonicLight(
+        light.coefficients,
+        light.coefficients_std,
+        light.degree_shares,
+        light.determined_degree,
+        "" if doubt is None else doubt.reason,
+        "" if doubt is None else doubt.remedy,
+    )
+    return FittedLighting(lighting, sources.irradiance_std, None, None, harmonics)

@@ -1,0 +1,250 @@
+"""The main job on a painted mesh in light of which nothing is known.
+
+Highlights move over the surface with the camera while paint stays: from what photographs of the same places differ in
+`factorize_blind` tells the light, and with that textures are solved for as if it were given. Error bars hold what
+either step leaves open. Where nothing shines, paint can't be told from light [RH01, section 6.4].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import parallel_map
+from capture.photoset import Photo, PhotoSet
+from capture.progress import Track
+from invrender.estimate.conclusions import Solution
+from invrender.estimate.quantities import FittedLighting, Quantity
+from invrender.estimate.textured.layout import SurfacePoints, scattered
+from invrender.estimate.textured.observe import observe, points_for
+from invrender.estimate.unknown_light import (
+    BlindLight,
+    BlindSolution,
+    blind_steps,
+    factorize_blind,
+    predict_parts,
+)
+from invrender.observation.clock import Clock
+from invrender.observation.reading import usable_pixels
+from invrender.observation.specimen import Specimen
+from invrender.process.newlight import used_tables
+from invrender.process.solved import Solved
+from invrender.process.textured import Recovered, solve_textured
+from invrender.process.unknown_light import orders_of, recovered_lighting
+from invrender.theory.operator import irradiance_operator
+from invrender.wording import sentences
+from recon.harmonics.basis import degree_of
+from recon.harmonics.latlong import project_latlong
+from recon.mesh.bodies import MeshBody
+from recon.sampling.draw import NO_SOURCES
+from recon.sampling.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+# Samples that the light is found from.
+_SAMPLES = 12_000
+# Of all light that reaches a point, this share of the brightest's is the least that paint is judged in.
+_DARK = 1e-3
+# Light that is uncertain by this share of itself isn't told.
+_UNTOLD = 0.5
+_GAUGE = (
+    "no light is known, so the overall scale of light against reflectance is free in each channel: Kd, its mean by the"
+    " light that falls on it, and Ks add up to 1, and lighting is in units of the photographs over that"
+)
+_MATTE = (
+    "{where}: [object] texture = true, but light {names} is unknown, and no highlights tell it: light and paint of a"
+    " matte object can't be told apart (RH01, section 6.4), since paint may be darker wherever light is brighter."
+    " Measure the light, with a mirror ball say, or remove texture: light and one BRDF of the whole surface are then"
+    " recovered together"
+)
+
+
+def solve_unknown_paint(
+    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
+) -> Solved:
+    """Recover Kd and Ks over a mesh, up to a scale per channel, and all of the lightings on it.
+
+    Raises ValueError for lightings that are given, and for objects without highlights, whose light nothing tells.
+    """
+    assert isinstance(specimen.body, MeshBody)
+    _check_unknown(photoset)
+    orders = orders_of(photoset, ())
+    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    names = [photo.lighting for photo in fitted]
+    photos = _at_places(photoset, specimen, specimen.body, fitted, min(samples, _SAMPLES), clock, track)
+    with clock.on("invrender"):
+        steps = iter(track(range(blind_steps(orders)), "Telling light from paint"))
+        next(steps)
+        blind = factorize_blind(
+            photos, names, orders, on_step=lambda: next(steps, None), shadows=specimen.shadows
+        )
+        for _ in steps:
+            pass
+        if blind.sigma is None or min(_unsure_light(own).max() for own in blind.lights.values()) > _UNTOLD:
+            unknown = " and ".join(f'"{name}"' for name in dict.fromkeys(names))
+            raise ValueError(_MATTE.format(where=photoset.manifest, names=unknown))
+        lights = _scaled(blind, photos, names, specimen)
+    found = [recovered_lighting(name, light) for name, light in lights.items()]
+    # What was recovered of a light is now given.
+    given = {own.lighting.name: replace(own.lighting, recover_irradiance=False) for own in found}
+    unsure = _unsure(blind, list(lights.values()), found)
+    recovered = Recovered(given, unsure, lambda solution: _in_gauge(solution, blind, found))
+    solved = solve_textured(photoset, specimen, samples, clock, track, recovered)
+    warnings = (*sentences(blind.warnings), *solved.result.warnings)
+    return replace(solved, result=replace(solved.result, warnings=warnings))
+
+
+def _check_unknown(photoset: PhotoSet) -> None:
+    for table in used_tables(photoset):
+        if not table.unknown:
+            raise ValueError(
+                f"{photoset.manifest}: [object] texture = true, and some photographs are under unknown light, others"
+                f" under {table.name!r}, of which something is known; such sets are not solved together: process the"
+                " photographs under known light alone, or write unknown = true into every [[lighting]]"
+            )
+
+
+def _at_places(
+    photoset: PhotoSet,
+    specimen: Specimen,
+    body: MeshBody,
+    fitted: Sequence[Photo],
+    samples: int,
+    clock: Clock,
+    track: Track,
+) -> list[LightField]:
+    """About so many samples of all photographs, at the same points of the surface; of those that two or more see."""
+    count = points_for(samples, len(fitted))
+    points = scattered(body, count, np.random.default_rng(0))
+
+    def read(photo: Photo) -> LightField:
+        field = usable_pixels(photoset, specimen.found, photo, NO_SOURCES, clock)
+        with clock.on("recon"):
+            return _samples_at(field, body, photo, points)
+
+    work = parallel_map(read, fitted)
+    photos = [next(work) for _ in track(fitted, "Reading photographs")]
+    places = [np.asarray(photo.place) for photo in photos]
+    times = np.bincount(np.concatenate(places), minlength=count)
+    if times.max() < 2:
+        raise ValueError(
+            f"{photoset.manifest}: no part of the object shows in two photographs, so that nothing tells its paint from"
+            " the unknown light; add photographs from sides between these"
+        )
+    return [photo.where(times[at] > 1) for photo, at in zip(photos, places, strict=True)]
+
+
+def _samples_at(field: LightField, body: MeshBody, photo: Photo, points: SurfacePoints) -> LightField:
+    """A sample for each of the points that a photograph shows: the radiance there, in the pixel around it."""
+    seen = observe(body, photo.camera, field, points)
+    nearest = seen.samples[np.arange(len(seen)), seen.weights.argmax(axis=1)]
+    # Of points in one pixel the first.
+    pixels, first = np.unique(nearest, return_index=True)
+    marked = np.zeros(len(field), bool)
+    marked[pixels] = True
+    radiance = seen.at_points(field.radiance)[first]
+    return replace(field.where(marked), radiance=radiance, place=seen.points[first])
+
+
+def _scaled(
+    blind: BlindSolution, photos: Sequence[LightField], names: Sequence[str], specimen: Specimen
+) -> dict[str, BlindLight]:
+    """The lightings in which Kd, its mean weighted by what falls on it, and Ks add up to 1."""
+    parts = [
+        predict_parts(blind, photo, blind.lights[name], specimen.shadows)
+        for photo, name in zip(photos, names, strict=True)
+    ]
+    left = sum((photo.radiance - lobe).sum(axis=0) for photo, (_, lobe) in zip(photos, parts, strict=True))
+    of_paint = np.maximum(left / sum(base.sum(axis=0) for base, _ in parts), 0)
+    scale = (1 - blind.brdf_share) * of_paint + blind.brdf_share
+    return {name: _times(light, scale) for name, light in blind.lights.items()}
+
+
+def _times(light: BlindLight, scale: Floats) -> BlindLight:
+    sources = light.sources
+    return replace(
+        light,
+        coefficients=light.coefficients * scale,
+        coefficients_std=light.coefficients_std * scale,
+        sources=replace(
+            sources,
+            irradiances=sources.irradiances * scale,
+            irradiance_std=sources.irradiance_std * scale,
+        ),
+    )
+
+
+def _unsure(
+    blind: BlindSolution, lights: Sequence[BlindLight], found: Sequence[FittedLighting]
+) -> Callable[[SurfacePoints], Floats]:
+    """Shares by which what was found first leaves Kd and Ks of points uncertain.
+
+    Of several lightings the best known counts at each point. The share of Ks that they were found with is Ks itself, in
+    their units.
+    """
+    std = _deviations(blind)
+    of_share = np.array([std[f"kappa {c}"] for c in "rgb"]) / blind.brdf_share
+
+    def at(points: SurfacePoints) -> Floats:
+        pairs = zip(lights, found, strict=True)
+        of_kd = np.min([_unsure_base(light, own, points.normals) for light, own in pairs], axis=0)
+        of_ks = np.hypot(np.min([_unsure_light(light) for light in lights], axis=0), of_share)
+        return np.hstack([of_kd, np.broadcast_to(of_ks, of_kd.shape)])
+
+    return at
+
+
+def _unsure_base(light: BlindLight, found: FittedLighting, normals: Floats) -> Floats:
+    """Standard deviation of the irradiance of normals (n, 3) over itself, (n, 3); without what the mesh hides.
+
+    It holds by what the map of the light, which isn't negative, differs from the harmonics that were fitted.
+    """
+    lighting, l_max = found.lighting, degree_of(len(light.coefficients))
+    assert lighting.radiance_map is not None
+    rows = irradiance_operator(normals, l_max)
+    of_lamps = np.clip(normals @ lighting.directions.T, 0, 1)
+    falls = rows @ project_latlong(lighting.radiance_map, l_max) + of_lamps @ lighting.irradiances
+    other = rows @ light.coefficients + of_lamps @ light.sources.irradiances
+    variance = rows**2 @ light.coefficients_std**2 + of_lamps**2 @ light.sources.irradiance_std**2
+    std = np.sqrt(variance + (falls - other) ** 2)
+    return np.asarray(std / np.maximum(falls, _DARK * falls.max(axis=0)))
+
+
+def _unsure_light(light: BlindLight) -> Floats:
+    """Standard deviation of a light over itself, (3,): RMS over its harmonics and lamps."""
+    std = np.concatenate([light.coefficients_std, light.sources.irradiance_std])
+    level = np.concatenate([light.coefficients, light.sources.irradiances])
+    return np.asarray(np.sqrt((std**2).sum(axis=0) / np.maximum((level**2).sum(axis=0), 1e-300)))
+
+
+def _in_gauge(solution: Solution, blind: BlindSolution, lights: Sequence[FittedLighting]) -> Solution:
+    """A solution in recovered light, with what isn't known of that in the error bars of mu and sigma."""
+    std = _deviations(blind)
+    own = [std.get(name, 0.0) for name in solution.covariance_names]
+    quantities = {
+        name: _widened(quantity, blind.quantities.get(name), std.get(name, 0.0))
+        for name, quantity in solution.quantities.items()
+        if name != "albedo"
+    }
+    return replace(
+        solution,
+        gauge=_GAUGE,
+        quantities=quantities,
+        lightings=tuple(lights),
+        covariance=solution.covariance + np.diag(np.square(own)),
+    )
+
+
+def _deviations(blind: BlindSolution) -> dict[str, float]:
+    """Standard deviations by the covariance's names."""
+    return dict(zip(blind.covariance_names, np.sqrt(np.diag(blind.covariance)).tolist(), strict=True))
+
+
+def _widened(quantity: Quantity, first: Quantity | None, std: float) -> Quantity:
+    """mu or sigma with what is not known of the light; undetermined where that and all else was found."""
+    if first is not None and first.status == "undetermined" and std:
+        return first
+    return quantity if quantity.std is None else replace(quantity, std=np.hypot(quantity.std, std))

@@ -1,0 +1,344 @@
+"""`result.json`: everything that a run found, as formats are documented in docs/formats.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.files.documents import numbers, software
+from invrender.diagnostics.named import NamedCause
+from invrender.estimate.evidence import MISFIT_REMEDY, PictureError, misfit_reason
+from invrender.estimate.interreflection import Interreflection
+from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
+from invrender.estimate.textured.layout import TexelLayout
+from invrender.estimate.textured.textures import (
+    KD_NAME,
+    KD_STD_NAME,
+    KS_NAME,
+    KS_STD_NAME,
+    MESH_NAME,
+    Textures,
+)
+from invrender.result.factorization import Factorization
+from recon.harmonics.basis import to_degree
+from recon.harmonics.complex import project_sources
+from recon.harmonics.latlong import map_coefficients
+
+FORMAT = 1
+# The first nine coefficients are the ones that a diffuse surface sees.
+_L_MAX = 2
+_DARK_MAP_HEIGHT = 16
+
+
+def result_document(
+    result: Factorization,
+    lighting_files: Mapping[str, str],
+    inputs: Mapping[str, str],
+    seconds: Mapping[str, float],
+) -> dict[str, Any]:
+    """The result as JSON-ready data; numbers are finite or null.
+
+    lighting_files : lighting's name -> file in the result folder. inputs : path -> "sha256:...".
+    """
+    quantities = result.quantities
+    model = result.model.estimate.model
+    scalars = {name: _quantity(quantities.get(name), scalar=True) for name in ("mu", "sigma", "exponent")}
+    fitted = [photo for photo in result.photos if not photo.held_out]
+    return {
+        "format": FORMAT,
+        "name": result.name,
+        "gauge": result.gauge,
+        "brdf": {
+            "model": result.brdf.form.name if model.specular else "lambertian",
+            "specular": specular_colour(result),
+            "kd": _quantity(quantities["kd"]),
+            "ks": _quantity(quantities.get("ks")),
+            **scalars,
+            "form_numbers": {
+                name: _quantity(quantities[name], scalar=True)
+                for name in result.brdf.form.numbers
+                if name in quantities
+            },
+            "albedo": _quantity(quantities.get("albedo")),
+            "normalised": {
+                "kd": _quantity(quantities.get("kd_normalised")),
+                "ks": _quantity(quantities.get("ks_normalised")),
+            },
+            "covariance": {"names": list(result.covariance_names), "values": numbers(result.covariance)},
+        },
+        "object": dict(result.object),
+        "texture": None if result.textures is None else _texture(result.textures),
+        "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in result.lightings],
+        "fit": {
+            "rms_relative": result.rms(held_out=False),
+            "cross_validated_rms_relative": result.model.error,
+            "held_out_rms_relative": result.rms(held_out=True),
+            "samples": sum(photo.samples for photo in fitted),
+            "photos": len(fitted),
+            "structured_rms_relative": result.structured,
+            "noise": {"floor": result.noise_floor, "relative": result.noise_relative},
+        },
+        "photos": [
+            {
+                "file": photo.label,
+                "lighting": photo.lighting,
+                "held_out": photo.held_out,
+                "samples": photo.samples,
+                "rms_relative": photo.rms,
+                "cross_validated_rms_relative": photo.cross_validated,
+            }
+            for photo in result.photos
+        ],
+        "interreflection": None if result.interreflection is None else _bounces(result.interreflection),
+        "causes": [_cause(cause) for cause in result.causes],
+        "identifiability": identifiability(result),
+        "models": [
+            {
+                "name": rung.estimate.model.name,
+                "parameters": rung.parameters,
+                "cross_validated_rms_relative": rung.error,
+                "standard_error": rung.standard_error,
+                "chosen": index == result.chosen,
+            }
+            for index, rung in enumerate(result.rungs)
+        ],
+        "warnings": list(result.warnings),
+        "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
+        "inputs": dict(inputs),
+        "software": software(),
+    }
+
+
+def with_picture_errors(document: Mapping[str, Any], errors: Mapping[str, PictureError]) -> dict[str, Any]:
+    """The result with the errors of predicted pictures, by photograph, in place of those of the samples.
+
+    One measure for all: RMS over all unsaturated pixels of the object. What a fit that has not seen a photograph misses
+    beyond one that has is known of its samples, and added.
+    """
+    photos = []
+    for photo in document["photos"]:
+        error, unseen = errors[photo["file"]], photo["cross_validated_rms_relative"]
+        if unseen is not None:
+            unseen = float(np.sqrt(max(error.rms**2 + unseen**2 - photo["rms_relative"] ** 2, 0)))
+        photos.append(
+            {
+                **photo,
+                "rms_relative": error.rms,
+                "cross_validated_rms_relative": unseen,
+                "error_in_brightest_2_percent": error.brightest,
+            }
+        )
+
+    def mean(key: str, held_out: bool) -> float | None:
+        values = [photo[key] for photo in photos if photo["held_out"] == held_out]
+        return float(np.mean(values)) if values and None not in values else None
+
+    fit = {
+        **document["fit"],
+        "rms_relative": mean("rms_relative", False),
+        "cross_validated_rms_relative": mean("cross_validated_rms_relative", False),
+        "held_out_rms_relative": mean("rms_relative", True),
+        "error_in_brightest_2_percent": {
+            "fitted": mean("error_in_brightest_2_percent", False),
+            "held_out": mean("error_in_brightest_2_percent", True),
+        },
+    }
+    return {**document, "photos": photos, "fit": fit}
+
+
+def errors_in_words(fit: Mapping[str, Any]) -> str:
+    """How far predicted pictures are off, in a sentence; `fit` as result.json has it."""
+    bright = fit["error_in_brightest_2_percent"]
+    parts = [f"{fit['rms_relative']:.2%} in the photographs that were fitted"]
+    if fit["cross_validated_rms_relative"] is not None:
+        parts.append(f"{fit['cross_validated_rms_relative']:.2%} in each by a fit without it")
+    if fit["held_out_rms_relative"] is not None:
+        parts.append(f"{fit['held_out_rms_relative']:.2%} in those held out")
+    seen = bright["held_out"] is None
+    share, whose = (bright["fitted"], "fitted") if seen else (bright["held_out"], "held-out")
+    return (
+        f"Predicted pictures are off by {', '.join(parts)} (RMS over all unsaturated pixels of the object, relative to"
+        f" the photograph's). In {whose} photographs {share:.0%} of the squared error lies in the brightest 2% of the"
+        " pixels."
+    )
+
+
+def _cause(cause: NamedCause) -> dict[str, Any]:
+    return {
+        "cause": cause.name,
+        "share": cause.share,
+        "numbers": numbers(cause.numbers),
+        "photo": cause.photo,
+        "text": cause.text,
+    }
+
+
+def _texture(textures: Textures) -> dict[str, Any]:
+    layout = textures.layout
+    return {
+        "kd": KD_NAME,
+        "kd_std": KD_STD_NAME,
+        "ks": KS_NAME if textures.ks_varies else None,
+        "ks_std": KS_STD_NAME if textures.ks_varies else None,
+        "at": "texels" if isinstance(layout, TexelLayout) else "vertices",
+        "side": layout.side if isinstance(layout, TexelLayout) else None,
+        "known": textures.share_known,
+        # The set's own mesh has the texture coordinates, unless they were made.
+        "mesh": MESH_NAME if layout.made is not None else None,
+    }
+
+
+def _bounces(found: Interreflection) -> dict[str, Any]:
+    return {
+        "rms_relative": found.relative,
+        "highest_relative": found.highest,
+        "taken_off": found.taken_off,
+        "albedo": None if found.albedo is None else numbers(found.albedo),
+        "asked": {"value": found.asked, "std": found.asked_std},
+        "cross_validated_rms_relative": {"taken_off": found.error_with, "left": found.error_without},
+        "moved": {
+            name: numbers(found.moved(name) if name in ("kd", "ks") else found.moved(name)[0])
+            for name in ("kd", "ks", "mu", "sigma")
+        },
+    }
+
+
+def specular_colour(result: Factorization) -> str | None:
+    """ "neutral" if one Ks for all channels explains as much as three, "coloured" if not; None where nothing tells."""
+    model = result.model.estimate.model
+    if not any(rung.estimate.model.neutral for rung in result.rungs) or not model.specular:
+        return None
+    return "neutral" if model.neutral else "coloured"
+
+
+def identifiability(result: Factorization) -> list[dict[str, str]]:
+    """One entry per BRDF parameter: status, and where it is not determined the reason and the remedy."""
+    rows = []
+    for name in ("kd", "ks", "mu", "sigma"):
+        quantity = result.quantities.get(name)
+        if quantity is None:
+            quantity = Quantity(None, None, "undetermined", *absence(result, name))
+        rows.append(
+            {
+                "parameter": name,
+                "status": quantity.status,
+                "reason": quantity.reason,
+                "remedy": quantity.remedy,
+            }
+        )
+    return rows
+
+
+def absence(result: Factorization, name: str) -> tuple[str, str]:
+    """Why the chosen model lacks a parameter, and what would show whether the object needs it."""
+    chosen, best = result.model, min(result.rungs, key=lambda rung: rung.error)
+    what = "Fresnel factor" if name == "mu" and chosen.estimate.model.specular else "specular term"
+    if result.misfits:
+        return misfit_reason(chosen.error), MISFIT_REMEDY
+    form = chosen.estimate.model.form
+    if what == "Fresnel factor" and not form.has_fresnel:
+        return (
+            f"the form that explains these photographs best, {form.name}'s, has no Fresnel factor",
+            "photographs with highlights at grazing angles would show whether a form that has one does better",
+        )
+    change = f"{chosen.error:.2%}" if best is chosen else f"{chosen.error:.2%} against {best.error:.2%}"
+    reason = (
+        f"these photographs need no {what}: the error on unseen photographs is {change},"
+        f" within one standard error ({best.standard_error:.2%}) of the best model's"
+    )
+    remedy = (
+        "photographs with highlights at grazing angles would show whether the object has one"
+        if what == "Fresnel factor"
+        else "photographs under a small, bright source, its highlight in view, would show whether the object has one"
+    )
+    return reason, remedy
+
+
+def lighting_map(entry: FittedLighting) -> NDArray[np.float32]:
+    """The lat-long map (H, 2H, 3) of a fitted lighting without its directional sources; black if there is none."""
+    if entry.lighting.radiance_map is not None and not entry.lighting.recover_ambient:
+        return entry.lighting.radiance_map
+    dark = np.zeros((_DARK_MAP_HEIGHT, 2 * _DARK_MAP_HEIGHT, 3), np.float32)
+    return dark if entry.ambient is None else dark + np.maximum(entry.ambient, 0).astype(np.float32)
+
+
+def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any] | None:
+    if quantity is None:
+        return None
+    if quantity.value is None or quantity.std is None:
+        return {"value": None, "std": None, "status": quantity.status}
+    value, std = numbers(quantity.value), numbers(quantity.std)
+    untold = np.isnan(quantity.std).all()
+    return {
+        "value": value[0] if scalar else value,
+        "std": None if untold else std[0] if scalar else std,
+        "status": quantity.status,
+    }
+
+
+def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
+    lighting, harmonics = entry.lighting, entry.harmonics
+    recovered = (
+        [*lighting.recovers, *(["scale"] if entry.up_to_scale else [])] if harmonics is None else ["all"]
+    )
+    if harmonics is None:
+        coefficients = map_coefficients(lighting_map(entry), _L_MAX)
+    else:
+        coefficients = to_degree(harmonics.coefficients, _L_MAX)
+    coefficients += project_sources(lighting.directions, lighting.irradiances, _L_MAX)
+    return {
+        "name": lighting.name,
+        "known": not recovered,
+        "recovered": recovered,
+        "l_max": _L_MAX,
+        "sh": {"value": numbers(coefficients), "std": numbers(_coefficient_std(entry))},
+        "directional": [
+            {
+                "direction": numbers(direction),
+                "direction_std_deg": None if std_deg is None else float(std_deg),
+                "irradiance": numbers(irradiance),
+                "irradiance_std": numbers(std),
+            }
+            for direction, std_deg, irradiance, std in zip(
+                lighting.directions,
+                [None] * len(lighting.directions)
+                if lighting.direction_std_deg is None
+                else lighting.direction_std_deg,
+                lighting.irradiances,
+                entry.irradiance_std,
+                strict=True,
+            )
+        ],
+        "ambient": None if entry.ambient is None else numbers(entry.ambient),
+        "ambient_std": None if entry.ambient_std is None else numbers(entry.ambient_std),
+        "map": map_file,
+        "harmonics": None if harmonics is None else _harmonics(harmonics),
+    }
+
+
+def _harmonics(light: HarmonicLight) -> dict[str, Any]:
+    return {
+        "l_max": len(light.shares) - 1,
+        "value": numbers(light.coefficients),
+        "std": numbers(light.std),
+        "determined_degree": light.determined_degree,
+        "shares": numbers(light.shares),
+        "reason": light.reason,
+        "remedy": light.remedy,
+    }
+
+
+def _coefficient_std(entry: FittedLighting) -> NDArray[np.float64]:
+    """Standard deviations of the coefficients ((l+1)^2, 3): zero for what was given, from strengths else."""
+    lighting = entry.lighting
+    variance = np.zeros(((_L_MAX + 1) ** 2, 3))
+    for direction, std in zip(lighting.directions, entry.irradiance_std, strict=True):
+        variance += project_sources(direction[None], std[None], _L_MAX) ** 2
+    if entry.harmonics is not None:
+        variance += to_degree(entry.harmonics.std, _L_MAX) ** 2
+    if entry.ambient_std is not None:
+        variance[0] += 4 * np.pi * entry.ambient_std**2
+    return np.sqrt(variance)

@@ -1,0 +1,196 @@
+"""The truth of a synthetic photo set as a side of a comparison: no errors, no fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict
+
+from capture.files.documents import read_json
+from capture.files.tables import Table
+from capture.lighting import Lighting, read_latlong
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm, phong_sigma
+from invrender.brdf.microfacet import Microfacet
+from invrender.result.side import Number, Side, SideLighting, TruePaint
+
+Floats = NDArray[np.float64]
+
+TRUTH_NAME = "truth.json"
+_WHAT = "a truth.json, as `lightfactor synth` writes it, holds brdf, lighting, photos and sensor"
+_Triple = tuple[float, float, float]
+# Models whose kd, ks, mu and width mean what those of a form of the lobe do.
+_FORMS: dict[str, LobeForm] = {"microfacet": PRINTED, "smith": BECKMANN, "ggx": GGX_FORM, "phong": PHONG}
+
+
+class _Lenient(Table):
+    model_config = ConfigDict(extra="ignore")
+
+
+class _Brdf(_Lenient):
+    model: str
+    kd: _Triple
+    ks: _Triple
+    mu: Any = None
+    sigma: float | None = None
+    alpha: float | None = None
+    exponent: float | None = None
+    kd_map: str | None = None
+    ks_map: str | None = None
+
+    @property
+    def width(self) -> float | None:
+        """Sigma of the form that has this lobe, radians; None without one."""
+        if self.exponent is not None:
+            return phong_sigma(self.exponent) if self.exponent > 0 else None
+        return self.sigma if self.alpha is None else self.alpha
+
+    @property
+    def form(self) -> LobeForm | None:
+        """The form of its lobe; None where there is none, or none like it."""
+        if self.model == "plastic":
+            return PLASTICS[BECKMANN if self.alpha is None else GGX_FORM]
+        return None if self.width is None else _FORMS.get(self.model)
+
+
+class _Source(_Lenient):
+    direction: _Triple
+    irradiance: _Triple
+
+
+class _TrueLighting(_Lenient):
+    name: str
+    map: str | None
+    directional: tuple[_Source, ...]
+    lamps: tuple[dict[str, Any], ...]
+    mirror_ball: dict[str, Any] | None
+
+
+class _Photo(_Lenient):
+    file: str
+    radiance: str
+
+
+class _Object(_Lenient):
+    mesh: str | None = None
+
+
+class _Sensor(_Lenient):
+    radiance_factor: float = 1.0
+
+
+class _Truth(_Lenient):
+    brdf: _Brdf
+    object: _Object = _Object()
+    lighting: tuple[_TrueLighting, ...]
+    photos: tuple[_Photo, ...]
+    sensor: _Sensor
+
+
+def is_truth(path: Path) -> bool:
+    """Whether a path names a truth.json."""
+    return path.is_file() and path.name == TRUTH_NAME
+
+
+def truth_side(path: Path) -> Side:
+    """The truth of a photo set as a side."""
+    truth = read_json(path, _Truth, ("brdf", "lighting", "photos", "sensor"), _WHAT, ("object",))
+    factor = truth.sensor.radiance_factor
+    # Where the light was read off a ball, its photographs carry the sensor's unit into the light, not into Kd and Ks.
+    of_ball = any(light.mirror_ball is not None for light in truth.lighting)
+    of_brdf = 1.0 if of_ball else factor
+    numbers, notes = _numbers(truth.brdf, of_brdf)
+    if factor != 1:
+        what = "the light" if of_ball else "Kd and Ks"
+        notes.append(
+            f"The camera's unit of radiance is {factor:.4g} times the scene's: {what} are multiplied by it."
+        )
+    if any(light.lamps for light in truth.lighting):
+        notes.append(
+            "The truth has lamps at a finite distance, which a comparison of distant light leaves out."
+        )
+    paint = _paint(path.parent, truth, of_brdf)
+    is_known = truth.brdf.form is not None or truth.brdf.model == "lambertian"
+    pictures = {
+        Path(photo.file).name: path.parent / photo.radiance
+        for photo in truth.photos
+        if (path.parent / photo.radiance).is_file()
+    }
+    return Side(
+        title=str(path),
+        is_absolute=True,
+        numbers=numbers,
+        lightings=tuple(_lighting(path, light, factor if of_ball else 1.0) for light in truth.lighting),
+        brdf=brdf_of(numbers, truth.brdf.form) if is_known and paint is None else None,
+        form=truth.brdf.form,
+        pictures=pictures,
+        picture_factor=factor,
+        notes=tuple(notes),
+        paint=paint,
+        material=truth.brdf.model,
+        is_truth=True,
+    )
+
+
+def brdf_of(numbers: Mapping[str, Number], form: LobeForm | None) -> Microfacet:
+    """The BRDF of a truth's numbers; without a form a Lambertian one."""
+    values = {name: number.value for name, number in numbers.items()}
+    kd, ks, mu, sigma = (values.get(name) for name in ("kd", "ks", "mu", "sigma"))
+    assert kd is not None
+    return Microfacet(
+        kd,
+        np.zeros(3) if ks is None else ks,
+        None if mu is None else float(mu[0]),
+        None if sigma is None else float(sigma[0]),
+        form or PRINTED,
+    )
+
+
+def _paint(folder: Path, truth: _Truth, factor: float) -> TruePaint | None:
+    """Where the truth's textures lie; None where it has none."""
+    brdf = truth.brdf
+    if brdf.kd_map is None or brdf.ks_map is None or truth.object.mesh is None:
+        return None
+    return TruePaint(folder / brdf.kd_map, folder / brdf.ks_map, folder / truth.object.mesh, factor)
+
+
+def _numbers(brdf: _Brdf, factor: float) -> tuple[dict[str, Number], list[str]]:
+    """The truth's numbers as far as they mean what a result's do, and sentences where they don't."""
+    notes = []
+    kd, ks = np.array(brdf.kd) * factor, np.array(brdf.ks) * factor
+    numbers = {"kd": _exact(kd)}
+    if brdf.form is None and brdf.model != "lambertian":
+        notes.append(f"The truth's model is {brdf.model}: of its numbers only Kd means what a result's does.")
+        return numbers, notes
+    for named in ("alpha", "exponent"):
+        if (value := getattr(brdf, named)) is not None:
+            notes.append(f"The truth's sigma stands for its {named}, {value:g}, of the same highlight.")
+    absent = Number(None, None, "not in its model")
+    total = np.where(kd + ks > 0, kd + ks, 1.0)
+    numbers |= {
+        "ks": _exact(ks),
+        "kd_normalised": _exact(kd / total),
+        "ks_normalised": _exact(ks / total),
+        "mu": absent if brdf.mu is None else _exact(np.array([float(brdf.mu)])),
+        "sigma": absent if brdf.width is None else _exact(np.array([brdf.width])),
+    }
+    return numbers, notes
+
+
+def _exact(value: Floats) -> Number:
+    return Number(value, np.zeros_like(value))
+
+
+def _lighting(path: Path, light: _TrueLighting, factor: float) -> SideLighting:
+    radiance = None if light.map is None else read_latlong(path.parent / light.map) * np.float32(factor)
+    irradiances = factor * np.array([source.irradiance for source in light.directional]).reshape(-1, 3)
+    lighting = Lighting(
+        light.name,
+        radiance,
+        np.array([source.direction for source in light.directional]).reshape(-1, 3),
+        irradiances,
+    )
+    return SideLighting(lighting, np.zeros_like(irradiances), is_whole=not light.lamps)

@@ -1,1 +1,0 @@
-"""Inverse problems on the light field: search, evidence, uncertainty."""

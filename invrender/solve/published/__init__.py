@@ -1,9 +1,0 @@
-"""RH01's own procedures, as published: what ours is charted against.
-
-There are no error bars, pixels count alike whatever their noise, and recovered light may be negative.
-"""
-
-from invrender.solve.published.factors import PublishedFactors, published_factors
-from invrender.solve.published.knownlight import PublishedBRDF, published_brdf
-
-__all__ = ["PublishedBRDF", "PublishedFactors", "published_brdf", "published_factors"]

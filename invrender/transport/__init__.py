@@ -1,0 +1,1 @@
+"""Transport: what a BRDF makes of light, visibility and interreflection included."""

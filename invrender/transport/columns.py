@@ -1,0 +1,229 @@
+"""The reflected light field as linear columns per photograph, whatever mu and sigma turn out to be.
+
+[RH01, eq. 24] for one channel and one photograph is
+
+    B = sum_e x_e ( Kd sum_i b_i(mu) d_ei + Ks sum_kj a_k(mu) c_j(sigma) m_ekj )
+
+with lighting elements e of strength x_e, diffuse transfers d_ei and specular transfers m_ekj that hold
+neither mu nor sigma: Fresnel's factor is a short sum in k, the lobe is interpolated between nodes j. So it is for
+every form of the specular part; only the m_ekj differ. Above a Lambertian base there is one d_e, and b is 1; what an
+interface lets through is a short sum in i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.parallel import parallel_map
+from invrender.brdf.fresnel import FresnelBasis
+from invrender.brdf.lobes import PRINTED, LobeForm, Numbers, part_width
+from invrender.brdf.microfacet import sigma_nodes, sigma_weights
+from invrender.transport.base import base_columns, base_size, base_weights
+from invrender.transport.form_transfer import FresnelFunctions, OneIndex, forms_transfer
+from invrender.transport.transfer import LightElement
+from invrender.transport.visibility import Rays, Shadows, seen_specular
+from recon.sampling.lightfield import LightField, blocks, joined, pools
+
+Floats = NDArray[np.float64]
+
+# Memory then doesn't grow with a photograph's rays.
+_RAYS_AT_A_TIME = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoColumns:
+    """The columns of one photograph's samples.
+
+    lighting : name of its lighting. elements : names of the lighting's elements.
+    columns : (channels, n, elements, q) float32; channels is 1 where all share them. The first of the last axis are the
+        d, one of a Lambertian base, then m with j fastest.
+    field : the samples. form : of the specular part. shadows : that they were made with, if any.
+    """
+
+    lighting: str
+    elements: tuple[str, ...]
+    columns: NDArray[np.float32]
+    field: LightField
+    form: LobeForm = PRINTED
+    shadows: Shadows | None = None
+
+    @property
+    def radiance(self) -> Floats:
+        return self.field.radiance
+
+    def less(self, radiance: Floats) -> PhotoColumns:
+        """The same samples without a part (n, 3) of their radiance."""
+        return replace(self, field=replace(self.field, radiance=self.radiance - radiance))
+
+    def where(self, keep: NDArray[np.bool_]) -> PhotoColumns:
+        """The samples marked by a mask (n,)."""
+        return replace(self, columns=self.columns[:, keep], field=self.field.where(keep))
+
+
+def sample_count(photos: Sequence[PhotoColumns]) -> int:
+    """How many samples photographs have together."""
+    return sum(len(photo.field) for photo in photos)
+
+
+def together(photos: Sequence[PhotoColumns]) -> PhotoColumns:
+    """Photographs under one lighting as one, in columns of one form."""
+    if len(photos) == 1:
+        return photos[0]
+    columns = np.concatenate([photo.columns for photo in photos], axis=1)
+    return replace(photos[0], columns=columns, field=joined([photo.field for photo in photos]))
+
+
+@lru_cache(maxsize=1)
+def fresnel_basis() -> FresnelBasis:
+    """The one basis that columns and weights share."""
+    return FresnelBasis()
+
+
+def _fresnel_functions(form: LobeForm) -> FresnelFunctions:
+    return fresnel_basis().functions if form.has_fresnel else OneIndex(None)
+
+
+def photo_columns(
+    lighting: str,
+    elements: Sequence[LightElement],
+    field: LightField,
+    form: LobeForm = PRINTED,
+    shadows: Shadows | None = None,
+    diffuse: NDArray[np.float32] | None = None,
+) -> PhotoColumns:
+    """Columns of a photograph's samples under a lighting given by its elements.
+
+    shadows : of a mesh, if it has any. diffuse : (channels, n, elements), d of a Lambertian base if it is known.
+    """
+    return _photo_columns(lighting, elements, field, (form,), shadows, diffuse)[0]
+
+
+def _photo_columns(
+    lighting: str,
+    elements: Sequence[LightElement],
+    field: LightField,
+    forms: Sequence[LobeForm],
+    shadows: Shadows | None,
+    diffuse: NDArray[np.float32] | None,
+) -> list[PhotoColumns]:
+    nodes, fresnel = sigma_nodes(), _fresnel_functions(forms[0])
+    channels = max(element.channels for element in elements)
+    lobes = list(dict.fromkeys(form.lobe for form in forms))
+    size = len(specular_weights(None, nodes[0], forms[0]))
+    shape = channels, len(field), len(elements)
+    # By lobe and size of the base, which tells the kinds of base apart; forms that share both share columns.
+    found = {
+        (form.lobe, base_size(form)): np.empty((*shape, base_size(form) + size), np.float32) for form in forms
+    }
+    bases = {base_size(form): form for form in forms}
+    for block, part in blocks(field, _RAYS_AT_A_TIME):
+        for e, element in enumerate(elements):
+            sight = None if shadows is None else shadows.sight(element, part)
+
+            def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
+                return forms_transfer(lobes, light, part.normals[rays], part.views[rays], nodes, fresnel)
+
+            specular = seen_specular(element, sight, gather)
+            means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
+            below: dict[int, NDArray[np.floating]] = {}
+            for first, form in bases.items():
+                if first == 1 and diffuse is not None:
+                    below[1] = diffuse[:, block, e, None]
+                else:
+                    base = base_columns(form, element, part.normals, part.views, sight)
+                    below[first] = part.mean_over_rays(base).transpose(2, 0, 1)
+            for (lobe, first), columns in found.items():
+                columns[:, block, e, :first] = below[first]
+                columns[:, block, e, first:] = means[:, lobes.index(lobe)].transpose(2, 0, 1)
+    names = tuple(element.name for element in elements)
+    return [
+        PhotoColumns(lighting, names, found[form.lobe, base_size(form)], field, form, shadows)
+        for form in forms
+    ]
+
+
+def all_columns(
+    lightings: Sequence[str],
+    elements: Mapping[str, Sequence[LightElement]],
+    fields: Sequence[LightField],
+    form: LobeForm = PRINTED,
+    shadows: Shadows | None = None,
+    diffuse: Sequence[NDArray[np.float32]] | None = None,
+) -> list[PhotoColumns]:
+    """`photo_columns` of each photograph, spread over the cores, those with few samples made together.
+
+    lightings : the name of each one's. elements : of lightings by their names. diffuse : the column d of each, of a
+    Lambertian base.
+    """
+    return columns_of_forms(lightings, elements, fields, (form,), shadows, diffuse)[form]
+
+
+def columns_of_forms(
+    lightings: Sequence[str],
+    elements: Mapping[str, Sequence[LightElement]],
+    fields: Sequence[LightField],
+    forms: Sequence[LobeForm],
+    shadows: Shadows | None = None,
+    diffuse: Sequence[NDArray[np.float32]] | None = None,
+) -> dict[LobeForm, list[PhotoColumns]]:
+    """`all_columns` of several forms of facets, or of one form of any kind: facets look at the same rays of light."""
+
+    def of(pool: list[int]) -> list[list[PhotoColumns]]:
+        parts, name = [fields[k] for k in pool], lightings[pool[0]]
+        known = None if diffuse is None else np.concatenate([diffuse[k] for k in pool], axis=1)
+        wholes = _photo_columns(name, elements[name], joined(parts), forms, shadows, known)
+        ends = np.cumsum([len(part) for part in parts])[:-1]
+        return [
+            [replace(whole, columns=own, field=part) for whole, own in zip(wholes, each, strict=True)]
+            for part, each in zip(
+                parts,
+                zip(*(np.split(whole.columns, ends, axis=1) for whole in wholes), strict=True),
+                strict=True,
+            )
+        ]
+
+    groups = pools(fields, lightings)
+    found = {
+        k: own
+        for pool, columns in zip(groups, parallel_map(of, groups), strict=True)
+        for k, own in zip(pool, columns, strict=True)
+    }
+    return {form: [found[k][place] for k in range(len(fields))] for place, form in enumerate(forms)}
+
+
+def specular_weights(
+    mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED, numbers: Numbers | None = None
+) -> Floats:
+    """a_k(mu) c_j(sigma) in the columns' order, (rank * nodes,); of several mu and sigma (f,), (f, rank * nodes).
+
+    numbers : the form's own, one or (f,) each; those that it has if None.
+    """
+    parts = form.parts if numbers is None else form.parts_at(numbers)
+    sigma = np.asarray(sigma, float)
+    nodes = sum(
+        np.asarray(share)[..., None] * sigma_weights(part_width(factor, sigma)) for share, factor in parts
+    )
+    if not form.has_fresnel:
+        return np.asarray(nodes)
+    products = fresnel_basis().coefficients(mu)[..., :, None] * np.asarray(nodes)[..., None, :]
+    return np.asarray(products.reshape(*np.shape(nodes)[:-1], -1))
+
+
+def column_weights(
+    mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED, numbers: Numbers | None = None
+) -> Floats:
+    """What columns count for in the transfers of base and lobe, (q, 2); at several mu and sigma, (f, q, 2).
+
+    numbers : as of `specular_weights`.
+    """
+    specular = specular_weights(mu, sigma, form, numbers)
+    size = base_size(form)
+    result = np.zeros((*specular.shape[:-1], size + specular.shape[-1], 2))
+    result[..., :size, 0] = base_weights(form, mu, (numbers or {}).get("coat"))
+    result[..., size:, 1] = specular
+    return result

@@ -1,0 +1,90 @@
+"""Prediction of radiance from a BRDF and lighting, directly and through prepared columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.microfacet import Microfacet
+from invrender.transport.base import base_transfer
+from invrender.transport.columns import PhotoColumns, column_weights, together
+from invrender.transport.form_transfer import OneIndex, form_transfer
+from invrender.transport.transfer import LightElement
+from invrender.transport.visibility import Rays, Shadows, seen_specular
+from recon.sampling.lightfield import LightField, pools
+
+Floats = NDArray[np.float64]
+
+
+def predict(
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    field: LightField,
+    shadows: Shadows | None = None,
+) -> Floats:
+    """Radiance (n, 3) of samples, without tables or interpolation [RH01, eq. 24; its form any].
+
+    strengths : (elements, 3). shadows : of a mesh, if it has any.
+    """
+    diffuse, specular = reflected(brdf, elements, strengths, field, shadows)
+    return np.asarray(field.mean_over_rays(brdf.kd * diffuse + brdf.ks * specular))
+
+
+def reflected(
+    brdf: Microfacet,
+    elements: Sequence[LightElement],
+    strengths: Floats,
+    field: LightField,
+    shadows: Shadows | None = None,
+) -> tuple[Floats, Floats]:
+    """What rays (m, 3) reflect per unit of Kd, and of Ks: zero where `brdf` has no specular part."""
+    diffuse, specular = np.zeros((2, len(field.normals), 3))
+    sigma, fresnel = np.array([brdf.sigma or np.nan]), OneIndex(brdf.mu)
+
+    def gather(light: LightElement, rays: Rays) -> NDArray[np.floating]:
+        return form_transfer(brdf.form, light, field.normals[rays], field.views[rays], sigma, fresnel)
+
+    for element, strength in zip(elements, strengths, strict=True):
+        sight = None if shadows is None else shadows.sight(element, field)
+        base = base_transfer(brdf.form, brdf.mu, element, field.normals, field.views, sight)
+        diffuse += strength * base
+        if brdf.sigma is not None and brdf.ks.any():
+            specular += strength * seen_specular(element, sight, gather)[:, 0, 0]
+    return diffuse, specular
+
+
+def transfers(photo: PhotoColumns, brdf: Microfacet) -> tuple[Floats, Floats]:
+    """Diffuse and specular transfers of a photograph's samples, (channels, n, elements) each.
+
+    brdf : whose mu, sigma and form are taken; its form must be of the columns' family. ValueError otherwise.
+    """
+    if brdf.sigma is None and not photo.form.interface and photo.form.coat is None:
+        diffuse = photo.columns[..., 0].astype(float)
+        return diffuse, np.zeros_like(diffuse)
+    if brdf.form.family is not photo.form.family or brdf.sigma is None:
+        raise ValueError(f"columns of the form {photo.form.name!r} can't predict {brdf.form.name!r}")
+    both = photo.columns @ column_weights(brdf.mu, brdf.sigma, brdf.form).astype(np.float32)
+    return both[..., 0].astype(float), both[..., 1].astype(float)
+
+
+def predict_columns(photo: PhotoColumns, brdf: Microfacet, strengths: Floats) -> Floats:
+    """Radiance (n, 3) of a photograph's samples through its columns, which must be of the BRDF's form."""
+    diffuse, specular = transfers(photo, brdf)
+    shading = brdf.kd[:, None, None] * diffuse + brdf.ks[:, None, None] * specular
+    return np.einsum("cne,ec->nc", shading, strengths)
+
+
+def predict_photos(
+    photos: Sequence[PhotoColumns], brdf: Microfacet, strengths: Mapping[str, Floats]
+) -> list[Floats]:
+    """`predict_columns` of each photograph, those with few samples made together; strengths by the lighting's name."""
+    found: dict[int, Floats] = {}
+    for pool in pools([photo.field for photo in photos], [photo.lighting for photo in photos]):
+        whole = together([photos[k] for k in pool])
+        radiance = predict_columns(whole, brdf, strengths[whole.lighting])
+        ends = np.cumsum([len(photos[k].field) for k in pool])
+        found |= zip(pool, np.split(radiance, ends[:-1]), strict=True)
+    return [found[k] for k in range(len(photos))]

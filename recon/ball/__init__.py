@@ -1,1 +1,0 @@
-"""Light read off photographs of mirror balls."""

@@ -1,0 +1,1 @@
+"""Spherical harmonics: real and complex bases, rotations, lat-long transforms."""

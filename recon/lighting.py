@@ -1,0 +1,140 @@
+"""The lightings of a photo set, read from maps, source lists and mirror balls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from capture.decode import decode_in_set, read_mask
+from capture.exposure import ExposureSettings, relative_exposure
+from capture.lighting import Lighting, read_latlong
+from capture.manifest import BallViewTable, CameraTable, LightingTable, MirrorBallTable
+from capture.photoset import Photo, PhotoSet, build_camera
+from capture.placing import matrix4
+from recon.mirrorball.bracket import view_bracket
+from recon.mirrorball.light import ball_lighting, lighting_of_ball
+from recon.mirrorball.view import BallView
+from recon.sphere.circle import Disk
+
+
+def read_lighting(photoset: PhotoSet, table: LightingTable) -> Lighting:
+    """One named lighting of a set; ValueError names the table and what it lacks."""
+    where = f'{photoset.manifest}: [[lighting]] "{table.name}"'
+    if table.unknown:
+        raise ValueError(
+            f"{where}: unknown = true: this version recovers reflectance under known light only;"
+            " give map, directional or mirror_ball"
+        )
+    if table.mirror_ball is not None:
+        return _from_ball(photoset, table, table.mirror_ball, where)
+    recover = table.recover or ()
+    directions = np.array([source.direction for source in table.directional]).reshape(-1, 3)
+    lacking = [k for k, source in enumerate(table.directional) if source.irradiance is None]
+    if lacking and "irradiance" not in recover:
+        raise ValueError(
+            f"{where}: source {lacking[0] + 1} has no irradiance; give it, or"
+            " recover = ['irradiance'] to have it fitted"
+        )
+    if "irradiance" in recover and not table.directional:
+        raise ValueError(f"{where}: recover = ['irradiance'], but there is no directional source")
+    if "ambient" in recover and table.map:
+        raise ValueError(
+            f"{where}: recover = ['ambient'] contradicts map: a recovered ambient stands in for a map"
+        )
+    irradiances = [source.irradiance or (1.0, 1.0, 1.0) for source in table.directional]
+    try:
+        lighting = Lighting(
+            name=table.name,
+            radiance_map=read_latlong(photoset.resolve(table.map)) if table.map else None,
+            directions=directions,
+            irradiances=np.array(irradiances).reshape(-1, 3),
+            recover_irradiance="irradiance" in recover,
+            recover_ambient="ambient" in recover,
+            origin=table.map or "manifest",
+        )
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+    dark = lighting.radiance_map is None and not lighting.irradiances.any()
+    if dark and not lighting.recovers:
+        raise ValueError(f"{where}: gives no light at all; every irradiance is zero")
+    return lighting
+
+
+def frame_warnings(photoset: PhotoSet) -> list[str]:
+    """A sentence if lights, or a mesh's place, are given in a frame that the registered poses don't share."""
+    if not photoset.own_frame:
+        return []
+    given = [f"lighting {table.name!r}" for table in photoset.lightings if not table.unknown]
+    if photoset.object.mesh_to_world is not None:
+        given.append("mesh_to_world")
+    if not given:
+        return []
+    return [
+        f"the poses were registered in a frame of their own: {', '.join(given)} must be given in that frame, or the"
+        " frame be set by a board, by gantry angles or by given poses of some photos"
+    ]
+
+
+def _from_ball(photoset: PhotoSet, table: LightingTable, ball: MirrorBallTable, where: str) -> Lighting:
+    users = [photo for photo in photoset.photos if photo.lighting == table.name]
+    if not users:
+        raise ValueError(f"{where}: no photo uses this lighting; remove it, or name it in a [[photo]]")
+    tables: tuple[BallViewTable, ...] = ball.views or (ball,)
+    views = [_ball_view(photoset, ball, view, users, where) for view in tables]
+    return lighting_of_ball(ball_lighting(views, views[0].name), table.recover, table.name)
+
+
+def _ball_view(
+    photoset: PhotoSet, ball: MirrorBallTable, view: BallViewTable, users: Sequence[Photo], where: str
+) -> BallView:
+    pose = matrix4(view.world_to_camera, where) if view.world_to_camera else _common_pose(users, where)
+    camera = users[0].camera.posed(pose)
+    if view.camera is not None:
+        shared = CameraTable(
+            model=camera.model, params=tuple(camera.params), width=camera.width, height=camera.height
+        )
+        camera = build_camera(photoset.manifest, (shared, view.camera), pose, where)
+    size = (camera.height, camera.width)
+    radiometry = photoset.radiometry
+    if len(view.photo) > 1 and radiometry.exposure == "equal":
+        raise ValueError(
+            f"{where}: photo is a bracket, but [radiometry] exposure = 'equal' says that all exposures are one;"
+            " use 'exif', or 'manual' with exposure_s"
+        )
+    exposed = []
+    for index, name in enumerate(view.photo):
+        path = photoset.resolve(name)
+        seconds = view.exposure_s[index] if view.exposure_s else None
+        settings = ExposureSettings(seconds, view.iso, view.f_number)
+        exposure = relative_exposure(path, radiometry.exposure, settings)
+        exposed.append((exposure, decode_in_set(radiometry, path, settings, size)))
+    exposed.sort(key=lambda entry: -entry[0])
+    background = None
+    if view.background is not None:
+        # Its exposure is found by comparison.
+        equal = replace(radiometry, exposure="equal")
+        background = decode_in_set(equal, photoset.resolve(view.background), ExposureSettings(), size)
+    return view_bracket(
+        [image for _, image in exposed],
+        camera,
+        view.photo[0],
+        read_mask(photoset.resolve(view.mask), size) if view.mask else None,
+        background,
+        Disk(*view.ball) if view.ball else None,
+        ball.reflectance,
+        ball.camera_mask_deg,
+        [exposure for exposure, _ in exposed],
+    )[0]
+
+
+def _common_pose(users: Sequence[Photo], where: str) -> np.ndarray:
+    pose = users[0].camera.world_to_camera
+    for photo in users[1:]:
+        if not np.allclose(photo.camera.world_to_camera, pose, atol=1e-9):
+            raise ValueError(
+                f"{where}: the photos under this lighting have several poses, so the ball's is not known;"
+                " give mirror_ball = { ..., world_to_camera = [...] }"
+            )
+    return pose

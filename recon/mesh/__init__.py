@@ -1,0 +1,1 @@
+"""A triangle mesh: its shape, rays to it, diffuse transfer under its shadows."""

@@ -1,0 +1,1 @@
+"""Distant light from photographs of a mirror ball."""

@@ -1,0 +1,1 @@
+"""Whether an object lies where the photographs show it, and what mistake would explain that it doesn't."""

@@ -1,0 +1,1 @@
+"""Poses of cameras and objects."""

@@ -1,1 +1,0 @@
-"""From a photo set and a shape to light-field samples."""

@@ -1,0 +1,1 @@
+"""Light-field samples: photographs of a body to geometry and radiance."""

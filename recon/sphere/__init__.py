@@ -1,0 +1,1 @@
+"""A sphere and its place, measured in masks and photographs."""
