@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from invrender.model import microfacet
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -23,6 +22,7 @@ from benchmarks.atlas.stage import (
     lit,
 )
 from benchmarks.atlas.sweep import Boundary
+from invrender.brdf import microfacet
 from invrender.estimate.identifiability import lighting_degree
 from invrender.inverse_lighting.coefficients import DETERMINED, UNDETERMINED, estimate_coefficients
 from invrender.theory.conditioning import Conditioning, inverse_filter

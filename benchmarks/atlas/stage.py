@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from invrender.model import microfacet
 from numpy.typing import NDArray
 
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
+from invrender.brdf import microfacet
 from invrender.estimate.conclusions import Solution, factorize
 from invrender.estimate.identifiability import lighting_degree
 from invrender.estimate.quantities import Quantity

@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from invrender.estimate.unknown_light import BlindLight, BlindSolution, factorize_blind, predict_blind
-from recon import lightfield
 from recon.harmonics.basis import evaluate_harmonics, sphere_directions
+from recon.sampling import lightfield
 from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource

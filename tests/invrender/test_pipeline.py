@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture.photoset import load_photoset
-from invrender import pipeline
+from invrender.process import pipeline
 from invrender.process.pipeline import process
 from invrender.result.document import result_document
 from invrender.result.factorization import Factorization

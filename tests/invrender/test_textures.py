@@ -19,7 +19,6 @@ from scipy.sparse import csr_array
 
 from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
-from invrender import pipeline
 from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
@@ -30,11 +29,12 @@ from invrender.estimate.textured.sums import Sums, common_ks, solve_both, solve_
 from invrender.estimate.textured.textures import Textures
 from invrender.output.export.shape import tessellated
 from invrender.output.report.run import run_process
+from invrender.process import pipeline
 from invrender.process.pipeline import Run
 from invrender.transport.base import base_columns
 from invrender.transport.columns import specular_weights
 from invrender.transport.transfer import LightElement
-from recon import atlas
+from recon.mesh import atlas
 from recon.mesh.bodies import MeshBody
 from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 from synthetic.materials.facets import GGX
