@@ -23,9 +23,9 @@ from invrender.estimate.unknown_light.state import State
 FIRST_FORMS = (*FORMS.values(), *PLASTICS.values())
 MOST_FORMS = len(FIRST_FORMS) + 1 + len(extended(GGX_FORM))
 # From another's best answer, after which forms differ by far more than they still gain. In the dark, where an iteration
-# takes no time, those go on whose cost is near the least.
+# takes no time, those go on whose cost is near the least; the others are out.
 _ITERATIONS, _IN_THE_DARK, _FEW = 2, 4, 10
-_NEAR = 1.5
+_NEAR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +55,10 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
         }
         least = min(fit.cost for fit in fits.values())
         for form, fit in fits.items():
-            if not l_max and fit is not start and fit.cost < _NEAR * least:
+            near = l_max > 0 or fit.cost < _NEAR * least
+            if near and not l_max and fit is not start:
                 fit = search.fit(fit.state, l_max, _IN_THE_DARK)
-            if form is PRINTED or not is_endless(fit.state):
+            if form is PRINTED or (near and not is_endless(fit.state)):
                 rungs[form] = cross_validate(form.name, search, fit)
 
     trying(FIRST_FORMS, own)
