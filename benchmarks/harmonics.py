@@ -25,7 +25,7 @@ from invrender.theory.operator import reflection_operator
 from invrender.theory.specialcases import phong_transfer
 from recon.harmonics.basis import evaluate_harmonics, sphere_directions
 from recon.harmonics.latlong import analyse_latlong, synthesise_latlong
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def _operator(rounds: int) -> None:
     normals = sphere_directions(60_000)
     normals = normals[normals @ view > 0.15]
     views = np.broadcast_to(view, normals.shape)
-    lobe = Microfacet(np.zeros(3), np.ones(3), 1.5, 0.12).lobe
+    lobe = MicrofacetMaterial(np.zeros(3), np.ones(3), 1.5, 0.12).lobe
     _compare(
         f"operator rows of {len(normals)} samples, l_max 12",
         lambda: reflection_operator(lambda wi, wo: lobe(wi, wo)[..., 0], normals, views, 12),

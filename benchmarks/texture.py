@@ -29,7 +29,7 @@ from recon.mesh.bodies import MeshBody, blended, body_pixels
 from recon.mesh.tangents import tangents
 from recon.mesh.trianglemesh import TriangleMesh, smooth_normals, write_mesh
 from synthetic.lights.latlong import LatLongLight
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.shapes.doll import doll_mesh
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ Ints = NDArray[np.int64]
 _PHOTOS, _WIDTH, _HEIGHT, _FOCAL, _DISTANCE = 20, 1250, 1600, 7000.0, 0.6
 # Metres: 200,000 faces; bumps so high and so wide.
 _EDGE, _BUMP, _WAVE = 0.000494, 0.0008, 0.012
-_LOBE = Microfacet(np.zeros(3), np.full(3, 0.1), 1.5, 0.15)
+_LOBE = MicrofacetMaterial(np.zeros(3), np.full(3, 0.1), 1.5, 0.15)
 _NOISE = 0.01
 # Softboxes: where in the map's rows and columns, how wide (one standard deviation, pixels), and how bright.
 _MAP, _DIRECTIONS = 128, 8

@@ -24,7 +24,7 @@ from capture.radiance import LOSSY_REACH, Image, Places, RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatField
 from capture.sensor.jpegnoise import BLOCK, jpeg_code_variance
-from capture.sensor.noise import NoiseModel, Step, estimate_noise
+from capture.sensor.noise import SensorNoise, Step, estimate_noise
 from capture.srgb import srgb_to_linear
 
 Encoding = Literal["linear", "srgb"] | Response
@@ -37,7 +37,7 @@ def decode(
     encoding: Encoding = "linear",
     exposure: float = 1.0,
     *,
-    noise: NoiseModel | None = None,
+    noise: SensorNoise | None = None,
     flat_field: FlatField | None = None,
     white_balance: NDArray[np.floating] | None = None,
 ) -> RadianceImage:
@@ -125,7 +125,7 @@ def check_size(
 
 
 def _decode_integers(
-    path: Path, pixels: Codes, header: Header, encoding: Encoding, noise: NoiseModel | None, scale: Floats
+    path: Path, pixels: Codes, header: Header, encoding: Encoding, noise: SensorNoise | None, scale: Floats
 ) -> RadianceImage:
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: pixels are {pixels.dtype}; 8- or 16-bit integers or floats are needed")
@@ -139,7 +139,7 @@ def _decode_integers(
         curve_variance, brightest = np.zeros(1), np.full(3, levels - 1)
 
     @cache
-    def noise_model() -> tuple[NoiseModel, JpegTables | None]:
+    def noise_model() -> tuple[SensorNoise, JpegTables | None]:
         model = noise or _own_noise(_looked_up(pixels, table), _step_at(table.mean(axis=1)))
         return model, jpeg_tables(read_file(path).data) if header.kind == "JPEG" else None
 
@@ -194,12 +194,12 @@ def _step_at(table: Floats) -> Callable[[NDArray[np.floating]], Floats]:
     return lambda signal: np.interp(signal, table, steps)
 
 
-def _own_noise(linear: Image, step: Step) -> NoiseModel:
+def _own_noise(linear: Image, step: Step) -> SensorNoise:
     """The noise that a photograph shows of itself; none where all of it is black or saturated."""
     try:
         return estimate_noise(linear, step)
     except ValueError:
-        return NoiseModel(np.zeros(3), np.zeros(3))
+        return SensorNoise(np.zeros(3), np.zeros(3))
 
 
 def _looked_up(pixels: Codes, table: Floats) -> Image:
@@ -212,7 +212,7 @@ def _looked_up(pixels: Codes, table: Floats) -> Image:
     return np.asarray(cv2.LUT(pixels, lookup, image))
 
 
-def _decode_raw(path: Path, noise: NoiseModel | None, scale: Floats) -> RadianceImage:
+def _decode_raw(path: Path, noise: SensorNoise | None, scale: Floats) -> RadianceImage:
     raw = read_raw(path)
     model = noise or _own_noise(raw.mosaic, raw.step)
     factor = scale.astype(np.float32)
@@ -227,7 +227,7 @@ def _decode_raw(path: Path, noise: NoiseModel | None, scale: Floats) -> Radiance
 
 
 def _decode_float(
-    path: Path, pixels: NDArray[np.generic], kind: str, noise: NoiseModel | None, scale: Floats
+    path: Path, pixels: NDArray[np.generic], kind: str, noise: SensorNoise | None, scale: Floats
 ) -> RadianceImage:
     linear = pixels.astype(np.float32)
     bad = ~np.isfinite(linear).all(axis=2)

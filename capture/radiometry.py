@@ -16,7 +16,7 @@ from capture.files.imageheader import is_raw
 from capture.files.rawfile import camera_white_balance
 from capture.manifest import RadiometryTable
 from capture.sensor.flatfield import FlatField, read_flat_field
-from capture.sensor.noise import NoiseModel, read_noise_model
+from capture.sensor.noise import SensorNoise, read_noise_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Radiometry:
 
     encoding: Literal["linear", "srgb"] | Response = "linear"
     exposure: ExposureSource = "equal"
-    noise: NoiseModel | None = None
+    noise: SensorNoise | None = None
     flat_field: FlatField | None = None
     white_balance: NDArray[np.float64] | None = None
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from capture.lighting import Lighting
 from capture.photoset import load_photoset
-from invrender.inverse_lighting.estimate import Choices, LightResult, estimate_light
+from invrender.inverse_lighting.estimate import LightingChoices, LightResult, estimate_light
 from invrender.inverse_lighting.figure import blurred_truth, draw_map, white_level
 from invrender.inverse_lighting.given import given_lights
 from invrender.inverse_lighting.knownbrdf import read_brdf
@@ -31,7 +31,7 @@ def recovered(folder: Path, degree: int) -> LightResult:
     """The light of the set by coefficients up to a degree, and by the dual method."""
     photoset = load_photoset(folder)
     lights = {name: given.lighting for name, given in given_lights(photoset).items()}
-    return estimate_light(photoset, read_brdf(folder / "truth.json"), Choices(degree), lights)[0]
+    return estimate_light(photoset, read_brdf(folder / "truth.json"), LightingChoices(degree), lights)[0]
 
 
 def joint(folder: Path) -> Lighting:

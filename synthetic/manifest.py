@@ -29,7 +29,7 @@ class Photograph:
 
 
 @dataclass(frozen=True, eq=False)
-class Written:
+class WrittenSet:
     """What was written of a photo set, as the manifest tells of it.
 
     maps : files of the lightings' maps, by the lighting's name. balls : the lightings' `mirror_ball` tables.
@@ -45,7 +45,7 @@ class Written:
     photographs: list[Photograph]
 
 
-def manifest_text(staging: Staging, written: Written, mesh: str) -> str:
+def manifest_text(staging: Staging, written: WrittenSet, mesh: str) -> str:
     """photoset.toml. mesh : the mesh's file."""
     scene = staging.scene
     first = scene.shots[0].camera
@@ -92,7 +92,7 @@ def sources(illumination: Illumination, target: Floats) -> list[dict[str, Any]]:
     return tables
 
 
-def _object(staging: Staging, written: Written, mesh: str) -> dict[str, Any]:
+def _object(staging: Staging, written: WrittenSet, mesh: str) -> dict[str, Any]:
     surface = staging.scene.surface
     if isinstance(surface, Ball):
         place = {"centre": surface.centre.tolist(), "radius": surface.radius} if staging.stated else {}
@@ -104,7 +104,7 @@ def _object(staging: Staging, written: Written, mesh: str) -> dict[str, Any]:
     return keys
 
 
-def _lighting(illumination: Illumination, staging: Staging, written: Written) -> dict[str, Any]:
+def _lighting(illumination: Illumination, staging: Staging, written: WrittenSet) -> dict[str, Any]:
     keys: dict[str, Any] = {"name": illumination.name}
     if illumination.given == "nothing":
         keys["unknown"] = True

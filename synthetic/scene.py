@@ -11,7 +11,7 @@ from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import PointSource
 from synthetic.materials.energy import check_energy
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.texture import Textured
 from synthetic.shapes.surface import Surface
 
@@ -72,7 +72,7 @@ class Scene:
                 )
         check_energy(self.material)
         plain = self.material.material if isinstance(self.material, Textured) else self.material
-        if self.effort.bounces and isinstance(plain, Microfacet):
+        if self.effort.bounces and isinstance(plain, MicrofacetMaterial):
             raise ValueError(
                 f"scene {self.name!r}: RH01's lobe as printed reflects without bound at grazing angles, so light can't"
                 " bounce between its surfaces: use model = 'smith' (half-angle Fresnel, shadowing-masking)"

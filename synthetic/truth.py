@@ -16,14 +16,14 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource, PointSource
-from synthetic.manifest import Written
-from synthetic.materials.facets import GGX
+from synthetic.manifest import WrittenSet
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.phong import Phong
+from synthetic.materials.phong import PhongMaterial
 from synthetic.materials.plastic import Plastic
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.tabulated import Tabulated
 from synthetic.materials.texture import Textured
 from synthetic.render.photograph import Tile, plain_radiance, tile_radiance
@@ -39,7 +39,7 @@ _FINER = 8
 
 
 def truth_document(
-    staging: Staging, written: Written, calibration: dict[str, Any] | None, error: float
+    staging: Staging, written: WrittenSet, calibration: dict[str, Any] | None, error: float
 ) -> dict[str, Any]:
     """What truth.json holds. error : of `integration_error`."""
     scene = staging.scene
@@ -81,16 +81,16 @@ def described(material: Material) -> dict[str, Any]:
     if isinstance(material, Plastic):
         return described(material.gloss) | {"model": "plastic"}
     match material:
-        case Microfacet():
+        case MicrofacetMaterial():
             model, numbers = "microfacet", {"mu": material.mu, "sigma": material.sigma}
-        case Smith(facets=GGX()) if material.is_isotropic:
+        case SmithMaterial(facets=GGXSlopes()) if material.is_isotropic:
             model, numbers = "ggx", {"mu": material.mu, "alpha": material.facets.along}
-        case Smith(facets=GGX()):
+        case SmithMaterial(facets=GGXSlopes()):
             sizes = {"alpha_x": material.facets.along, "alpha_y": material.facets.across}
             model, numbers = "anisotropic", {"mu": material.mu} | sizes
-        case Smith():
+        case SmithMaterial():
             model, numbers = "smith", {"mu": material.mu, "sigma": material.facets.along}
-        case Phong():
+        case PhongMaterial():
             model, numbers = "phong", {"exponent": material.exponent}
         case Mirror():
             model, numbers = "mirror", {"mu": material.mu}
@@ -128,7 +128,7 @@ def _object(staging: Staging) -> dict[str, Any]:
     return {"shape": "mesh", "mesh": mesh, "mesh_to_world": staging.mesh_to_world.tolist()}
 
 
-def _lighting(illumination: Illumination, written: Written) -> dict[str, Any]:
+def _lighting(illumination: Illumination, written: WrittenSet) -> dict[str, Any]:
     areas = [light for light in illumination.extended if isinstance(light, AreaLight)]
     discs = [light for light in illumination.extended if isinstance(light, DiscLight)]
     distant = [source for source in illumination.sources if isinstance(source, DirectionalSource)]

@@ -21,7 +21,7 @@ from capture.photoset import MANIFEST_NAME
 from recon.mesh.trianglemesh import write_mesh
 from synthetic.faults import misaligned, perturbed_mesh, perturbed_pose, with_background, with_outliers
 from synthetic.lights.illumination import Illumination, latlong_map
-from synthetic.manifest import Photograph, Written, manifest_text
+from synthetic.manifest import Photograph, WrittenSet, manifest_text
 from synthetic.materials.texture import Textured
 from synthetic.mirrorball import write_mirror_balls
 from synthetic.render.photograph import Progress, Tile, photographs
@@ -71,7 +71,7 @@ def write_photoset(staging: Staging, folder: Path, progress: Progress | None = N
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     scene = staging.scene
     taken, judged = _write_photographs(staging, folder, progress)
-    written = Written(
+    written = WrittenSet(
         maps=_write_maps(scene.illuminations, folder),
         balls=write_mirror_balls(staging, folder, progress),
         poses=_written_poses(staging),

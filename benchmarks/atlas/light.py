@@ -37,7 +37,7 @@ from recon.harmonics.basis import (
 from recon.mesh.tangents import tangents
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource, PointSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 
 Floats = NDArray[np.float64]
 
@@ -101,9 +101,9 @@ def shiny(sharpness: float) -> Stage:
     """A body that only shines, 1 / sigma being `sharpness`; at 0 it is matte instead."""
     white = np.full(3, 0.2)
     material = (
-        Microfacet(0 * white, white, None, 1 / sharpness)
+        MicrofacetMaterial(0 * white, white, None, 1 / sharpness)
         if sharpness
-        else Microfacet(white, 0 * white, None, 0.1)
+        else MicrofacetMaterial(white, 0 * white, None, 0.1)
     )
     return Stage(material=material, areas=(_WHOLE,), sources=(), samples=_SAMPLES_OF_LIGHT)
 
@@ -113,7 +113,7 @@ def degree_draw(sharpness: float, number: int) -> dict[str, Finding]:
     stage = shiny(sharpness)
     photos = stage.noisy(stage.photographs(), np.random.default_rng(number))
     material = stage.material
-    brdf = microfacet.Microfacet(
+    brdf = microfacet.MicrofacetMaterial(
         material.kd, material.ks, None, material.sigma if material.ks.any() else None
     )
     found = estimate_coefficients([photo_rows(photo, brdf, _DEGREE) for photo in photos], brdf, _DEGREE)

@@ -17,7 +17,7 @@ from invrender.estimate.identifiability import lighting_degree
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.plan.bench import Bench
-from invrender.plan.experiment import Experiment, Light, View
+from invrender.plan.experiment import Experiment, PlannedLight, PlannedView
 from invrender.plan.information import Marginal, Posterior, Tally
 from invrender.plan.photographs import Draw, unexposed
 from invrender.plan.prospect import brdf_prospect
@@ -31,7 +31,7 @@ from recon.sphere.sphere import Sphere
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
 from synthetic.lights.sources import DirectionalSource, PointSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
 from synthetic.sensing.noise import Noise
@@ -61,7 +61,7 @@ class Stage:
     lighting that a blind fit looks for. noise : relative, with a floor of a tenth of it.
     """
 
-    material: Microfacet = TEFLON
+    material: MicrofacetMaterial = TEFLON
     areas: tuple[AreaLight, ...] = (AREA,)
     sources: tuple[DirectionalSource, ...] = (SOURCE,)
     known: bool = False
@@ -208,7 +208,7 @@ def _deviations(solution: Solution | BlindSolution, share: str) -> dict[str, flo
     }
 
 
-def truths(material: Microfacet) -> dict[str, float | None]:
+def truths(material: MicrofacetMaterial) -> dict[str, float | None]:
     """The Ks share, mu and sigma of a material."""
     share = material.ks[_GREEN] / (material.kd[_GREEN] + material.ks[_GREEN])
     return {"Ks share": float(share), "mu": material.mu, "sigma": material.sigma}
@@ -236,14 +236,14 @@ def expected(stage: Stage, keep: Callable[[LightField, Floats], Bools] | None = 
     keep : which samples (n,) of a photograph are used, from the samples and their radiance (n, 3); None for all.
     """
     material = stage.material
-    brdf = microfacet.Microfacet(material.kd, material.ks, material.mu, material.sigma)
+    brdf = microfacet.MicrofacetMaterial(material.kd, material.ks, material.mu, material.sigma)
     experiment = Experiment(
         name="atlas",
         body=SphereBody(SPHERE),
         centre=np.zeros(3),
         brdf=brdf,
-        lights=(Light(stage.lighting, stage.known),),
-        views=tuple(View(camera, 0) for camera in stage.cameras),
+        lights=(PlannedLight(stage.lighting, stage.known),),
+        views=tuple(PlannedView(camera, 0) for camera in stage.cameras),
         sensor=NoisySensor(stage.noise),
     )
     bench = Bench(experiment, stage.l_max, _LOOKED_AT)

@@ -18,7 +18,7 @@ from capture.files.imagefile import read_pixels, write_exr
 from capture.manifest import LightingTable
 from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.progress import silent
-from invrender.brdf.microfacet import Microfacet as Fitted
+from invrender.brdf.microfacet import MicrofacetMaterial as Fitted
 from invrender.estimate.rh01 import published_brdf
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.observation.clock import Clock
@@ -34,7 +34,7 @@ from invrender.transport.transfer import light_elements
 from recon.lighting import read_lighting
 from recon.sampling.draw import NO_SOURCES
 from recon.sampling.lightfield import LightField
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.render.photograph import photographs
 from synthetic.scene import Effort
 from synthetic.scenes.build import read_staging
@@ -77,7 +77,7 @@ def photographed() -> CatPhotos:
     """The built-in scene, photographed."""
     folder = TemporaryDirectory()
     staging = read_staging(scene_path("rh01-cat"))
-    assert isinstance(staging.scene.material, Microfacet)
+    assert isinstance(staging.scene.material, MicrofacetMaterial)
     assert isinstance(staging.sensor, Noise)
     write_photoset(staging, Path(folder.name))
     known = load_photoset(Path(folder.name))

@@ -19,7 +19,7 @@ from invrender.estimate.rh01.nodes import bilinear
 from invrender.estimate.unknown_light import factorize_blind, predict_blind
 from invrender.inverse_lighting.coefficients import candidate_degree, estimate_coefficients
 from invrender.inverse_lighting.dual import DualLight, estimate_dual
-from invrender.inverse_lighting.estimate import Choices
+from invrender.inverse_lighting.estimate import LightingChoices
 from invrender.output.compare.lightings import first_coefficients
 from invrender.transport.harmonicrows import PhotoRows, mirrored_views, photo_rows
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 _NINE = "largest error of the light's first nine coefficients, over degree 0"
 _DEGREES, _QUICK_DEGREES = (4, 8, 12, 16, 20), (4,)
-_BUDGETS, _QUICK_BUDGETS = (2000, Choices.samples), (2000,)
+_BUDGETS, _QUICK_BUDGETS = (2000, LightingChoices.samples), (2000,)
 
 # Photographs and samples of them: the light's first nine coefficients (9, 3), and radiance of unseen photographs.
 Method = Callable[[SpherePhotos, Microfacet, int], tuple[Floats, list[Floats]]]
@@ -47,7 +47,7 @@ def light_board(quick: bool) -> Board:
 
 
 def _entries(quick: bool) -> Iterator[tuple[str, str, Method, int, bool]]:
-    default = _QUICK_BUDGETS[-1] if quick else Choices.samples
+    default = _QUICK_BUDGETS[-1] if quick else LightingChoices.samples
     yield "coefficients (lightfactor)", f"default, {default}", by_coefficients, default, True
     for budget in _QUICK_BUDGETS if quick else _BUDGETS:
         for degree in _QUICK_DEGREES if quick else _DEGREES:

@@ -19,7 +19,7 @@ from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.transport.columns import all_columns
 from invrender.transport.transfer import light_elements
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 
 _CHANNELS = "rgb"
 _NINE = 9
@@ -51,7 +51,7 @@ def draw(kept: Kept, material: str, light: str, views: int, samples: int, draws:
 
 
 def _z(
-    quantities: Mapping[str, Quantity], truth: Microfacet, bounds: Mapping[str, float]
+    quantities: Mapping[str, Quantity], truth: MicrofacetMaterial, bounds: Mapping[str, float]
 ) -> dict[str, float | None]:
     total = truth.kd + truth.ks
     true = {"kd": truth.kd, "ks": truth.ks, "ks_normalised": truth.ks / total}
@@ -72,7 +72,7 @@ def _z(
     return z
 
 
-def _light_z(solution: BlindSolution, truth: Microfacet) -> dict[str, float | None]:
+def _light_z(solution: BlindSolution, truth: MicrofacetMaterial) -> dict[str, float | None]:
     """Of the source, and RMS of the first nine coefficients of the light without it."""
     # In this gauge the light is that in the photographs' unit times Kd + Ks.
     true = area_coefficients(2) * (truth.kd + truth.ks)

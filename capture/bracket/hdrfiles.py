@@ -13,7 +13,7 @@ from capture.bracket.hdr import Load
 from capture.decode import decode
 from capture.files.imagefile import read_image
 from capture.files.imageheader import is_raw
-from capture.sensor.noise import NoiseModel
+from capture.sensor.noise import SensorNoise
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +36,7 @@ def open_bracket(
     exposures: Sequence[float],
     response: Path | None,
     encoding: Literal["linear", "srgb"] | None,
-    noise: NoiseModel | None = None,
+    noise: SensorNoise | None = None,
 ) -> Bracket:
     """Look at a bracket's files and settle how they become linear.
 

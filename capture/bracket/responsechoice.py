@@ -30,7 +30,7 @@ _TRIAL_ITERATIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Method:
+class MethodScore:
     """How one method did. residual : mean absolute error of codes predicted in the patches kept out, in 1/255."""
 
     name: str
@@ -39,22 +39,22 @@ class Method:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class CandidateResponse:
     """A method's curves of the training patches. errors, counts : (patches,) sums over the patches kept out."""
 
-    method: Method
+    method: MethodScore
     channels: tuple[ChannelFit, ...]
     errors: Floats
     counts: Floats
 
 
-def as_good(one: Candidate, best: Candidate) -> bool:
+def as_good(one: CandidateResponse, best: CandidateResponse) -> bool:
     """Whether the prediction is no worse than the best by more than two standard errors over patches, or by 1%."""
     excess = one.errors - best.errors
     return bool(excess.sum() <= max(2 * np.sqrt((excess**2).sum()), 0.01 * best.errors.sum()))
 
 
-def candidates(sample: BracketSample, nominal: Floats) -> list[Candidate]:
+def candidates(sample: BracketSample, nominal: Floats) -> list[CandidateResponse]:
     """The methods' curves, best first, and only those that predict as well as the best count further on.
 
     nominal : (p,) log exposures as given. Fitted to four fifths of the patches, judged on the rest.
@@ -101,7 +101,7 @@ def _first_fit(sample: BracketSample, index: int, nominal: Floats) -> ChannelFit
     return ChannelFit(curve, params, float(_SMOOTHING[0]), np.full(20, _START_NOISE))
 
 
-def _best_spline(training: BracketSample, test: BracketSample, nominal: Floats) -> Candidate:
+def _best_spline(training: BracketSample, test: BracketSample, nominal: Floats) -> CandidateResponse:
     """Debevec and Malik's curve: the stiffest whose prediction is within a standard error of the best (or 0.2%),
     then half a decade softer, so that stiffness biases it by less than its standard deviation (Hall, Ann. Stat.
     1992)."""
@@ -120,17 +120,17 @@ def _best_spline(training: BracketSample, test: BracketSample, nominal: Floats) 
         if excess <= max(np.sqrt((errors**2).sum()) / scores[best][1].sum(), _NEGLIGIBLE * means[best]):
             break
     chosen = min(index + 1, len(_SMOOTHING) - 1)
-    method = Method("Debevec-Malik 1997", float(means[chosen]), f"smoothing {_SMOOTHING[chosen]:.3g}")
-    return Candidate(method, tried[chosen], *scores[chosen])
+    method = MethodScore("Debevec-Malik 1997", float(means[chosen]), f"smoothing {_SMOOTHING[chosen]:.3g}")
+    return CandidateResponse(method, tried[chosen], *scores[chosen])
 
 
 def _best_polynomial(
-    training: BracketSample, test: BracketSample, nominal: Floats, spline: Candidate
-) -> Candidate | None:
+    training: BracketSample, test: BracketSample, nominal: Floats, spline: CandidateResponse
+) -> CandidateResponse | None:
     """Mitsunaga and Nayar's polynomial of the order that predicts best; None if none increases throughout.
 
     The iteration begins at the polynomial nearest to the spline, with its noise."""
-    best: Candidate | None = None
+    best: CandidateResponse | None = None
     for order in ORDERS:
         channels = []
         for known in spline.channels:
@@ -144,8 +144,8 @@ def _best_polynomial(
         errors, counts = _patch_errors(test, fitted, log_times)
         residual = float(errors.sum() / counts.sum())
         if best is None or residual < best.method.residual:
-            method = Method("Mitsunaga-Nayar 1999", residual, f"order {order}")
-            best = Candidate(method, fitted, errors, counts)
+            method = MethodScore("Mitsunaga-Nayar 1999", residual, f"order {order}")
+            best = CandidateResponse(method, fitted, errors, counts)
     return best
 
 

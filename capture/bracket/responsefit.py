@@ -143,7 +143,7 @@ def fit_curves(
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class CurveResiduals:
     """One channel's samples against its curve; arrays (n, p).
 
     values : as predicted. slope : dg/dz there. error : observed minus predicted value. weight : inverse variance
@@ -159,7 +159,9 @@ class Residuals:
     x: Floats
 
 
-def residuals(channel: ChannelFit, values: Floats, usable: NDArray[np.bool_], log_times: Floats) -> Residuals:
+def residuals(
+    channel: ChannelFit, values: Floats, usable: NDArray[np.bool_], log_times: Floats
+) -> CurveResiduals:
     """Every pixel's log exposure from all photographs, and what remains. values : (n, p)."""
     curve = channel.curve
     inner = (np.nextafter(curve.low, np.inf), np.nextafter(curve.high, -np.inf))
@@ -190,7 +192,7 @@ def residuals(channel: ChannelFit, values: Floats, usable: NDArray[np.bool_], lo
             robust = usable * np.minimum(1, _OUTLIER / np.maximum(scaled, 1e-9)) ** 2
     weight = np.where((weight > 0).sum(axis=1, keepdims=True) > 1, weight, 0)
     slope = np.where(weight > 0, slope, 0)
-    return Residuals(predicted, slope, np.where(weight > 0, error, 0), weight, leverage, x)
+    return CurveResiduals(predicted, slope, np.where(weight > 0, error, 0), weight, leverage, x)
 
 
 def _weighted_median(values: Floats, weight: Floats) -> Floats:
@@ -211,14 +213,14 @@ def _taper(values: Floats, std: Floats, curve: Curve) -> Floats:
 
 def _all_residuals(
     sample: BracketSample, channels: Sequence[ChannelFit], log_times: Floats
-) -> list[Residuals]:
+) -> list[CurveResiduals]:
     return [
         residuals(channel, values, usable, log_times)
         for channel, values, usable in zip(channels, sample.values, sample.usable, strict=True)
     ]
 
 
-def _noise(channel: ChannelFit, left: Residuals, step: float) -> Floats:
+def _noise(channel: ChannelFit, left: CurveResiduals, step: float) -> Floats:
     """Noise of a code over the values, from the residuals and what of them the fit of x_i took up."""
     # Where another observation says something too; medians, since edges and what moved are no noise.
     used = (left.weight > 0) & (left.leverage < 0.9)
@@ -247,7 +249,10 @@ class _System:
 
 
 def _system(
-    sample: BracketSample, channels: Sequence[ChannelFit], residuals_of: Sequence[Residuals], basis: Floats
+    sample: BracketSample,
+    channels: Sequence[ChannelFit],
+    residuals_of: Sequence[CurveResiduals],
+    basis: Floats,
 ) -> _System:
     from scipy.sparse import csr_array, hstack
 

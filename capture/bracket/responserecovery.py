@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from capture.bracket.bracketcheck import check_exposures
 from capture.bracket.bracketsample import BracketSample, sample_bracket
 from capture.bracket.response import Response, response_channels
-from capture.bracket.responsechoice import Method, as_good, candidates, prediction_errors, still_pixels
+from capture.bracket.responsechoice import MethodScore, as_good, candidates, prediction_errors, still_pixels
 from capture.bracket.responsefit import (
     EXPOSURE_STD,
     BracketFit,
@@ -48,7 +48,7 @@ class Recovery:
     """
 
     response: Response
-    methods: tuple[Method, ...]
+    methods: tuple[MethodScore, ...]
     stops: Floats
     stops_std: Floats
     nominal_stops: Floats
@@ -189,7 +189,7 @@ def _recovery(
     sample: BracketSample,
     fits: Sequence[BracketFit],
     knots: int,
-    methods: tuple[Method, ...],
+    methods: tuple[MethodScore, ...],
     nominal: Floats,
     names: Sequence[str],
     moved: float,

@@ -12,7 +12,7 @@ from capture.commands.options import Encoding, IntegerEncoding, Photos, Response
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from capture.sensor.noiserecovery import Estimate, NoiseRecovery
+    from capture.sensor.noiserecovery import NoiseEstimate, NoiseRecovery
 
 _FIGURE = "-figure.png"
 
@@ -58,7 +58,7 @@ def _report(recovery: NoiseRecovery, output: Path) -> None:
     from capture.sensor.noiserecovery import CHANNELS
     from capture.terminal import console
 
-    rows: list[tuple[str, Sequence[Estimate]]] = [
+    rows: list[tuple[str, Sequence[NoiseEstimate]]] = [
         ("read noise", recovery.read_std),
         ("read noise (e-)", recovery.read_electrons),
         ("shot noise", recovery.shot),
@@ -88,7 +88,7 @@ def _report(recovery: NoiseRecovery, output: Path) -> None:
     console.print(f"Wrote {escape(str(output))} and {escape(output.stem + _FIGURE)} beside it")
 
 
-def _written(part: Estimate) -> str:
+def _written(part: NoiseEstimate) -> str:
     if part.value is None or part.std is None:
         return "undetermined" if part.at_most is None else f"undetermined (< {part.at_most:.2g})"
     return f"{part.value:.4g} ± {part.std:.2g}"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lens.distortion import PARAM_NAMES
-from capture.lens.lensfit import LensFit, View, derivatives
+from capture.lens.lensfit import CornerView, LensFit, derivatives
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class BoardShape:
     shift: Floats
 
 
-def board_shape(views: Sequence[View], located: Sequence[bool], fit: LensFit) -> BoardShape | None:
+def board_shape(views: Sequence[CornerView], located: Sequence[bool], fit: LensFit) -> BoardShape | None:
     """The shape of the board by the residuals of a fit, if they show one with certainty; otherwise None.
 
     located : whether a view's corners are known by their places on the board; others are taken as flat.

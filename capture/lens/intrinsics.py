@@ -23,7 +23,7 @@ from capture.lens.intrinsicserror import (
     window_shifts,
 )
 from capture.lens.lensfit import rms, view_of
-from capture.lens.lensladder import Rung, climb
+from capture.lens.lensladder import LensCandidate, climb
 from capture.lens.viewoutliers import MIN_VIEWS, outliers
 
 Floats = NDArray[np.float64]
@@ -75,7 +75,7 @@ class CameraCalibration:
     views: tuple[ViewFit, ...]
     rms: float
     held_out_rms: float
-    ladder: tuple[Rung, ...]
+    ladder: tuple[LensCandidate, ...]
     hull_share: float
     reach: float
     spread_deg: float

@@ -11,7 +11,7 @@ from capture.boards.board import Board, Detection
 from capture.camera import Camera
 from capture.lens.boardshape import BoardShape
 from capture.lens.lensfit import LensFit
-from capture.lens.lensladder import Rung
+from capture.lens.lensladder import LensCandidate
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def coverage(points: Floats, camera: Camera) -> tuple[float, float]:
     return float(area / (camera.width * camera.height)), float(min(reach, 1.0))
 
 
-def check_tilts(rungs: Sequence[Rung]) -> None:
+def check_tilts(rungs: Sequence[LensCandidate]) -> None:
     """ValueError if all boards lie at one tilt in the model that fits best: nothing then fixes the focal length."""
     fits = [rung.fit for rung in rungs if rung.fit is not None]
     if not fits:
@@ -120,7 +120,7 @@ def check_lens(fit: LensFit) -> None:
         )
 
 
-def no_model(rungs: Sequence[Rung]) -> ValueError:
+def no_model(rungs: Sequence[LensCandidate]) -> ValueError:
     """What to say when no rung of the ladder can be used, or only models that fold in the picture fit."""
     folding = [rung for rung in rungs if rung.fault is not None and rung.held_out_rms is not None]
     if folding:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from capture.boards.board import Detection
 from capture.lens.distortion import PARAM_NAMES, LensModel
-from capture.lens.lensfit import LensFit, View, fit_lens, full_covariance, lens_information, view_of
-from capture.lens.lensladder import Rung
+from capture.lens.lensfit import CornerView, LensFit, fit_lens, full_covariance, lens_information, view_of
+from capture.lens.lensladder import LensCandidate
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 _COMPARABLE = 0.1
 
 
-def statistical_covariance(views: Sequence[View], fit: LensFit) -> Floats:
+def statistical_covariance(views: Sequence[CornerView], fit: LensFit) -> Floats:
     """Covariance (p, p) of a lens's parameters by the scatter of its residuals.
 
     That of independent corners, times the mean over the parameters by which the jackknife over views (Efron 1982)
@@ -51,7 +51,7 @@ def shift_covariance(shifts: Floats) -> Floats:
     return np.asarray(shifts.T @ shifts / max(len(shifts), 1))
 
 
-def model_covariance(rungs: Sequence[Rung], chosen: Rung) -> Floats:
+def model_covariance(rungs: Sequence[LensCandidate], chosen: LensCandidate) -> Floats:
     """Covariance (p, p) of what the choice of the lens model does to the chosen one's parameters.
 
     Every parameter's deviation is the largest shift to a rival: a usable model whose held-out error lies within two
@@ -74,14 +74,14 @@ def model_covariance(rungs: Sequence[Rung], chosen: Rung) -> Floats:
     return np.asarray(outer * np.outer(down, down))
 
 
-def _within_two_errors(rung: Rung, chosen: Rung) -> bool:
+def _within_two_errors(rung: LensCandidate, chosen: LensCandidate) -> bool:
     mean, error = rung.excess(chosen)
     # A few views on which a model fails make the standard error large: that is failure, not doubt.
     comparable = _COMPARABLE * (chosen.held_out_rms or 0.0) ** 2
     return abs(mean) <= max(min(2 * error, comparable), chosen.negligible)
 
 
-def _adds_decentring(rung: Rung, chosen: Rung) -> bool:
+def _adds_decentring(rung: LensCandidate, chosen: LensCandidate) -> bool:
     return rung.lens.model == "OPENCV" and "p1" not in chosen.lens.free
 
 

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class CornerView:
     """Corners of one view. board_points : (n, 3) metres. points : (n, 2) pixels. half : (n,) bool, every other one."""
 
     board_points: Floats
@@ -58,9 +58,9 @@ def rms(residuals: Floats) -> float:
     return float(np.sqrt((np.asarray(residuals) ** 2).sum(axis=-1).mean()))
 
 
-def view_of(detection: Detection, points: Floats | None = None) -> View:
+def view_of(detection: Detection, points: Floats | None = None) -> CornerView:
     """The corners of a detection as a view; `points` in place of its own."""
-    return View(
+    return CornerView(
         detection.board_points,
         detection.points if points is None else points,
         detection.cells.sum(axis=1) % 2 == 0,
@@ -68,7 +68,7 @@ def view_of(detection: Detection, points: Floats | None = None) -> View:
 
 
 def fit_lens(
-    views: Sequence[View], size: tuple[int, int], lens: LensModel, start: LensFit | None = None
+    views: Sequence[CornerView], size: tuple[int, int], lens: LensModel, start: LensFit | None = None
 ) -> LensFit:
     """The lens and poses with the least squared distance of corners from their predictions.
 
@@ -122,7 +122,7 @@ def pose_matrix(turn: ArrayLike, shift: ArrayLike) -> Floats:
     return pose
 
 
-def solve_pose(view: View, lens: LensModel, params: Floats, start: Floats | None = None) -> Floats:
+def solve_pose(view: CornerView, lens: LensModel, params: Floats, start: Floats | None = None) -> Floats:
     """The pose (4, 4), board to camera, of a view under a known lens, least squares in the picture."""
     import cv2
 
@@ -143,7 +143,7 @@ def solve_pose(view: View, lens: LensModel, params: Floats, start: Floats | None
     return pose_matrix(turn, shift)
 
 
-def held_out_residuals(view: View, lens: LensModel, params: Floats, pose: Floats) -> Floats:
+def held_out_residuals(view: CornerView, lens: LensModel, params: Floats, pose: Floats) -> Floats:
     """Residuals (n, 2) of a view that the lens wasn't fitted to.
 
     Its pose is solved from every other corner, and the corners between are predicted with it, then the other way
@@ -151,7 +151,7 @@ def held_out_residuals(view: View, lens: LensModel, params: Floats, pose: Floats
     """
     residuals = np.empty_like(view.points)
     for known in (view.half, ~view.half):
-        part = View(view.board_points[known], view.points[known], view.half[known])
+        part = CornerView(view.board_points[known], view.points[known], view.half[known])
         posed = solve_pose(part, lens, params, pose)
         residuals[~known] = view.points[~known] - _project(lens, params, posed, view.board_points[~known])[0]
     return residuals
@@ -191,7 +191,7 @@ class LensInformation:
         )
 
 
-def lens_information(views: Sequence[View], fit: LensFit) -> LensInformation:
+def lens_information(views: Sequence[CornerView], fit: LensFit) -> LensInformation:
     """What the views say about the fitted parameters, in the order of `fit.lens.fitted`."""
     matrices, gradients, squares = [], [], 0.0
     for view, pose, residual in zip(views, fit.poses, fit.residuals, strict=True):
@@ -205,7 +205,9 @@ def lens_information(views: Sequence[View], fit: LensFit) -> LensInformation:
     return LensInformation(np.array(matrices), np.array(gradients), squares / max(count, 1))
 
 
-def pose_jacobian(view: View, lens: LensModel, params: Floats, pose: Floats) -> tuple[Floats, Floats, Floats]:
+def pose_jacobian(
+    view: CornerView, lens: LensModel, params: Floats, pose: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Predictions (n, 2) and their derivatives by the pose (2n, 6) and by the fitted lens parameters (2n, p).
 
     The pose's six are a small turn about the camera's axes, applied after the pose, radians, and a shift in metres.
@@ -219,7 +221,7 @@ def pose_jacobian(view: View, lens: LensModel, params: Floats, pose: Floats) -> 
     return predicted, np.hstack([of_pose[:, :3] @ to_turn, of_pose[:, 3:]]), of_lens
 
 
-def derivatives(view: View, lens: LensModel, params: Floats, pose: Floats) -> tuple[Floats, Floats]:
+def derivatives(view: CornerView, lens: LensModel, params: Floats, pose: Floats) -> tuple[Floats, Floats]:
     """Derivatives of a view's predictions by OpenCV's pose (2n, 6), turn then shift, and by the fitted parameters."""
     return _project(lens, params, pose, view.board_points)[1:]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lens.distortion import LADDER, LensModel, folds_at, picture_grid
-from capture.lens.lensfit import LensFit, View, fit_lens, held_out_residuals, lens_information
+from capture.lens.lensfit import CornerView, LensFit, fit_lens, held_out_residuals, lens_information
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ _FOLDING_RATIO = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
+class LensCandidate:
     """One lens model of the ladder.
 
     fit : to all views; None if it wasn't made. squares : (v,) each view's mean squared held-out distance, px^2.
@@ -50,7 +50,7 @@ class Rung:
         """By how much a squared held-out error may be above this one's and still be as good in practice, px^2."""
         return max(_NEGLIGIBLE * (self.held_out_rms or 0.0) ** 2, _NEGLIGIBLE_PX**2)
 
-    def excess(self, best: Rung) -> tuple[float, float]:
+    def excess(self, best: LensCandidate) -> tuple[float, float]:
         """Mean over views by how much the squared error is above the best rung's, and its standard error."""
         assert self.squares is not None
         assert best.squares is not None
@@ -58,13 +58,13 @@ class Rung:
         return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
 
 
-def climb(views: Sequence[View], size: tuple[int, int]) -> tuple[Rung, ...]:
+def climb(views: Sequence[CornerView], size: tuple[int, int]) -> tuple[LensCandidate, ...]:
     """All rungs fitted, scored on left-out views, and one of them chosen (none where none can be used).
 
     Chosen is the simplest model whose squared held-out error lies within one standard error (or 1 %) of the best one's,
     taken over the views' paired differences: that some photographs are sharper than others then plays no part.
     """
-    rungs: list[Rung] = []
+    rungs: list[LensCandidate] = []
     for lens in LADDER:
         below = next((rung.fit for rung in reversed(rungs) if rung.fit is not None), None)
         rungs.append(_rung(views, size, lens, below))
@@ -76,16 +76,18 @@ def climb(views: Sequence[View], size: tuple[int, int]) -> tuple[Rung, ...]:
         mean, error = rung.excess(best)
         if rung is best or mean <= max(error, best.negligible):
             break
-    return tuple(Rung(each.lens, each.fit, each.squares, each.fault, chosen=each is rung) for each in rungs)
+    return tuple(
+        LensCandidate(each.lens, each.fit, each.squares, each.fault, chosen=each is rung) for each in rungs
+    )
 
 
-def best_rung(rungs: Sequence[Rung]) -> Rung:
+def best_rung(rungs: Sequence[LensCandidate]) -> LensCandidate:
     """The usable rung with the least held-out error, chosen or not."""
     return min((rung for rung in rungs if rung.fault is None), key=lambda rung: rung.held_out_rms or 0.0)
 
 
 def best_fit(
-    views: Sequence[View], size: tuple[int, int], lens: LensModel, below: LensFit | None = None
+    views: Sequence[CornerView], size: tuple[int, int], lens: LensModel, below: LensFit | None = None
 ) -> LensFit:
     """The better of the fits from Zhang's closed form and from a simpler lens, which may end in different valleys."""
     fits, faults = [], []
@@ -99,30 +101,32 @@ def best_fit(
     return min(fits, key=lambda fit: fit.rms)
 
 
-def _only_folding_fits(rungs: Sequence[Rung], usable: Sequence[Rung]) -> bool:
+def _only_folding_fits(rungs: Sequence[LensCandidate], usable: Sequence[LensCandidate]) -> bool:
     """Whether a model that folds in the picture predicts far better than any that doesn't."""
     least = min(rung.held_out_rms for rung in rungs if rung.held_out_rms is not None)
     return min(rung.held_out_rms or 0.0 for rung in usable) > _FOLDING_RATIO * least
 
 
-def _rung(views: Sequence[View], size: tuple[int, int], lens: LensModel, below: LensFit | None) -> Rung:
+def _rung(
+    views: Sequence[CornerView], size: tuple[int, int], lens: LensModel, below: LensFit | None
+) -> LensCandidate:
     evidence = sum(2 * len(view.points) - 6 for view in views)
     if evidence < _MIN_EVIDENCE * len(lens.fitted):
-        return Rung(lens, None, None, "too few corners for it")
+        return LensCandidate(lens, None, None, "too few corners for it")
     try:
         fit = best_fit(views, size, lens, below)
         if lens_information(views, fit).condition > _MAX_CONDITION:
-            return Rung(lens, fit, None, "parameters can't be told")
+            return LensCandidate(lens, fit, None, "parameters can't be told")
         squares = _held_out_squares(views, fit)
     except ValueError as error:
-        return Rung(lens, None, None, str(error))
+        return LensCandidate(lens, None, None, str(error))
     folded = folds_at(fit.camera, picture_grid(size))
     if folded.any():
-        return Rung(lens, fit, squares, f"folds over {folded.mean():.0%} of the picture")
-    return Rung(lens, fit, squares)
+        return LensCandidate(lens, fit, squares, f"folds over {folded.mean():.0%} of the picture")
+    return LensCandidate(lens, fit, squares)
 
 
-def _held_out_squares(views: Sequence[View], fit: LensFit) -> Floats:
+def _held_out_squares(views: Sequence[CornerView], fit: LensFit) -> Floats:
     import cv2
 
     count = min(len(views), _MAX_FOLDS)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lens.distortion import LADDER
-from capture.lens.lensfit import LensFit, View, fit_lens, rms
+from capture.lens.lensfit import CornerView, LensFit, fit_lens, rms
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _PLAIN_LENS = LADDER[2]
 
 
 def outliers(
-    views: Sequence[View], size: tuple[int, int]
+    views: Sequence[CornerView], size: tuple[int, int]
 ) -> tuple[dict[int, tuple[float, float]], list[NDArray[np.bool_]]]:
     """Which views don't fit, worst first, and which corners of every view do.
 
@@ -72,11 +72,11 @@ def _bad_corners(fit: LensFit) -> list[NDArray[np.bool_]]:
     return [length > limit for length in lengths]
 
 
-def _part(view: View, good: NDArray[np.bool_]) -> View:
-    return View(view.board_points[good], view.points[good], view.half[good])
+def _part(view: CornerView, good: NDArray[np.bool_]) -> CornerView:
+    return CornerView(view.board_points[good], view.points[good], view.half[good])
 
 
-def _fit(views: Sequence[View], size: tuple[int, int]) -> LensFit:
+def _fit(views: Sequence[CornerView], size: tuple[int, int]) -> LensFit:
     fit = fit_lens(views, size, _PLAIN_LENS)
     if sum(2 * len(view.points) - 6 for view in views) < 10 * len(_LENS.fitted):
         return fit

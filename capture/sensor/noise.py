@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseModel:
+class SensorNoise:
     """Read and shot noise of a linear signal, variance = read_std^2 + shot * signal (Janesick 2007).
 
     The signal is linear with 1 at the file's white level. Quantisation comes on top: the decoder adds it, which
@@ -50,7 +50,7 @@ class NoiseModel:
         return read + self.shot.astype(np.float32) * np.maximum(linear, 0).astype(np.float32, copy=False)
 
 
-def estimate_noise(linear: NDArray[np.floating], step: Step = 0.0) -> NoiseModel:
+def estimate_noise(linear: NDArray[np.floating], step: Step = 0.0) -> SensorNoise:
     """Read and shot noise guessed from one photograph, where nobody has measured them.
 
     linear : (h, w, 3), or (h, w) the mosaic of a RAW file; 1 at the white level. step : distance of neighbouring
@@ -64,7 +64,7 @@ def estimate_noise(linear: NDArray[np.floating], step: Step = 0.0) -> NoiseModel
     if linear.ndim not in (2, 3) or linear.shape[2:] not in ((), (1,), (3,)):
         raise ValueError(f"the photograph is {linear.shape}; it must be (h, w, 3), or (h, w) for a mosaic")
     offsets, slopes = noise_line(linear[..., 0] if linear.shape[2:] == (1,) else linear, step)
-    return NoiseModel(np.broadcast_to(np.sqrt(offsets), 3), np.broadcast_to(slopes, 3))
+    return SensorNoise(np.broadcast_to(np.sqrt(offsets), 3), np.broadcast_to(slopes, 3))
 
 
 class _Estimates(Table):
@@ -79,7 +79,7 @@ class _NoiseTable(Table):
     shot: _Estimates
 
 
-def read_noise_model(path: Path) -> NoiseModel:
+def read_noise_model(path: Path) -> SensorNoise:
     """The model that a noise.json holds; where a number is undetermined, the largest that it may be."""
     what = "a noise.json, as 'lightfactor calibrate noise' writes it, holds format, read_std and shot"
     table = read_json(path, _NoiseTable, ("format", "read_std", "shot"), what)
@@ -90,6 +90,6 @@ def read_noise_model(path: Path) -> NoiseModel:
         for part in (table.read_std, table.shot)
     ]
     try:
-        return NoiseModel(np.array(numbers[0]), np.array(numbers[1]))
+        return SensorNoise(np.array(numbers[0]), np.array(numbers[1]))
     except ValueError as error:
         raise ValueError(f"{path}: {error}; make it again with 'lightfactor calibrate noise'") from error

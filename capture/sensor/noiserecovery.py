@@ -16,9 +16,9 @@ from capture.exposure import ExposureSettings, read_exif_exposure
 from capture.files.imagefile import check_header, read_file
 from capture.files.imageheader import is_raw
 from capture.files.rawfile import read_raw
-from capture.sensor.noise import NoiseModel
+from capture.sensor.noise import SensorNoise
 from capture.sensor.photontransfer import TransferFit, fit_transfer, tiles_of
-from capture.sensor.repeats import Frame, Repeats
+from capture.sensor.repeats import RepeatedFrame, Repeats
 from capture.sensor.rounding import decode_with_rounding
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _ONE_SIDED = 1.645
 
 
 @dataclass(frozen=True)
-class Estimate:
+class NoiseEstimate:
     """One number of one channel. value, std : None where undetermined; then reason and remedy say why, and what to do.
 
     at_most : what it is below with 95% probability; None if nothing is known.
@@ -57,8 +57,8 @@ class NoiseRecovery:
     lossy : a photograph was JPEG-compressed.
     """
 
-    read_std: tuple[Estimate, ...]
-    shot: tuple[Estimate, ...]
+    read_std: tuple[NoiseEstimate, ...]
+    shot: tuple[NoiseEstimate, ...]
     covariance: Floats
     fits: tuple[TransferFit, ...]
     groups: tuple[tuple[Path, ...], ...]
@@ -81,21 +81,21 @@ class NoiseRecovery:
         ]
 
     @property
-    def model(self) -> NoiseModel:
+    def model(self) -> SensorNoise:
         """The noise model, with the largest value that an undetermined number may have."""
         read_std, shot = (
             np.array([part.at_most if part.value is None else part.value for part in parts], float)
             for parts in (self.read_std, self.shot)
         )
-        return NoiseModel(read_std, shot)
+        return SensorNoise(read_std, shot)
 
     @property
-    def full_well(self) -> tuple[Estimate, ...]:
+    def full_well(self) -> tuple[NoiseEstimate, ...]:
         """Electrons at the white level, 1 / shot."""
         return tuple(_full_well(shot) for shot in self.shot)
 
     @property
-    def read_electrons(self) -> tuple[Estimate, ...]:
+    def read_electrons(self) -> tuple[NoiseEstimate, ...]:
         """Read noise in electrons, read_std / shot."""
         return tuple(
             _read_electrons(read, shot, covariance)
@@ -103,7 +103,7 @@ class NoiseRecovery:
         )
 
 
-def read_frame(path: Path, encoding: Encoding) -> Frame:
+def read_frame(path: Path, encoding: Encoding) -> RepeatedFrame:
     """A photograph as its sensor gave it: of camera RAW the photosites of each colour, before demosaicing."""
     if is_raw(path):
         photosites = _photosites(path)
@@ -111,9 +111,11 @@ def read_frame(path: Path, encoding: Encoding) -> Frame:
             return photosites
     image, rounding = decode_with_rounding(path, encoding)
     if not isinstance(encoding, Response):
-        return Frame(image.radiance, rounding, image.saturated)
+        return RepeatedFrame(image.radiance, rounding, image.saturated)
     known = [np.flatnonzero(np.isfinite(curve))[0] for curve in encoding.log_exposure]
-    return Frame(image.radiance, rounding, image.saturated, np.exp(encoding.log_exposure[range(3), known]))
+    return RepeatedFrame(
+        image.radiance, rounding, image.saturated, np.exp(encoding.log_exposure[range(3), known])
+    )
 
 
 def recover_noise(photos: Iterable[Path], encoding: Encoding = "linear") -> NoiseRecovery:
@@ -188,7 +190,7 @@ def noise_document(recovery: NoiseRecovery) -> dict[str, Any]:
     }
 
 
-def _photosites(path: Path) -> Frame | None:
+def _photosites(path: Path) -> RepeatedFrame | None:
     """Red, green and blue photosites of a Bayer mosaic, (h/2, w/2, 3); None for any other sensor."""
     import rawpy
 
@@ -207,12 +209,12 @@ def _photosites(path: Path) -> Frame | None:
         saturated = np.asarray(cells.any(axis=(1, 3)))
     else:  # pixels that aren't square were made so
         saturated = np.asarray((signal >= 1).any(axis=2))
-    return Frame(signal, np.full(signal.shape, image.step**2 / 12, np.float32), saturated)
+    return RepeatedFrame(signal, np.full(signal.shape, image.step**2 / 12, np.float32), saturated)
 
 
 def _check_alike(
     path: Path,
-    frame: Frame,
+    frame: RepeatedFrame,
     exposure: ExposureSettings,
     members: Sequence[Sequence[Path]],
     repeats: Sequence[Repeats],
@@ -257,7 +259,7 @@ def _fit(members: Sequence[Sequence[Path]], repeats: Sequence[Repeats], channel:
         raise ValueError(f"{members[0][0].parent}: {CHANNELS[channel]}: {error}") from error
 
 
-def _read_std(fit: TransferFit) -> Estimate:
+def _read_std(fit: TransferFit) -> NoiseEstimate:
     std = float(np.sqrt(fit.covariance[0, 0]))
     dark = float(np.quantile(fit.tiles.signal, 0.01))
     step = float(np.sqrt(12 * np.median(fit.tiles.quantisation)))
@@ -265,25 +267,25 @@ def _read_std(fit: TransferFit) -> Estimate:
         return _hidden(step)
     at_most = float(np.sqrt(max(fit.offset + _ONE_SIDED * std, 0)))
     if fit.offset > _SIGNIFICANT * std:
-        return Estimate(float(np.sqrt(fit.offset)), std / (2 * float(np.sqrt(fit.offset))), at_most)
+        return NoiseEstimate(float(np.sqrt(fit.offset)), std / (2 * float(np.sqrt(fit.offset))), at_most)
     if at_most < step / 2:
         reason = f"it is hidden by the steps of the file, {step:.2g} wide"
         remedy = "photograph in RAW or 16 bits"
     else:
         reason = f"the darkest parts that aren't clipped are at {dark:.2g} of the white level, where shot noise rules"
         remedy = "photograph a scene with darker parts as well, or add a pair with a shorter exposure time"
-    return Estimate(None, None, at_most, reason, remedy)
+    return NoiseEstimate(None, None, at_most, reason, remedy)
 
 
-def _shot(fit: TransferFit) -> Estimate:
+def _shot(fit: TransferFit) -> NoiseEstimate:
     std = float(np.sqrt(fit.covariance[1, 1]))
     if not np.isfinite(std):
         return _hidden(float(np.sqrt(12 * np.median(fit.tiles.quantisation))))
     at_most = max(fit.slope + _ONE_SIDED * std, 0.0)
     if fit.slope > _SIGNIFICANT * std:
-        return Estimate(fit.slope, std, at_most)
+        return NoiseEstimate(fit.slope, std, at_most)
     low, high = np.quantile(fit.tiles.signal, (0.01, 0.99))
-    return Estimate(
+    return NoiseEstimate(
         None,
         None,
         at_most,
@@ -292,9 +294,9 @@ def _shot(fit: TransferFit) -> Estimate:
     )
 
 
-def _hidden(step: float) -> Estimate:
+def _hidden(step: float) -> NoiseEstimate:
     # Noise of less than a fifth of a step, so that its variance is below this.
-    return Estimate(
+    return NoiseEstimate(
         None,
         None,
         step / 5,
@@ -303,24 +305,24 @@ def _hidden(step: float) -> Estimate:
     )
 
 
-def _full_well(shot: Estimate) -> Estimate:
+def _full_well(shot: NoiseEstimate) -> NoiseEstimate:
     if shot.value is None or shot.std is None:
-        return Estimate(None, None, None, shot.reason, shot.remedy)
+        return NoiseEstimate(None, None, None, shot.reason, shot.remedy)
     lowest = max(shot.value - _ONE_SIDED * shot.std, 1e-3 * shot.value)
-    return Estimate(1 / shot.value, shot.std / shot.value**2, 1 / lowest)
+    return NoiseEstimate(1 / shot.value, shot.std / shot.value**2, 1 / lowest)
 
 
-def _read_electrons(read: Estimate, shot: Estimate, covariance: Floats) -> Estimate:
+def _read_electrons(read: NoiseEstimate, shot: NoiseEstimate, covariance: Floats) -> NoiseEstimate:
     if read.value is None or shot.value is None:
         failed = read if read.value is None else shot
-        return Estimate(None, None, None, failed.reason, failed.remedy)
+        return NoiseEstimate(None, None, None, failed.reason, failed.remedy)
     slopes = np.array([1 / (2 * read.value * shot.value), -read.value / shot.value**2])
     std = float(np.sqrt(slopes @ covariance @ slopes))
     value = read.value / shot.value
-    return Estimate(value, std, value + _ONE_SIDED * std)
+    return NoiseEstimate(value, std, value + _ONE_SIDED * std)
 
 
-def _columns(parts: Sequence[Estimate]) -> dict[str, list[float | None]]:
+def _columns(parts: Sequence[NoiseEstimate]) -> dict[str, list[float | None]]:
     return {
         "value": [part.value for part in parts],
         "std": [part.std for part in parts],

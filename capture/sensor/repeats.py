@@ -14,7 +14,7 @@ _SAME_BRIGHTNESS = 1.1
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class RepeatedFrame:
     """One decoded photograph.
 
     signal : (h, w, 3) float32, linear, 1 at the file's white level. quantisation : (h, w, 3) float32, variance.
@@ -33,7 +33,7 @@ class Repeats:
     Each photograph is brought to the brightness of the first, for lamps drift.
     """
 
-    def __init__(self, frame: Frame) -> None:
+    def __init__(self, frame: RepeatedFrame) -> None:
         self.count = 1
         self.mean = frame.signal.astype(np.float32)
         self.squares = np.zeros_like(self.mean)
@@ -43,7 +43,7 @@ class Repeats:
         self._first = frame.signal
         self._inverse_gains = 1.0
 
-    def gain_of(self, frame: Frame) -> float:
+    def gain_of(self, frame: RepeatedFrame) -> float:
         """Brightness of another photograph of this scene relative to the first, 0 if nothing can be compared."""
         return _relative_gain(self._first, frame.signal, ~(self.saturated | frame.saturated))
 
@@ -59,7 +59,7 @@ class Repeats:
         """Whether a photograph of this gain may be a repetition."""
         return 1 / _SAME_BRIGHTNESS < gain < _SAME_BRIGHTNESS
 
-    def add(self, frame: Frame, gain: float) -> None:
+    def add(self, frame: RepeatedFrame, gain: float) -> None:
         """Welford's update."""
         self.count += 1
         self._inverse_gains += 1 / gain
@@ -86,7 +86,7 @@ def _relative_gain(
     return gain
 
 
-def _clipping(frame: Frame) -> tuple[Floats, Floats]:
+def _clipping(frame: RepeatedFrame) -> tuple[Floats, Floats]:
     """The signals (3,), (3,) at which each channel is clipped, infinite where it isn't.
 
     Values pile up there, or the lowest is exactly black: a file that holds no values below it cuts noise off, however
@@ -109,7 +109,7 @@ def _piles_up(values: NDArray[np.float32], end: np.floating, next_to_it: np.floa
     return bool(at_end > 20 and 2 * at_end > np.count_nonzero(values == next_to_it))
 
 
-def _coarseness(frame: Frame) -> float:
+def _coarseness(frame: RepeatedFrame) -> float:
     """How many of its file's steps the photograph's codes are apart: 16 where 12 bits were put into 16."""
     signal, step = frame.signal[::2, ::2].ravel(), np.sqrt(12 * frame.quantisation[::2, ::2]).ravel()
     order = np.argsort(signal, kind="stable")

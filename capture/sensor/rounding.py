@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture.bracket.response import Response
 from capture.files.imagefile import check_header, read_file, read_pixels
 from capture.radiance import RadianceImage
-from capture.sensor.noise import NoiseModel
+from capture.sensor.noise import SensorNoise
 from capture.srgb import srgb_to_linear
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def decode_with_rounding(path: Path, encoding: Encoding) -> tuple[RadianceImage,
     from capture.decode import decode
 
     curve = encoding.exact() if isinstance(encoding, Response) else encoding
-    image = decode(path, curve, noise=NoiseModel(np.zeros(3), np.zeros(3)))
+    image = decode(path, curve, noise=SensorNoise(np.zeros(3), np.zeros(3)))
     if check_header(path, read_file(path)).kind != "JPEG":
         return image, image.variance
     if isinstance(curve, Response):

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 
-class Method(StrEnum):
+class BRDFMethod(StrEnum):
     """How the BRDF is measured."""
 
     HARMONIC = "harmonic"
@@ -36,12 +36,12 @@ def brdf(
         ),
     ],
     method: Annotated[
-        Method,
+        BRDFMethod,
         typer.Option(
             help="harmonic: coefficients of spherical harmonics, under any known light. table: value by value, under a"
             " single source in darkness; the parametric BRDF is then fitted to the table."
         ),
-    ] = Method.HARMONIC,
+    ] = BRDFMethod.HARMONIC,
     order: Annotated[
         int,
         typer.Option(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from synthetic.commands.synth import Light
+from synthetic.commands.synth import LightOfSet
 
 
 def plan(
@@ -30,7 +30,7 @@ def plan(
         ),
     ] = None,
     light: Annotated[
-        Light | None,
+        LightOfSet | None,
         typer.Option(
             help="What the set will tell of the light, instead of what the scene file says: all, photographs of a"
             " mirror ball, or nothing.",

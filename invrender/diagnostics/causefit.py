@@ -15,9 +15,9 @@ from invrender.diagnostics.linearised import (
     KS,
     MU,
     SIGMA,
+    CauseState,
     LightColumns,
     Linearised,
-    State,
     linear_part,
     linearised,
     predicted,
@@ -34,7 +34,7 @@ _RIDGE, _WEAK = 1e-9, 1e-3
 
 def glance(scene: Remainders, cause: Cause, light: LightColumns) -> CauseFit:
     """A cause, with BRDF and light, to the first order about the BRDF that is there."""
-    return _judged(scene, cause, State(scene.brdf, np.zeros(cause.count)), light)
+    return _judged(scene, cause, CauseState(scene.brdf, np.zeros(cause.count)), light)
 
 
 def fit_cause(
@@ -53,9 +53,11 @@ def fit_cause(
     return _judged(scene, cause, best, light)
 
 
-def _searched(scene: Remainders, cause: Cause, brdf: Microfacet, light: LightColumns) -> tuple[State, float]:
+def _searched(
+    scene: Remainders, cause: Cause, brdf: Microfacet, light: LightColumns
+) -> tuple[CauseState, float]:
     """Where a search from a BRDF ends, and the weighted squares that are left there."""
-    state = State(brdf, np.zeros(cause.count))
+    state = CauseState(brdf, np.zeros(cause.count))
     cost = _cost(scene, cause, state, light)
     everywhere = range(len(scene.photos))
     for _ in range(_ITERATIONS):
@@ -74,7 +76,7 @@ def _searched(scene: Remainders, cause: Cause, brdf: Microfacet, light: LightCol
     return state, cost
 
 
-def _cost(scene: Remainders, cause: Cause, state: State, light: LightColumns) -> float:
+def _cost(scene: Remainders, cause: Cause, state: CauseState, light: LightColumns) -> float:
     """Weighted squares that are left when all is solved for that radiance is linear in."""
     parts = [linear_part(scene, cause, state, k, light) for k in range(len(scene.photos))]
     step = _solve(*_normal(scene, parts, light.first_free + cause.count), cause)
@@ -84,7 +86,7 @@ def _cost(scene: Remainders, cause: Cause, state: State, light: LightColumns) ->
     return squares
 
 
-def _judged(scene: Remainders, cause: Cause, state: State, light: LightColumns) -> CauseFit:
+def _judged(scene: Remainders, cause: Cause, state: CauseState, light: LightColumns) -> CauseFit:
     """The fit about a state: parts of the samples are left out in turn, and predicted by the rest."""
     parts = [linearised(scene, cause, state, k, light) for k in range(len(scene.photos))]
     first = light.first_free
@@ -92,7 +94,7 @@ def _judged(scene: Remainders, cause: Cause, state: State, light: LightColumns) 
     gram, right = (np.sum([own[which] for own in of_folds], axis=0) for which in (0, 1))
     trained = [_solve(gram - own[0], right - own[1], cause) for own in of_folds]
     full = _solve(gram, right, cause)
-    none = State(state.brdf, np.zeros(cause.count))
+    none = CauseState(state.brdf, np.zeros(cause.count))
     energy, pattern, left = [], [], []
     for k, (photo, part) in enumerate(zip(scene.photos, parts, strict=True)):
         unseen = np.empty_like(part.residual)
@@ -149,7 +151,7 @@ def _solve(gram: Floats, right: Floats, cause: Cause) -> Floats:
     return np.asarray(np.where(known, np.linalg.solve(scaled, right / scale) / scale, 0))
 
 
-def _moved(state: State, step: Floats, cause: Cause) -> State:
+def _moved(state: CauseState, step: Floats, cause: Cause) -> CauseState:
     brdf, numbers = state.brdf, state.numbers + step[len(step) - cause.count :]
     if cause.size is not None:
         numbers = np.clip(numbers, -4 * cause.size, 4 * cause.size)
@@ -158,4 +160,6 @@ def _moved(state: State, step: Floats, cause: Cause) -> State:
         sigma = float(np.clip(sigma * np.exp(np.clip(step[SIGMA], -1, 1)), *_SIGMAS))
     if mu is not None:
         mu = float(np.clip(1 + (mu - 1) * np.exp(np.clip(step[MU], -1, 1)), *_INDICES))
-    return State(replace(brdf, kd=brdf.kd + step[KD], ks=brdf.ks + step[KS], sigma=sigma, mu=mu), numbers)
+    return CauseState(
+        replace(brdf, kd=brdf.kd + step[KD], ks=brdf.ks + step[KS], sigma=sigma, mu=mu), numbers
+    )

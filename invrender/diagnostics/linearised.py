@@ -32,7 +32,7 @@ _CHANNELS = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class CauseState:
     """Where a search is: a BRDF, and a cause's numbers."""
 
     brdf: Microfacet
@@ -73,12 +73,14 @@ def light_columns(scene: Remainders) -> LightColumns:
     return LightColumns(tuple(columns), tuple(places))
 
 
-def predicted(scene: Remainders, cause: Cause, state: State, k: int) -> Floats:
+def predicted(scene: Remainders, cause: Cause, state: CauseState, k: int) -> Floats:
     """What photograph k would show (n, 3)."""
     return _reported(scene, cause, state, k)[0]
 
 
-def linear_part(scene: Remainders, cause: Cause, state: State, k: int, light: LightColumns) -> Linearised:
+def linear_part(
+    scene: Remainders, cause: Cause, state: CauseState, k: int, light: LightColumns
+) -> Linearised:
     """Photograph k about a state, with columns only of what its radiance is linear in: Kd, Ks, light."""
     reported, slope, diffuse, specular = _reported(scene, cause, state, k)
     channels = np.broadcast_to(_CHANNELS, (len(diffuse), 3, 3))
@@ -89,21 +91,21 @@ def linear_part(scene: Remainders, cause: Cause, state: State, k: int, light: Li
     )
 
 
-def linearised(scene: Remainders, cause: Cause, state: State, k: int, light: LightColumns) -> Linearised:
+def linearised(scene: Remainders, cause: Cause, state: CauseState, k: int, light: LightColumns) -> Linearised:
     """Photograph k about a state, with columns of everything."""
     part = linear_part(scene, cause, state, k, light)
     here = scene.photos[k].field.radiance - part.residual
     columns, places = [part.columns], [*part.places]
 
-    def add(moved: State, step: float, place: int) -> None:
+    def add(moved: CauseState, step: float, place: int) -> None:
         columns.append(((predicted(scene, cause, moved, k) - here) / step)[..., None])
         places.append(place)
 
     brdf = state.brdf
     if brdf.sigma is not None:
-        add(State(replace(brdf, sigma=brdf.sigma * np.exp(_STEP)), state.numbers), _STEP, SIGMA)
+        add(CauseState(replace(brdf, sigma=brdf.sigma * np.exp(_STEP)), state.numbers), _STEP, SIGMA)
     if brdf.mu is not None:
-        add(State(replace(brdf, mu=1 + (brdf.mu - 1) * np.exp(_STEP)), state.numbers), _STEP, MU)
+        add(CauseState(replace(brdf, mu=1 + (brdf.mu - 1) * np.exp(_STEP)), state.numbers), _STEP, MU)
     first = light.first_free
     if cause.columns is not None:
         return Linearised(
@@ -114,11 +116,13 @@ def linearised(scene: Remainders, cause: Cause, state: State, k: int, light: Lig
     for number in cause.touches[k].tolist():
         numbers = state.numbers.copy()
         numbers[number] += cause.step
-        add(State(brdf, numbers), cause.step, first + number)
+        add(CauseState(brdf, numbers), cause.step, first + number)
     return Linearised(part.residual, np.concatenate(columns, axis=-1), np.array(places, int))
 
 
-def _reported(scene: Remainders, cause: Cause, state: State, k: int) -> tuple[Floats, Floats, Floats, Floats]:
+def _reported(
+    scene: Remainders, cause: Cause, state: CauseState, k: int
+) -> tuple[Floats, Floats, Floats, Floats]:
     """What a photograph shows, how much more per radiance that reaches it, and radiance per unit of Kd and of Ks."""
     diffuse, specular = shown(scene, scene.photos[k], state.brdf, cause.alter(k, state.numbers))
     total = state.brdf.kd * diffuse + state.brdf.ks * specular

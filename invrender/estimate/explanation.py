@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.brdf.lobes import PRINTED, UNCORRELATED, LobeForm
 from invrender.estimate.evidence import Rung, choose, climb_ladder
-from invrender.estimate.forms import Elements, Trial, beside, columns_of, try_forms
+from invrender.estimate.forms import Elements, FormTrial, beside, columns_of, try_forms
 from invrender.estimate.linear import recovers_light
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import NoiseModel, Weights
@@ -45,7 +45,7 @@ class Explanation:
     photos: tuple[PhotoColumns, ...]
     weights: tuple[Weights, ...]
     noise: NoiseModel
-    trials: Mapping[LobeForm, Trial] = field(default_factory=dict)
+    trials: Mapping[LobeForm, FormTrial] = field(default_factory=dict)
 
 
 # How often `explain` reports progress, at most.
@@ -79,7 +79,7 @@ def explain(
     return _in_form(_best_form(trials), photos, elements, trials)
 
 
-def _best_form(trials: Mapping[LobeForm, Trial]) -> LobeForm:
+def _best_form(trials: Mapping[LobeForm, FormTrial]) -> LobeForm:
     """The form, not RH01's, that suits the share best: beside RH01's large errors two others look alike."""
     rungs = [rung for form, trial in trials.items() if form is not PRINTED for rung in trial.rungs]
     rungs.sort(key=_simplest_first)
@@ -104,7 +104,7 @@ def _in_form(
     form: LobeForm,
     photos: Sequence[PhotoColumns],
     elements: Elements,
-    trials: Mapping[LobeForm, Trial],
+    trials: Mapping[LobeForm, FormTrial],
 ) -> Explanation:
     """The ladder with another form on all samples, and the noise that this one leaves."""
     columns = columns_of((form,), photos, elements)[form]
@@ -116,7 +116,7 @@ def _in_form(
     return Explanation((*printed, *own, *rest), chosen, tuple(columns), tuple(weights), noise, trials)
 
 
-def _others(reference: Rung, form: LobeForm, trials: Mapping[LobeForm, Trial]) -> list[Rung]:
+def _others(reference: Rung, form: LobeForm, trials: Mapping[LobeForm, FormTrial]) -> list[Rung]:
     """Rungs of all forms but one, beside that one's richest on all samples; the simple and the good first."""
     own = trials[form].rungs[-1]
     found = [

@@ -38,7 +38,7 @@ Elements = Mapping[str, Sequence[LightElement]]
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class FormTrial:
     """Models of one form, fitted to a share of the samples.
 
     rungs : their evidence on the share. photos, weights : the share.
@@ -58,7 +58,7 @@ def try_forms(
     weights: Sequence[Weights],
     elements: Elements,
     on_step: Callable[[], None] = lambda: None,
-) -> dict[LobeForm, Trial]:
+) -> dict[LobeForm, FormTrial]:
     """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's.
 
     Beside `OTHER_FORMS` those that the best of facets extends to, where they fit better, and the same with light
@@ -92,7 +92,9 @@ def try_forms(
     own = weigh(columns[best], models_of(best)[-1], first)[1]
     patches = patches_of(photos)
     return {
-        form: Trial(climb_ladder(part, own, models=models_of(form), patches=patches), tuple(part), tuple(own))
+        form: FormTrial(
+            climb_ladder(part, own, models=models_of(form), patches=patches), tuple(part), tuple(own)
+        )
         for form, part in columns.items()
         if form in costs
     }

@@ -25,7 +25,7 @@ from invrender.estimate.evidence import climb_ladder
 from invrender.estimate.explanation import Explanation, explain, refitted
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import Weights
-from invrender.transport.bounce import Bounced, Parts, albedo
+from invrender.transport.bounce import Bounced, ConcaveMesh, albedo
 from invrender.transport.columns import PhotoColumns
 from invrender.transport.predict import predict_columns
 from invrender.transport.transfer import LightElement
@@ -118,13 +118,13 @@ class Interreflection:
 
 
 @dataclass(frozen=True, eq=False)
-class Accounted:
+class CorrectedExplanation:
     """An explanation with bounced light accounted for.
 
     doubts : (n, 3) each, what of it isn't certain. bounced : per lighting, what was taken off; nothing if it wasn't.
     """
 
-    parts: Parts
+    parts: ConcaveMesh
     known: Explanation
     found: Interreflection
     doubts: list[Floats]
@@ -132,13 +132,13 @@ class Accounted:
 
 
 def account_for_bounces(
-    parts: Parts,
+    parts: ConcaveMesh,
     photos: Sequence[PhotoColumns],
     known: Explanation,
     lightings: Sequence[Lighting],
     elements: Mapping[str, Sequence[LightElement]],
     on_step: Callable[[], None] = lambda: None,
-) -> Accounted | None:
+) -> CorrectedExplanation | None:
     """Take light that bounces off the photographs if it matters and they bear it out; None where it doesn't matter.
 
     photos : columns of RH01's form. known : their explanation without bounced light, whose scale must be absolute.
@@ -167,11 +167,11 @@ def account_for_bounces(
             rungs = tuple(replace(rung, photo_errors=shares * rung.photo_errors) for rung in better.rungs)
             doubts = [found.doubt * radiance for radiance in less]
             taken = _bounced(parts, estimate, elements)
-            return Accounted(parts, replace(better, rungs=rungs), found, doubts, taken)
+            return CorrectedExplanation(parts, replace(better, rungs=rungs), found, doubts, taken)
     left_in = replace(
         _judged(known.photos, known.weights, once, first, refitted(known, once)), taken_off=False
     )
-    return Accounted(parts, known, left_in, [left_in.doubt * radiance for radiance in once], {})
+    return CorrectedExplanation(parts, known, left_in, [left_in.doubt * radiance for radiance in once], {})
 
 
 class Explained(Protocol):
@@ -231,7 +231,7 @@ def relaxed(share: Floats, before: Floats, lacking: Floats) -> Floats:
 
 
 def unknown_scale(
-    parts: Parts, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
+    parts: ConcaveMesh, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
 ) -> list[str]:
     """A sentence on light that bounces where no light's strength is known and so no albedo; none if it can't matter."""
     estimate = known.rungs[known.chosen].estimate
@@ -250,7 +250,7 @@ def unknown_scale(
 
 
 def _bounced(
-    parts: Parts, estimate: Estimate, elements: Mapping[str, Sequence[LightElement]]
+    parts: ConcaveMesh, estimate: Estimate, elements: Mapping[str, Sequence[LightElement]]
 ) -> dict[str, Bounced]:
     return {
         name: parts.bounced(elements[name], strengths, estimate.brdf)

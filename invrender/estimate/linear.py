@@ -37,7 +37,7 @@ class LinearPart:
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced:
+class ReducedEquations:
     """Normal equations of f fits in k combinations of a lighting's columns.
 
     lighting, elements : as in `Statistics`. gram : (f, 3, elements, k, elements, k). right : (f, 3, elements, k).
@@ -64,7 +64,7 @@ def recovers_light(lit: Sequence[_Lit]) -> bool:
     return any(name != "known" for entry in lit for name in entry.elements)
 
 
-def reduce_statistics(subsets: Subsets, combinations: Floats) -> list[Reduced]:
+def reduce_statistics(subsets: Subsets, combinations: Floats) -> list[ReducedEquations]:
     """Normal equations in combinations (f, q, k) of the columns, one set of them for each subset of the photographs."""
     found = {entry.lighting: _reduced(entry, combinations) for entry in subsets.everything}
     for fit, left_out in enumerate(subsets.left_out):
@@ -80,7 +80,7 @@ def reduce_statistics(subsets: Subsets, combinations: Floats) -> list[Reduced]:
     return list(found.values())
 
 
-def _reduced(entry: Statistics, combinations: Floats) -> Reduced:
+def _reduced(entry: Statistics, combinations: Floats) -> ReducedEquations:
     fits, size, count = combinations.shape
     elements = len(entry.elements)
     side_by_side = combinations.transpose(1, 0, 2).reshape(size, -1)
@@ -88,7 +88,7 @@ def _reduced(entry: Statistics, combinations: Floats) -> Reduced:
     # (f, 3, e, e, k, q) times (f, 1, 1, 1, q, k)
     gram = half.transpose(4, 0, 1, 3, 5, 2) @ combinations[:, None, None, None]
     right = (entry.right.reshape(-1, size) @ side_by_side).reshape(3, elements, fits, count)
-    return Reduced(
+    return ReducedEquations(
         entry.lighting,
         entry.elements,
         gram.transpose(0, 1, 2, 5, 3, 4),
@@ -98,7 +98,7 @@ def _reduced(entry: Statistics, combinations: Floats) -> Reduced:
     )
 
 
-def solve_linear(reduced: Sequence[Reduced], specular: bool, neutral: bool = False) -> LinearPart:
+def solve_linear(reduced: Sequence[ReducedEquations], specular: bool, neutral: bool = False) -> LinearPart:
     """The best Kd, Ks and strengths; the first two combinations are the diffuse and the specular transfer.
 
     specular : False for Ks of 0. neutral : one Ks for all channels, in known light. With no known light at all the
@@ -119,7 +119,7 @@ def symmetric_pinv(matrix: Floats) -> Floats:
     return np.asarray(np.linalg.pinv(matrix / scales, rcond=1e-11, hermitian=True) / scales)
 
 
-def _solve_brdf(reduced: Sequence[Reduced], specular: bool, neutral: bool) -> LinearPart:
+def _solve_brdf(reduced: Sequence[ReducedEquations], specular: bool, neutral: bool) -> LinearPart:
     """Known light: Kd and Ks >= 0 per channel, or one Ks for all."""
     gram = np.sum([entry.gram[:, :, 0, :2, 0, :2] for entry in reduced], axis=0)
     right = np.sum([entry.right[:, :, 0, :2] for entry in reduced], axis=0)
@@ -161,7 +161,7 @@ def _one_specular(gram: Floats, right: Floats) -> Floats:
     return np.stack([np.where(with_diffuse, kd, 0), np.broadcast_to(ks[:, None], kd.shape)], axis=-1)
 
 
-def _solve_strengths(reduced: Sequence[Reduced], specular: bool) -> LinearPart:
+def _solve_strengths(reduced: Sequence[ReducedEquations], specular: bool) -> LinearPart:
     """Partly unknown light: the share of Ks on a line per channel; (Kd + Ks) and its products with strengths."""
     fits = len(reduced[0].count)
     cost, kd, ks = np.empty(fits), np.empty((fits, 3)), np.empty((fits, 3))

@@ -14,7 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.linear import LinearPart, Reduced, reduce_statistics, solve_linear, symmetric_pinv
+from invrender.estimate.linear import (
+    LinearPart,
+    ReducedEquations,
+    reduce_statistics,
+    solve_linear,
+    symmetric_pinv,
+)
 from invrender.estimate.models import Estimate, Model, combinations, estimates, weights_at
 from invrender.estimate.statistics import Subsets
 
@@ -32,7 +38,7 @@ _FARTHEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class SearchPoint:
     """Where a search is, and where it would go from there.
 
     point : (n,), coordinates. estimate : the best there. step : (n,). decrease : of the cost, that the step should
@@ -70,7 +76,9 @@ def gauss_newton(
     return [place.estimate for place in best]
 
 
-def newton_steps(model: Model, subsets: Subsets, points: Floats, lower: Floats, upper: Floats) -> list[Place]:
+def newton_steps(
+    model: Model, subsets: Subsets, points: Floats, lower: Floats, upper: Floats
+) -> list[SearchPoint]:
     """What is best at coordinates (f, n), one place for each subset of the photographs, and the steps from there."""
     columns = np.concatenate([combinations(model, subsets, points), _slopes(model, points)], axis=2)
     reduced = reduce_statistics(subsets, columns)
@@ -93,10 +101,12 @@ def newton_steps(model: Model, subsets: Subsets, points: Floats, lower: Floats, 
     longest = np.abs(step[:, :size]).max(axis=1, keepdims=True)
     step = step[:, :size] * np.minimum(1, _FARTHEST / np.maximum(longest, 1e-300))
     found = estimates(model, subsets, points, linear)
-    return [Place(*place) for place in zip(points, found, step, decrease.tolist(), strict=True)]
+    return [SearchPoint(*place) for place in zip(points, found, step, decrease.tolist(), strict=True)]
 
 
-def _normal_equations(model: Model, linear: LinearPart, reduced: Sequence[Reduced]) -> tuple[Floats, Floats]:
+def _normal_equations(
+    model: Model, linear: LinearPart, reduced: Sequence[ReducedEquations]
+) -> tuple[Floats, Floats]:
     """Gradients (f, p) and Gauss-Newton matrices (f, p, p): coordinates, Kd, Ks, free strengths channel by channel.
 
     reduced : in the diffuse and the specular transfer, and their `_slopes`.

@@ -15,7 +15,7 @@ _LEAST_SAMPLES = 500
 
 
 @dataclass(frozen=True, eq=False)
-class Choices:
+class FactorChoices:
     """orders : degrees of the lighting that are tried. region : where sources may be; None for anywhere.
 
     transfer : what the lobe makes of the light. ladder : whether simpler models are tried. published : RH01's own
@@ -46,7 +46,7 @@ class Choices:
 
 def read_choices(
     order: str | None, region: str | None, transfer: str | None, ladder: bool, published: bool, samples: int
-) -> Choices:
+) -> FactorChoices:
     """The options as the user typed them; ValueError says which is wrong, and what it may be."""
     if published:
         told = [name for name, value in (("--order", order), ("--transfer", transfer)) if value is not None]
@@ -61,7 +61,9 @@ def read_choices(
         raise ValueError(f"--samples is {samples}; take {_LEAST_SAMPLES} or more")
     chosen: Transfer = "mirror" if published else "exact"
     chosen = next((name for name in TRANSFERS if name == transfer), chosen)
-    return Choices(_orders(order), _region(region), chosen, ladder and not published, published, samples)
+    return FactorChoices(
+        _orders(order), _region(region), chosen, ladder and not published, published, samples
+    )
 
 
 def _orders(text: str | None) -> tuple[int, ...]:

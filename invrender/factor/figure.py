@@ -33,7 +33,7 @@ _DEVIATIONS, _MARGIN = 4.0, 3
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownPhoto:
     """A photograph, cut out around the sphere: observed and predicted (h, w, 3), and where it is predicted (h, w)."""
 
     label: str
@@ -43,13 +43,13 @@ class Shown:
     inside: NDArray[np.bool_]
 
     @staticmethod
-    def of(prediction: Prediction) -> Shown:
+    def of(prediction: Prediction) -> ShownPhoto:
         rows, columns = np.nonzero(prediction.inside)
         cut = np.s_[
             max(rows.min() - _MARGIN, 0) : rows.max() + _MARGIN + 1,
             max(columns.min() - _MARGIN, 0) : columns.max() + _MARGIN + 1,
         ]
-        return Shown(
+        return ShownPhoto(
             prediction.photo.label,
             prediction.photo.held_out,
             prediction.observed.radiance[cut].astype(float),
@@ -58,7 +58,7 @@ class Shown:
         )
 
 
-def factor_figure(result: Factorization, given: Given, photos: Sequence[Shown]) -> Figure:
+def factor_figure(result: Factorization, given: Given, photos: Sequence[ShownPhoto]) -> Figure:
     """Maps and numbers in the first row, then a row per photograph; what is given is drawn beside what was found."""
     from matplotlib.figure import Figure
 
@@ -146,7 +146,7 @@ def _draw_number(axes: Axes, quantity: Quantity | None, truth: Floats | None, fi
     axes.set_ylim(middle - 1.2 * half, middle + 1.2 * half)
 
 
-def _draw_photo(panels: Sequence[Axes], shown: Shown, rms: float) -> None:
+def _draw_photo(panels: Sequence[Axes], shown: ShownPhoto, rms: float) -> None:
     observed = np.where(shown.inside[..., None], shown.observed, 0)
     white = white_of_photo(observed[shown.inside])
     scale = float(np.sqrt(np.mean(observed[shown.inside] ** 2)))

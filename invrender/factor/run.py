@@ -13,8 +13,8 @@ from capture.files.outfolder import added_files, result_folder
 from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity
-from invrender.factor.choices import Choices
-from invrender.factor.figure import Shown, factor_figure
+from invrender.factor.choices import FactorChoices
+from invrender.factor.figure import ShownPhoto, factor_figure
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
 from invrender.output.report.run import PICTURES, RESULT_FILES, write_fit, write_pictures
@@ -33,7 +33,7 @@ _LABELS = {
 _CHANNELS = ("red", "green", "blue")
 
 
-def run_factor(source: Path, out: Path, choices: Choices) -> Run:
+def run_factor(source: Path, out: Path, choices: FactorChoices) -> Run:
     """Factor a photo set into a result folder and print what was found."""
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
@@ -53,13 +53,13 @@ def run_factor(source: Path, out: Path, choices: Choices) -> Run:
     return run
 
 
-def _pictured(run: Run) -> list[Shown]:
+def _pictured(run: Run) -> list[ShownPhoto]:
     """The first photograph, the one in the middle, and the last or one that is held out."""
     photos = run.photoset.photos
     held_out = [k for k, photo in enumerate(photos) if photo.held_out]
     fitted = [k for k, photo in enumerate(photos) if not photo.held_out]
     chosen = {fitted[0], fitted[len(fitted) // 2], held_out[0] if held_out else fitted[-1]}
-    return [Shown.of(prediction) for k, prediction in enumerate(run.predictions()) if k in chosen]
+    return [ShownPhoto.of(prediction) for k, prediction in enumerate(run.predictions()) if k in chosen]
 
 
 def _print_numbers(result: Factorization, given: Given) -> None:

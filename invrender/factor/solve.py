@@ -9,7 +9,7 @@ from capture.parallel import one_blas_thread
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.estimate.unknown_light import factorize_blind
-from invrender.factor.choices import Choices
+from invrender.factor.choices import FactorChoices
 from invrender.factor.published import solve_as_published
 from invrender.observation.clock import Clock
 from invrender.observation.specimen import find_specimen
@@ -17,7 +17,7 @@ from invrender.process.pipeline import Run
 from invrender.process.unknown_light import solve_unknown_light
 
 
-def factor(photoset: PhotoSet, choices: Choices, track: Track = silent) -> Run:
+def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) -> Run:
     """Recover the one lighting and the BRDF of a sphere; what the set says of the light is not looked at."""
     _check_scope(photoset)
     begun, clock = time.perf_counter(), Clock()

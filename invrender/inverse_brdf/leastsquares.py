@@ -27,7 +27,7 @@ _TINY = 1e-300
 _SAMPLES_AT_A_TIME = 2048
 
 
-class Equations(NamedTuple):
+class ReflectanceEquations(NamedTuple):
     """Weighted normal equations of k unknowns per channel: data (3, k, k), right (3, k), energy (3,) of the samples.
 
     dark : (3, k, k), what darkness below the horizon adds. trust : sum of the weights. samples : how many.
@@ -49,7 +49,7 @@ class Equations(NamedTuple):
     def freedom(self) -> float:
         return self.samples / (self.samples - len(self.bounds))
 
-    def of(self, kept: Bools) -> Equations:
+    def of(self, kept: Bools) -> ReflectanceEquations:
         """Those of some unknowns alone, the others being 0."""
         block = np.ix_(np.arange(3), kept, kept)
         return self._replace(
@@ -57,7 +57,7 @@ class Equations(NamedTuple):
         )
 
 
-class Solved(NamedTuple):
+class LeastSquaresSolution(NamedTuple):
     """solution : (3, k). inverse : (3, k, k), of the equations over the noise, with bounds. noise2 : (3,)."""
 
     solution: Floats
@@ -65,7 +65,9 @@ class Solved(NamedTuple):
     noise2: Floats
 
 
-def harmonic_equations(fields: Sequence[LightField], lights: Sequence[Floats], bounds: Floats) -> Equations:
+def harmonic_equations(
+    fields: Sequence[LightField], lights: Sequence[Floats], bounds: Floats
+) -> ReflectanceEquations:
     """The equations of photographs' samples, each under lighting of coefficients ((order + 1)^2, 3).
 
     bounds : (k,), of `energy_bounds(order)`. Raises ValueError if no sample has any weight.
@@ -86,10 +88,10 @@ def harmonic_equations(fields: Sequence[LightField], lights: Sequence[Floats], b
         [field.weight.sum() * mean_power(light) for field, light in zip(fields, lights, strict=True)], axis=0
     )
     samples = sum(len(field) for field in fields)
-    return Equations(data, below_horizon(power), right, energy, bounds, trust, samples)
+    return ReflectanceEquations(data, below_horizon(power), right, energy, bounds, trust, samples)
 
 
-def solve(equations: Equations) -> Solved:
+def solve(equations: ReflectanceEquations) -> LeastSquaresSolution:
     """Least squares within the bounds, whose weight depends on the noise, which is what the fit leaves."""
     shrinking = np.diag(equations.bounds**-2)
     mean = np.asarray(np.maximum(equations.energy / equations.trust, _TINY), float)
@@ -102,7 +104,7 @@ def solve(equations: Equations) -> Solved:
         noise2 = np.asarray(np.maximum(left, _LEAST_NOISE**2 * mean))
     inverse = np.linalg.inv(equations.matrix / noise2[:, None, None] + shrinking)
     solution = np.einsum("ckj,cj->ck", inverse, equations.right) / noise2[:, None]
-    return Solved(solution, inverse, noise2)
+    return LeastSquaresSolution(solution, inverse, noise2)
 
 
 def scatter_of(

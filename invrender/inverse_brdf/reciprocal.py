@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Unknowns(NamedTuple):
+class ReciprocalDegrees(NamedTuple):
     """Degrees l <= p and orders q <= l of the coefficients rho_lpq, (k,) each."""
 
     l: Ints
@@ -34,12 +34,12 @@ class Unknowns(NamedTuple):
     q: Ints
 
 
-def unknowns(order: int) -> Unknowns:
+def unknowns(order: int) -> ReciprocalDegrees:
     """The coefficients up to a degree that reciprocity leaves free: 1, 4, 10, 20, 35, ..., 84 of order 6, 455 of 12."""
     check_degree(order, "order")
     l, p, q = np.indices((order + 1,) * 3).reshape(3, -1)
     free = (l <= p) & (q <= l)
-    return Unknowns(l[free], p[free], q[free])
+    return ReciprocalDegrees(l[free], p[free], q[free])
 
 
 def local_light(coefficients: Floats, normals: Floats, views: Floats) -> Floats:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from capture.files.documents import numbers, software
 from invrender.brdf.microfacet import Microfacet
 from invrender.inverse_lighting.coefficients import UNDETERMINED
-from invrender.inverse_lighting.estimate import Choices, LightResult
+from invrender.inverse_lighting.estimate import LightingChoices, LightResult
 from recon.harmonics.basis import degrees, to_degree
 
 Floats = NDArray[np.float64]
@@ -23,7 +23,7 @@ _NINE = 9
 def light_document(
     name: str,
     brdf: Microfacet,
-    choices: Choices,
+    choices: LightingChoices,
     results: Sequence[LightResult],
     files: Sequence[Mapping[str, str]],
     inputs: Mapping[str, str],

@@ -74,7 +74,7 @@ class LightResult:
 
 
 @dataclass(frozen=True)
-class Choices:
+class LightingChoices:
     """How to solve. degree : of the coefficients, None for what the samples determine. samples : of all photographs."""
 
     degree: int | None = None
@@ -85,7 +85,7 @@ class Choices:
 def estimate_light(
     photoset: PhotoSet,
     brdf: Microfacet,
-    choices: Choices,
+    choices: LightingChoices,
     truths: Mapping[str, Lighting] | None = None,
     track: Track = silent,
 ) -> tuple[LightResult, ...]:
@@ -135,7 +135,7 @@ def estimate_light(
     return tuple(results)
 
 
-def _check_scope(photoset: PhotoSet, choices: Choices) -> None:
+def _check_scope(photoset: PhotoSet, choices: LightingChoices) -> None:
     where = photoset.manifest
     if photoset.object.shape != "sphere":
         raise ValueError(

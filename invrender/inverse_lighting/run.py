@@ -19,7 +19,7 @@ from invrender.brdf.lobes import PRINTED
 from invrender.brdf.microfacet import Microfacet
 from invrender.inverse_lighting.coefficients import HIGHEST_DEGREE
 from invrender.inverse_lighting.document import degree_errors, light_document, truth_error
-from invrender.inverse_lighting.estimate import Choices, LightResult, estimate_light
+from invrender.inverse_lighting.estimate import LightingChoices, LightResult, estimate_light
 from invrender.inverse_lighting.figure import light_figure
 from invrender.inverse_lighting.given import GivenLight, given_lights
 from invrender.inverse_lighting.knownbrdf import known_brdf, read_brdf
@@ -73,7 +73,7 @@ def run_light(
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     given = _given(photoset, truth)
-    choices = Choices(degree, chosen, samples)
+    choices = LightingChoices(degree, chosen, samples)
     with result_folder(out, OWN_FILES) as folder:
         lights = {name: entry.lighting for name, entry in given.items()}
         results = estimate_light(photoset, brdf, choices, lights, track)

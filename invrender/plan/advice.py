@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from capture.arc.gantry import look_at
 from capture.parallel import one_blas_thread
 from capture.progress import Track, silent
-from invrender.plan.candidates import Candidate, Place, lamp_candidates, view_candidates
-from invrender.plan.experiment import View
+from invrender.plan.candidates import Candidate, TrialPlace, lamp_candidates, view_candidates
+from invrender.plan.experiment import PlannedView
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from recon.harmonics.basis import sphere_directions
@@ -29,7 +29,7 @@ _LOOKED_AT, _LOOKED_AT_AGAIN, _FINALISTS = 250, 2000, 4
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class TriedPhotos:
     """All photographs of one kind that were tried; `best`, and `best_above` the horizon, looked at more closely."""
 
     tried: tuple[Candidate, ...]
@@ -55,8 +55,8 @@ class Advice:
     """
 
     target: Expected
-    view: Trial
-    lamp: Trial
+    view: TriedPhotos
+    lamp: TriedPhotos
 
 
 def advise(plan: Plan, track: Track = silent) -> Advice:
@@ -68,10 +68,10 @@ def advise(plan: Plan, track: Track = silent) -> Advice:
     target = max(plan.expected, key=lambda one: one.rank)
 
     def trial(
-        places: Sequence[Place],
-        ask: Callable[[Plan, Sequence[Place], int, Track, str], list[Candidate]],
+        places: Sequence[TrialPlace],
+        ask: Callable[[Plan, Sequence[TrialPlace], int, Track, str], list[Candidate]],
         what: str,
-    ) -> Trial:
+    ) -> TriedPhotos:
         tried = ask(plan, places, _LOOKED_AT, track, f"Trying further {what}")
         ranked = [one.place for one in sorted(tried, key=lambda one: one.score(target.name))]
         above = [place for place in ranked if place.above_horizon]
@@ -80,7 +80,7 @@ def advise(plan: Plan, track: Track = silent) -> Advice:
         finalists = ask(plan, again, _LOOKED_AT_AGAIN, track, f"Comparing the best {what}")
         finalists.sort(key=lambda one: one.score(target.name))
         high = [one for one in finalists if one.place.above_horizon]
-        return Trial(tuple(tried), finalists[0], (high or finalists)[0])
+        return TriedPhotos(tuple(tried), finalists[0], (high or finalists)[0])
 
     with one_blas_thread():
         return Advice(
@@ -90,7 +90,7 @@ def advise(plan: Plan, track: Track = silent) -> Advice:
         )
 
 
-def _new_views(plan: Plan) -> list[Place]:
+def _new_views(plan: Plan) -> list[TrialPlace]:
     experiment = plan.experiment
     camera, centre = experiment.views[0].camera, experiment.centre
     of_light = [view.light for view in experiment.views]
@@ -102,12 +102,14 @@ def _new_views(plan: Plan) -> list[Place]:
         free = [one for one in directions if (there @ one).max() < np.cos(_APART)] or list(directions)
         for direction in free:
             pose = look_at(centre + experiment.distance * direction, centre, [0, 0, 1])
-            places.append(Place(direction, View(camera.posed(pose), light)))
+            places.append(TrialPlace(direction, PlannedView(camera.posed(pose), light)))
     return places
 
 
-def _new_lamps(plan: Plan) -> list[Place]:
+def _new_lamps(plan: Plan) -> list[TrialPlace]:
     views = plan.experiment.views
     evenly = np.linspace(0, len(views) - 1, min(len(views), _VIEWPOINTS)).round()
     directions = sphere_directions(_DIRECTIONS)
-    return [Place(direction, views[k], k) for k in evenly.astype(int).tolist() for direction in directions]
+    return [
+        TrialPlace(direction, views[k], k) for k in evenly.astype(int).tolist() for direction in directions
+    ]

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from invrender.plan.experiment import Experiment, View
+from invrender.plan.experiment import Experiment, PlannedView
 from invrender.plan.information import Tally, photograph_tally
 from invrender.plan.lightprospect import UnknownLight
-from invrender.plan.photographs import Draw, Shown, draw, picture, reflected, shown
-from invrender.plan.reflected import Optics, Parts
+from invrender.plan.photographs import Draw, ShownSamples, draw, picture, reflected, shown
+from invrender.plan.reflected import LightParts, ReflectingObject
 from invrender.plan.unknowns import Unknowns, unknowns_of
 from invrender.process.pipeline import DEFAULT_SAMPLES as FIT_SAMPLES
 
@@ -43,16 +43,16 @@ class Bench:
             for k, light in enumerate(experiment.lights)
             if not light.known
         }
-        self.optics = Optics(experiment.body, experiment.brdf, degree)
-        self.parts: list[Parts] = [self.optics.parts(light) for light in experiment.lights]
+        self.optics = ReflectingObject(experiment.body, experiment.brdf, degree)
+        self.parts: list[LightParts] = [self.optics.parts(light) for light in experiment.lights]
         count = len(experiment.views)
         self.budget = max(FIT_SAMPLES // (count * experiment.sensor.exposures), 4 * FEWEST)
         self.looked_at = max(samples // count, 4 * FEWEST)
 
-    def draws(self, views: Sequence[View], looked_at: int | None = None) -> Iterator[Draw]:
+    def draws(self, views: Sequence[PlannedView], looked_at: int | None = None) -> Iterator[Draw]:
         """Samples of photographs; as many of each as `looked_at` says."""
 
-        def one(numbered: tuple[int, View]) -> Draw:
+        def one(numbered: tuple[int, PlannedView]) -> Draw:
             # Seeded by place, so that threads don't change what is drawn.
             rng = np.random.default_rng(numbered[0])
             view, count = numbered[1], looked_at or self.looked_at
@@ -60,18 +60,18 @@ class Bench:
 
         return parallel_map(one, enumerate(views))
 
-    def brightness(self, view: View) -> Floats:
+    def brightness(self, view: PlannedView) -> Floats:
         """Radiance (k, 3) of the object's pixels in a photograph."""
         parts = self.parts[view.light]
         field = picture(self.experiment.body, view.camera, parts)
         return reflected(self.optics, parts, field).radiance(self.experiment.brdf)
 
-    def shown(self, light: int, draws: Sequence[Draw]) -> Iterator[Shown]:
+    def shown(self, light: int, draws: Sequence[Draw]) -> Iterator[ShownSamples]:
         """What photographs under a light show."""
         return shown(self.optics, self.parts[light], self.unknowns[light], [one.field for one in draws])
 
     def information(
-        self, light: int, drawn: Draw, seen: Shown, brightness: Floats, exposure_s: float
+        self, light: int, drawn: Draw, seen: ShownSamples, brightness: Floats, exposure_s: float
     ) -> Tally:
         """What a photograph tells, all the files of its bracket together; brightness : (k, 3), its radiance."""
         sensor = self.experiment.sensor
@@ -82,7 +82,7 @@ class Bench:
         told = photograph_tally(self.unknowns[light], drawn.field, radiance, seen.columns, weights)
         return told.times(drawn.stands_for * sensor.exposures)
 
-    def one_more(self, light: int, drawn: Draw, seen: Shown) -> Tally:
+    def one_more(self, light: int, drawn: Draw, seen: ShownSamples) -> Tally:
         """What one more photograph tells, exposed for itself, by the samples that are looked at."""
         brightness = seen.radiance
         if not brightness.any():

@@ -13,8 +13,8 @@ from capture.parallel import parallel_map
 from capture.progress import Track
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.identifiability import lighting_degree
-from invrender.plan.experiment import View
-from invrender.plan.photographs import Draw, Shown, steady, unexposed
+from invrender.plan.experiment import PlannedView
+from invrender.plan.photographs import Draw, ShownSamples, steady, unexposed
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.plan.reflected import Reflected
@@ -25,7 +25,7 @@ Task = TypeVar("Task")
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class TrialPlace:
     """Where to try one photograph more.
 
     direction : (3,) unit, from the object to the camera, or to the further light. view : the photograph. viewpoint : of
@@ -33,7 +33,7 @@ class Place:
     """
 
     direction: Floats
-    view: View
+    view: PlannedView
     viewpoint: int | None = None
 
     @property
@@ -48,7 +48,7 @@ class Candidate:
     irradiance : (3,) of the further light; None for a new view.
     """
 
-    place: Place
+    place: TrialPlace
     irradiance: Floats | None
     expected: tuple[Expected, ...]
 
@@ -63,7 +63,7 @@ class Candidate:
 
 
 def view_candidates(
-    plan: Plan, places: Sequence[Place], looked_at: int, track: Track, what: str
+    plan: Plan, places: Sequence[TrialPlace], looked_at: int, track: Track, what: str
 ) -> list[Candidate]:
     """What further views would bring, of each of which `looked_at` samples are looked at."""
     bench = plan.bench
@@ -73,7 +73,7 @@ def view_candidates(
         of_light.setdefault(place.view.light, []).append(drawn)
     shows = {light: bench.shown(light, those) for light, those in of_light.items()}
 
-    def candidate(task: tuple[Place, Draw, Shown]) -> Candidate:
+    def candidate(task: tuple[TrialPlace, Draw, ShownSamples]) -> Candidate:
         place, drawn, seen = task
         light, posterior = place.view.light, plan.posterior
         if len(drawn.field):
@@ -95,17 +95,17 @@ class _Viewpoint:
     """
 
     drawn: Draw
-    seen: Shown
+    seen: ShownSamples
     visible: NDArray[np.bool_]
     irradiance: Floats
     degree: int | None
 
 
 def lamp_candidates(
-    plan: Plan, places: Sequence[Place], looked_at: int, track: Track, what: str
+    plan: Plan, places: Sequence[TrialPlace], looked_at: int, track: Track, what: str
 ) -> list[Candidate]:
     """What further lights would bring, small, known, as strong as the lighting's mean over all orientations."""
-    of_viewpoint: dict[int | None, list[Place]] = {}
+    of_viewpoint: dict[int | None, list[TrialPlace]] = {}
     for place in places:
         of_viewpoint.setdefault(place.viewpoint, []).append(place)
     tasks = []
@@ -113,7 +113,7 @@ def lamp_candidates(
         viewpoint = _viewpoint(plan, those, looked_at)
         tasks += [(place, viewpoint, k) for k, place in enumerate(those)]
 
-    def candidate(task: tuple[Place, _Viewpoint, int]) -> Candidate:
+    def candidate(task: tuple[TrialPlace, _Viewpoint, int]) -> Candidate:
         place, at, k = task
         field, light, visible = at.drawn.field, place.view.light, at.visible[:, k]
         further = plan.bench.optics.of_source(place.direction, field, visible).times(at.irradiance)
@@ -129,7 +129,7 @@ def lamp_candidates(
     return _tracked(candidate, tasks, track, what)
 
 
-def _viewpoint(plan: Plan, places: Sequence[Place], looked_at: int) -> _Viewpoint:
+def _viewpoint(plan: Plan, places: Sequence[TrialPlace], looked_at: int) -> _Viewpoint:
     view, directions = places[0].view, np.array([place.direction for place in places])
     lights = plan.experiment.lights
     lighting, irradiance = lights[view.light].lighting, lights[view.light].total / 4

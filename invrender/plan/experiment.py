@@ -17,7 +17,7 @@ from recon.mesh.bodies import Body
 Floats = NDArray[np.float64]
 
 
-class Sensor(Protocol):
+class PlannedSensor(Protocol):
     """What noise photographs will have."""
 
     @property
@@ -35,7 +35,7 @@ class Sensor(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class PlannedLight:
     """A lighting as it is, and whether the photo set tells it."""
 
     lighting: Lighting
@@ -52,7 +52,7 @@ class Light:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PlannedView:
     """One photograph to be taken. light : which of the experiment's. name : as its file is called, "007"."""
 
     camera: Camera
@@ -73,9 +73,9 @@ class Experiment:
     body: Body
     centre: Floats
     brdf: Microfacet
-    lights: tuple[Light, ...]
-    views: tuple[View, ...]
-    sensor: Sensor
+    lights: tuple[PlannedLight, ...]
+    views: tuple[PlannedView, ...]
+    sensor: PlannedSensor
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -95,7 +95,7 @@ class Experiment:
         """Median distance of the cameras from the object's centre, metres."""
         return float(np.median([np.linalg.norm(view.camera.centre - self.centre) for view in self.views]))
 
-    def direction(self, view: View) -> Floats:
+    def direction(self, view: PlannedView) -> Floats:
         """The unit direction (3,) from the object to a view's camera."""
         offset = view.camera.centre - self.centre
         return np.asarray(offset / np.linalg.norm(offset))

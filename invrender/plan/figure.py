@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.figures import printable
 from capture.lighting import latlong_directions
-from invrender.plan.advice import Advice, Trial
+from invrender.plan.advice import Advice, TriedPhotos
 from invrender.plan.experiment import angles_deg
 from invrender.plan.lightprospect import DETERMINED
 from invrender.plan.planning import Plan
@@ -93,7 +93,9 @@ def _draw_light(axes: Axes, plan: Plan) -> None:
     axes.legend(loc="best", fontsize=8)
 
 
-def _draw_gains(figure: Figure, axes: Axes, plan: Plan, target: Expected, kind: str, trial: Trial) -> None:
+def _draw_gains(
+    figure: Figure, axes: Axes, plan: Plan, target: Expected, kind: str, trial: TriedPhotos
+) -> None:
     from matplotlib.colors import LogNorm, Normalize
 
     blended = _blended(*trial.gains(target))

@@ -13,7 +13,7 @@ from invrender.estimate.identifiability import _WEAK as WEAK
 from invrender.estimate.identifiability import ACCURACY, Scalar
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.reached import reached_share
-from invrender.plan.experiment import Light
+from invrender.plan.experiment import PlannedLight
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.prospect import Expected, counted
 from invrender.plan.unknowns import Unknowns
@@ -75,13 +75,13 @@ class UnknownLight:
     derivatives in the light's unknown numbers, in units of the prior, channels fastest.
     """
 
-    light: Light
+    light: PlannedLight
     unknowns: Unknowns
     coefficients: Floats
     rows: Floats
 
     @classmethod
-    def of(cls, light: Light, unknowns: Unknowns) -> UnknownLight:
+    def of(cls, light: PlannedLight, unknowns: Unknowns) -> UnknownLight:
         """A light whose unknown coefficients are those of `unknowns`."""
         lighting, l_max = light.lighting, degree_of(len(unknowns.harmonics))
         total = project_sources(lighting.directions, lighting.irradiances, l_max)
@@ -166,7 +166,7 @@ class UnknownLight:
         return found
 
 
-def coefficient_rows(light: Light, unknowns: Unknowns) -> Floats:
+def coefficient_rows(light: PlannedLight, unknowns: Unknowns) -> Floats:
     """Derivatives (3 (l_max + 1)^2, p - b) of all the light's coefficients in its unknown numbers, in prior's units."""
     lighting, count = light.lighting, len(unknowns.harmonics)
     l_max = degree_of(count)

@@ -12,7 +12,7 @@ from capture.camera import Camera
 from capture.radiance import RadianceImage
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.microfacet import Microfacet
-from invrender.plan.reflected import Optics, Parts, Reflected
+from invrender.plan.reflected import LightParts, Reflected, ReflectingObject
 from invrender.plan.unknowns import Unknowns
 from invrender.theory.operator import irradiance_operator, reflection_operator
 from recon.mesh.bodies import Body, body_coverage, body_window
@@ -35,7 +35,7 @@ _ROW_NUMBERS = 1 << 24
 class Draw:
     """Samples of a photograph, a part of those that a fit would take.
 
-    field : them, with the visibility of `Parts.compact`. stands_for : how many samples of a fit each stands for.
+    field : them, with the visibility of `LightParts.compact`. stands_for : how many samples of a fit each stands for.
     """
 
     field: LightField
@@ -43,7 +43,7 @@ class Draw:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownSamples:
     """What samples show, and how that changes with the unknowns.
 
     brdf : of which BRDF. reflected : of all light together. own : (3, n, q'), derivatives in each channel's numbers
@@ -65,14 +65,14 @@ class Shown:
         shared = np.stack(self.reflected.columns(self.brdf), axis=-1).transpose(1, 0, 2)
         return np.concatenate([shared, self.own], axis=2)
 
-    def where(self, keep: NDArray[np.bool_]) -> Shown:
+    def where(self, keep: NDArray[np.bool_]) -> ShownSamples:
         """The samples marked by a mask (n,)."""
         parts = (self.reflected.diffuse, self.reflected.lobe, self.reflected.by_mu, self.reflected.by_sigma)
-        return Shown(self.brdf, Reflected(*(part[keep] for part in parts)), self.own[:, keep])
+        return ShownSamples(self.brdf, Reflected(*(part[keep] for part in parts)), self.own[:, keep])
 
 
 def draw(
-    body: Body, camera: Camera, parts: Parts, budget: int, looked_at: int, rng: np.random.Generator
+    body: Body, camera: Camera, parts: LightParts, budget: int, looked_at: int, rng: np.random.Generator
 ) -> Draw:
     """Draw a photograph's samples: of the `budget` that a fit would take, about `looked_at`."""
     top, left, bottom, right = body_window(body, camera)
@@ -89,7 +89,7 @@ def draw(
     return Draw(field, count * step**2 / max(len(some), 1))
 
 
-def picture(body: Body, camera: Camera, parts: Parts) -> LightField:
+def picture(body: Body, camera: Camera, parts: LightParts) -> LightField:
     """Pixels that lie wholly on the object, every so many rows and columns: they tell how bright it is."""
     top, left, bottom, right = body_window(body, camera)
     stride = max(int(np.sqrt((bottom - top) * (right - left) / _PICTURE)), 1)
@@ -118,7 +118,7 @@ def steady(field: LightField, sources: Floats, visible: NDArray[np.bool_]) -> ND
     return keep
 
 
-def reflected(optics: Optics, parts: Parts, field: LightField) -> Reflected:
+def reflected(optics: ReflectingObject, parts: LightParts, field: LightField) -> Reflected:
     """What samples show of all the light of a lighting."""
     total = optics.of_extended(parts, field)
     for k, (direction, irradiance) in enumerate(zip(parts.sources, parts.irradiances, strict=True)):
@@ -126,13 +126,15 @@ def reflected(optics: Optics, parts: Parts, field: LightField) -> Reflected:
     return total
 
 
-def shown(optics: Optics, parts: Parts, unknowns: Unknowns, fields: Sequence[LightField]) -> Iterator[Shown]:
+def shown(
+    optics: ReflectingObject, parts: LightParts, unknowns: Unknowns, fields: Sequence[LightField]
+) -> Iterator[ShownSamples]:
     """What photographs under one lighting show, one after the other."""
     l_max = round(np.sqrt(len(unknowns.harmonics))) - 1
     rows = _harmonic_rows(optics, fields, l_max)
     for field in fields:
         extended = next(rows)
-        yield Shown(
+        yield ShownSamples(
             optics.brdf,
             reflected(optics, parts, field),
             _own_columns(optics, parts, unknowns, field, extended),
@@ -140,7 +142,11 @@ def shown(optics: Optics, parts: Parts, unknowns: Unknowns, fields: Sequence[Lig
 
 
 def _own_columns(
-    optics: Optics, parts: Parts, unknowns: Unknowns, field: LightField, extended: tuple[Floats, Floats]
+    optics: ReflectingObject,
+    parts: LightParts,
+    unknowns: Unknowns,
+    field: LightField,
+    extended: tuple[Floats, Floats],
 ) -> Floats:
     """Derivatives (3, n, q') in the numbers of an unknown lighting; q' is 0 where it is known."""
     brdf = optics.brdf
@@ -164,7 +170,7 @@ def _own_columns(
 
 
 def _harmonic_rows(
-    optics: Optics, fields: Sequence[LightField], l_max: int
+    optics: ReflectingObject, fields: Sequence[LightField], l_max: int
 ) -> Iterator[tuple[Floats, Floats]]:
     """Per photograph the diffuse and the specular rows (n, (l_max + 1)^2), of unit Kd and Ks, over coefficients.
 
@@ -182,7 +188,9 @@ def _harmonic_rows(
         batch = []
 
 
-def _batch_rows(optics: Optics, fields: Sequence[LightField], l_max: int) -> Iterator[tuple[Floats, Floats]]:
+def _batch_rows(
+    optics: ReflectingObject, fields: Sequence[LightField], l_max: int
+) -> Iterator[tuple[Floats, Floats]]:
     count = (l_max + 1) ** 2
     if not count or not any(len(field) for field in fields):
         yield from ((np.zeros((len(field), count)), np.zeros((len(field), count))) for field in fields)

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.microfacet import Microfacet
-from invrender.plan.experiment import Light
+from invrender.plan.experiment import PlannedLight
 from invrender.theory.specialcases import lobe
 from invrender.transport.transfer import LightElement, light_elements, specular_transfer
-from invrender.transport.visibility import Rays, Shadows, Sight, seen_diffuse, seen_specular
+from invrender.transport.visibility import Rays, RayVisibility, Shadows, seen_diffuse, seen_specular
 from recon.mesh.bodies import Body, MeshBody
 from recon.mesh.tangents import tangents
 from recon.mesh.transfer import transfer_vectors
@@ -65,7 +65,7 @@ class Reflected:
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class LightParts:
     """A lighting taken apart, so that each part has its own visibility.
 
     slow : what varies slowly, or None. spots : (h, 3), directions of the map's outstanding pixels, with
@@ -84,7 +84,7 @@ class Parts:
         return np.concatenate([self.sources, self.spots])
 
 
-class Optics:
+class ReflectingObject:
     """An object and its BRDF: what samples of it reflect.
 
     shadows : of a mesh, up to the degree of unknown light and not below 8; None of a sphere.
@@ -96,14 +96,14 @@ class Optics:
         if isinstance(body, MeshBody):
             self.shadows = Shadows.of(body, transfer_vectors(body.mesh, max(degree, 8), _RAYS))
 
-    def parts(self, light: Light) -> Parts:
+    def parts(self, light: PlannedLight) -> LightParts:
         """A light taken apart."""
         lighting = light.lighting
         known = light_elements(replace(lighting, recover_irradiance=False, recover_ambient=False))[0]
         count = len(lighting.directions)
         dark = replace(known, directions=np.zeros((0, 3)), irradiances=np.zeros((0, 3)))
         slow = dark if known.slow_map is not None else None
-        return Parts(
+        return LightParts(
             slow,
             known.directions[count:],
             known.irradiances[count:],
@@ -111,8 +111,8 @@ class Optics:
             known.irradiances[:count],
         )
 
-    def of_extended(self, parts: Parts, field: LightField) -> Reflected:
-        """What the slow part and the spots of a lighting give; `sources_visible` as `Parts.compact` has it."""
+    def of_extended(self, parts: LightParts, field: LightField) -> Reflected:
+        """What the slow part and the spots of a lighting give; `sources_visible` as `LightParts.compact` has it."""
         count = len(parts.sources)
         total = Reflected(*(np.zeros((len(field), 3)) for _ in range(4)))
         for k, (direction, irradiance) in enumerate(zip(parts.spots, parts.spot_irradiances, strict=True)):
@@ -126,7 +126,7 @@ class Optics:
         """What a source of unit irradiance gives, one channel; visible : (m,), of the rays."""
         source = LightElement("source", direction[None], np.ones((1, 1)))
         return self._reflected(
-            source, field, Sight(visible[:, None].astype(float), field.reflected_visible, None)
+            source, field, RayVisibility(visible[:, None].astype(float), field.reflected_visible, None)
         )
 
     def by_direction(
@@ -149,7 +149,7 @@ class Optics:
         above = (incident[..., 2] > 0) & (exitant[..., 2] > 0)
         return np.where(above, lobe(theta, self.brdf.sigma or 1.0) / (4 * np.where(above, cosines, 1)), 0.0)
 
-    def _reflected(self, element: LightElement, field: LightField, sight: Sight | None) -> Reflected:
+    def _reflected(self, element: LightElement, field: LightField, sight: RayVisibility | None) -> Reflected:
         diffuse = np.asarray(field.mean_over_rays(seen_diffuse(element, field.normals, sight)))
         if self.brdf.sigma is None:
             return Reflected(diffuse, *(np.zeros_like(diffuse) for _ in range(3)))

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.brdf.lobes import phong_sigma
 from invrender.brdf.microfacet import Microfacet
-from invrender.plan.experiment import Experiment, Light, View
+from invrender.plan.experiment import Experiment, PlannedLight, PlannedView
 from recon.mesh.bodies import MeshBody, SphereBody
 from recon.mesh.shape import placed
 from recon.sphere.sphere import Sphere
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Given, Illumination, latlong_map
 from synthetic.lights.sources import PointSource
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet as PrintedMicrofacet
-from synthetic.materials.phong import Phong
+from synthetic.materials.microfacet import MicrofacetMaterial
+from synthetic.materials.phong import PhongMaterial
 from synthetic.materials.plastic import Plastic
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.texture import Textured
 from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
@@ -93,7 +93,7 @@ def experiment_of(staging: Staging) -> Experiment:
         centre=staging.mesh_to_world[:3, 3] if staging.mesh is not None else np.asarray(surface.centre),
         brdf=brdf,
         lights=tuple(_light(light, surface.centre) for light in used),
-        views=tuple(View(shot.camera, index[id(shot.illumination)], name) for name, shot in shots),
+        views=tuple(PlannedView(shot.camera, index[id(shot.illumination)], name) for name, shot in shots),
         sensor=DevelopedSensor(sensor) if isinstance(sensor, Development) else NoisySensor(sensor),
         notes=tuple(notes),
     )
@@ -165,21 +165,21 @@ def _brdf(name: str, material: Material) -> tuple[Microfacet, list[str]]:
             return replace(plain, kd=material.kd, ks=material.ks), notes
         case Lambertian():
             return Microfacet(material.kd, np.zeros(3), None, None), []
-        case PrintedMicrofacet():
+        case MicrofacetMaterial():
             return _microfacet(material, material.mu, material.sigma), []
         case Plastic():
             plain, notes = _brdf(name, material.gloss)
             bare = "the base under an interface is planned as a Lambertian one, which tells less of mu"
             return plain, [*notes, bare]
-        case Smith() if not material.is_isotropic:
+        case SmithMaterial() if not material.is_isotropic:
             raise ValueError(
                 f"{name}: an anisotropic lobe has two roughnesses, and a plan is for RH01's one: plan it with model ="
                 " 'ggx' and an alpha between them"
             )
-        case Smith():
+        case SmithMaterial():
             width, mu = material.facets.along, material.mu
             notes = []
-            if isinstance(material.facets, GGX):
+            if isinstance(material.facets, GGXSlopes):
                 notes.append(
                     f"GGX of alpha {width:g} is planned as RH01's lobe of sigma {width:g}, of the same peak"
                 )
@@ -189,7 +189,7 @@ def _brdf(name: str, material: Material) -> tuple[Microfacet, list[str]]:
                 notes.append(f"a metal of index {mu} is planned without a Fresnel factor")
                 mu = None
             return _microfacet(material, None if mu is None else float(np.real(mu)), width), notes
-        case Phong() if material.exponent > 0:
+        case PhongMaterial() if material.exponent > 0:
             # cos^s of twice the half-angle falls off as exp(-2 s theta_h^2); peaks (s + 2) / 2 pi and 1 / 4 pi sigma^2.
             sigma = phong_sigma(material.exponent)
             notes = [f"Phong's exponent {material.exponent:g} is planned as RH01's lobe of sigma {sigma:.3g}"]
@@ -208,7 +208,7 @@ def _microfacet(material: Material, mu: float | None, sigma: float) -> Microface
     return Microfacet(material.kd, material.ks, mu, sigma)
 
 
-def _light(light: Illumination, centre: Floats) -> Light:
+def _light(light: Illumination, centre: Floats) -> PlannedLight:
     discs = [one for one in light.extended if isinstance(one, DiscLight) and one.radius_rad <= _SMALL_DISC]
     extended = [one for one in light.extended if one not in discs]
     sources: list[tuple[Floats, Floats]] = [(disc.direction, disc.irradiance) for disc in discs]
@@ -221,7 +221,7 @@ def _light(light: Illumination, centre: Floats) -> Light:
         np.array([direction for direction, _ in sources]).reshape(-1, 3),
         np.array([irradiance for _, irradiance in sources]).reshape(-1, 3),
     )
-    return Light(lighting, light.given != "nothing")
+    return PlannedLight(lighting, light.given != "nothing")
 
 
 def _light_notes(light: Illumination, centre: Floats) -> list[str]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.uncertainty import PRIOR_STD
-from invrender.plan.experiment import Light
+from invrender.plan.experiment import PlannedLight
 from recon.harmonics.basis import check_degree
 
 Floats = NDArray[np.float64]
@@ -71,7 +71,7 @@ class Unknowns:
         ).astype(np.int64)
 
 
-def unknowns_of(brdf: Microfacet, light: Light, degree: int, is_gauge: bool) -> Unknowns:
+def unknowns_of(brdf: Microfacet, light: PlannedLight, degree: int, is_gauge: bool) -> Unknowns:
     """The unknowns of photographs under a light; degree : the highest of an unknown one's coefficients, >= 0.
 
     A priori a coefficient of any degree is as large as that of degree 0 of all the light: no light of this

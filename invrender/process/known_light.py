@@ -18,7 +18,7 @@ from invrender.diagnostics.named import NamedCause, named_causes
 from invrender.estimate.conclusions import Solution, conclude
 from invrender.estimate.evidence import fit_strengths, outlying
 from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
-from invrender.estimate.interreflection import Accounted, account_for_bounces, unknown_scale
+from invrender.estimate.interreflection import CorrectedExplanation, account_for_bounces, unknown_scale
 from invrender.observation.clock import Clock
 from invrender.observation.lightframe import other_frame
 from invrender.observation.reading import read_samples
@@ -28,7 +28,7 @@ from invrender.process.findings import POOR, find_warnings
 from invrender.process.leverage import importances
 from invrender.process.newlight import scored_lighting, used_tables
 from invrender.process.solved import Solved, factorization
-from invrender.transport.bounce import Bounced, Parts
+from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.columns import PhotoColumns, all_columns, photo_columns
 from invrender.transport.manypixels import ManyPixels
 from invrender.transport.predict import predict, predict_columns
@@ -67,7 +67,7 @@ def solve_known_light(
         known = explain([columns[photo.label] for photo in fitted], used, lambda: next(steps, None))
         for _ in steps:
             pass
-        parts = None if specimen.shadows is None else Parts.of(specimen.shadows)
+        parts = None if specimen.shadows is None else ConcaveMesh.of(specimen.shadows)
         bounces, remarks = None, []
         if parts is not None and any(element.name == "known" for name in seen for element in elements[name]):
             given = [columns[photo.label] for photo in fitted]
@@ -156,13 +156,13 @@ def _columns(
 
 
 def _bounces(
-    parts: Parts,
+    parts: ConcaveMesh,
     photos: Sequence[PhotoColumns],
     known: Explanation,
     lightings: Sequence[Lighting],
     elements: Mapping[str, Sequence[LightElement]],
     track: Track,
-) -> Accounted | None:
+) -> CorrectedExplanation | None:
     """What light that bounces between a mesh's parts changes; None where there is none that matters."""
     steps = iter(track(range(EXPLANATION_STEPS), "Judging light that bounces"))
     next(steps)
@@ -195,7 +195,7 @@ def _less_bounced(
     columns: Mapping[str, PhotoColumns],
     held_out: Sequence[Photo],
     elements: Mapping[str, Sequence[LightElement]],
-    bounces: Accounted,
+    bounces: CorrectedExplanation,
 ) -> tuple[dict[str, PhotoColumns], dict[str, Bounced]]:
     """Columns, those of held-out photographs without bounced light too, and what bounces under every lighting."""
     columns, bounced = dict(columns), dict(bounces.bounced)

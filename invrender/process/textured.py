@@ -22,23 +22,23 @@ from invrender.brdf.lobes import PRINTED, LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.conclusions import Solution
 from invrender.estimate.forms import together
-from invrender.estimate.textured.bounces import Accounted, account_for_bounces
+from invrender.estimate.textured.bounces import CorrectedTextures, account_for_bounces
 from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
-from invrender.estimate.textured.joint import Grid, View, in_shadow, solve_joint, stacked
+from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked
 from invrender.estimate.textured.layout import Layout, SurfacePoints, find_layout
 from invrender.estimate.textured.observe import observe, points_for
 from invrender.estimate.textured.search import solved
 from invrender.estimate.textured.seen import Seen, rows_of, transfers_of
 from invrender.estimate.textured.solution import textured_solution
-from invrender.estimate.textured.stack import Rows
-from invrender.estimate.textured.textures import Textures
+from invrender.estimate.textured.stack import TexelRows
+from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
 from invrender.observation.reading import usable_pixels
 from invrender.observation.specimen import Specimen
 from invrender.process.findings import find_warnings
 from invrender.process.solved import Solved, factorization
-from invrender.transport.bounce import Bounced, Parts
+from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.predict import predict
 from invrender.transport.reflected import ReflectedMap, prepared_map
 from invrender.transport.shading import shade
@@ -179,7 +179,7 @@ def solve_textured(
     return Solved(result, fields, residuals, radiance, transfers, shaded)
 
 
-def _check_any(photoset: PhotoSet, textures: Textures) -> None:
+def _check_any(photoset: PhotoSet, textures: FittedTextures) -> None:
     if not textures.known.any():
         raise ValueError(
             f"{photoset.manifest}: no point of the object is seen by enough photographs to tell its Kd from its Ks;"
@@ -223,7 +223,7 @@ class _Subset:
 
     points: SurfacePoints
     shown: Sequence[Seen]
-    rows: Sequence[Rows]
+    rows: Sequence[TexelRows]
     fields: Mapping[str, LightField]
 
 
@@ -237,7 +237,7 @@ def _first_pass(bench: _Bench, points: SurfacePoints, samples: int, track: Track
     subset = points.where(chosen)
     budget = max(samples // len(fitted), 100)
 
-    def read(index: int) -> tuple[LightField, tuple[Seen, Rows] | None]:
+    def read(index: int) -> tuple[LightField, tuple[Seen, TexelRows] | None]:
         photo = photos[index]
         field = bench.pixels(photo)
         with bench.clock.on("invrender"):
@@ -262,19 +262,19 @@ def _first_pass(bench: _Bench, points: SurfacePoints, samples: int, track: Track
 
 def _fit(
     bench: _Bench, subset: _Subset, track: Track, is_absolute: bool
-) -> tuple[TexturedFit, Accounted | None]:
+) -> tuple[TexturedFit, CorrectedTextures | None]:
     """Model, mu and sigma from a subset of the points, and what bounced light changes in them.
 
     is_absolute : whether Kd is an albedo, which what bounces hangs on.
     """
     shadows = bench.specimen.shadows
     # What photographs show may change by what bounces; what they would show of a BRDF doesn't.
-    made: dict[tuple[Sequence[LobeForm], bytes], list[dict[LobeForm, Rows]]] = {}
+    made: dict[tuple[Sequence[LobeForm], bytes], list[dict[LobeForm, TexelRows]]] = {}
 
     def fitted(shown: Sequence[Seen], doing: str) -> TexturedFit:
-        def in_forms(forms: Sequence[LobeForm], some: NDArray[np.bool_]) -> dict[LobeForm, list[Rows]]:
+        def in_forms(forms: Sequence[LobeForm], some: NDArray[np.bool_]) -> dict[LobeForm, list[TexelRows]]:
             fewer = [seen.of_points(some) for seen in shown]
-            result: dict[LobeForm, list[Rows]] = {form: [] for form in forms}
+            result: dict[LobeForm, list[TexelRows]] = {form: [] for form in forms}
             for group in together(forms):
                 key = (group, some.tobytes())
                 if key not in made:
@@ -295,7 +295,7 @@ def _fit(
 
     with bench.clock.on("invrender"):
         fit = fitted(subset.shown, "Fitting and cross-validating")
-        parts = None if shadows is None or not is_absolute else Parts.of(shadows)
+        parts = None if shadows is None or not is_absolute else ConcaveMesh.of(shadows)
         if parts is None:
             return fit, None
         again = partial(fitted, doing="Judging light that bounces")
@@ -303,13 +303,15 @@ def _fit(
     return (fit, None) if accounted is None else (accounted.fit, accounted)
 
 
-def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) -> tuple[Textures, list[str]]:
+def _second_pass(
+    bench: _Bench, layout: Layout, fit: TexturedFit, track: Track
+) -> tuple[FittedTextures, list[str]]:
     """Kd and Ks of every point, and sentences on photographs that say nothing of them."""
     finer, parents = layout.finer()
     fitted = [photo for photo in bench.photoset.photos if not photo.held_out]
     brdf, most = fit.brdf, _MOST_PIXELS // len(fitted)
 
-    def read(photo: Photo) -> View:
+    def read(photo: Photo) -> PixelsOfPoints:
         field = bench.pixels(photo)
         with bench.clock.on("invrender"):
             if len(field) > most:
@@ -321,7 +323,7 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
             trust = (np.maximum(field.weight, 0.01) * direct**2)[:, None].astype(np.float32)
             covered = cover(bench.body, photo.camera, field, finer)
             radiance = field.radiance.astype(np.float32)
-            return View(covered, d + more_d, s + more_s, lit, radiance, trust, trust)
+            return PixelsOfPoints(covered, d + more_d, s + more_s, lit, radiance, trust, trust)
 
     work = parallel_map(read, fitted)
     found = [next(work) for _ in track(fitted, "Gathering the texture")]
@@ -347,7 +349,7 @@ def _second_pass(bench: _Bench, layout: Layout, fit: TexturedFit, track: Track) 
         for photo, shaded in zip(fitted, in_shadow(views), strict=True)
         if shaded
     ]
-    return Textures.of(layout, values, fit.model.ks_varies), dark
+    return FittedTextures.of(layout, values, fit.model.ks_varies), dark
 
 
 def _residuals(
@@ -369,7 +371,7 @@ def _residuals(
     return kept, residuals
 
 
-def _remarks(faults: Sequence[str], textures: Textures) -> list[str]:
+def _remarks(faults: Sequence[str], textures: FittedTextures) -> list[str]:
     """What a user should know of the texture before using it."""
     remarks = sentences(faults)
     unknown = 1 - textures.share_known

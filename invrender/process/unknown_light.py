@@ -32,14 +32,14 @@ from invrender.estimate.unknown_light import (
 )
 from invrender.estimate.unknown_light.bounces import Sent, account_for_bounces
 from invrender.estimate.unknown_light.ladder import without_rows
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.state import BlindState
 from invrender.observation.clock import Clock
 from invrender.observation.reading import read_samples
 from invrender.observation.specimen import Specimen
 from invrender.process.findings import find_warnings
 from invrender.process.newlight import NewLight, new_lights, scored_lighting, used_tables
 from invrender.process.solved import Solved, factorization
-from invrender.transport.bounce import Bounced, Parts
+from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.predict import predict
 from invrender.transport.visibility import Shadows
 from invrender.wording import sentences
@@ -99,7 +99,7 @@ def solve_unknown_light(
             return replace(found, rungs=tuple(map(without_rows, found.rungs)))
 
         blind = solve(seen, "Fitting light and BRDF")
-        parts = None if specimen.shadows is None else Parts.of(specimen.shadows)
+        parts = None if specimen.shadows is None else ConcaveMesh.of(specimen.shadows)
         bounces = None
         if parts is not None:
             without = partial(solve, doing="Fitting without light that bounces")
@@ -238,7 +238,7 @@ def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Seq
     )
 
 
-def _brdf(state: State) -> Microfacet:
+def _brdf(state: BlindState) -> Microfacet:
     return Microfacet(1 - state.kappa, state.kappa, state.mu, state.sigma, state.form)
 
 

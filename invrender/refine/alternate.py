@@ -23,7 +23,7 @@ from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.process.pipeline import Run, process
 from invrender.refine.followed import Followed, Lobe, followed_in
-from invrender.refine.photometric import RefinedPose, Sight, refine_pose
+from invrender.refine.photometric import PoseTarget, RefinedPose, refine_pose
 from invrender.refine.posechange import LoosePose
 from invrender.refine.rim import outline_in
 from invrender.refine.shared import refine_together
@@ -48,7 +48,7 @@ _SPARE = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
+class RefinedPoses:
     """Refined poses of a set.
 
     photoset : with them. given, poses : per photograph of the set, its pose as it was, and what was found.
@@ -63,7 +63,7 @@ class Refined:
 
 def refine_poses(
     photoset: PhotoSet, samples: int, turn_deg: float, shift_px: float, track: Track = silent
-) -> Refined:
+) -> RefinedPoses:
     """Refine the pose of every photograph of a mesh under known light; those that are held out, too.
 
     samples : as `process` has it. turn_deg, shift_px : how far off the poses may be, standard deviations: turns about
@@ -76,7 +76,7 @@ def refine_poses(
             " are refined: a sphere looks the same however it is turned, and its place is read off the masks"
         )
     poses = [RefinedPose(np.zeros(6), np.eye(6), 0, np.nan, np.nan)] * len(photoset.photos)
-    best: Refined | None = None
+    best: RefinedPoses | None = None
     for _ in range(_ROUNDS + 1):
         moved = photoset if best is None else _moved(photoset, best.given, poses)
         run = process(moved, samples, track)
@@ -87,7 +87,7 @@ def refine_poses(
         given = [
             LoosePose.of(photo.camera, centre, np.radians(turn_deg), shift_px) for photo in photoset.photos
         ]
-        best = Refined(moved, tuple(given), tuple(poses), (*(best.errors if best else ()), error))
+        best = RefinedPoses(moved, tuple(given), tuple(poses), (*(best.errors if best else ()), error))
         poses = _round(_seen(photoset, run, given), [pose.change for pose in poses], track)
         # The next one's memory would come on top.
         del run
@@ -108,7 +108,9 @@ def _moved(photoset: PhotoSet, given: Sequence[LoosePose], poses: Sequence[Refin
     return replace(photoset, photos=tuple(photos))
 
 
-def _seen(photoset: PhotoSet, run: Run, given: Sequence[LoosePose]) -> list[tuple[Sight, Followed | None]]:
+def _seen(
+    photoset: PhotoSet, run: Run, given: Sequence[LoosePose]
+) -> list[tuple[PoseTarget, Followed | None]]:
     """Photographs at the poses as given, and how a run predicts them at those that they now have."""
     points, textures = None, run.result.textures
     if textures is not None:
@@ -119,7 +121,7 @@ def _seen(photoset: PhotoSet, run: Run, given: Sequence[LoosePose]) -> list[tupl
 
 def _looked_at(
     photoset: PhotoSet, run: Run, given: Sequence[LoosePose], points: SurfacePoints | None, index: int
-) -> tuple[Sight, Followed | None]:
+) -> tuple[PoseTarget, Followed | None]:
     """A photograph, and in it the points of a texture that it was fitted to, these as larger pixels would show them."""
     photo, body = photoset.photos[index], run.specimen.body
     assert isinstance(body, MeshBody)
@@ -132,7 +134,7 @@ def _looked_at(
         image = _in_patches(image, body, now, rng)
     field = sample_body(body, now, image, mask, NO_SOURCES, None, rng)
     chosen = _patches(field, rng)
-    sight = Sight(
+    sight = PoseTarget(
         camera=camera,
         centre=given[index].centre,
         units=given[index].units,
@@ -190,7 +192,7 @@ def _patches(field: LightField, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def _round(
-    seen: Sequence[tuple[Sight, Followed | None]], changes: Sequence[Floats], track: Track
+    seen: Sequence[tuple[PoseTarget, Followed | None]], changes: Sequence[Floats], track: Track
 ) -> list[RefinedPose]:
     """Poses of all photographs: of those that share a texture together, of others one by one."""
     together = [k for k, (_, followed) in enumerate(seen) if followed is not None]

@@ -14,7 +14,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class PoseEquations:
     """What residuals say of a change of a pose.
 
     information : (6, 6). pull : (6,), information @ the step that they ask for. together : 1 or more, by what the
@@ -28,7 +28,7 @@ class Equations:
 
 def block_equations(
     blocks: Ints, weight: Floats, slopes: Floats, residual: Floats, least: float = 1.0
-) -> Equations:
+) -> PoseEquations:
     """Equations of residuals (n,) of weights (n,) and slopes (n, 6) in the change; blocks : (n,) int.
 
     least : how many count as one whatever they say.
@@ -43,4 +43,4 @@ def block_equations(
     # Directions of which nothing is told have no say in it.
     excess = float(np.trace(symmetric_pinv(independent) @ scores.T @ scores)) / 6
     together = max(excess, least)
-    return Equations(independent / together, scores.sum(axis=0) / together, together)
+    return PoseEquations(independent / together, scores.sum(axis=0) / together, together)

@@ -24,7 +24,7 @@ from capture.camera import Camera
 from capture.radiance import RadianceImage
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.estimate.textured.observe import observe
-from invrender.refine.photometric import BLOCK, Sight
+from invrender.refine.photometric import BLOCK, PoseTarget
 from recon.mesh.tangents import tangents
 from recon.sampling.draw import samples_around
 from recon.sampling.lightfield import LightField
@@ -55,7 +55,7 @@ class Lobe:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class RadianceSpline:
     """Radiance between pixels, by cubics.
 
     splines : (3, h, w), their coefficients; lacking : (h, w), 1 where a pixel isn't usable, else 0; both of a part of
@@ -67,7 +67,7 @@ class Picture:
     corner: Ints
 
     @classmethod
-    def of(cls, radiance: Singles, usable: NDArray[np.bool_]) -> Picture:
+    def of(cls, radiance: Singles, usable: NDArray[np.bool_]) -> RadianceSpline:
         """Of a photograph (h, w, 3), of which some pixels (h, w) are usable."""
         rows, columns = (np.flatnonzero(usable.any(axis=axis)) for axis in (1, 0))
         corner = np.maximum([rows[0] - _MARGIN, columns[0] - _MARGIN], 0)
@@ -96,8 +96,8 @@ class Followed:
     radiance of Ks = 1, of rays. trust : (r,), 0 to 1.
     """
 
-    sight: Sight
-    picture: Picture
+    sight: PoseTarget
+    picture: RadianceSpline
     points: Ints
     rays: LightField
     diffuse: Floats
@@ -108,7 +108,7 @@ class Followed:
     lobe: Lobe
     trust: Floats
 
-    def shown(self, change: Floats) -> Shown:
+    def shown(self, change: Floats) -> ShownPoints:
         """What the photograph shows of the points after a change (6,) of its pose."""
         sight, at, camera = self.sight, self.rays.positions, self.sight.at(change)
         pixels = camera.project(at) - 0.5
@@ -118,7 +118,7 @@ class Followed:
         )
         specular, slopes = self._specular(change)
         whole = np.nan_to_num(pixels, nan=-1).astype(np.int64) // BLOCK
-        return Shown(
+        return ShownPoints(
             radiance=self.picture.at(pixels),
             specular=specular,
             gradient=np.einsum("rcp,rpw->rcw", uphill, along),
@@ -154,7 +154,7 @@ class Followed:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownPoints:
     """What a photograph shows of points: radiance, and that of Ks = 1, (r, 3); blocks (r,) of pixels.
 
     gradient : (r, 3, 2), of the radiance along the surface, per metre. moves : (r, 2, 6), by how much what a point's
@@ -171,7 +171,7 @@ class Shown:
 
 
 def followed_in(
-    sight: Sight,
+    sight: PoseTarget,
     image: RadianceImage,
     now: Camera,
     field: LightField,
@@ -199,7 +199,7 @@ def followed_in(
     along = _along(now, points.positions[seen.points[chosen]], ways, _STEP_PX / sight.px_per_metre)
     return Followed(
         sight=sight,
-        picture=Picture.of(image.radiance, usable),
+        picture=RadianceSpline.of(image.radiance, usable),
         points=seen.points[chosen],
         rays=replace(rays, positions=rays.positions - beside),
         diffuse=diffuse,
@@ -219,7 +219,7 @@ def _along(camera: Camera, positions: Floats, ways: Floats, step: float) -> Floa
     return np.stack([(end - start) / step for end in ends], axis=-1)
 
 
-def _uphill(sight: Sight, field: LightField, places: Floats) -> Floats:
+def _uphill(sight: PoseTarget, field: LightField, places: Floats) -> Floats:
     """Gradient (r, 3, 2) of the picture as it is predicted, at places (r, 2), pixels; NaN where that isn't known."""
     height, width = sight.camera.height, sight.camera.width
     around = np.zeros((height, width), bool)

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from capture.radiance import RadianceImage
 from invrender.estimate.evidence import relative_rms
 from invrender.estimate.noise import NoiseModel, photo_weights
-from invrender.refine.blocks import Equations, block_equations
+from invrender.refine.blocks import PoseEquations, block_equations
 from invrender.refine.posechange import LoosePose
-from invrender.refine.rim import Rim, rim_of
+from invrender.refine.rim import SilhouetteRim, rim_of
 from invrender.transport.visibility import facing
 from recon.mesh.bodies import MeshBody
 from recon.poses.align.outlines import Outline
@@ -40,7 +40,7 @@ _FEWEST = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Sight(LoosePose):
+class PoseTarget(LoosePose):
     """What a photograph shows, and what is needed to predict it from elsewhere.
 
     rows, columns : (n,) of the pixels that are compared; observed : (n, 3), what they show. radiance : of samples.
@@ -55,7 +55,7 @@ class Sight(LoosePose):
     noise: NoiseModel
     outline: Outline | None = None
 
-    def rim(self, change: Floats) -> Rim | None:
+    def rim(self, change: Floats) -> SilhouetteRim | None:
         """How the silhouette lies to the mask's outline after a change; None without one."""
         return None if self.outline is None else rim_of(self.outline, self.body, self.at(change))
 
@@ -121,7 +121,7 @@ class _View:
     change: Floats
     predicted: Floats
     slopes: Floats
-    rim: Rim | None
+    rim: SilhouetteRim | None
 
     @property
     def whole(self) -> NDArray[np.bool_]:
@@ -157,7 +157,7 @@ class _Judge:
         return float(pixels / self.together + rim + view.change @ view.change)
 
 
-def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
+def refine_pose(sight: PoseTarget, start: Floats) -> RefinedPose:
     """The change (6,) of a photograph's pose, in units, that its pixels and outline ask for, from a start on."""
     makes = (sight.rows // BLOCK + sight.columns // BLOCK) % 2 == 0
     view = _viewed(sight, start)
@@ -180,11 +180,11 @@ def refine_pose(sight: Sight, start: Floats) -> RefinedPose:
     return RefinedPose(view.change, covariance, len(sight.rows), before, _error(sight, view, ~makes))
 
 
-def _viewed(sight: Sight, change: Floats) -> _View:
+def _viewed(sight: PoseTarget, change: Floats) -> _View:
     return _View(change, *sight.slopes(change), sight.rim(change))
 
 
-def _judge(sight: Sight, view: _View, makes: NDArray[np.bool_]) -> _Judge:
+def _judge(sight: PoseTarget, view: _View, makes: NDArray[np.bool_]) -> _Judge:
     """The Gauss-Newton step from a view, made of some pixels, (n,) bool, and what judges it."""
     whole, observed = view.whole, sight.observed
     residual = np.where(whole[:, None], observed - view.predicted, 0)
@@ -193,7 +193,7 @@ def _judge(sight: Sight, view: _View, makes: NDArray[np.bool_]) -> _Judge:
     blocks = np.repeat((sight.rows // BLOCK) * 100_000 + sight.columns // BLOCK, 3)
     slopes = np.where(whole[:, None, None], view.slopes, 0).reshape(-1, 6)
     pixels = block_equations(blocks, (weight * makes[:, None]).ravel(), slopes, residual.ravel())
-    rim, std = Equations(np.zeros((6, 6)), np.zeros(6), 1.0), np.inf
+    rim, std = PoseEquations(np.zeros((6, 6)), np.zeros(6), 1.0), np.inf
     if view.rim is not None:
         std = view.rim.std
         rim = view.rim.equations(sight.motion(view.change, view.rim.points), std)
@@ -203,6 +203,6 @@ def _judge(sight: Sight, view: _View, makes: NDArray[np.bool_]) -> _Judge:
     return _Judge(information, step, observed, judging, pixels.together, rim.together, std)
 
 
-def _error(sight: Sight, view: _View, chosen: NDArray[np.bool_]) -> float:
+def _error(sight: PoseTarget, view: _View, chosen: NDArray[np.bool_]) -> float:
     seen = np.isfinite(view.predicted) & chosen[:, None]
     return relative_rms((sight.observed - view.predicted)[seen], sight.observed[seen])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from invrender.refine.blocks import Equations, block_equations
+from invrender.refine.blocks import PoseEquations, block_equations
 from recon.mesh.bodies import MeshBody
 from recon.poses.align.outlines import SECTORS, Outline, outline_of
 from recon.poses.align.silhouettes import crossings, lines_across
@@ -29,7 +29,7 @@ _IN_PLACE = Similarity(1.0, np.eye(3), np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
-class Rim:
+class SilhouetteRim:
     """Where the silhouette lies to a mask's outline.
 
     offsets : (n,) pixels outwards, to the reach where there is none. points : (n, 3) world, where the mesh is touched.
@@ -61,7 +61,7 @@ class Rim:
         """Cauchy's loss of the offsets, in units of `std`."""
         return float(np.log1p((self.own(std)[0] / std) ** 2).sum())
 
-    def equations(self, motion: Floats, std: float) -> Equations:
+    def equations(self, motion: Floats, std: float) -> PoseEquations:
         """What the offsets say of a change; motion : (n, 2, 6) of the points in the picture, pixels per unit."""
         offsets, weight = self.own(std)
         slopes = np.where(self.found[:, None], np.einsum("nk,nkj->nj", self.normals, motion), 0)
@@ -80,11 +80,11 @@ def outline_in(camera: Camera, coverage: NDArray[np.float32] | None) -> Outline 
         return None
 
 
-def rim_of(outline: Outline, body: MeshBody, camera: Camera) -> Rim:
+def rim_of(outline: Outline, body: MeshBody, camera: Camera) -> SilhouetteRim:
     """How a body's silhouette lies to a photograph's outline when it is seen by a camera."""
     reach = max(_REACH * outline.radius, _REACH_PX)
     lines = lines_across([replace(outline, camera=camera)], [reach])
     met = crossings(body.tracer, _IN_PLACE, lines)
-    return Rim(
+    return SilhouetteRim(
         np.where(met.found, met.offsets, reach), met.points, met.found, outline.normals, outline.sectors
     )

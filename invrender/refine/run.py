@@ -14,7 +14,7 @@ from capture.files.outfolder import result_files
 from capture.found import ALIGNMENT_NAME
 from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
-from invrender.refine.alternate import Refined, refine_poses
+from invrender.refine.alternate import RefinedPoses, refine_poses
 from invrender.refine.posechange import pose_covariance, position_std
 
 POSES_NAME = "refined-poses.json"
@@ -53,7 +53,7 @@ def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float) -> 
     console.print(f"{escape(use)}.", soft_wrap=True)
 
 
-def _report(found: Refined) -> None:
+def _report(found: RefinedPoses) -> None:
     table = Table(box=None, header_style="bold")
     for heading in ("photo", "turned (degrees)", "shifted (px)", "± degrees", "± shift (px)"):
         table.add_column(heading, justify="left" if heading == "photo" else "right")
@@ -75,7 +75,7 @@ def _report(found: Refined) -> None:
     )
 
 
-def _document(found: Refined) -> dict[str, Any]:
+def _document(found: RefinedPoses) -> dict[str, Any]:
     """What the file holds but for inputs and software: a poses.json."""
     photos = []
     for photo, given, pose in zip(found.photoset.photos, found.given, found.poses, strict=True):

@@ -25,7 +25,7 @@ from invrender.estimate.noise import photo_weights
 from invrender.refine.blocks import block_equations
 from invrender.refine.followed import Followed
 from invrender.refine.photometric import RefinedPose
-from invrender.refine.rim import Rim
+from invrender.refine.rim import SilhouetteRim
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -149,7 +149,7 @@ class _View:
     off: Floats
     slopes: Floats
     blocks: Ints
-    rims: Sequence[Rim | None]
+    rims: Sequence[SilhouetteRim | None]
 
 
 @dataclass(frozen=True, eq=False)

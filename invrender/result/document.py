@@ -20,7 +20,7 @@ from invrender.estimate.textured.textures import (
     KS_NAME,
     KS_STD_NAME,
     MESH_NAME,
-    Textures,
+    FittedTextures,
 )
 from invrender.result.factorization import Factorization
 from recon.harmonics.basis import to_degree
@@ -176,7 +176,7 @@ def _cause(cause: NamedCause) -> dict[str, Any]:
     }
 
 
-def _texture(textures: Textures) -> dict[str, Any]:
+def _texture(textures: FittedTextures) -> dict[str, Any]:
     layout = textures.layout
     return {
         "kd": KD_NAME,

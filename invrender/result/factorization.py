@@ -14,7 +14,7 @@ from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import HOPELESS, Rung
 from invrender.estimate.interreflection import Interreflection
 from invrender.estimate.quantities import FittedLighting, PhotoScore, Quantity
-from invrender.estimate.textured.textures import Textures
+from invrender.estimate.textured.textures import FittedTextures
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Factorization:
     covariance: Floats
     covariance_names: tuple[str, ...]
     warnings: tuple[str, ...]
-    textures: Textures | None = None
+    textures: FittedTextures | None = None
     interreflection: Interreflection | None = None
     causes: tuple[NamedCause, ...] = ()
 

@@ -17,7 +17,7 @@ from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.estimate.identifiability import lighting_degree
 from invrender.result.saved import SavedQuantity, SavedResult
-from invrender.result.savedtextures import Textures, read_textures
+from invrender.result.savedtextures import SavedTextures, read_textures
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Reflectance:
     covariance: Floats
     assumed: Mapping[str, float]
     notes: tuple[str, ...]
-    textures: Textures | None = None
+    textures: SavedTextures | None = None
 
 
 def reflectance(result: SavedResult, assumed: Mapping[str, float], means: bool = False) -> Reflectance:

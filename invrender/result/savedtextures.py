@@ -23,7 +23,7 @@ _LEAST_KNOWN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class RayReflectance:
     """What rays see of Kd and Ks, (m, 3) each, with their standard deviations; zero where not known.
 
     known : (m,) bool.
@@ -35,16 +35,16 @@ class Weights:
     ks_std: Floats
     known: NDArray[np.bool_]
 
-    def where(self, kept: NDArray[np.bool_]) -> Weights:
+    def where(self, kept: NDArray[np.bool_]) -> RayReflectance:
         """These, and zero of the others."""
         shares = kept[:, None]
-        return Weights(
+        return RayReflectance(
             self.kd * shares, self.ks * shares, self.kd_std * shares, self.ks_std * shares, self.known & kept
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Textures:
+class SavedTextures:
     """Maps (h, w, 3) of Kd and Ks with their standard deviations; of one texel where nothing varies.
 
     The first row is at v = 1, the first column at u = 0; or there is one row, of the mesh's vertices in their order.
@@ -58,15 +58,15 @@ class Textures:
     known: Floats | None = None
     at_vertices: bool = False
 
-    def at(self, uv: Floats) -> Weights:
+    def at(self, uv: Floats) -> RayReflectance:
         """Kd and Ks at texture coordinates (m, 2), linear between the centres of known texels."""
         return self._blended(lambda height, width: _around(uv, height, width))
 
-    def between(self, corners: Ints, weights: Floats) -> Weights:
+    def between(self, corners: Ints, weights: Floats) -> RayReflectance:
         """Kd and Ks between vertices, (m, 3) of them and their weights."""
         return self._blended(lambda height, width: (np.zeros_like(corners), corners, weights))
 
-    def _blended(self, places: _Places) -> Weights:
+    def _blended(self, places: _Places) -> RayReflectance:
         height, width = self.kd.shape[:2] if self.known is None else self.known.shape
         rows, columns, weights = places(height, width)
         known = np.ones(len(weights), bool)
@@ -84,10 +84,10 @@ class Textures:
             own_rows, own_columns, own_weights = places(*texels.shape[:2])
             return np.einsum("mk,mkc->mc", own_weights, texels[own_rows, own_columns]) * known[:, None]
 
-        return Weights(seen(self.kd), seen(self.ks), seen(self.kd_std), seen(self.ks_std), known)
+        return RayReflectance(seen(self.kd), seen(self.ks), seen(self.kd_std), seen(self.ks_std), known)
 
 
-def read_textures(result: SavedResult, ks: Floats) -> Textures | None:
+def read_textures(result: SavedResult, ks: Floats) -> SavedTextures | None:
     """The textures in a result's folder, None where it has none; ValueError where one that it names isn't there.
 
     ks : (3,), where only Kd varies.
@@ -105,7 +105,7 @@ def read_textures(result: SavedResult, ks: Floats) -> Textures | None:
     kd_map = _read(folder / KD_NAME)
     ks_map = _read(folder / KS_NAME) if (folder / KS_NAME).is_file() else np.full((1, 1, 3), ks)
     known = read_exr_layers(folder / KD_NAME).get("A")
-    return Textures(
+    return SavedTextures(
         kd_map,
         ks_map,
         _deviations(folder, KD_NAME),

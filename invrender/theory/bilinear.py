@@ -101,7 +101,7 @@ def real_field(coefficients: ArrayLike, noise_std: ArrayLike) -> RealField:
     )
 
 
-class Fit(NamedTuple):
+class BilinearFit(NamedTuple):
     """Lambda_l L_lm in real harmonics and rho~ folded as in `RealField`, with their standard deviations.
 
     misfit : chi-square per degree of freedom; NaN where there is no more data than unknowns.
@@ -114,10 +114,10 @@ class Fit(NamedTuple):
     misfit: float
 
 
-def fit_products(field: RealField, lighting: Floats, rho: Floats) -> Fit:
+def fit_products(field: RealField, lighting: Floats, rho: Floats) -> BilinearFit:
     """Least squares of Lambda_l L_lm rho~_lpq by Gauss-Newton, with rho~_lpq = rho~_plq and Lambda_0 L_00 = 1.
 
-    lighting, rho : where to start, shapes of `Fit`, NaN what is undetermined, which it stays.
+    lighting, rho : where to start, shapes of `BilinearFit`, NaN what is undetermined, which it stays.
     """
     free = ~np.isnan(lighting)
     free[0] = False
@@ -161,4 +161,4 @@ def fit_products(field: RealField, lighting: Floats, rho: Floats) -> Fit:
     lighting_std, rho_std = spread(deviations, 0.0)
     freedom = len(lm) - len(vector) + field.odd_count
     misfit = (residual @ residual + field.odd_chi2) / freedom if freedom else np.nan
-    return Fit(lighting, lighting_std, rho, rho_std, float(misfit))
+    return BilinearFit(lighting, lighting_std, rho, rho_std, float(misfit))

@@ -22,7 +22,7 @@ from invrender.brdf.fresnel import MU_RANGE, fresnel_reflectance
 from invrender.brdf.lobes import LobeForm
 from invrender.theory.refinement import interval_rule
 from invrender.transport.transfer import LightElement, diffuse_transfer
-from invrender.transport.visibility import Sight, seen_diffuse
+from invrender.transport.visibility import RayVisibility, seen_diffuse
 from recon.harmonics.basis import clamped_cosine_transfer, degree_of, degrees, evaluate_harmonics
 
 Floats = NDArray[np.float64]
@@ -129,7 +129,7 @@ def base_size(form: LobeForm) -> int:
 
 
 def base_columns(
-    form: LobeForm, element: LightElement, normals: Floats, views: Floats, sight: Sight | None
+    form: LobeForm, element: LightElement, normals: Floats, views: Floats, sight: RayVisibility | None
 ) -> Floats:
     """Radiance (m, size, channels) per unit of Kd and of the element's strength, in parts that hold no mu.
 
@@ -158,7 +158,7 @@ def base_weights(form: LobeForm, mu: float | Floats | None, coat: float | Floats
 
 
 def base_irradiance(
-    form: LobeForm, mu: float | None, element: LightElement, normals: Floats, sight: Sight | None
+    form: LobeForm, mu: float | None, element: LightElement, normals: Floats, sight: RayVisibility | None
 ) -> Floats:
     """Irradiance (m, channels), as far as it counts for the base, from a unit strength of the element."""
     one = _one(form, mu)
@@ -173,7 +173,7 @@ def base_transfer(
     element: LightElement,
     normals: Floats,
     views: Floats,
-    sight: Sight | None,
+    sight: RayVisibility | None,
 ) -> Floats:
     """Radiance (m, channels) per unit of Kd and of the element's strength; arguments as of `base_columns`."""
     received = base_irradiance(form, mu, element, normals, sight)
@@ -198,7 +198,7 @@ def sky_factors(form: LobeForm, mu: float | None, l_max: int) -> Floats:
 
 
 def _through(
-    passing: Passing, element: LightElement, normals: Floats, views: Floats, sight: Sight | None
+    passing: Passing, element: LightElement, normals: Floats, views: Floats, sight: RayVisibility | None
 ) -> Floats:
     """In through the interface and out again: (m, k (k + 1) / 2, channels), of each pair of functions."""
     inside = entering(passing, element, normals, sight)
@@ -210,7 +210,7 @@ def _through(
     return np.asarray(result)
 
 
-def entering(passing: Passing, element: LightElement, normals: Floats, sight: Sight | None) -> Floats:
+def entering(passing: Passing, element: LightElement, normals: Floats, sight: RayVisibility | None) -> Floats:
     """Irradiance (m, k, channels) by light that counts for what passes, from a unit strength of the element.
 
     What a mesh hides of the sky is taken to pass as the rest does: exact where it hides all or nothing.

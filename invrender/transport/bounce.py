@@ -39,14 +39,14 @@ _ROUNDING = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class ConcaveMesh:
     """A mesh that sees itself. exchange : (v, f), steradian, as `face_exchange` has it."""
 
     shadows: Shadows
     exchange: csr_array
 
     @classmethod
-    def of(cls, shadows: Shadows) -> Parts | None:
+    def of(cls, shadows: Shadows) -> ConcaveMesh | None:
         """The parts of a mesh; None of a convex one, at no cost."""
         concave = np.abs(shadows.shadow).max(axis=1) > _ROUNDING
         if not concave.any():

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.lobes import PRINTED, Angles, LobeForm, Smith, part_width, phong_exponent
-from invrender.transport.half_vectors import Frame, PreparedMap, chunks, facet_ring, mirror_ring, ring_weights
+from invrender.transport.half_vectors import (
+    PreparedMap,
+    RayFrames,
+    chunks,
+    facet_ring,
+    mirror_ring,
+    ring_weights,
+)
 from invrender.transport.transfer import LightElement, specular_transfer
 
 Floats = NDArray[np.float64]
@@ -204,7 +211,7 @@ def _mirrored(light: PreparedMap, normals: Floats, views: Floats, sigmas: Floats
     result = np.empty((len(normals), len(sigmas), light.levels[0].shape[2]), np.float32)
     for part, _, thetas, turns in chunks(light, normals, views):
         mirrored = 2 * (normals[part] * views[part]).sum(axis=1)[:, None] * normals[part] - views[part]
-        frame = Frame.of(mirrored, normals[part])
+        frame = RayFrames.of(mirrored, normals[part])
         # A half-vector's angle is half of its mirrored one.
         angles = np.minimum(2 * thetas, np.pi / 2)
         weights = ring_weights(_phong_density, angles, sigmas, light.fineness.log_step)

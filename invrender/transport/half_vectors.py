@@ -108,7 +108,7 @@ def map_transfer(light: PreparedMap, normals: Floats, views: Floats, sigmas: Flo
 
 def chunks(
     light: PreparedMap, normals: Floats, views: Floats
-) -> Iterator[tuple[slice, Frame, Floats, Floats]]:
+) -> Iterator[tuple[slice, RayFrames, Floats, Floats]]:
     """Rays in chunks: which, their frames, and the rings' angles and azimuths to start at."""
     rng = np.random.default_rng(0)
     log_step = light.fineness.log_step
@@ -119,10 +119,10 @@ def chunks(
         part = slice(start, start + _RAYS_PER_CHUNK)
         shift, turn = rng.random(2)
         thetas = _FIRST_RING * np.exp(log_step * (shift + place))
-        yield part, Frame.of(normals[part], views[part]), thetas, 2 * np.pi * turn + _GOLDEN_ANGLE * place
+        yield part, RayFrames.of(normals[part], views[part]), thetas, 2 * np.pi * turn + _GOLDEN_ANGLE * place
 
 
-def _ring_mean(frame: Frame, ring: Ring) -> Singles:
+def _ring_mean(frame: RayFrames, ring: Ring) -> Singles:
     """Mean (m, c) over azimuth of L(wi(h)) (wo.h) / cos theta_o."""
     weight = ring.lit * np.maximum(ring.toward, 0) / np.maximum(frame.along_normal[:, None], np.float32(1e-6))
     return np.einsum("mp,mpc->mc", weight, ring.radiance) / np.float32(weight.shape[1])
@@ -147,7 +147,7 @@ def ring_weights(
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class RayFrames:
     """Local frames of a chunk of rays, (m, 3) each, and the view in them, (m,) each; float32."""
 
     tangent: Singles
@@ -159,7 +159,7 @@ class Frame:
     along_normal: Singles
 
     @classmethod
-    def of(cls, normals: Floats, views: Floats) -> Frame:
+    def of(cls, normals: Floats, views: Floats) -> RayFrames:
         """Frames with an arbitrary but fixed tangent."""
         helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
         tangent = np.cross(helper, normals)
@@ -183,7 +183,7 @@ class Ring:
     radiance: Singles
 
 
-def facet_ring(light: PreparedMap, frame: Frame, theta: float, turn: float) -> Ring:
+def facet_ring(light: PreparedMap, frame: RayFrames, theta: float, turn: float) -> Ring:
     """The ring theta_h = theta, its azimuths turned by an angle."""
     count, log_step = light.fineness.nodes(theta), light.fineness.log_step
     azimuth = turn + 2 * np.pi * np.arange(count) / count
@@ -214,7 +214,7 @@ def facet_ring(light: PreparedMap, frame: Frame, theta: float, turn: float) -> R
     return Ring(toward, cos_incident, lit, radiance)
 
 
-def mirror_ring(light: PreparedMap, frame: Frame, angle: float, turn: float) -> Singles:
+def mirror_ring(light: PreparedMap, frame: RayFrames, angle: float, turn: float) -> Singles:
     """Mean (m, c) of L(wi) (n.wi) over the ring of directions wi at an angle from the frames' axes.
 
     frame : around the mirrored views, n taking the view's place.

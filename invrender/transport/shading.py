@@ -22,7 +22,7 @@ from invrender.transport.bounce import Bounced
 from invrender.transport.lobe import Widths, gathered
 from invrender.transport.reflected import ReflectedMap
 from invrender.transport.transfer import LightElement
-from invrender.transport.visibility import Rays, Shadows, Sight, facing, seen_specular
+from invrender.transport.visibility import Rays, RayVisibility, Shadows, facing, seen_specular
 from recon.sampling.draw import MIN_COS_EXITANT
 from recon.sampling.lightfield import LightField
 
@@ -91,7 +91,7 @@ def shade(
 
 
 def _base(
-    brdf: Microfacet, mu: float | None, element: LightElement, field: LightField, sight: Sight | None
+    brdf: Microfacet, mu: float | None, element: LightElement, field: LightField, sight: RayVisibility | None
 ) -> Floats:
     return base_transfer(brdf.form, mu, element, field.normals, field.views, sight)
 

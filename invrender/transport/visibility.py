@@ -64,20 +64,22 @@ class Shadows:
         clear = per_degree * evaluate_harmonics(body.mesh.normals, l_max)
         return cls(body, (clear - transfer.coefficients).astype(np.float32))
 
-    def sight(self, element: LightElement, field: LightField) -> Sight:
+    def sight(self, element: LightElement, field: LightField) -> RayVisibility:
         """What the rays of a photograph's samples see of an element's light."""
         assert field.faces is not None
         coefficients = _sky(element, self.l_max)
         hidden = None if coefficients is None else self.hidden(field, coefficients)
         sources = [self.lit(field, direction) for direction in element.directions]
-        return Sight(_columns(sources, len(field.faces)), field.reflected_visible, hidden)
+        return RayVisibility(_columns(sources, len(field.faces)), field.reflected_visible, hidden)
 
-    def of_vertices(self, element: LightElement) -> Sight:
+    def of_vertices(self, element: LightElement) -> RayVisibility:
         """What vertices see of an element's light; nothing is said of mirrored rays, which they have none of."""
         mesh, coefficients = self.body.mesh, _sky(element, self.l_max)
         hidden = None if coefficients is None else self.kept_off(coefficients)
         sources = [self._seen(mesh.vertices, mesh.normals, direction) for direction in element.directions]
-        return Sight(_columns(sources, len(mesh.vertices)), np.zeros(len(mesh.vertices), bool), hidden)
+        return RayVisibility(
+            _columns(sources, len(mesh.vertices)), np.zeros(len(mesh.vertices), bool), hidden
+        )
 
     @property
     def l_max(self) -> int:
@@ -171,7 +173,7 @@ class Shadows:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class RayVisibility:
     """What m rays see of an element's light.
 
     sources : (m, k), how much of each of its directional sources, 0 to 1. mirrored : (m,), whether the mirror direction
@@ -184,7 +186,7 @@ class Sight:
     hidden: Floats | None
 
 
-def seen_diffuse(element: LightElement, normals: Floats, sight: Sight | None) -> Floats:
+def seen_diffuse(element: LightElement, normals: Floats, sight: RayVisibility | None) -> Floats:
     """`diffuse_transfer` under visibility, (m, channels); sight : None where nothing is hidden."""
     if sight is None:
         return diffuse_transfer(element, normals)
@@ -197,7 +199,9 @@ def seen_diffuse(element: LightElement, normals: Floats, sight: Sight | None) ->
 
 
 def seen_specular(
-    element: LightElement, sight: Sight | None, gather: Callable[[LightElement, Rays], NDArray[np.floating]]
+    element: LightElement,
+    sight: RayVisibility | None,
+    gather: Callable[[LightElement, Rays], NDArray[np.floating]],
 ) -> NDArray[np.floating]:
     """What a lobe gathers of an element's light under visibility, (m, ...); sight : None where nothing is hidden.
 

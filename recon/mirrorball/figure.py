@@ -26,7 +26,7 @@ _CAMERA = "#ff4fd8"
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class ViewPanel:
     """One view as it is drawn.
 
     crop : (h, w, 3) radiance about the ball. corner : (x, y), the pixel where the crop begins.
@@ -39,19 +39,19 @@ class Panel:
     outline: Floats
     marks: Floats
 
-    def of(self, view: BallView) -> Panel:
+    def of(self, view: BallView) -> ViewPanel:
         """The same picture of the same view, turned."""
         return replace(self, view=view)
 
 
-def panel(view: BallView, image: RadianceImage) -> Panel:
+def panel(view: BallView, image: RadianceImage) -> ViewPanel:
     """What a figure needs of one view, without the photograph."""
     outline = sphere_outline(view.sphere, view.camera, 181)
     margin = 0.08 * np.ptp(outline, axis=0).max()
     low = np.maximum(np.floor(outline.min(axis=0) - margin).astype(int), 0)
     high = np.ceil(outline.max(axis=0) + margin).astype(int)
     directions = np.array([source.direction for source in view.sources]).reshape(-1, 3)
-    return Panel(
+    return ViewPanel(
         view=view,
         crop=image.radiance[low[1] : high[1], low[0] : high[0]],
         corner=(int(low[0]), int(low[1])),
@@ -61,7 +61,7 @@ def panel(view: BallView, image: RadianceImage) -> Panel:
 
 
 def ball_figure(
-    panels: Sequence[Panel],
+    panels: Sequence[ViewPanel],
     singles: Sequence[BallLighting],
     merged: BallLighting | None,
     frame: str,
@@ -101,7 +101,7 @@ def ball_figure(
     return figure
 
 
-def _draw_ball(axis: Any, drawn: Panel) -> None:
+def _draw_ball(axis: Any, drawn: ViewPanel) -> None:
     height, width = drawn.crop.shape[:2]
     x, y = drawn.corner
     axis.imshow(tone_mapped(drawn.crop), extent=(x, x + width, y + height, y), interpolation="nearest")

@@ -14,7 +14,7 @@ from capture.camera import Camera
 from capture.radiance import RadianceImage
 from recon.mirrorball.circle import refined, shown_share
 from recon.mirrorball.shift import moved, shift_between
-from recon.placement.locate import View, locate_sphere
+from recon.placement.locate import LocatedPhoto, locate_sphere
 from recon.sphere.circle import Disk
 from recon.sphere.finddisk import SEARCHED_PX, find_rim, likely_circles
 from recon.sphere.outline import mask_silhouette
@@ -60,7 +60,7 @@ def find_ball(
     check_size(image.saturated, camera, f"{name}: the photograph")
     if mask is not None:
         check_size(mask, camera, f"{name}: the mask")
-        return locate_sphere([View(name, camera, mask_silhouette(mask))]), False
+        return locate_sphere([LocatedPhoto(name, camera, mask_silhouette(mask))]), False
     if disk is not None:
         return refined(_contrast(image), camera, disk, _BY_HAND, _AS_GOOD, name)[0], False
     if background is not None:

@@ -39,7 +39,7 @@ class PosesTable(Table):
 
 
 @dataclass(frozen=True)
-class Shot:
+class BallShot:
     """One view as files: a photograph or a bracket, and where the ball is in it."""
 
     photos: tuple[Path, ...]
@@ -73,7 +73,7 @@ def group(
     masks: Sequence[Path],
     balls: Sequence[str],
     backgrounds: Sequence[Path],
-) -> list[Shot]:
+) -> list[BallShot]:
     """The views, each of `bracket` consecutive photos; masks, balls and backgrounds are one for all, or one each."""
     if len(photos) % bracket:
         raise ValueError(
@@ -90,7 +90,7 @@ def group(
     for stem in stems:
         if stems.count(stem) > 1:
             raise ValueError(f"two photos are named {stem!r}, and so would their maps be: rename one of them")
-    return [Shot(*entry) for entry in zip(views, *each, strict=True)]
+    return [BallShot(*entry) for entry in zip(views, *each, strict=True)]
 
 
 def read_disk(text: str) -> Disk:
@@ -138,7 +138,7 @@ def view_poses(count: int, angles: str | None, file: Path | None) -> list[Floats
 
 
 def read(
-    shots: Sequence[Shot], setup: Setup, poses: Sequence[Floats] | None, register: bool, height: int
+    shots: Sequence[BallShot], setup: Setup, poses: Sequence[Floats] | None, register: bool, height: int
 ) -> Reading:
     """Decode and read all views, and merge them if their poses are given or to be found."""
     exposures = _exposures(shots, setup)
@@ -163,7 +163,7 @@ def read(
 
 
 def _view(
-    shot: Shot, setup: Setup, exposures: Sequence[float], pose: Floats
+    shot: BallShot, setup: Setup, exposures: Sequence[float], pose: Floats
 ) -> tuple[BallView, RadianceImage]:
     images = [_decoded(path, setup, exposure) for path, exposure in zip(shot.photos, exposures, strict=True)]
     # From the longest exposure on: it shows the ball's outline best, and neighbours share the most.
@@ -197,7 +197,7 @@ def _decoded(path: Path, setup: Setup, exposure: float) -> RadianceImage:
     return decode(path, encoding, exposure)
 
 
-def _exposures(shots: Sequence[Shot], setup: Setup) -> list[tuple[float, ...]]:
+def _exposures(shots: Sequence[BallShot], setup: Setup) -> list[tuple[float, ...]]:
     """The relative exposures of each view's photos."""
     if setup.times is not None:
         seconds = read_times(setup.times)

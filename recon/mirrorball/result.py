@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from capture.files.documents import file_hash, software, write_json
 from capture.files.imagefile import write_exr
 from capture.terminal import console
-from recon.mirrorball.figure import Panel, ball_figure
+from recon.mirrorball.figure import ViewPanel, ball_figure
 from recon.mirrorball.light import BallLighting, lighting_of_ball
 from recon.mirrorball.view import BallSource, BallView
 
 if TYPE_CHECKING:
-    from recon.mirrorball.photos import Shot
+    from recon.mirrorball.photos import BallShot
     from recon.mirrorball.register import Turn
 
 OWN_FILES = ("lighting.json", "lighting.toml", "mirrorball.png", "*.exr")
@@ -36,11 +36,11 @@ class Reading:
     turns : how each view was turned to the first, where that was estimated.
     """
 
-    shots: tuple[Shot, ...]
+    shots: tuple[BallShot, ...]
     views: tuple[BallView, ...]
     singles: tuple[BallLighting, ...]
     merged: BallLighting | None
-    panels: tuple[Panel, ...]
+    panels: tuple[ViewPanel, ...]
     turns: tuple[Turn, ...] | None
 
     @property

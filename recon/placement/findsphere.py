@@ -12,7 +12,7 @@ from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from recon.mesh.bodies import SphereBody, body_coverage
-from recon.placement.locate import View, locate_sphere
+from recon.placement.locate import LocatedPhoto, locate_sphere
 from recon.sphere.finddisk import find_rim, rim_near, rim_silhouette
 from recon.sphere.outline import Silhouette, mask_silhouette
 from recon.sphere.sphere import Sphere
@@ -73,7 +73,7 @@ def _must_find(photoset: PhotoSet) -> bool:
 
 def _located(photoset: PhotoSet, silhouettes: Sequence[Silhouette | None]) -> Sphere:
     views = [
-        View(str(photo.file), photo.camera, silhouette)
+        LocatedPhoto(str(photo.file), photo.camera, silhouette)
         for photo, silhouette in zip(photoset.photos, silhouettes, strict=True)
     ]
     return locate_sphere(views, photoset.object.centre, photoset.object.radius)

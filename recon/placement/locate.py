@@ -25,7 +25,7 @@ _LEAST_POINTS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class LocatedPhoto:
     """What locating needs of one photograph. label : its name in messages. silhouette : of the object, if known."""
 
     label: str
@@ -34,7 +34,7 @@ class View:
 
 
 def locate_sphere(
-    views: Sequence[View], centre: Sequence[float] | None = None, radius: float | None = None
+    views: Sequence[LocatedPhoto], centre: Sequence[float] | None = None, radius: float | None = None
 ) -> Sphere:
     """The sphere in the views: as given, or fitted to the silhouettes; ValueError names the view that disagrees."""
     if centre is not None and radius is not None:
@@ -57,7 +57,7 @@ def locate_sphere(
     return sphere
 
 
-def _check_silhouette(view: View) -> None:
+def _check_silhouette(view: LocatedPhoto) -> None:
     assert view.silhouette is not None
     covered = view.silhouette.covered
     if covered is None:
@@ -75,7 +75,10 @@ def _check_silhouette(view: View) -> None:
 
 
 def _fit(
-    views: Sequence[View], cameras: Sequence[Camera], centre: Sequence[float] | None, radius: float | None
+    views: Sequence[LocatedPhoto],
+    cameras: Sequence[Camera],
+    centre: Sequence[float] | None,
+    radius: float | None,
 ) -> Sphere:
     return fit_sphere(cameras, [v.silhouette for v in views if v.silhouette is not None], centre, radius)
 
@@ -84,7 +87,7 @@ def _tolerance_px(sphere: Sphere, camera: Camera) -> float:
     return max(_MAX_RESIDUAL_PX, _MAX_RESIDUAL_SHARE * sphere.pixel_radius(camera))
 
 
-def _misfit(sphere: Sphere, views: Sequence[View], cameras: Sequence[Camera]) -> tuple[float, int]:
+def _misfit(sphere: Sphere, views: Sequence[LocatedPhoto], cameras: Sequence[Camera]) -> tuple[float, int]:
     """The largest residual over its tolerance, and the view that has it; infinite behind a camera."""
     excess = []
     for camera, residual in zip(cameras, sphere.residual_px, strict=True):
@@ -95,7 +98,7 @@ def _misfit(sphere: Sphere, views: Sequence[View], cameras: Sequence[Camera]) ->
 
 
 def _check_fit(
-    sphere: Sphere, views: Sequence[View], centre: Sequence[float] | None, radius: float | None
+    sphere: Sphere, views: Sequence[LocatedPhoto], centre: Sequence[float] | None, radius: float | None
 ) -> None:
     excess, worst = _misfit(sphere, views, [view.camera for view in views])
     if excess <= 1:
@@ -118,7 +121,7 @@ def _check_fit(
     raise ValueError(f"{views[worst].label}: {what}; {advice}")
 
 
-def _check_given(sphere: Sphere, views: Sequence[View]) -> None:
+def _check_given(sphere: Sphere, views: Sequence[LocatedPhoto]) -> None:
     for view in views:
         camera, problem = view.camera, ""
         if not camera.is_orthographic and camera.depth(sphere.centre)[0] <= sphere.radius:
@@ -133,7 +136,7 @@ def _check_given(sphere: Sphere, views: Sequence[View]) -> None:
             raise ValueError(f"{view.label}: {problem}; {_suspect(sphere, view)}")
 
 
-def _suspect(sphere: Sphere, view: View) -> str:
+def _suspect(sphere: Sphere, view: LocatedPhoto) -> str:
     inside = None if view.silhouette is None else view.silhouette.covered
     if inside is not None and overlap(body_coverage(SphereBody(sphere), view.camera), ~inside) >= MIN_OVERLAP:
         return INVERTED
@@ -147,7 +150,7 @@ def _suspect(sphere: Sphere, view: View) -> str:
     return "check world_to_camera, the camera's parameters, and [object] centre and radius (metres)"
 
 
-def _overlap(disk: NDArray[np.bool_], view: View) -> float | None:
+def _overlap(disk: NDArray[np.bool_], view: LocatedPhoto) -> float | None:
     """Intersection over union of a disk and a view's mask; None without a mask."""
     inside = None if view.silhouette is None else view.silhouette.covered
     return None if inside is None else overlap(disk, inside)

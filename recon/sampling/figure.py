@@ -24,7 +24,7 @@ _EMPTY = "lightsteelblue"
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class PhotoPanel:
     """One photograph for the figure. sky : per vertex of a mesh, the share of the sky that it sees, or None."""
 
     label: str
@@ -35,7 +35,7 @@ class Panel:
     sky: NDArray[np.floating] | None
 
 
-def samples_figure(panel: Panel, body: Body, faces: NDArray[np.int64] | None) -> Figure:
+def samples_figure(panel: PhotoPanel, body: Body, faces: NDArray[np.int64] | None) -> Figure:
     """Photograph, samples by weight, normals, sky, mirrored rays and the first source's shadow.
 
     faces : (f, 3) of the mesh; None for a sphere.
@@ -81,7 +81,7 @@ def samples_figure(panel: Panel, body: Body, faces: NDArray[np.int64] | None) ->
 
 
 def _pictures(
-    panel: Panel, body: Body, faces: NDArray[np.int64] | None, pixels: Floats, shape: tuple[int, ...]
+    panel: PhotoPanel, body: Body, faces: NDArray[np.int64] | None, pixels: Floats, shape: tuple[int, ...]
 ) -> list[tuple[str, NDArray[Any]]]:
     """Titles and pictures (h, w) or (h, w, 4); what the body doesn't cover is left empty."""
     hits = body.hits(panel.camera, pixels)

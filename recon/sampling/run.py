@@ -23,7 +23,7 @@ from recon.mesh.transfer import TransferVectors
 from recon.mesh.transfercache import cached_transfer
 from recon.mesh.trianglemesh import TriangleMesh
 from recon.sampling.draw import NO_SOURCES, sample_body
-from recon.sampling.figure import Panel, samples_figure
+from recon.sampling.figure import PhotoPanel, samples_figure
 from recon.sampling.find import FoundBody, find_body
 from recon.sampling.lightfield import LightField
 from recon.sampling.stream import light_fields
@@ -152,7 +152,7 @@ def _draw(
     image, lights = decode_photo(photoset, photo), sources[photo.lighting]
     whole = np.random.default_rng(0)  # asked for nothing where every pixel is taken
     field = sample_body(found.body, photo.camera, image, found.mask_of(photo), lights, None, whole)
-    panel = Panel(photo.label, photo.camera, image, field, lights, sky)
+    panel = PhotoPanel(photo.label, photo.camera, image, field, lights, sky)
     faces = found.body.mesh.faces if isinstance(found.body, MeshBody) else None
     samples_figure(panel, found.body, faces).savefig(path)
 

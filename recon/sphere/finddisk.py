@@ -53,7 +53,7 @@ _WORTH = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Rim:
+class SphereRim:
     """A sphere's outline as a photograph shows it.
 
     sphere : that it belongs to. points : (n, 2) of it, pixels. hidden_px : standard deviation of errors that they
@@ -67,12 +67,12 @@ class Rim:
     blur: float
 
 
-def rim_silhouette(rim: Rim, camera: Camera) -> Silhouette:
+def rim_silhouette(rim: SphereRim, camera: Camera) -> Silhouette:
     """What locating a sphere needs of its outline in a photograph."""
     return Silhouette(rim.points, rim.hidden_px, None, (camera.height, camera.width))
 
 
-def find_rim(camera: Camera, image: RadianceImage) -> Rim | None:
+def find_rim(camera: Camera, image: RadianceImage) -> SphereRim | None:
     """The sphere's outline that shows best in a photograph; None if none does.
 
     It is searched for in a picture of 480 pixels; there, 64 pixels of its outline and a third of it must show.
@@ -91,7 +91,7 @@ def find_rim(camera: Camera, image: RadianceImage) -> Rim | None:
     return _sharpened(camera, finer, rims[0], _LEAST_SEEN) if rims else None
 
 
-def rim_near(sphere: Sphere, camera: Camera, image: RadianceImage) -> Rim | None:
+def rim_near(sphere: Sphere, camera: Camera, image: RadianceImage) -> SphereRim | None:
     """What a photograph shows of the outline of a sphere that is known to a few pixels of 480; None if nothing."""
     if not camera.is_orthographic and camera.depth(sphere.centre)[0] <= sphere.radius:
         return None
@@ -127,7 +127,7 @@ def _levels(image: RadianceImage) -> Iterator[_Level]:
     yield _Level(image.radiance, saturated, 1.0)
 
 
-def _sharpened(camera: Camera, finer: Sequence[_Level], found: Rim, least: float) -> Rim | None:
+def _sharpened(camera: Camera, finer: Sequence[_Level], found: SphereRim, least: float) -> SphereRim | None:
     """The outline as finer levels show it, as far as they do: a large photograph may be blurred over many pixels, and
     noisy in each; None where already the first one, of 1440 pixels or less, denies it."""
     for level in finer:
@@ -141,7 +141,7 @@ def _sharpened(camera: Camera, finer: Sequence[_Level], found: Rim, least: float
     return found
 
 
-def _refined(camera: Camera, level: _Level, sphere: Sphere, least: float) -> Rim | None:
+def _refined(camera: Camera, level: _Level, sphere: Sphere, least: float) -> SphereRim | None:
     """The outline near a sphere's; None where less than a share `least` of it shows."""
     factor, blur = level.factor, np.nan
     for turn in range(_ROUNDS):
@@ -162,7 +162,7 @@ def _refined(camera: Camera, level: _Level, sphere: Sphere, least: float) -> Rim
     share = good.sum() / len(outline)
     if share < least or good.sum() < 12 or sphere.residual_px[0] > agreed:
         return None
-    return Rim(sphere, points[good], hidden, 2 * np.pi * sphere.pixel_radius(camera) * share, blur)
+    return SphereRim(sphere, points[good], hidden, 2 * np.pi * sphere.pixel_radius(camera) * share, blur)
 
 
 def _outside(sphere: Sphere, camera: Camera, points: Floats) -> Floats:

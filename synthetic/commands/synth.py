@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 
-class Light(StrEnum):
+class LightOfSet(StrEnum):
     ALL = "all"
     BALL = "ball"
     NOTHING = "nothing"
@@ -41,7 +41,7 @@ def synth(
         ),
     ] = False,
     light: Annotated[
-        Light | None,
+        LightOfSet | None,
         typer.Option(
             help="What the set tells of the light on photographs that are not held out, instead of what the scene"
             " file says: all, photographs of a mirror ball, or nothing.",

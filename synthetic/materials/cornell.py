@@ -14,7 +14,7 @@ from scipy.interpolate import RBFInterpolator
 
 from synthetic.materials.material import AnyFloats, Floats
 from synthetic.materials.spectra import reflectance_to_srgb
-from synthetic.materials.tabulated import HalfAngles, Tabulated, bin_centres, directions, half_angles
+from synthetic.materials.tabulated import RusinkiewiczAngles, Tabulated, bin_centres, directions, half_angles
 
 # Of the table: theta_h, theta_d, phi_d.
 _BINS = (90, 90, 36)
@@ -69,7 +69,7 @@ def interpolated(samples: CornellSamples) -> Tabulated:
     # Smoother kernels swing far out where samples are scarce, as in the gap that the sensor leaves about the light.
     surface = RBFInterpolator(places, values, kernel="linear", degree=1)
     # Mirror symmetry and reciprocity: a quarter turn of phi_d holds all.
-    wi, wo = directions(HalfAngles(*np.broadcast_arrays(*bin_centres(_BINS))))
+    wi, wo = directions(RusinkiewiczAngles(*np.broadcast_arrays(*bin_centres(_BINS))))
     half = _BINS[2] // 2
     lowest = min(samples.wi[:, 2].min(), samples.wo[:, 2].min())
     wi, wo = _raised(wi[:, :, :half], lowest), _raised(wo[:, :, :half], lowest)
@@ -81,7 +81,7 @@ def interpolated(samples: CornellSamples) -> Tabulated:
     return Tabulated(np.zeros(3), np.ones(3), table)
 
 
-def _embedded(angles: HalfAngles) -> Floats:
+def _embedded(angles: RusinkiewiczAngles) -> Floats:
     """Coordinates (..., 3) in which near pairs are near: without a seam in phi_d, which means nothing at the poles."""
     turn = np.sin(angles.theta_h) * np.sin(angles.theta_d) * np.abs(np.cos(angles.phi_d))
     return np.stack([angles.theta_h, angles.theta_d, turn], axis=-1)

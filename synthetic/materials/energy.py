@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.mirror import Mirror
 from synthetic.materials.texture import Textured
 
@@ -57,7 +57,7 @@ def check_energy(material: Material) -> None:
         described = material.material
     else:
         kd, ks, described = material.kd, material.ks, material
-    if isinstance(described, Microfacet):
+    if isinstance(described, MicrofacetMaterial):
         _refuse(np.pi * kd + ks * bihemispherical_lobe(described), "of the light from all around")
         return
     for azimuth in _azimuths(described):

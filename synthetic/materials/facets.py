@@ -65,7 +65,7 @@ class Facets:
         return (self.along * w[..., 0]) ** 2 + (self.across * w[..., 1]) ** 2
 
 
-class Beckmann(Facets):
+class BeckmannSlopes(Facets):
     """Slopes as a Gaussian: along and across are RMS slopes times sqrt(2)."""
 
     def density(self, half: AnyFloats) -> AnyFloats:
@@ -81,7 +81,7 @@ class Beckmann(Facets):
         return (cos * (erf(a) - 1) + spread * np.exp(-a * a) / math.sqrt(math.pi)) / 2
 
 
-class GGX(Facets):
+class GGXSlopes(Facets):
     """Slopes with long tails: along and across are the widths alpha."""
 
     def density(self, half: AnyFloats) -> AnyFloats:

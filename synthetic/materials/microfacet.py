@@ -16,13 +16,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.fresnel import checked_index, relative_fresnel
 from synthetic.materials.material import AnyFloats, Material
 
 
 @dataclass(frozen=True, eq=False)
-class Microfacet(Material):
+class MicrofacetMaterial(Material):
     """A Lambertian base under a lobe of microfacets.
 
     kd, ks : (3,) RGB, 1/sr, >= 0; the diffuse albedo is pi kd, at most 1.
@@ -72,8 +72,8 @@ class Microfacet(Material):
     # Nowhere is S more than 1.5 times GGX's density: its visible facets leave to the weights of the samples no
     # more than RH01's own 1 / cos theta_o, where half vectors as dense as S would add their wo.h.
     @cached_property
-    def _proposal(self) -> GGX:
-        return GGX(self.sigma, self.sigma)
+    def _proposal(self) -> GGXSlopes:
+        return GGXSlopes(self.sigma, self.sigma)
 
     def sample(self, wo: AnyFloats, u: AnyFloats) -> AnyFloats:
         return self._proposal.sample(wo, u)

@@ -19,7 +19,7 @@ from synthetic.vectors import dot, local_frame, mirrored, to_world
 
 
 @dataclass(frozen=True, eq=False)
-class Phong(Material):
+class PhongMaterial(Material):
     """A Lambertian base under a lobe about the mirror direction. exponent : s, >= 0; 0 is Lambertian again."""
 
     exponent: float

@@ -17,7 +17,7 @@ from scipy.integrate import quad
 
 from synthetic.materials.fresnel import fresnel_dielectric
 from synthetic.materials.material import AnyFloats, Floats, Material, cosine_density, sample_cosine
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Plastic(Material):
     the lobe: kd is 0 and ks 1.
     """
 
-    gloss: Smith
+    gloss: SmithMaterial
     kd: Floats = field(default_factory=lambda: np.zeros(3), init=False)
     ks: Floats = field(default_factory=lambda: np.ones(3), init=False)
 

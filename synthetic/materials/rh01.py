@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synthetic.materials.facets import Beckmann
-from synthetic.materials.microfacet import Microfacet
-from synthetic.materials.smith import Smith
+from synthetic.materials.facets import BeckmannSlopes
+from synthetic.materials.microfacet import MicrofacetMaterial
+from synthetic.materials.smith import SmithMaterial
 
 # Fig. 11 holds ratios. The brightest of them, Kd = 0.92, becomes an albedo of 0.79 under this scale, a
 # usual value for a white plastic.
@@ -42,12 +42,12 @@ RH01_MATERIALS = {
 }
 
 
-def radiometric(row: Fig11Row, scale: float = RADIOMETRIC_SCALE) -> Microfacet:
+def radiometric(row: Fig11Row, scale: float = RADIOMETRIC_SCALE) -> MicrofacetMaterial:
     """A material with the ratios of Fig. 11 that reflects less than it receives. scale : 1/sr."""
-    return Microfacet(scale * np.array(row.kd), scale * np.array(row.ks), row.mu, row.sigma)
+    return MicrofacetMaterial(scale * np.array(row.kd), scale * np.array(row.ks), row.mu, row.sigma)
 
 
-def exact(row: Fig11Row, scale: float = EXACT_SCALE) -> Smith:
+def exact(row: Fig11Row, scale: float = EXACT_SCALE) -> SmithMaterial:
     """The same ratios, index and roughness in the physically exact form. scale : 1/sr."""
-    facets = Beckmann(row.sigma, row.sigma)
-    return Smith(scale * np.array(row.kd), scale * np.array(row.ks), row.mu, facets)
+    facets = BeckmannSlopes(row.sigma, row.sigma)
+    return SmithMaterial(scale * np.array(row.kd), scale * np.array(row.ks), row.mu, facets)

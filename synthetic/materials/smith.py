@@ -16,14 +16,14 @@ from functools import cached_property
 
 import numpy as np
 
-from synthetic.materials.facets import GGX, Facets
+from synthetic.materials.facets import Facets, GGXSlopes
 from synthetic.materials.fresnel import checked_index, relative_fresnel
 from synthetic.materials.material import AnyFloats, Material
 from synthetic.vectors import dot
 
 
 @dataclass(frozen=True, eq=False)
-class Smith(Material):
+class SmithMaterial(Material):
     """A Lambertian base under microfacets that shadow and mask each other.
 
     mu : refractive index, > 1; complex, n + ik, of a metal; None for no Fresnel factor.
@@ -55,8 +55,8 @@ class Smith(Material):
 
     # Visible facets of GGX serve Beckmann's too: nowhere is the lobe more than 2.6 times as dense.
     @cached_property
-    def _proposal(self) -> GGX:
-        return GGX(self.facets.along, self.facets.across)
+    def _proposal(self) -> GGXSlopes:
+        return GGXSlopes(self.facets.along, self.facets.across)
 
     def sample(self, wo: AnyFloats, u: AnyFloats) -> AnyFloats:
         return self._proposal.sample(wo, u)

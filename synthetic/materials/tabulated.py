@@ -29,7 +29,7 @@ from synthetic.vectors import dot
 _MERL_SCALES = np.array([1.0, 1.15, 1.66]) / 1500
 
 
-class HalfAngles(NamedTuple):
+class RusinkiewiczAngles(NamedTuple):
     """Rusinkiewicz's coordinates of pairs of directions, radians: theta_h and theta_d 0 to pi/2, phi_d 0 to pi."""
 
     theta_h: AnyFloats
@@ -37,7 +37,7 @@ class HalfAngles(NamedTuple):
     phi_d: AnyFloats
 
 
-def half_angles(wi: AnyFloats, wo: AnyFloats) -> HalfAngles:
+def half_angles(wi: AnyFloats, wo: AnyFloats) -> RusinkiewiczAngles:
     """Coordinates (...,) of local unit directions (..., 3) above the surface, broadcast; keeps the dtype."""
     half, difference = wi + wo, wi - wo
     across = np.hypot(half[..., 0], half[..., 1])
@@ -51,10 +51,10 @@ def half_angles(wi: AnyFloats, wo: AnyFloats) -> HalfAngles:
     outwards = cos * difference[..., 0] + sin * difference[..., 1]
     x = np.cos(theta_h) * outwards - np.sin(theta_h) * difference[..., 2]
     y = cos * difference[..., 1] - sin * difference[..., 0]
-    return HalfAngles(theta_h, theta_d, np.arctan2(y, x) % np.pi)
+    return RusinkiewiczAngles(theta_h, theta_d, np.arctan2(y, x) % np.pi)
 
 
-def directions(angles: HalfAngles) -> tuple[AnyFloats, AnyFloats]:
+def directions(angles: RusinkiewiczAngles) -> tuple[AnyFloats, AnyFloats]:
     """Pairs of directions wi, wo (..., 3), the half vector at azimuth 0, that have these coordinates (...,)."""
     cos_h, sin_h = np.cos(angles.theta_h), np.sin(angles.theta_h)
     x = np.sin(angles.theta_d) * np.cos(angles.phi_d)
@@ -67,10 +67,10 @@ def directions(angles: HalfAngles) -> tuple[AnyFloats, AnyFloats]:
     return tilted(1), tilted(-1)
 
 
-def bin_centres(shape: tuple[int, int, int]) -> HalfAngles:
+def bin_centres(shape: tuple[int, int, int]) -> RusinkiewiczAngles:
     """Coordinates of the values of a table (n_h, n_d, n_p), each shaped to broadcast to it."""
     h, d, p = ((np.arange(n) + 0.5) / n for n in shape)
-    return HalfAngles(np.pi / 2 * h[:, None, None] ** 2, np.pi / 2 * d[:, None], np.pi * p)
+    return RusinkiewiczAngles(np.pi / 2 * h[:, None, None] ** 2, np.pi / 2 * d[:, None], np.pi * p)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ _IRRADIANCE_NODES = 257
 
 
 def reflected_radiance(
-    material: Microfacet,
+    material: MicrofacetMaterial,
     area_lights: Sequence[AreaLight],
     sources: Sequence[DirectionalSource],
     normals: Floats,
@@ -97,7 +97,7 @@ def _irradiance_by_angle(width_rad: float) -> CubicSpline:
 
 
 def _specular(
-    material: Microfacet, lights: Sequence[AreaLight], normals: Floats, views: Floats, order: int
+    material: MicrofacetMaterial, lights: Sequence[AreaLight], normals: Floats, views: Floats, order: int
 ) -> Floats:
     """Integral of S L / (4 cos_o) over the incident hemisphere, (n, lights), for lights of unit radiance."""
     size = max(1, _PAIRS_PER_CHUNK // order**2)
@@ -114,7 +114,7 @@ def _specular(
 
 
 def _specular_chunk(
-    material: Microfacet, lights: Sequence[AreaLight], normals: Floats, views: Floats, order: int
+    material: MicrofacetMaterial, lights: Sequence[AreaLight], normals: Floats, views: Floats, order: int
 ) -> Floats:
     """`_specular` of a few points, all directions at once.
 

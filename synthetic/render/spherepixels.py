@@ -14,7 +14,7 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.render.lobes import reflected_radiance
 from synthetic.render.pixels import looked_at
 from synthetic.shapes.ball import Ball
@@ -42,7 +42,7 @@ def sphere_means(
     """
     areas = [light for light in illumination.extended if isinstance(light, AreaLight)]
     sources = [source for source in illumination.sources if isinstance(source, DirectionalSource)]
-    if not (isinstance(surface, Ball) and type(material) is Microfacet):
+    if not (isinstance(surface, Ball) and type(material) is MicrofacetMaterial):
         return None
     if len(areas) < len(illumination.extended) or len(sources) < len(illumination.sources):
         return None

@@ -19,25 +19,25 @@ from synthetic.lights.light import ExtendedLight
 from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.lights.values import unit_vector
 from synthetic.materials.cornell import interpolated, read_cornell
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.phong import Phong
+from synthetic.materials.phong import PhongMaterial
 from synthetic.materials.plastic import Plastic
 from synthetic.materials.rh01 import RH01_MATERIALS, exact, radiometric
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.tabulated import read_merl
 from synthetic.materials.texture import Textured
 from synthetic.scene import Effort, Scene
 from synthetic.scenes.scenefile import SceneFile, read_scene_file
 from synthetic.scenes.schema import (
     BallTable,
-    CameraTable,
-    LightingTable,
     MaterialTable,
-    ObjectTable,
+    SceneCamera,
+    SceneLighting,
+    SceneObject,
     SensorTable,
     Towards,
 )
@@ -118,7 +118,7 @@ def _with_light_given(file: SceneFile, given: Given) -> SceneFile:
     return file.model_copy(update={"lighting": tuple(tables), "mirror_ball": ball})
 
 
-def _mesh(table: ObjectTable, folder: Path) -> TriangleMesh | None:
+def _mesh(table: SceneObject, folder: Path) -> TriangleMesh | None:
     if table.shape == "cat":
         mesh = mesh_implicit(cat_field, REACH, table.edge or _EDGE)
         return with_atlas(mesh) if table.atlas else mesh
@@ -130,7 +130,7 @@ def _mesh(table: ObjectTable, folder: Path) -> TriangleMesh | None:
     return None
 
 
-def _surface(table: ObjectTable, mesh: TriangleMesh | None) -> Surface:
+def _surface(table: SceneObject, mesh: TriangleMesh | None) -> Surface:
     centre = np.array(table.centre)
     if mesh is None:
         return Ball(centre, table.radius)
@@ -140,10 +140,10 @@ def _surface(table: ObjectTable, mesh: TriangleMesh | None) -> Surface:
         raise ValueError(f"[object] {table.mesh or table.shape}: {error}") from error
 
 
-def _material(table: MaterialTable | None, of: ObjectTable, folder: Path) -> Material:
+def _material(table: MaterialTable | None, of: SceneObject, folder: Path) -> Material:
     if of.shape == "doll":
         kd_map, ks_map = doll_textures(_TEXTURE_HEIGHT)
-        lobe = _plain(table, folder) if table else Microfacet(np.zeros(3), np.ones(3), 1.5, 0.15)
+        lobe = _plain(table, folder) if table else MicrofacetMaterial(np.zeros(3), np.ones(3), 1.5, 0.15)
         return Textured(lobe, kd_map.astype(float), ks_map.astype(float))
     assert table is not None, "the schema sees to it"
     return _plain(table, folder)
@@ -159,17 +159,21 @@ def _plain(table: MaterialTable, folder: Path) -> Material:
         case "lambertian":
             return Lambertian(kd)
         case "microfacet":
-            return Microfacet(kd, ks, table.mu, sigma)
+            return MicrofacetMaterial(kd, ks, table.mu, sigma)
         case "smith":
-            return Smith(kd, ks, table.mu, Beckmann(sigma, sigma))
+            return SmithMaterial(kd, ks, table.mu, BeckmannSlopes(sigma, sigma))
         case "ggx":
-            return Smith(kd, ks, table.mu, GGX(alpha, alpha))
+            return SmithMaterial(kd, ks, table.mu, GGXSlopes(alpha, alpha))
         case "anisotropic":
-            return Smith(kd, ks, table.mu, GGX(table.alpha_x or 0.0, table.alpha_y or 0.0))
+            return SmithMaterial(kd, ks, table.mu, GGXSlopes(table.alpha_x or 0.0, table.alpha_y or 0.0))
         case "plastic":
-            return Plastic(Smith(kd, ks, table.mu, GGX(alpha, alpha) if alpha else Beckmann(sigma, sigma)))
+            return Plastic(
+                SmithMaterial(
+                    kd, ks, table.mu, GGXSlopes(alpha, alpha) if alpha else BeckmannSlopes(sigma, sigma)
+                )
+            )
         case "phong":
-            return Phong(kd, ks, table.exponent or 0.0)
+            return PhongMaterial(kd, ks, table.exponent or 0.0)
         case "mirror":
             return Mirror(kd, ks, table.mu)
         case "table":
@@ -177,7 +181,7 @@ def _plain(table: MaterialTable, folder: Path) -> Material:
             return read_merl(path) if path.suffix == ".binary" else interpolated(read_cornell(path))
 
 
-def _illumination(table: LightingTable, of: ObjectTable, folder: Path) -> Illumination:
+def _illumination(table: SceneLighting, of: SceneObject, folder: Path) -> Illumination:
     extended: list[ExtendedLight] = [
         AreaLight(_direction(light), np.array(light.radiance), np.radians(light.width_deg))
         for light in table.area
@@ -203,7 +207,7 @@ def _direction(table: Towards) -> Floats:
     return towards(table.azimuth_deg or 0.0, table.elevation_deg)
 
 
-def _sensor(table: SensorTable, camera: CameraTable) -> Noise | Development:
+def _sensor(table: SensorTable, camera: SceneCamera) -> Noise | Development:
     if table.file == "exr":
         return Noise(table.noise, table.floor)
     bits = table.bits or {"png": 8, "jpeg": 8, "tiff": 16, "dng": 14}[table.file]

@@ -12,13 +12,13 @@ from capture.files.tables import Table, validated
 from synthetic.scenes.schema import (
     BallTable,
     CalibrationTable,
-    CameraTable,
     EffortTable,
     FaultsTable,
-    GantryTable,
-    LightingTable,
     MaterialTable,
-    ObjectTable,
+    SceneCamera,
+    SceneGantry,
+    SceneLighting,
+    SceneObject,
     SensorTable,
     TurntableTable,
     ViewTable,
@@ -30,11 +30,11 @@ class SceneFile(Table):
     name: str
     description: str = ""
     seed: Annotated[int, Field(ge=0)] = 0
-    object: ObjectTable
+    object: SceneObject
     material: MaterialTable | None = None
-    lighting: tuple[LightingTable, ...]
-    camera: CameraTable
-    gantry: GantryTable | None = None
+    lighting: tuple[SceneLighting, ...]
+    camera: SceneCamera
+    gantry: SceneGantry | None = None
     turntable: TurntableTable | None = None
     view: tuple[ViewTable, ...] = ()
     sensor: SensorTable = SensorTable()

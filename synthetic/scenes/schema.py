@@ -52,7 +52,7 @@ def _in_file_name(name: str) -> str:
     return name
 
 
-class ObjectTable(Table):
+class SceneObject(Table):
     shape: Literal["sphere", "cat", "doll", "mesh"]
     centre: Vector3 = (0.0, 0.0, 0.0)
     # Spheres only.
@@ -68,7 +68,7 @@ class ObjectTable(Table):
     unit: Literal["m", "cm", "mm"] = "m"
 
     @model_validator(mode="after")
-    def _keys_of_the_shape(self) -> ObjectTable:
+    def _keys_of_the_shape(self) -> SceneObject:
         owners = {
             "radius": ("sphere",),
             "stated": ("sphere",),
@@ -181,7 +181,7 @@ class AreaTable(Towards):
     width_deg: Annotated[float, Field(ge=0.01, le=1e6)] = 20.0
 
 
-class SourceTable(Towards):
+class SceneSource(Towards):
     irradiance: Rgb
     radius_deg: Annotated[float, Field(ge=0.001, lt=90)] | None = None
 
@@ -192,10 +192,10 @@ class LampTable(Towards):
     distance: Positive
 
 
-class LightingTable(Table):
+class SceneLighting(Table):
     name: Annotated[str, AfterValidator(_in_file_name)] = "lighting"
     area: tuple[AreaTable, ...] = ()
-    directional: tuple[SourceTable, ...] = ()
+    directional: tuple[SceneSource, ...] = ()
     lamp: tuple[LampTable, ...] = ()
     map: str | None = None
     map_scale: Positive = 1.0
@@ -203,7 +203,7 @@ class LightingTable(Table):
     given: Literal["all", "ball", "nothing"] = "all"
 
     @model_validator(mode="after")
-    def _some_light(self) -> LightingTable:
+    def _some_light(self) -> SceneLighting:
         if not (self.area or self.directional or self.lamp or self.map):
             raise ValueError("has no light: give area, directional, lamp or map")
         if self.map is None and "map_scale" in self.model_fields_set:
@@ -211,7 +211,7 @@ class LightingTable(Table):
         return self
 
 
-class CameraTable(Table):
+class SceneCamera(Table):
     width: Annotated[int, Field(gt=0, le=20000)] = 320
     height: Annotated[int, Field(gt=0, le=20000)] = 240
     focal_px: Positive
@@ -236,7 +236,7 @@ class PathTable(Table):
         return self
 
 
-class GantryTable(PathTable):
+class SceneGantry(PathTable):
     """A camera on an arc that looks at its centre, as RH01's."""
 
     radius: Positive = 0.6

@@ -13,7 +13,7 @@ from capture.camera import Camera
 from synthetic.lights.illumination import Illumination
 from synthetic.scene import Shot
 from synthetic.scenes.scenefile import SceneFile
-from synthetic.scenes.schema import CameraTable, GantryTable, TurntableTable, ViewTable
+from synthetic.scenes.schema import SceneCamera, SceneGantry, TurntableTable, ViewTable
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def shots(scene: SceneFile, lights: Mapping[str, Illumination]) -> tuple[Shot, .
     return tuple(taken)
 
 
-def camera_of(table: CameraTable) -> Camera:
+def camera_of(table: SceneCamera) -> Camera:
     """The camera, not posed yet."""
     centre = table.principal_point or (table.width / 2, table.height / 2)
     params = np.array([table.focal_px, table.focal_px, *centre, *table.distortion])
@@ -53,7 +53,7 @@ def _light(name: str | None, lights: Mapping[str, Illumination]) -> Illumination
     return lights[name] if name is not None else next(iter(lights.values()))
 
 
-def _on_arc(table: GantryTable, camera: Camera, light: Illumination) -> list[Shot]:
+def _on_arc(table: SceneGantry, camera: Camera, light: Illumination) -> list[Shot]:
     arc = Arc(np.array(table.centre), np.array(table.axis), table.radius, np.array(table.start))
     angles = np.radians(table.start_deg + table.step_deg * np.arange(table.photos))
     return [

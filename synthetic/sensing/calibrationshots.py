@@ -20,7 +20,7 @@ from capture.boards.board import Board
 from capture.camera import Camera
 from capture.sensor.flatfield import half_diagonal
 from synthetic.sensing.boardphotos import board_poses, board_radiance
-from synthetic.sensing.development import Development, Shot, write_photograph
+from synthetic.sensing.development import Development, WrittenShot, write_photograph
 from synthetic.sensing.radiometryfiles import true_noise
 from synthetic.sensing.sensor import signal_of, vignetting
 
@@ -76,7 +76,7 @@ def write_calibration_shots(
 
     def shoot(kind: str, scenes: Sequence[tuple[Callable[[], Floats], float]]) -> dict[str, Any]:
         (folder / kind).mkdir(parents=True, exist_ok=True)
-        shots: list[Shot] = []
+        shots: list[WrittenShot] = []
         for index in track(range(len(scenes)), f"Photographing for calibration: {kind}"):
             seen, time = scenes[index]
             shots += write_photograph(folder / kind / f"{index:02d}", seen(), time, one, rng)

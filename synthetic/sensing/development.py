@@ -127,7 +127,7 @@ class Development:
 
 
 @dataclass(frozen=True)
-class Shot:
+class WrittenShot:
     """One written file. file : its name. exposure_s : seconds."""
 
     file: str
@@ -140,7 +140,7 @@ def write_photograph(
     exposure_s: float,
     development: Development,
     rng: np.random.Generator,
-) -> tuple[Shot, ...]:
+) -> tuple[WrittenShot, ...]:
     """Expose and write a photograph, or its bracket, rising in time as `stem`_0, `stem`_1, ...; the ending is added.
 
     radiance : (h, w, 3), finite and >= 0, of the unit of `Sensor`; noise-free. exposure_s : seconds, of stop 0.
@@ -161,7 +161,7 @@ def write_photograph(
         name = f"{stem.name}_{index}" if len(times) > 1 else stem.name
         path = stem.with_name(name + development.ending)
         _write(path, radiance, time, development, rng)
-        shots.append(Shot(path.name, time))
+        shots.append(WrittenShot(path.name, time))
     return tuple(shots)
 
 

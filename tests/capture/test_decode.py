@@ -20,10 +20,10 @@ from capture.photoset import Photo, PhotoSet
 from capture.radiance import RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatFieldMap
-from capture.sensor.noise import NoiseModel
+from capture.sensor.noise import SensorNoise
 from capture.srgb import linear_to_srgb, srgb_to_linear
 
-NO_NOISE = NoiseModel(np.zeros(3), np.zeros(3))
+NO_NOISE = SensorNoise(np.zeros(3), np.zeros(3))
 FLOAT32 = 2.0**-23  # relative rounding of a float32 result
 
 
@@ -203,7 +203,7 @@ def test_what_a_merged_bracket_states_of_its_errors_is_kept(tmp_path):
 def test_noise_flat_field_and_white_balance_act_on_the_sensors_signal(tmp_path):
     rgb = np.random.default_rng(6).integers(0, 65535, (4, 6, 3)).astype(np.uint16)
     path = write(tmp_path / "a.png", rgb)
-    noise = NoiseModel(np.array([0.01, 0.02, 0.03]), np.array([1e-3, 2e-3, 3e-3]))
+    noise = SensorNoise(np.array([0.01, 0.02, 0.03]), np.array([1e-3, 2e-3, 3e-3]))
     illumination = np.linspace(0.5, 1, 72).reshape(4, 6, 3).astype(np.float32)
     flat_field = FlatFieldMap(illumination, np.zeros(3))
     balance = np.array([2.0, 1.0, 1.5])

@@ -11,10 +11,10 @@ from PIL import Image
 
 from capture.bracket.response import Response
 from capture.decode import decode
-from capture.sensor.noise import NoiseModel, estimate_noise, read_noise_model
+from capture.sensor.noise import SensorNoise, estimate_noise, read_noise_model
 from capture.sensor.noiserecovery import noise_document, recover_noise
 from capture.sensor.photontransfer import fit_transfer, seen_variance, tiles_of
-from capture.sensor.repeats import Frame, Repeats
+from capture.sensor.repeats import RepeatedFrame, Repeats
 from capture.srgb import srgb_to_linear
 from synthetic.sensing.dng import write_dng
 from synthetic.sensing.sensor import Sensor, expose, expose_mosaic
@@ -29,26 +29,26 @@ def ramp(height: int = 240, width: int = 320) -> np.ndarray:
     return (0.01 + 0.9 * across * (0.3 + 0.7 * down)) * np.array([1.0, 0.8, 0.5])
 
 
-def frame(codes: np.ndarray, encoding: str = "linear") -> Frame:
+def frame(codes: np.ndarray, encoding: str = "linear") -> RepeatedFrame:
     white = np.iinfo(codes.dtype).max
     shares = np.arange(white + 1) / white
     table = shares if encoding == "linear" else srgb_to_linear(shares)
     step = np.gradient(table)
-    return Frame(
+    return RepeatedFrame(
         table.astype(np.float32)[codes],
         (step**2 / 12).astype(np.float32)[codes],
         (codes == white).any(axis=2),
     )
 
 
-def fits(frames: list[Frame]):
+def fits(frames: list[RepeatedFrame]):
     repeats = Repeats(frames[0])
     for other in frames[1:]:
         repeats.add(other, repeats.gain_of(other))
     return [fit_transfer([tiles_of(repeats, channel)]) for channel in range(3)]
 
 
-def deviations(frames: list[Frame], truth=TRUTH) -> list[np.ndarray]:
+def deviations(frames: list[RepeatedFrame], truth=TRUTH) -> list[np.ndarray]:
     """How many stated standard deviations each channel's (offset, slope) is off."""
     return [
         (np.array([fit.offset, fit.slope]) - truth) / np.sqrt(np.diag(fit.covariance)) for fit in fits(frames)
@@ -265,13 +265,13 @@ def test_refusals_name_the_photograph(tmp_path):
 
 
 def test_model_adds_read_and_shot_noise():
-    model = NoiseModel([0.1, 0.2, 0.3], [0.01, 0.02, 0.03])
+    model = SensorNoise([0.1, 0.2, 0.3], [0.01, 0.02, 0.03])
     linear = np.array([[[0.0, 0.5, 1.0], [-0.5, 2.0, 0.25]]], np.float32)
     expected = [[[0.01, 0.05, 0.12], [0.01, 0.08, 0.0975]]]
     assert_allclose(model.variance(linear), expected, rtol=1e-6, equal_nan=False)  # float32
     assert model.variance(linear).dtype == np.float32
     with pytest.raises(ValueError, match=r"shot is \[-1.0, 0.0, 0.0\]; it must be three finite numbers >= 0"):
-        NoiseModel(np.zeros(3), [-1, 0, 0])
+        SensorNoise(np.zeros(3), [-1, 0, 0])
 
 
 def test_file_is_read_back_with_bounds_for_what_is_undetermined(tmp_path):
@@ -289,7 +289,7 @@ def test_file_is_read_back_with_bounds_for_what_is_undetermined(tmp_path):
         read_noise_model(path)
 
 
-def std_ratio(model: NoiseModel, well: float = 10_000.0, read: float = 10.0) -> np.ndarray:
+def std_ratio(model: SensorNoise, well: float = 10_000.0, read: float = 10.0) -> np.ndarray:
     """Estimated over true standard deviation at levels from dark to bright, (4, 3)."""
     level = np.array([0.02, 0.1, 0.3, 0.7])[:, None]
     return np.sqrt((model.read_std**2 + model.shot * level) / ((read / well) ** 2 + level / well))

@@ -10,10 +10,10 @@ from capture.decode import decode
 from capture.exposure import ExposureSettings, read_exif_exposure
 from capture.files.imageheader import is_raw
 from capture.files.rawfile import camera_white_balance, read_raw
-from capture.sensor.noise import NoiseModel
+from capture.sensor.noise import SensorNoise
 from synthetic.sensing.dng import write_dng
 
-NO_NOISE = NoiseModel(np.zeros(3), np.zeros(3))
+NO_NOISE = SensorNoise(np.zeros(3), np.zeros(3))
 # Exposure time, ISO and f-number as exiv2-like tools print them, to the rounding of the tags.
 REAL = {
     "CRW_0101.CRW": (1 / 100.86, 50, 2.8),

@@ -17,7 +17,7 @@ from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
 from capture.radiance import RadianceImage
-from invrender.brdf.microfacet import Microfacet as Brdf
+from invrender.brdf.microfacet import MicrofacetMaterial as Brdf
 from invrender.output.report.run import run_process
 from invrender.transport.columns import PhotoColumns, photo_columns
 from invrender.transport.predict import predict
@@ -33,7 +33,7 @@ from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
 from synthetic.scene import Scene, Shot
@@ -176,7 +176,7 @@ def sphere_field(
 
 
 def photograph(
-    material: Microfacet,
+    material: MicrofacetMaterial,
     angles_deg: Sequence[float],
     lights: Sequence[AreaLight] = (AREA_LIGHT,),
     sources: Sequence[DirectionalSource] = (SOURCE,),

@@ -11,9 +11,9 @@ from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.brdf.richer import COATED
 from invrender.transport.base import base_columns, base_transfer, base_weights
 from invrender.transport.transfer import LightElement
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.plastic import Plastic
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 
 FORM = PLASTICS[GGX_FORM]
 LAMP = np.array([0.6, 0.0, 0.8])
@@ -35,7 +35,7 @@ def pairs(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 def summed(mu: float, normals: np.ndarray, views: np.ndarray) -> np.ndarray:
     """Radiance (m,) of a unit base alone under the sky and the lamp, direction by direction."""
-    material = Plastic(Smith(np.ones(3), np.zeros(3), mu, GGX(0.1, 0.1)))
+    material = Plastic(SmithMaterial(np.ones(3), np.zeros(3), mu, GGXSlopes(0.1, 0.1)))
     directions = latlong_directions(HEIGHT).reshape(-1, 3)
     light = SKY[..., 0].ravel() * latlong_solid_angles(HEIGHT).repeat(2 * HEIGHT)
     result = np.empty(len(normals))

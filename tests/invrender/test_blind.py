@@ -14,13 +14,13 @@ from invrender.estimate.clusters import tile_of
 from invrender.estimate.unknown_light import Region, factorize_blind, predict_blind
 from invrender.estimate.unknown_light.certainty import certainty_of
 from invrender.estimate.unknown_light.projection import light_scale
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import NOTHING, Search
 from recon.harmonics.basis import evaluate_harmonics, sphere_directions
 from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
 
@@ -30,7 +30,7 @@ TEFLON = radiometric(RH01_MATERIALS["teflon"])
 
 def photographs(
     bench: SimpleNamespace,
-    material: Microfacet,
+    material: MicrofacetMaterial,
     views: int,
     samples: int,
     lights: Sequence[AreaLight] | None = None,
@@ -57,7 +57,7 @@ def noisy(photos: Sequence[LightField], rng: np.random.Generator) -> list[LightF
     ]
 
 
-def share(material: Microfacet) -> np.ndarray:
+def share(material: MicrofacetMaterial) -> np.ndarray:
     return np.asarray(material.ks / (material.kd + material.ks))
 
 
@@ -80,7 +80,7 @@ def test_standard_deviations_of_the_light_hold_what_hangs_together(
 ):
     views, degree, material, stains = 8, 8, TEFLON, 0.02
     photos = photographs(bench, material, views, 3200)
-    sights = [Sight.of([photo], degree) for photo in photos]
+    sights = [LightingDesign.of([photo], degree) for photo in photos]
     assert material.mu is not None
     truth = NOTHING.with_source(bench.source.direction)
     truth = replace(truth, kappa=share(material), mu=material.mu, sigma=material.sigma)
@@ -180,7 +180,7 @@ def test_errors_are_those_that_the_covariance_states(bench: SimpleNamespace, rng
 def test_a_lambertian_object_is_told_and_shows_light_up_to_degree_two(
     bench: SimpleNamespace, rng: np.random.Generator
 ):
-    matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
+    matte = MicrofacetMaterial(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
     found = factorize_blind(noisy(photographs(bench, matte, 5, 1600), rng), orders=[4, 6])
     assert found.model.startswith("lambertian")
     assert found.sigma is None

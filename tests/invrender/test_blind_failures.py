@@ -14,7 +14,7 @@ from recon.mesh.tangents import tangents
 from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
 
@@ -24,7 +24,7 @@ TEFLON = radiometric(RH01_MATERIALS["teflon"])
 def photographs(
     bench: SimpleNamespace,
     rng: np.random.Generator,
-    material: Microfacet = TEFLON,
+    material: MicrofacetMaterial = TEFLON,
     angles: Sequence[float] = (0, 45, 90, 135),
     lights: Sequence[AreaLight] = (),
     sources: Sequence[DirectionalSource] = (),
@@ -150,7 +150,7 @@ def test_a_matte_object_shows_a_lamp_on_either_side_alike(
     sky = AreaLight(np.array([0.0, 0.0, 1.0]), np.ones(3), width_rad=30.0)
     along = np.radians(angle)
     lamp = DirectionalSource(np.array([np.cos(along), np.sin(along), 0.4]), np.full(3, irradiance * np.pi))
-    matte = Microfacet(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
+    matte = MicrofacetMaterial(TEFLON.kd, 0 * TEFLON.ks, TEFLON.mu, TEFLON.sigma)
     angles = [0, 72, 144, 216, 288]
     found = factorize_blind(photographs(bench, rng, matte, angles, [sky], [lamp]), orders=[4])
     sources = found.light.sources

@@ -12,7 +12,7 @@ from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from recon.harmonics.basis import evaluate_harmonics, sphere_directions
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
 
@@ -35,7 +35,7 @@ def disc(source: DirectionalSource) -> list[DirectionalSource]:
 
 
 def light_scores(
-    found: BlindSolution, material: Microfacet, light: AreaLight, irradiance: np.ndarray
+    found: BlindSolution, material: MicrofacetMaterial, light: AreaLight, irradiance: np.ndarray
 ) -> np.ndarray:
     """Errors of the lamp's irradiance and of the first nine coefficients beside it, in their standard deviations."""
     grid = sphere_directions(20000)

@@ -15,7 +15,7 @@ from recon.sampling import lightfield
 from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
 
@@ -25,7 +25,7 @@ Light = tuple[list[AreaLight], list[DirectionalSource]]
 
 
 def photograph(
-    bench: SimpleNamespace, material: Microfacet, light: Light, angle: float, samples: int
+    bench: SimpleNamespace, material: MicrofacetMaterial, light: Light, angle: float, samples: int
 ) -> LightField:
     field = bench.sphere_field(angle, samples, 90.0)
     radiance = reflected_radiance(material, *light, field.normals, field.views)
@@ -75,7 +75,7 @@ def three_lights(bench: SimpleNamespace) -> dict[str, Light]:
     }
 
 
-def errors(found: BlindSolution, truth: Microfacet) -> tuple[np.ndarray, np.ndarray]:
+def errors(found: BlindSolution, truth: MicrofacetMaterial) -> tuple[np.ndarray, np.ndarray]:
     """Errors and standard deviations of shares, mu and sigma."""
     assert found.mu is not None
     assert found.sigma is not None

@@ -18,19 +18,23 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.materials import facets
 from synthetic.materials.plastic import Plastic
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.lobes import reflected_radiance
 
 from .anylobe import radiance_of
 from .test_blind import NOISE, TEFLON, degrees_apart, noisy, photographs, share
 
 PAINTED = radiometric(RH01_MATERIALS["painted"])
-PLASTIC = Plastic(Smith(np.array([0.3, 0.25, 0.2]), np.full(3, 0.05), 1.5, facets.Beckmann(0.12, 0.12)))
+PLASTIC = Plastic(
+    SmithMaterial(np.array([0.3, 0.25, 0.2]), np.full(3, 0.05), 1.5, facets.BeckmannSlopes(0.12, 0.12))
+)
 
 
 def _smith(field: LightField, bench: SimpleNamespace) -> np.ndarray:
     """What a half-angle twin of the painted sphere sends to a photograph."""
-    material = Smith(PAINTED.kd, PAINTED.ks, PAINTED.mu, facets.Beckmann(PAINTED.sigma, PAINTED.sigma))
+    material = SmithMaterial(
+        PAINTED.kd, PAINTED.ks, PAINTED.mu, facets.BeckmannSlopes(PAINTED.sigma, PAINTED.sigma)
+    )
     lights, sources = [bench.area_light], [bench.source]
     rays = radiance_of(material, PAINTED.sigma, lights, sources, field.normals, field.views)
     return field.mean_over_rays(rays)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from invrender.estimate.unknown_light.rows import rows_of
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import NOTHING
 from recon.sampling.lightfield import LightField
 
@@ -31,7 +31,7 @@ def test_rows_take_no_more_memory_for_more_rays(bench) -> None:
     for rays in (1, 16):
         fine = with_rays(field, rays)
         tracemalloc.start()
-        sight = Sight.of([fine], l_max)
+        sight = LightingDesign.of([fine], l_max)
         found.append(rows_of(sight, state, l_max))
         kept.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()

@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from invrender.brdf.lobes import BECKMANN
 from invrender.estimate.unknown_light.rows import rows_of, slopes_of
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import NOTHING
-from invrender.estimate.unknown_light.state import State, turn
+from invrender.estimate.unknown_light.state import BlindState, turn
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import evaluate_harmonics, sphere_directions
 from recon.mesh.bodies import MeshBody, blended
@@ -28,7 +28,7 @@ UP = np.array([0.0, 0.0, 1.0])
 CENTRE = 2 * UP
 SIDE = 32
 VIEW = np.array([0.6, 0.0, 0.8])
-BRDF = State(np.full(3, 0.3), 1.5, 0.2, np.zeros((0, 3)))
+BRDF = BlindState(np.full(3, 0.3), 1.5, 0.2, np.zeros((0, 3)))
 
 
 def field_on(mesh: TriangleMesh, faces: np.ndarray, weights: Floats) -> LightField:
@@ -84,7 +84,7 @@ def test_a_source_lights_what_no_ball_stands_before(plane: tuple[Shadows, LightF
     shadows, field = plane
     towards = np.array([0.48, 0.36, 0.8])
     state = BRDF.with_source(towards)
-    sight, clear = Sight.of([field], 4, shadows=shadows), Sight.of([field], 4)
+    sight, clear = LightingDesign.of([field], 4, shadows=shadows), LightingDesign.of([field], 4)
     rows, unshadowed = (rows_of(own, state, 4) for own in (sight, clear))
     # From the ball's centre, how far each point's ray to the source passes.
     away = np.linalg.norm(np.cross(field.positions - CENTRE, towards), axis=1)
@@ -119,7 +119,8 @@ def test_the_lobe_sees_light_where_the_mirrored_ray_is_free(plane: tuple[Shadows
     free = field.reflected_visible
     for state in (BRDF, BRDF.with_form(BECKMANN)):
         own, clear = (
-            rows_of(Sight.of([field], 4, shadows=known), state, 4).per_specular for known in (shadows, None)
+            rows_of(LightingDesign.of([field], 4, shadows=known), state, 4).per_specular
+            for known in (shadows, None)
         )
         assert_array_equal(own[free], clear[free])
         assert not own[~free].any()
@@ -127,7 +128,7 @@ def test_the_lobe_sees_light_where_the_mirrored_ray_is_free(plane: tuple[Shadows
     way = CENTRE - field.positions
     distance = np.linalg.norm(way, axis=1)
     off = np.abs(np.arccos((field.mirrored * way).sum(axis=1) / distance) - np.arcsin(1 / distance))
-    clear_of_edges = Sight.of([field], 0, shadows=shadows).off_edges(0.1)
+    clear_of_edges = LightingDesign.of([field], 0, shadows=shadows).off_edges(0.1)
     assert clear_of_edges[off > 0.26].all()
     assert not clear_of_edges[off < 0.07].any()
     assert (off < 0.07).sum() > 20
@@ -136,7 +137,8 @@ def test_the_lobe_sees_light_where_the_mirrored_ray_is_free(plane: tuple[Shadows
 def test_a_ball_keeps_its_share_of_a_uniform_sky_off_the_plane(plane: tuple[Shadows, LightField]) -> None:
     shadows, field = plane
     uniform = (
-        np.sqrt(4 * np.pi) * rows_of(Sight.of([field], 8, shadows=shadows), NOTHING, 8).per_diffuse[:, 0]
+        np.sqrt(4 * np.pi)
+        * rows_of(LightingDesign.of([field], 8, shadows=shadows), NOTHING, 8).per_diffuse[:, 0]
     )
     distance = np.linalg.norm(field.positions - CENTRE, axis=1)
     # Of a ball that is wholly above the horizon: its solid angle's projection on the plane.
@@ -163,7 +165,7 @@ def test_a_window_lights_the_plane_as_the_usual_table_of_shadows_has_it(
     harmonics = evaluate_harmonics(grid, USUAL_DEGREE)
     light = 4 * np.pi / len(grid) * harmonics.T @ window.radiance_from(grid)[:, :1]
     shadows = Shadows.of(body, transfer_vectors(body.mesh, USUAL_DEGREE, USUAL_RAYS))
-    rows = rows_of(Sight.of([field], USUAL_DEGREE, shadows=shadows), NOTHING, USUAL_DEGREE)
+    rows = rows_of(LightingDesign.of([field], USUAL_DEGREE, shadows=shadows), NOTHING, USUAL_DEGREE)
     error = (rows.per_diffuse @ light - expected) / expected.max()
     # 0.0061; with half as many rays 0.0109, and up to degree 8 alone 0.0074.
     assert np.sqrt(np.mean(error**2)) < 0.0067
@@ -177,7 +179,9 @@ def test_a_convex_mesh_is_seen_as_what_has_no_shadows() -> None:
     towards = np.array([0.0, 0.6, 0.8])
     shadows = Shadows.of(MeshBody(mesh), transfer_vectors(mesh, 6, 64))
     state = BRDF.with_source(towards)
-    own, clear = (rows_of(Sight.of([field], 6, shadows=known), state, 6) for known in (shadows, None))
+    own, clear = (
+        rows_of(LightingDesign.of([field], 6, shadows=known), state, 6) for known in (shadows, None)
+    )
     # Flat faces set by up to 2 degrees before or after the smooth surface.
     off = np.abs(field.normals @ towards) > 0.04
     for one, other in ((own.per_diffuse, clear.per_diffuse), (own.per_specular, clear.per_specular)):

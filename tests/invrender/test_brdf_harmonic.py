@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.brdf.microfacet import Microfacet as ParametricMicrofacet
+from invrender.brdf.microfacet import MicrofacetMaterial as ParametricMicrofacet
 from invrender.inverse_brdf.harmonic import HarmonicBRDF, estimate_harmonic
 from invrender.inverse_brdf.reciprocal import (
     below_horizon,
@@ -35,13 +35,13 @@ from recon.harmonics.latlong import map_coefficients
 from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.render.lobes import reflected_radiance
 
 ANGLES = np.linspace(0, 330, 12)
-LAMBERTIAN = Microfacet(np.full(3, 0.25), np.zeros(3), None, 0.5)
-ROUGH = Microfacet(np.full(3, 0.15), np.full(3, 0.2), None, 0.5)
-TEFLON = Microfacet(np.full(3, 0.24), np.full(3, 0.03), 1.78, 0.12)
+LAMBERTIAN = MicrofacetMaterial(np.full(3, 0.25), np.zeros(3), None, 0.5)
+ROUGH = MicrofacetMaterial(np.full(3, 0.15), np.full(3, 0.2), None, 0.5)
+TEFLON = MicrofacetMaterial(np.full(3, 0.24), np.full(3, 0.03), 1.78, 0.12)
 
 
 def random_directions(count: int, rng: np.random.Generator) -> np.ndarray:
@@ -56,7 +56,7 @@ def random_views(normals: np.ndarray, rng: np.random.Generator, side: int = 1) -
 
 
 def photographs(
-    bench: SimpleNamespace, material: Microfacet, lights: list, sources: list, samples: int = 200
+    bench: SimpleNamespace, material: MicrofacetMaterial, lights: list, sources: list, samples: int = 200
 ) -> list[LightField]:
     fields = []
     for angle in ANGLES:
@@ -73,7 +73,7 @@ def noisy(fields: list[LightField], rng: np.random.Generator, relative: float = 
     ]
 
 
-def true_coefficients(material: Microfacet, order: int) -> np.ndarray:
+def true_coefficients(material: MicrofacetMaterial, order: int) -> np.ndarray:
     """Those of `unknowns`, by quadrature over the BRDF."""
 
     def brdf(incident: np.ndarray, exitant: np.ndarray) -> np.ndarray:
@@ -150,7 +150,7 @@ def test_no_white_surface_exceeds_the_bound_of_energy_and_a_diffuse_one_reaches_
 
 @pytest.mark.parametrize("material", [LAMBERTIAN, ROUGH], ids=["Lambertian", "rough lobe"])
 def test_coefficients_are_those_of_the_brdf_within_their_errors(
-    bench: SimpleNamespace, soft: SimpleNamespace, rng: np.random.Generator, material: Microfacet
+    bench: SimpleNamespace, soft: SimpleNamespace, rng: np.random.Generator, material: MicrofacetMaterial
 ) -> None:
     order = 4
     fields = photographs(bench, material, soft.lights, [])

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.brdf.microfacet import Microfacet as ParametricMicrofacet
+from invrender.brdf.microfacet import MicrofacetMaterial as ParametricMicrofacet
 from invrender.inverse_brdf.fit import fit_table, table_misfit
 from invrender.inverse_brdf.halfangles import HalfAngles, cosines, half_angles
 from invrender.inverse_brdf.near import measure_under
@@ -17,16 +17,16 @@ from invrender.inverse_brdf.table import SMALL, BRDFTable, bin_centres, bin_of, 
 from recon.sampling.lightfield import LightField
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials import tabulated
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
-from synthetic.materials.smith import Smith
+from synthetic.materials.microfacet import MicrofacetMaterial
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.lobes import reflected_radiance
 
-TEFLON = Microfacet(np.array([0.25, 0.2, 0.15]), np.array([0.03, 0.04, 0.05]), 1.78, 0.12)
+TEFLON = MicrofacetMaterial(np.array([0.25, 0.2, 0.15]), np.array([0.03, 0.04, 0.05]), 1.78, 0.12)
 # Without a Fresnel factor light and viewer can be exchanged.
-ROUGH = Microfacet(np.full(3, 0.15), np.full(3, 0.2), None, 0.5)
-LAMBERTIAN = Microfacet(np.full(3, 0.25), np.zeros(3), None, 0.5)
+ROUGH = MicrofacetMaterial(np.full(3, 0.15), np.full(3, 0.2), None, 0.5)
+LAMBERTIAN = MicrofacetMaterial(np.full(3, 0.25), np.zeros(3), None, 0.5)
 ANGLES = np.linspace(0, 177, 40)
 
 
@@ -41,7 +41,9 @@ def black(bench: SimpleNamespace, lamp: DirectionalSource) -> list[LightField]:
     return [bench.sphere_field(angle, 300, radius_px=90, sources=lamp.direction[None]) for angle in ANGLES]
 
 
-def photographs(black: list[LightField], material: Microfacet, lamp: DirectionalSource) -> list[LightField]:
+def photographs(
+    black: list[LightField], material: MicrofacetMaterial, lamp: DirectionalSource
+) -> list[LightField]:
     return [
         replace(
             field,
@@ -71,9 +73,9 @@ def table_of(
     return measure_table(lit_samples(lit_fields(fields, sources), sources, np.zeros(3)), shape)
 
 
-def value_at_centres(material: Microfacet, shape: tuple[int, ...]) -> np.ndarray:
+def value_at_centres(material: MicrofacetMaterial, shape: tuple[int, ...]) -> np.ndarray:
     """The BRDF (n_h, n_d, n_p, 3) at the centres of bins, through the synthetic package's own half angles."""
-    wi, wo = tabulated.directions(tabulated.HalfAngles(*bin_centres(shape)))
+    wi, wo = tabulated.directions(tabulated.RusinkiewiczAngles(*bin_centres(shape)))
     return material.kd + material.ks * material.lobe(wi, wo)
 
 
@@ -168,7 +170,7 @@ def test_no_width_of_bins_is_taken_for_another_lobe(
     black: list[LightField], lamp: DirectionalSource, rng: np.random.Generator, shape: tuple[int, int, int]
 ) -> None:
     # A lobe three times narrower than teflon's: within a bin of 12 rows it falls to nothing.
-    narrow = Microfacet(TEFLON.kd, TEFLON.ks, TEFLON.mu, 0.04)
+    narrow = MicrofacetMaterial(TEFLON.kd, TEFLON.ks, TEFLON.mu, 0.04)
     fields = noisy(photographs(black, narrow, lamp), rng)
     fit = fit_table(table_of(fields, lamp, shape))
     # Noise alone: 1, of some hundred to some thousand bins; the noise itself is known to a tenth.
@@ -230,7 +232,7 @@ def test_a_lamp_that_is_near_is_found_to_be_so(black: list[LightField], lamp: Di
 
 @pytest.mark.parametrize(
     ("material", "explained"),
-    [(TEFLON, True), (Smith(TEFLON.kd, 4 * TEFLON.ks, 1.5, GGX(0.12, 0.12)), False)],
+    [(TEFLON, True), (SmithMaterial(TEFLON.kd, 4 * TEFLON.ks, 1.5, GGXSlopes(0.12, 0.12)), False)],
     ids=["RH01's", "GGX"],
 )
 def test_no_far_lamp_counts_as_near_whatever_the_lobe(
@@ -246,7 +248,7 @@ def test_lookup_finds_the_values_and_says_where_there_are_none(
     black: list[LightField], lamp: DirectionalSource
 ) -> None:
     table = table_of(photographs(black, LAMBERTIAN, lamp), lamp)
-    pairs = tabulated.directions(tabulated.HalfAngles(*bin_centres(table.counts.shape)))
+    pairs = tabulated.directions(tabulated.RusinkiewiczAngles(*bin_centres(table.counts.shape)))
     wi, wo = (np.asarray(directions, float).reshape(-1, 3) for directions in pairs)
     values, known = table.lookup(np.broadcast_to([0.0, 0.0, 1.0], wi.shape), wi, wo)
     np.testing.assert_array_equal(known.reshape(table.filled.shape), table.filled)

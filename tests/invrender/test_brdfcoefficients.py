@@ -13,12 +13,12 @@ from invrender.theory.brdfcoefficients import (
     outgoing_coefficients,
 )
 from recon.harmonics.basis import clamped_cosine_transfer, degrees, orders
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
-from synthetic.materials.phong import Phong
-from synthetic.materials.smith import Smith
+from synthetic.materials.microfacet import MicrofacetMaterial
+from synthetic.materials.phong import PhongMaterial
+from synthetic.materials.smith import SmithMaterial
 
 from .quadrature import hemisphere_grid, scipy_complex, scipy_harmonics
 
@@ -41,7 +41,7 @@ def brushed(incident, exitant):
 
 
 def rh01(sigma: float, mu: float | None = 1.5):
-    material = Microfacet(np.zeros(3), np.ones(3), mu, sigma)
+    material = MicrofacetMaterial(np.zeros(3), np.ones(3), mu, sigma)
     return lambda incident, exitant: material.lobe(incident, exitant)[..., 0]
 
 
@@ -90,12 +90,12 @@ def test_anisotropic_coefficients_are_the_sums_over_pairs_of_directions(reciproc
 
 MATERIALS = [
     (Lambertian(np.full(3, 0.2)), 1e-9),
-    (Microfacet(np.full(3, 0.1), np.full(3, 0.3), 1.5, 0.3), 1e-9),
+    (MicrofacetMaterial(np.full(3, 0.1), np.full(3, 0.3), 1.5, 0.3), 1e-9),
     # Phong's lobe ends in a kink where R.L = 0, shadowing-masking has a root at the horizon: rules for smooth functions
     # converge slowly there.
-    (Phong(np.full(3, 0.1), np.full(3, 0.3), 20.0), 1e-6),
-    (Smith(np.full(3, 0.1), np.full(3, 0.3), None, Beckmann(0.4, 0.4)), 1e-5),
-    (Smith(np.full(3, 0.1), np.full(3, 0.3), 1.5, GGX(0.3, 0.3)), 1e-5),
+    (PhongMaterial(np.full(3, 0.1), np.full(3, 0.3), 20.0), 1e-6),
+    (SmithMaterial(np.full(3, 0.1), np.full(3, 0.3), None, BeckmannSlopes(0.4, 0.4)), 1e-5),
+    (SmithMaterial(np.full(3, 0.1), np.full(3, 0.3), 1.5, GGXSlopes(0.3, 0.3)), 1e-5),
 ]
 
 
@@ -121,7 +121,7 @@ def test_every_isotropic_material_has_coefficients(material: Material, tolerance
 
 
 def test_a_brushed_material_has_coefficients():
-    material = Smith(np.full(3, 0.1), np.full(3, 0.3), 1.5, GGX(0.5, 0.9))
+    material = SmithMaterial(np.full(3, 0.1), np.full(3, 0.3), 1.5, GGXSlopes(0.5, 0.9))
 
     def brdf(incident, exitant):
         return material.kd[0] + material.ks[0] * material.lobe(incident, exitant)[..., 0]

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.brdf.microfacet import Microfacet as Fitted
+from invrender.brdf.microfacet import MicrofacetMaterial as Fitted
 from invrender.estimate.evidence import choose, climb_ladder, fit_strengths, relative_rms
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import LADDER, fit
 from invrender.estimate.statistics import by_lighting, photo_statistics
 from invrender.transport.predict import predict_columns
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
-MATTE = Microfacet(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, 0.1)
+MATTE = MicrofacetMaterial(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, 0.1)
 ANGLES = np.linspace(0, 180, 8)
 
 
@@ -42,7 +42,7 @@ def drawn_noise(noisy, clean) -> list[float]:
     ],
     ids=["matte", "bronze", "teflon"],
 )
-def test_chooses_the_smallest_model_that_explains(material: Microfacet, chosen: str, bench):
+def test_chooses_the_smallest_model_that_explains(material: MicrofacetMaterial, chosen: str, bench):
     photos = bench.photograph(material, ANGLES, samples=100)
     for seed in range(3):
         noisy = bench.with_noise(photos, np.random.default_rng(seed))
@@ -77,7 +77,7 @@ def test_error_of_a_photograph_is_by_a_fit_that_has_not_seen_it(bench, rng):
     assert_allclose(rungs[2].photo_errors[0], 0.01, rtol=0.2)
 
 
-def lit_on_its_own(bench, material: Microfacet, angles) -> tuple[list, dict[str, np.ndarray]]:
+def lit_on_its_own(bench, material: MicrofacetMaterial, angles) -> tuple[list, dict[str, np.ndarray]]:
     """Photographs each under a lighting of its own, strength of source and ambient unknown, and the truth."""
     photos, truth = [], {}
     for k, angle in enumerate(angles):

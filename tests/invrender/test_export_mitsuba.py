@@ -18,7 +18,7 @@ from capture.lighting import Lighting
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.mapping import Mapping, map_brdf
-from invrender.output.export.material import Material
+from invrender.output.export.material import ExportedBRDF
 from invrender.output.export.mitsuba import write_mitsuba
 from invrender.output.export.mitsuba_target import MITSUBA
 from invrender.output.export.shape import Shape, tessellated
@@ -26,7 +26,7 @@ from invrender.output.render.light import light_element
 from invrender.output.render.picture import take_picture
 from invrender.output.render.subject import Subject, mesh_subject, sphere_subject
 from invrender.result.reflectance import Reflectance
-from invrender.result.savedtextures import Textures
+from invrender.result.savedtextures import SavedTextures
 from recon.mesh.trianglemesh import write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
@@ -64,10 +64,10 @@ def exported(
     brdf: Microfacet,
     lighting: Lighting,
     shape: Shape = SPHERE,
-    textures: Textures | None = None,
+    textures: SavedTextures | None = None,
 ) -> Mapping:
     mapping = map_brdf(brdf, MITSUBA)
-    write_mitsuba(folder, shape, Material(brdf, textures, np.ones(3), {}, ()), mapping, lighting, CAMERA)
+    write_mitsuba(folder, shape, ExportedBRDF(brdf, textures, np.ones(3), {}, ()), mapping, lighting, CAMERA)
     return mapping
 
 
@@ -76,7 +76,10 @@ def rendered(folder: Path, samples: int) -> np.ndarray:
 
 
 def predicted(
-    brdf: Microfacet, lighting: Lighting, subject: Subject | None = None, textures: Textures | None = None
+    brdf: Microfacet,
+    lighting: Lighting,
+    subject: Subject | None = None,
+    textures: SavedTextures | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Our radiance, and which pixels are all object."""
     reflectance = Reflectance(brdf, np.zeros((3, 4, 4)), {}, (), textures)
@@ -173,7 +176,7 @@ def test_maps_stand_as_ours_do(tmp_path: Path) -> None:
 def test_textures_lie_where_ours_do(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     kd, ks = rng.uniform(0.05, 0.25, (8, 16, 3)), rng.uniform(0.01, 0.03, (8, 16, 3))
-    textures = Textures(kd, ks, np.zeros((1, 1, 3)), np.zeros((1, 1, 3)))
+    textures = SavedTextures(kd, ks, np.zeros((1, 1, 3)), np.zeros((1, 1, 3)))
     brdf = replace(brdf_of("teflon"), kd=kd.mean(axis=(0, 1)), ks=ks.mean(axis=(0, 1)))
     mesh = tessellated(CENTRE, RADIUS, 24)
     write_mesh(tmp_path / "ball.obj", mesh)

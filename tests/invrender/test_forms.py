@@ -15,11 +15,11 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials import facets
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
-from synthetic.materials.phong import Phong
+from synthetic.materials.microfacet import MicrofacetMaterial
+from synthetic.materials.phong import PhongMaterial
 from synthetic.materials.plastic import Plastic
 from synthetic.materials.rh01 import RH01_MATERIALS, exact, radiometric
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.lobes import irradiance
 from synthetic.vectors import local_frame, to_local, to_world
 
@@ -29,10 +29,10 @@ KD, GREY, COLOURED = np.array([0.11, 0.10, 0.09]), np.full(3, 0.03), np.array([0
 TRUTHS: dict[str, Material] = {
     "microfacet": radiometric(RH01_MATERIALS["teflon"]),
     "half-angle microfacet": exact(RH01_MATERIALS["teflon"]),
-    "GGX": Smith(KD, COLOURED, 1.6, facets.GGX(0.12, 0.12)),
+    "GGX": SmithMaterial(KD, COLOURED, 1.6, facets.GGXSlopes(0.12, 0.12)),
     "half-angle microfacet plastic": Plastic(exact(RH01_MATERIALS["teflon"])),
-    "GGX plastic": Plastic(Smith(KD, COLOURED, 1.6, facets.GGX(0.12, 0.12))),
-    "Phong": Phong(KD, GREY, 35.0),
+    "GGX plastic": Plastic(SmithMaterial(KD, COLOURED, 1.6, facets.GGXSlopes(0.12, 0.12))),
+    "Phong": PhongMaterial(KD, GREY, 35.0),
 }
 
 
@@ -64,7 +64,7 @@ def photographs(material: Material, bench, samples: int = 100) -> list[PhotoColu
     """Without noise, as columns of RH01's form."""
     # Any material has the samples' geometry; what it reflects is put in afterwards.
     photos = []
-    for photo in bench.photograph(Microfacet(KD, np.zeros(3), None, 0.1), ANGLES, samples=samples):
+    for photo in bench.photograph(MicrofacetMaterial(KD, np.zeros(3), None, 0.1), ANGLES, samples=samples):
         field = photo.field
         radiance = gathered(material, bench.area_light, bench.source, field.normals, field.views)
         photos.append(bench.with_radiance(photo, field.mean_over_rays(radiance)))
@@ -113,7 +113,7 @@ def test_the_other_forms_stand_in_the_ladder_as_worse(solved):
 
 
 def test_a_matte_object_tries_no_forms(bench):
-    photos = photographs(Microfacet(KD, np.zeros(3), None, 0.1), bench, samples=60)
+    photos = photographs(MicrofacetMaterial(KD, np.zeros(3), None, 0.1), bench, samples=60)
     noisy = bench.with_noise(photos, np.random.default_rng(0))
     explanation = explain(noisy, [bench.known_lighting()])
     assert explanation.rungs[explanation.chosen].estimate.model.name == "lambertian"

@@ -15,8 +15,8 @@ from recon.harmonics.basis import evaluate_harmonics, sphere_directions
 from recon.sampling.draw import MIN_COS_EXITANT
 from synthetic.materials import facets
 from synthetic.materials.material import Material
-from synthetic.materials.phong import Phong
-from synthetic.materials.smith import Smith
+from synthetic.materials.phong import PhongMaterial
+from synthetic.materials.smith import SmithMaterial
 
 from .quadrature import hemisphere_grid, reflected
 
@@ -38,10 +38,10 @@ def test_rows_of_the_form_as_printed_are_those_of_its_own_table(bench, sigma: fl
 @pytest.mark.parametrize(
     ("form", "mu", "material"),
     [
-        (BECKMANN, 1.5, lambda sigma: Smith(ZERO, ONE, 1.5, facets.Beckmann(sigma, sigma))),
-        (BECKMANN, None, lambda sigma: Smith(ZERO, ONE, None, facets.Beckmann(sigma, sigma))),
-        (GGX_FORM, 1.5, lambda sigma: Smith(ZERO, ONE, 1.5, facets.GGX(sigma, sigma))),
-        (PHONG, None, lambda sigma: Phong(ZERO, ONE, float(phong_exponent(sigma)))),
+        (BECKMANN, 1.5, lambda sigma: SmithMaterial(ZERO, ONE, 1.5, facets.BeckmannSlopes(sigma, sigma))),
+        (BECKMANN, None, lambda sigma: SmithMaterial(ZERO, ONE, None, facets.BeckmannSlopes(sigma, sigma))),
+        (GGX_FORM, 1.5, lambda sigma: SmithMaterial(ZERO, ONE, 1.5, facets.GGXSlopes(sigma, sigma))),
+        (PHONG, None, lambda sigma: PhongMaterial(ZERO, ONE, float(phong_exponent(sigma)))),
     ],
 )
 def test_rows_yield_what_the_renderers_materials_reflect(bench, form: LobeForm, mu: float | None, material):

@@ -20,7 +20,7 @@ from invrender.estimate.identifiability import (
 )
 from invrender.transport.columns import PhotoColumns
 from synthetic.lights.arealight import AreaLight
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 TEFLON = radiometric(RH01_MATERIALS["teflon"])
@@ -50,7 +50,7 @@ def test_degree_of_light(bench):
 def test_roughness_is_not_claimed_in_soft_light_until_a_source_is_added(bench):
     # Degrees up to 2 pass a lobe of 0.1 rad all but unchanged: exp(-(0.1 l)^2) takes 4% of the second
     # [RH01, eq. 20]. Grazing views are left out: there the horizon cuts the lobe, and shows its width in any light.
-    metal = Microfacet(np.full(3, 0.1), np.full(3, 0.1), None, 0.1)
+    metal = MicrofacetMaterial(np.full(3, 0.1), np.full(3, 0.1), None, 0.1)
     angles = np.linspace(0, 180, 6)
     soft = [within(p, 60) for p in bench.photograph(metal, angles, [SOFT], [], samples=60)]
     reasons = []

@@ -32,7 +32,7 @@ from invrender.observation.specimen import find_specimen
 from invrender.process.pipeline import process
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.result.document import result_document
-from invrender.transport.bounce import Parts, albedo
+from invrender.transport.bounce import ConcaveMesh, albedo
 from invrender.transport.transfer import light_elements
 from invrender.transport.visibility import Shadows
 from recon.mesh.bodies import MeshBody
@@ -83,7 +83,7 @@ def test_light_in_a_bowl_is_a_geometric_series() -> None:
     used, new = np.unique(faces, return_inverse=True)
     bowl = TriangleMesh(ball.vertices[used], new.reshape(-1, 3), -ball.vertices[used])
     share = np.linalg.norm(area_vectors(bowl.vertices, bowl.faces), axis=1).sum() / (4 * np.pi)
-    parts = Parts.of(shadows_of(bowl))
+    parts = ConcaveMesh.of(shadows_of(bowl))
     assert parts is not None
     sky = light_elements(Lighting("sky", None, np.zeros((0, 3)), np.zeros((0, 3)), recover_ambient=True))
     brdf = Microfacet(np.array([0.3, 0.15, 0.0]), np.zeros(3), None, None, PRINTED)
@@ -100,7 +100,7 @@ def test_light_in_a_bowl_is_a_geometric_series() -> None:
 
 def test_a_convex_body_has_none() -> None:
     ball = trimesh.creation.icosphere(subdivisions=3)
-    assert Parts.of(shadows_of(TriangleMesh(0.02 * ball.vertices, ball.faces, ball.vertices))) is None
+    assert ConcaveMesh.of(shadows_of(TriangleMesh(0.02 * ball.vertices, ball.faces, ball.vertices))) is None
 
 
 def test_albedo_counts_the_lobe() -> None:
@@ -226,7 +226,7 @@ def test_where_nothing_bounces_its_size_is_that_of_the_accepted_fit(tmp_path: Pa
     assert shadows is not None
     assert not found.taken_off
     assert_allclose(run.result.brdf.kd, KD, rtol=0.003)
-    parts = Parts.of(shadows)
+    parts = ConcaveMesh.of(shadows)
     assert parts is not None
     (elements,) = (light_elements(light.lighting) for light in run.result.lightings)
     truth = Microfacet(np.array(KD), np.zeros(3), None, None, PRINTED)

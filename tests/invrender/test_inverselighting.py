@@ -23,7 +23,7 @@ from invrender.inverse_lighting.knownbrdf import known_brdf
 from invrender.transport.harmonicrows import RUNGS, PhotoRows, Rung, lobe_blur, mirrored_views, photo_rows
 from recon.harmonics.basis import degrees, sphere_directions
 from recon.harmonics.latlong import synthesise_latlong
-from synthetic.materials.microfacet import Microfacet as Truth
+from synthetic.materials.microfacet import MicrofacetMaterial as Truth
 from synthetic.render.lobes import reflected_radiance
 
 from .quadrature import scipy_harmonics

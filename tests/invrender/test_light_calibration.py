@@ -14,7 +14,7 @@ from invrender.inverse_lighting.knownbrdf import known_brdf
 from invrender.transport.harmonicrows import PhotoRows, photo_rows
 from recon.harmonics.complex import project_sources
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.microfacet import Microfacet as Truth
+from synthetic.materials.microfacet import MicrofacetMaterial as Truth
 from synthetic.render.lobes import reflected_radiance
 
 BRDF = known_brdf([0.05], [0.2], None, 0.2)

@@ -16,17 +16,17 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.theory.specialcases import microfacet_transfer
 from invrender.transport.harmonicrows import lobe_blur, photo_rows
 from recon.harmonics.basis import evaluate_harmonics
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.material import Material
 from synthetic.materials.plastic import Plastic
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 
 from .renders import KD, KS, write_result
 
 Command = Callable[..., tuple[int, str, str]]
 
 
-GGX_TRUTH = Smith(np.array(KD), np.array(KS), 1.5, GGX(0.25, 0.25))
+GGX_TRUTH = SmithMaterial(np.array(KD), np.array(KS), 1.5, GGXSlopes(0.25, 0.25))
 
 
 @pytest.mark.parametrize(

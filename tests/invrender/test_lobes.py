@@ -8,9 +8,9 @@ from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PHONG, PRINTED, Angl
 from recon.harmonics.basis import sphere_directions
 from synthetic.materials import facets
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
-from synthetic.materials.phong import Phong
-from synthetic.materials.smith import Smith
+from synthetic.materials.microfacet import MicrofacetMaterial
+from synthetic.materials.phong import PhongMaterial
+from synthetic.materials.smith import SmithMaterial
 
 ZERO, ONE = np.zeros(3), np.ones(3)
 UP = np.array([0.0, 0.0, 1.0])
@@ -32,10 +32,10 @@ def _pairs(sigma: float) -> tuple[np.ndarray, np.ndarray]:
 )
 def test_forms_are_the_materials_of_the_renderer(form: LobeForm, mu: float | None, sigma: float) -> None:
     material: Material = {
-        PRINTED: lambda: Microfacet(ZERO, ONE, mu, sigma),
-        BECKMANN: lambda: Smith(ZERO, ONE, mu, facets.Beckmann(sigma, sigma)),
-        GGX_FORM: lambda: Smith(ZERO, ONE, mu, facets.GGX(sigma, sigma)),
-        PHONG: lambda: Phong(ZERO, ONE, float(phong_exponent(sigma))),
+        PRINTED: lambda: MicrofacetMaterial(ZERO, ONE, mu, sigma),
+        BECKMANN: lambda: SmithMaterial(ZERO, ONE, mu, facets.BeckmannSlopes(sigma, sigma)),
+        GGX_FORM: lambda: SmithMaterial(ZERO, ONE, mu, facets.GGXSlopes(sigma, sigma)),
+        PHONG: lambda: PhongMaterial(ZERO, ONE, float(phong_exponent(sigma))),
     }[form]()
     wi, wo = _pairs(sigma)
     expected = material.lobe(wi, wo)[:, 0] * np.maximum(wi[:, 2], 0)

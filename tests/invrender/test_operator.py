@@ -8,15 +8,15 @@ from numpy.testing import assert_allclose
 
 from invrender.theory.operator import irradiance_operator, reflection_operator, view_frames
 from recon.harmonics.basis import sphere_directions
-from synthetic.materials.facets import GGX
-from synthetic.materials.smith import Smith
+from synthetic.materials.facets import GGXSlopes
+from synthetic.materials.smith import SmithMaterial
 
 from .quadrature import hemisphere_grid, reflected, scipy_harmonics
 from .test_brdfcoefficients import glossy, matte, rh01
 
 
 def ggx(incident, exitant):
-    return Smith(np.zeros(3), np.ones(3), 1.6, GGX(0.3, 0.3)).lobe(incident, exitant)[..., 0]
+    return SmithMaterial(np.zeros(3), np.ones(3), 1.6, GGXSlopes(0.3, 0.3)).lobe(incident, exitant)[..., 0]
 
 
 def seen_from(view: np.ndarray, lowest: float) -> np.ndarray:

@@ -16,13 +16,13 @@ from invrender.estimate.search import LADDER, fit
 from invrender.estimate.statistics import by_lighting, photo_statistics
 from invrender.estimate.uncertainty import pack, uncertainty_of
 from invrender.plan.advice import advise
-from invrender.plan.experiment import Experiment, Light, angles_deg
+from invrender.plan.experiment import Experiment, PlannedLight, angles_deg
 from invrender.plan.information import Marginal, Posterior, Tally, photograph_tally
 from invrender.plan.lightprospect import UnknownLight
 from invrender.plan.photographs import shown
 from invrender.plan.planning import Plan, make_plan
 from invrender.plan.prospect import Expected
-from invrender.plan.reflected import Optics
+from invrender.plan.reflected import ReflectingObject
 from invrender.plan.staged import experiment_of
 from invrender.plan.unknowns import unknowns_of
 from invrender.process.pipeline import process
@@ -95,9 +95,9 @@ def statuses(expected: tuple[Expected, ...]) -> dict[str, str]:
     return {one.name: one.quantity.status for one in expected}
 
 
-def columns_of(brdf: Microfacet, light: Light, fields, degree: int = 3):
+def columns_of(brdf: Microfacet, light: PlannedLight, fields, degree: int = 3):
     unknowns = unknowns_of(brdf, light, degree, is_gauge=False)
-    optics = Optics(BALL, brdf, degree)
+    optics = ReflectingObject(BALL, brdf, degree)
     return unknowns, list(shown(optics, optics.parts(light), unknowns, fields))
 
 
@@ -107,7 +107,7 @@ def columns_of(brdf: Microfacet, light: Light, fields, degree: int = 3):
 def test_expected_deviations_are_the_scatter_of_estimates_and_what_the_solver_states(bench, rng):
     photos = bench.photograph(TEFLON, np.linspace(0, 180, 10))
     fields = [photo.field for photo in photos]
-    unknowns, seen = columns_of(BRDF, Light(bench.known_lighting(), known=True), fields)
+    unknowns, seen = columns_of(BRDF, PlannedLight(bench.known_lighting(), known=True), fields)
     weights = [1 / ((0.01 * one.radiance) ** 2 + (0.001 * one.radiance.mean()) ** 2) for one in seen]
     told = Tally.none(unknowns.size)
     for field, one, weight in zip(fields, seen, weights, strict=True):
@@ -178,7 +178,7 @@ def test_columns_are_the_slopes_of_predicted_radiance(bench, brdf):
     field = bench.sphere_field(70.0, samples=200, sources=lighting.directions)
     # Away from the horizon of the source, where a highlight ends abruptly.
     field = field.where(np.abs(field.mean_over_rays(field.normals) @ lighting.directions[0]) > 0.1)
-    unknowns, (seen,) = columns_of(brdf, Light(lighting, known=False), [field])
+    unknowns, (seen,) = columns_of(brdf, PlannedLight(lighting, known=False), [field])
 
     def radiance(of: Microfacet, under: Lighting) -> np.ndarray:
         elements = light_elements(under)
@@ -226,7 +226,7 @@ def test_columns_are_the_slopes_of_predicted_radiance(bench, brdf):
 
 def test_marginals_add_up_to_the_inverse_of_the_whole(bench, rng):
     """Two unknown lightings that share a BRDF, against one matrix of all numbers, and scores against brute force."""
-    lights = [Light(bench.known_lighting(name=name), known=False) for name in ("one", "two")]
+    lights = [PlannedLight(bench.known_lighting(name=name), known=False) for name in ("one", "two")]
     unknowns = [unknowns_of(BRDF, light, 1, is_gauge=k == 0) for k, light in enumerate(lights)]
     b, p = unknowns[0].shared, unknowns[0].size
     tallies, matrices = [], []
@@ -269,7 +269,7 @@ def test_marginals_add_up_to_the_inverse_of_the_whole(bench, rng):
 
 
 def test_information_is_additive(bench):
-    light = Light(bench.known_lighting(), known=False)
+    light = PlannedLight(bench.known_lighting(), known=False)
     field = bench.sphere_field(40.0, samples=150, sources=light.lighting.directions)
     unknowns, (seen,) = columns_of(BRDF, light, [field])
     weights = 1 / (0.01 * seen.radiance) ** 2

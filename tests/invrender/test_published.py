@@ -17,7 +17,7 @@ from invrender.estimate.rh01.roughness import find_peak
 from invrender.estimate.unknown_light import Region
 from recon.harmonics.basis import clamped_cosine_transfer, degrees, evaluate_harmonics, sphere_directions
 from recon.sampling.lightfield import LightField
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
 
@@ -29,7 +29,7 @@ def fields(bench: SimpleNamespace, samples: int) -> list[LightField]:
     return [bench.sphere_field(angle, samples // len(ANGLES), 90.0) for angle in ANGLES]
 
 
-def photographs(bench: SimpleNamespace, material: Microfacet, samples: int) -> list[LightField]:
+def photographs(bench: SimpleNamespace, material: MicrofacetMaterial, samples: int) -> list[LightField]:
     """By brute force, with 1% noise."""
     rng = np.random.default_rng(4)
     photos = []

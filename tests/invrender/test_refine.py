@@ -21,7 +21,7 @@ from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.refine.alternate import _in_patches
 from invrender.refine.followed import Lobe, followed_in
-from invrender.refine.photometric import RefinedPose, Sight, refine_pose
+from invrender.refine.photometric import PoseTarget, RefinedPose, refine_pose
 from invrender.refine.posechange import changed, pose_covariance, position_std
 from invrender.refine.rim import outline_in
 from invrender.refine.shared import refine_together
@@ -107,7 +107,7 @@ def refined(
 
     coverage = ball_picture(seen_from, grey)[..., 0].astype(np.float32)
     outline = outline_in(camera, coverage if masked else None)
-    sight = Sight(
+    sight = PoseTarget(
         camera, CENTRE, UNITS, body, field.rows, field.columns, field.radiance, seen, NOISE, outline
     )
     return refine_pose(sight, np.zeros(6))
@@ -169,7 +169,7 @@ def test_photographs_that_share_their_paint_come_back_together(rng: np.random.Ge
             return np.ones((len(field), 3)), np.zeros((len(field), 3))
 
         pixels = field.rows, field.columns, field.radiance
-        sight = Sight(camera, CENTRE, UNITS, body, *pixels, predicted, NOISE)
+        sight = PoseTarget(camera, CENTRE, UNITS, body, *pixels, predicted, NOISE)
         photos.append(followed_in(sight, image, camera, field, points, matte, Lobe(np.zeros(3), False)))
     found = refine_together(photos, np.zeros((4, 6)))
 
@@ -220,7 +220,7 @@ def test_poses_of_large_photographs_take_little_memory() -> None:
     def seen(field: LightField) -> Floats:
         return np.asarray(field.mean_over_rays(stripes(field.positions)))
 
-    sight = Sight(camera, CENTRE, UNITS, ball_body(), rows, columns, observed, seen, NOISE)
+    sight = PoseTarget(camera, CENTRE, UNITS, ball_body(), rows, columns, observed, seen, NOISE)
     tracemalloc.start()
     shown, slopes = sight.slopes(np.zeros(6))
     peak = tracemalloc.get_traced_memory()[1]

@@ -17,10 +17,10 @@ from invrender.inverse_lighting.knownbrdf import read_brdf
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.material import Material
-from synthetic.materials.phong import Phong
-from synthetic.materials.smith import Smith
+from synthetic.materials.phong import PhongMaterial
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.photograph import photographs
 from synthetic.scene import Scene, Shot
 from synthetic.shapes.ball import Ball
@@ -32,9 +32,9 @@ Command = Callable[..., tuple[int, str, str]]
 SIGMA, MU = 0.2, 1.5
 VIEW = ("--view", "40,20,0.4", "--fov", "7", "--size", "40x40")
 FACETS: dict[str, Material] = {
-    "half-angle microfacet": Smith(KD, KS, MU, Beckmann(SIGMA, SIGMA)),
-    "GGX": Smith(KD, KS, MU, GGX(SIGMA, SIGMA)),
-    "Phong": Phong(KD, KS, float(phong_exponent(SIGMA))),
+    "half-angle microfacet": SmithMaterial(KD, KS, MU, BeckmannSlopes(SIGMA, SIGMA)),
+    "GGX": SmithMaterial(KD, KS, MU, GGXSlopes(SIGMA, SIGMA)),
+    "Phong": PhongMaterial(KD, KS, float(phong_exponent(SIGMA))),
 }
 
 

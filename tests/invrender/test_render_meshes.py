@@ -20,8 +20,8 @@ from recon.mesh.trianglemesh import TriangleMesh, read_mesh, write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.facets import Beckmann
-from synthetic.materials.smith import Smith
+from synthetic.materials.facets import BeckmannSlopes
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.photograph import photographs
 from synthetic.scene import Scene, Shot
 from synthetic.shapes.cat import REACH, cat_field
@@ -47,7 +47,7 @@ def test_a_cat_is_what_brute_force_integration_says(
     lamp, room = ("--source", "110,25,1.5,1.4,1.3"), ("--light", tmp_path / "room.exr")
     mesh = ("--mesh", tmp_path / "cat.ply", "--view", "35,20,0.6", "--size", "80x60", "--fov", "15")
     surface = MeshSurface(read_mesh(tmp_path / "cat.ply"))
-    material = Smith(KD, KS, 1.5, Beckmann(0.2, 0.2))
+    material = SmithMaterial(KD, KS, 1.5, BeckmannSlopes(0.2, 0.2))
     for name, light, options in (
         ("lamp", Illumination("lamp", (), (source,)), lamp),
         ("both", Illumination("both", (area,), (source,)), lamp + room),

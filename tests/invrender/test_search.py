@@ -14,7 +14,7 @@ from invrender.estimate.search import LADDER, fit
 from invrender.estimate.statistics import Statistics, by_lighting, photo_statistics
 from invrender.transport.columns import PhotoColumns
 from invrender.transport.predict import predict_columns
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 LAMBERTIAN, METAL, DIELECTRIC = LADDER
@@ -26,7 +26,7 @@ def statistics_of(photos: list[PhotoColumns]) -> tuple[Statistics, ...]:
     return by_lighting(photo_statistics(p, 1 / (p.radiance**2 + 1e-6)) for p in photos)
 
 
-def model_of(material: Microfacet) -> Model:
+def model_of(material: MicrofacetMaterial) -> Model:
     return DIELECTRIC if material.mu else METAL
 
 
@@ -101,7 +101,7 @@ def test_known_light_beside_unknown_fixes_the_scale(bench):
 
 
 def test_a_lambertian_object_has_no_specular_part(bench, rng):
-    matte = Microfacet(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, 0.1)
+    matte = MicrofacetMaterial(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, 0.1)
     photos = bench.photograph(matte, ANGLES)
     flat = fit(LAMBERTIAN, statistics_of(photos))
     assert_allclose(flat.brdf.kd, matte.kd, rtol=5e-4)  # the map's pixels and degrees
@@ -116,7 +116,7 @@ def test_a_lambertian_object_has_no_specular_part(bench, rng):
 
 
 def test_a_mirror_has_no_diffuse_part(bench, rng):
-    mirror = Microfacet(np.zeros(3), np.array([0.5, 0.6, 0.7]), None, 0.15)
+    mirror = MicrofacetMaterial(np.zeros(3), np.array([0.5, 0.6, 0.7]), None, 0.15)
     for photos in (p := bench.photograph(mirror, ANGLES), bench.with_noise(p, rng)):
         estimate = fit(METAL, statistics_of(photos))
         assert (estimate.brdf.kd >= 0).all()
@@ -170,7 +170,7 @@ def test_no_other_parameters_fit_better(teflon_photos, bench, rng):
     noisy = bench.with_noise(teflon_photos, rng)
     best = fit(DIELECTRIC, statistics_of(noisy))
 
-    def cost(brdf: Microfacet) -> float:
+    def cost(brdf: MicrofacetMaterial) -> float:
         total = 0.0
         for photo, clean in zip(noisy, noisy, strict=True):
             residual = photo.radiance - predict_columns(photo, brdf, np.ones((1, 3)))

@@ -10,17 +10,17 @@ from numpy.testing import assert_allclose
 
 from invrender.brdf.lobes import FORMS, PLASTICS, LobeForm
 from invrender.estimate.unknown_light.rows import rows_of, slopes_of
-from invrender.estimate.unknown_light.sight import Sight
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.state import BlindState
 
 DEGREE = 6
 ALL = FORMS | {form.name: form for form in PLASTICS.values()}
 TOWARDS = np.array([[0.48, 0.6, 0.64], [-0.8, 0.36, 0.48]])
 
 
-def _state(form: LobeForm) -> State:
+def _state(form: LobeForm) -> BlindState:
     shares = np.array([0.3, 0.4, 0.5])
-    return State(shares, 1.6 if form.has_fresnel else None, 0.2, TOWARDS, form, np.zeros(2, int))
+    return BlindState(shares, 1.6 if form.has_fresnel else None, 0.2, TOWARDS, form, np.zeros(2, int))
 
 
 @pytest.mark.parametrize("form", ALL.values(), ids=ALL)
@@ -30,13 +30,13 @@ def test_slopes_are_differences_of_what_rows_yield(
     field, state, step = bench.sphere_field(40.0, 60), _state(form), 4e-3
     light = rng.normal(size=((DEGREE + 1) ** 2 + 2, 3))
 
-    def radiance(state: State) -> np.ndarray:
-        return rows_of(Sight.of([field], DEGREE), state, DEGREE).radiance(state.kappa, light)
+    def radiance(state: BlindState) -> np.ndarray:
+        return rows_of(LightingDesign.of([field], DEGREE), state, DEGREE).radiance(state.kappa, light)
 
     # At a horizon what a source does bends within the step.
     off = np.abs(field.normals @ TOWARDS.T).min(axis=1) > 2 * step
     off = field.mean_over_rays(off.astype(float)) == 1
-    sight = Sight.of([field], DEGREE)
+    sight = LightingDesign.of([field], DEGREE)
     found = slopes_of(sight, state, rows_of(sight, state, DEGREE), light)
     for c in range(3):
         for k, place in enumerate(state.own(c, 0)):
@@ -53,11 +53,11 @@ def test_rows_near_those_that_were_computed_are_what_they_would_be(
 ) -> None:
     field, state = bench.sphere_field(40.0, 60), _state(form)
     near = state.moved(np.array([8e-4 if name in ("mu", "sigma") else 0.0 for name in state.names]))
-    sight = Sight.of([field], DEGREE)
+    sight = LightingDesign.of([field], DEGREE)
     rows_of(sight, state, DEGREE)
     found = rows_of(sight, near, DEGREE).per_specular
-    fresh = rows_of(Sight.of([field], DEGREE), near, DEGREE).per_specular
-    far = rows_of(Sight.of([field], DEGREE), state, DEGREE).per_specular
+    fresh = rows_of(LightingDesign.of([field], DEGREE), near, DEGREE).per_specular
+    far = rows_of(LightingDesign.of([field], DEGREE), state, DEGREE).per_specular
     # Half of the step's square, and single precision's sums.
     assert_allclose(found, fresh, atol=3e-6 * np.abs(fresh).max())
     assert np.abs(far - fresh).max() > 1e-4 * np.abs(fresh).max()

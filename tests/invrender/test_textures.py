@@ -21,12 +21,12 @@ from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
 from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.estimate.noise import NoiseModel
-from invrender.estimate.textured.joint import Grid, View, in_shadow, solve_joint, stacked, tiny_sums
+from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked, tiny_sums
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, find_layout
 from invrender.estimate.textured.search import cost_at, search_point, textured_models
-from invrender.estimate.textured.stack import Rows, Stack
+from invrender.estimate.textured.stack import Stack, TexelRows
 from invrender.estimate.textured.sums import Sums, common_ks, solve_both, solve_kd
-from invrender.estimate.textured.textures import Textures
+from invrender.estimate.textured.textures import FittedTextures
 from invrender.output.export.shape import tessellated
 from invrender.output.report.run import run_process
 from invrender.process import pipeline
@@ -37,9 +37,9 @@ from invrender.transport.transfer import LightElement
 from recon.mesh import atlas
 from recon.mesh.bodies import MeshBody
 from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.plastic import Plastic
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.scenes.build import read_staging
 from synthetic.shapes.doll import doll_mesh
 from synthetic.writer import write_photoset
@@ -138,7 +138,7 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
         y = seen + level * rng.standard_normal(seen.shape)
         one = np.ones_like(y)
         views.append(
-            View(
+            PixelsOfPoints(
                 csr_array(covered.astype(np.float32)),
                 *(a.astype(np.float32) for a in (d, s, d.max(axis=1), y, one, one / level**2)),
             )
@@ -179,7 +179,7 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
         below = kd * cos_i[:, None]
         if plastic:
             # By a formula of its own.
-            deep = Plastic(Smith(np.ones(3), np.zeros(3), mu, GGX(0.1, 0.1)))
+            deep = Plastic(SmithMaterial(np.ones(3), np.zeros(3), mu, GGXSlopes(0.1, 0.1)))
             below = below * deep.lobe(light, view)
         seen = seen + below + 1e-3 * rng.standard_normal((points, 3))
         rest = (
@@ -190,7 +190,7 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
         )
         for kind, first in ((rows, base), (printed, cos_i[:, None])):
             columns = np.concatenate([first, gloss], axis=1)[None].astype(np.float32)
-            kind.append(Rows(np.arange(points), columns, *rest))
+            kind.append(TexelRows(np.arange(points), columns, *rest))
     costs = {}
     for kind, own in ((form, rows), (GGX_FORM, printed)):
         stack, model = Stack.of(own, points, NoiseModel(1e-3, 0.0), kind), textured_models(kind)[-2]
@@ -206,7 +206,7 @@ def test_a_photograph_of_shadow_alone_is_told() -> None:
     one = np.ones((5, 3), np.float32)
     cover = csr_array(np.eye(5, dtype=np.float32))
     lit, grazed, dark = (
-        View(cover, k * one, k * one, k * one[:, 0], one, one, one) for k in (1, 0.02, 0.001)
+        PixelsOfPoints(cover, k * one, k * one, k * one[:, 0], one, one, one) for k in (1, 0.02, 0.001)
     )
     assert in_shadow([lit, dark, grazed]) == [False, True, False]
 
@@ -237,7 +237,7 @@ def test_means_are_over_the_surface_however_its_map_is_stretched() -> None:
     for each in (layout, VertexLayout(body)):
         z = each.points.positions[:, 2:].repeat(3, axis=1)
         known = z[:, 0] > edge
-        textures = Textures(each, z, z, 0 * z + 0.1, z, known, ks_varies=False)
+        textures = FittedTextures(each, z, z, 0 * z + 0.1, z, known, ks_varies=False)
         # Archimedes: zones of a sphere are as large as they are high. A row of texels more or less is 0.011 of it; a
         # third of the rows are above.
         assert textures.share_known == pytest.approx((1 - edge) / 2, abs=0.012)

@@ -22,7 +22,7 @@ from invrender.transport.transfer import (
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.render.lobes import irradiance, reflected_radiance
 
 SOFT = AreaLight(np.array([-0.2, 0.8, 0.6]), np.array([1.0, 2.0, 3.0]), 0.35)
@@ -31,9 +31,9 @@ UNIFORM = AreaLight(np.array([0.2, 0.3, 0.9]), np.ones(3), 1e6)
 AMBIENT = LightElement("ambient", np.zeros((0, 3)), np.zeros((0, 1)), uniform=1.0)
 
 
-def mirror_lobe(sigma: float) -> Microfacet:
+def mirror_lobe(sigma: float) -> MicrofacetMaterial:
     """Specular only, no Fresnel, Ks = 1: its reflected radiance is the specular transfer."""
-    return Microfacet(np.zeros(3), np.ones(3), None, sigma)
+    return MicrofacetMaterial(np.zeros(3), np.ones(3), None, sigma)
 
 
 def surface_points(rng: np.random.Generator, cos_o: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

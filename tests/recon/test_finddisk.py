@@ -9,7 +9,7 @@ from capture.arc.gantry import look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import decode, read_mask
 from capture.radiance import RadianceImage
-from recon.sphere.finddisk import Rim, find_rim, rim_near
+from recon.sphere.finddisk import SphereRim, find_rim, rim_near
 from recon.sphere.fit import fit_sphere
 from recon.sphere.outline import mask_silhouette
 from recon.sphere.sphere import Sphere
@@ -54,7 +54,7 @@ def shaded(
     return cv2.GaussianBlur(radiance, (0, 0), blur) if blur else radiance
 
 
-def error_px(rim: Rim, truth: Sphere) -> np.ndarray:
+def error_px(rim: SphereRim, truth: Sphere) -> np.ndarray:
     """Of centre and radius, in an orthographic camera of one pixel per metre."""
     return np.append((rim.sphere.centre - truth.centre)[:2], rim.sphere.radius - truth.radius)
 

@@ -10,7 +10,7 @@ from capture.arc.gantry import Arc, look_at
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import read_mask
 from recon.placement.conventions import other_conventions
-from recon.placement.locate import View, locate_sphere
+from recon.placement.locate import LocatedPhoto, locate_sphere
 from recon.sphere.outline import Silhouette, mask_silhouette
 
 PARAMS = [300.0, 300, 80, 60]
@@ -32,8 +32,8 @@ def arc(count: int, degrees: float) -> list[Camera]:
     return [Camera("PINHOLE", PARAMS, 160, 120, pose) for pose in poses]
 
 
-def view(label: str, camera: Camera, mask: np.ndarray) -> View:
-    return View(label, camera, mask_silhouette(mask.astype(np.float32)))
+def view(label: str, camera: Camera, mask: np.ndarray) -> LocatedPhoto:
+    return LocatedPhoto(label, camera, mask_silhouette(mask.astype(np.float32)))
 
 
 @pytest.fixture
@@ -49,8 +49,10 @@ def views(masks):
     ]
 
 
-def repose(views, convert) -> list[View]:
-    return [View(v.label, v.camera.posed(convert(v.camera.world_to_camera)), v.silhouette) for v in views]
+def repose(views, convert) -> list[LocatedPhoto]:
+    return [
+        LocatedPhoto(v.label, v.camera.posed(convert(v.camera.world_to_camera)), v.silhouette) for v in views
+    ]
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -71,7 +73,7 @@ def test_the_sphere_is_found_or_taken_as_given(views):
     assert locate_sphere(views, CENTRE).radius == pytest.approx(RADIUS, rel=5e-4)
     assert_allclose(locate_sphere(views, None, RADIUS).centre, CENTRE, atol=0.03 / 300, equal_nan=False)
     # Photos without a mask don't matter as long as one has a mask, nor where the sphere is given.
-    bare = [View(v.label, v.camera, None) for v in views]
+    bare = [LocatedPhoto(v.label, v.camera, None) for v in views]
     assert_allclose(locate_sphere([*views[:3], bare[3]]).centre, CENTRE, atol=0.03 / 300, equal_nan=False)
     assert locate_sphere(bare, CENTRE, RADIUS).radius == RADIUS
 
@@ -93,7 +95,7 @@ def test_opengl_axes_are_named_along_a_short_arc_too(draw, ball):
 
 
 def test_a_convention_is_named_without_any_mask(views):
-    bare = [View(v.label, v.camera, None) for v in repose(views, lambda pose: FLIP @ pose)]
+    bare = [LocatedPhoto(v.label, v.camera, None) for v in repose(views, lambda pose: FLIP @ pose)]
     with pytest.raises(
         ValueError, match=r"^0\.png: .*lies behind the camera.* looks like world_to_camera with"
     ):
@@ -112,7 +114,7 @@ def test_one_wrong_photo_is_named_and_no_convention_is_blamed(views, masks):
     outline = mask_silhouette(shifted)
     seen = Silhouette(outline.points, 0.1, None, outline.shape)
     with pytest.raises(ValueError, match=r"^2\.png: the object's outline is .* px"):
-        locate_sphere([*views[:2], View(other.label, other.camera, seen), views[3]])
+        locate_sphere([*views[:2], LocatedPhoto(other.label, other.camera, seen), views[3]])
 
 
 def test_a_given_sphere_of_the_wrong_size_or_place_is_named(views):
@@ -145,7 +147,7 @@ def test_missing_inverted_and_empty_masks_are_named(views, masks):
     with pytest.raises(
         ValueError, match=r"^0\.png: no mask .* no sphere was found .*; write mask = '...'.*centre and radius"
     ):
-        locate_sphere([View(v.label, v.camera, None) for v in views])
+        locate_sphere([LocatedPhoto(v.label, v.camera, None) for v in views])
     inverted = [*views[1:], view(first.label, first.camera, 1 - masks[0])]
     with pytest.raises(ValueError, match=r"^0\.png: its mask covers the image's border; is it inverted\?"):
         locate_sphere(inverted)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from recon.poses.register.bundle import Bundle, adjust, spread
-from recon.poses.register.frame import Frame, frame_of_points, frame_of_poses, free_frame
+from recon.poses.register.frame import WorldFrame, frame_of_points, frame_of_poses, free_frame
 from recon.poses.register.posecovariance import frame_changes, pose_covariance
 
 Floats = NDArray[np.float64]
@@ -114,7 +114,7 @@ def test_covariance_is_what_noise_does(exact: Bundle) -> None:
 
 
 def test_given_poses_set_the_frame_in_spite_of_a_wrong_one(exact: Bundle) -> None:
-    frame = Frame(Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix(), np.array([0.2, 1.0, -3.0]), 2.7)
+    frame = WorldFrame(Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix(), np.array([0.2, 1.0, -3.0]), 2.7)
     given = frame.of_poses(exact.poses)
     found = frame_of_poses(exact.poses, given, 0.5)
     np.testing.assert_allclose(found.of_points(exact.points), frame.of_points(exact.points), atol=1e-7)
@@ -139,7 +139,7 @@ def test_poses_of_one_place_give_no_scale(exact: Bundle) -> None:
 
 def test_frames_covariances_are_what_errors_do(exact: Bundle) -> None:
     of_poses, of_points = [], []
-    world = Frame(np.eye(3), np.zeros(3), 2.0)
+    world = WorldFrame(np.eye(3), np.zeros(3), 2.0)
     targets = world.of_poses(exact.poses)
     for seed in range(80):
         rng = np.random.default_rng(seed)
@@ -169,7 +169,7 @@ def test_known_points_never_mirror(exact: Bundle) -> None:
 
 
 def test_a_free_frame_stands_upright_about_the_points(exact: Bundle) -> None:
-    turned = Frame(Rotation.from_rotvec([1.0, 2.0, -0.5]).as_matrix(), np.array([4.0, 5, 6]), 7.0)
+    turned = WorldFrame(Rotation.from_rotvec([1.0, 2.0, -0.5]).as_matrix(), np.array([4.0, 5, 6]), 7.0)
     frame = free_frame(turned.of_poses(exact.poses), turned.of_points(exact.points))
     poses, points = (
         frame.of_poses(turned.of_poses(exact.poses)),

@@ -11,11 +11,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
-from synthetic.materials.phong import Phong
-from synthetic.materials.smith import Smith
+from synthetic.materials.microfacet import MicrofacetMaterial
+from synthetic.materials.phong import PhongMaterial
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.texture import Textured
 
 from .mitsubascene import Plugin, reflectance
@@ -37,7 +37,7 @@ def register_lobes() -> None:
             self.kd, self.ks = props.get_texture("kd"), props.get_texture("ks")
             self.read(props)
             # What paths are continued by, no more: half of them after the cosine, half after the facets seen.
-            self.facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, self.width, True)
+            self.facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGXSlopes, self.width, True)
             flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
             self.m_components, self.m_flags = [flags], flags
 
@@ -133,12 +133,14 @@ def lobe_of(material: Material) -> Plugin:
     lobe = material.material if isinstance(material, Textured) else material
     described: Plugin
     match lobe:
-        case Microfacet(mu=mu, sigma=sigma):
+        case MicrofacetMaterial(mu=mu, sigma=sigma):
             described = {"type": "rh01_printed", "mu": mu or 0.0, "width": sigma}
-        case Smith(mu=float() | None as mu, facets=GGX() | Beckmann() as facets) if lobe.is_isotropic:
-            kind = "correlated_ggx" if isinstance(facets, GGX) else "correlated_beckmann"
+        case SmithMaterial(mu=float() | None as mu, facets=GGXSlopes() | BeckmannSlopes() as facets) if (
+            lobe.is_isotropic
+        ):
+            kind = "correlated_ggx" if isinstance(facets, GGXSlopes) else "correlated_beckmann"
             described = {"type": kind, "mu": mu or 0.0, "width": facets.along}
-        case Phong(exponent=exponent):
+        case PhongMaterial(exponent=exponent):
             described = {"type": "phong", "exponent": exponent}
         case _:
             raise ValueError(f"no plugin has been written for {lobe}")

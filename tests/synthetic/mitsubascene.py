@@ -2,7 +2,7 @@
 
 Lengths are millimetres there: Mitsuba's rays leave surfaces by 9e-5 (1 + the largest coordinate), which in metres would
 be 0.1 mm. What the two print differently: Mitsuba's rough conductor shadows and masks independently, G1(wi) G1(wo),
-where `Smith` correlates heights.
+where `SmithMaterial` correlates heights.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from recon.mesh.trianglemesh import TriangleMesh, write_mesh
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource, PointSource
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.fresnel import fresnel_at_normal
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.texture import Textured
 from synthetic.scene import Scene
 from synthetic.shapes.ball import Ball
@@ -73,8 +73,8 @@ def bsdf_of(material: Material) -> Plugin:
         described, kd, ks = material.material, material.kd_map, material.ks_map
     if isinstance(described, Lambertian):
         return {"type": "diffuse", "reflectance": reflectance(np.pi * kd)}
-    if isinstance(described, Smith):
-        ggx = isinstance(described.facets, GGX)
+    if isinstance(described, SmithMaterial):
+        ggx = isinstance(described.facets, GGXSlopes)
         widths = {"alpha_u": described.facets.along, "alpha_v": described.facets.across}
         lobe = {"type": "roughconductor", "distribution": "ggx" if ggx else "beckmann"} | widths
     elif isinstance(described, Mirror):

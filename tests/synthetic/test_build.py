@@ -14,13 +14,13 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.latlong import LatLongLight
 from synthetic.lights.sources import DirectionalSource, PointSource
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.lambertian import Lambertian
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.phong import Phong
+from synthetic.materials.phong import PhongMaterial
 from synthetic.materials.plastic import Plastic
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.scenes.build import read_staging
 from synthetic.sensing.development import Development
 from synthetic.sensing.noise import Noise
@@ -76,26 +76,30 @@ def test_lights_of_all_kinds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "kind", "numbers"),
     [
-        ("kd = 0.1\nks = 0.1\nsigma = 0.2\nmu = 1.5", Microfacet, {"mu": 1.5, "sigma": 0.2}),
+        ("kd = 0.1\nks = 0.1\nsigma = 0.2\nmu = 1.5", MicrofacetMaterial, {"mu": 1.5, "sigma": 0.2}),
         (
             'model = "smith"\nkd = 0.1\nks = 0.05\nsigma = 0.2',
-            Smith,
-            {"facets": Beckmann(0.2, 0.2), "mu": None},
+            SmithMaterial,
+            {"facets": BeckmannSlopes(0.2, 0.2), "mu": None},
         ),
         (
             'model = "ggx"\nkd = 0.1\nks = 0.01\nalpha = 0.3\nmu = 1.5',
-            Smith,
-            {"facets": GGX(0.3, 0.3), "mu": 1.5},
+            SmithMaterial,
+            {"facets": GGXSlopes(0.3, 0.3), "mu": 1.5},
         ),
         (
             'model = "anisotropic"\nkd = 0.1\nks = 0.1\nalpha_x = 0.3\nalpha_y = 0.1',
-            Smith,
-            {"facets": GGX(0.3, 0.1)},
+            SmithMaterial,
+            {"facets": GGXSlopes(0.3, 0.1)},
         ),
         ('model = "plastic"\nkd = 0.1\nks = 0.04\nmu = 1.5\nalpha = 0.3', Plastic, {"is_isotropic": True}),
-        ('model = "phong"\nkd = 0.1\nks = 0.1\nexponent = 20', Phong, {"exponent": 20.0}),
-        ('name = "steel"', Microfacet, {"mu": None, "sigma": 0.2}),
-        ('model = "smith"\nname = "delrin"', Smith, {"mu": 1.44, "facets": Beckmann(0.10, 0.10)}),
+        ('model = "phong"\nkd = 0.1\nks = 0.1\nexponent = 20', PhongMaterial, {"exponent": 20.0}),
+        ('name = "steel"', MicrofacetMaterial, {"mu": None, "sigma": 0.2}),
+        (
+            'model = "smith"\nname = "delrin"',
+            SmithMaterial,
+            {"mu": 1.44, "facets": BeckmannSlopes(0.10, 0.10)},
+        ),
     ],
 )
 def test_materials_of_all_kinds(tmp_path: Path, table: str, kind: type, numbers: dict[str, object]) -> None:

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from capture.decode import decode_photo, read_mask
 from capture.lighting import read_latlong
 from capture.photoset import PhotoSet, load_photoset
-from recon.placement.locate import View, locate_sphere
+from recon.placement.locate import LocatedPhoto, locate_sphere
 from recon.sphere.outline import mask_silhouette
 from recon.sphere.sphere import Sphere
 from synthetic.demo import demo_staging
@@ -45,7 +45,7 @@ def found_sphere(photoset: PhotoSet) -> Sphere:
     for photo in photoset.photos:
         assert photo.mask is not None
         size = (photo.camera.height, photo.camera.width)
-        views.append(View(photo.label, photo.camera, mask_silhouette(read_mask(photo.mask, size))))
+        views.append(LocatedPhoto(photo.label, photo.camera, mask_silhouette(read_mask(photo.mask, size))))
     return locate_sphere(views)
 
 

@@ -17,7 +17,7 @@ from capture.manifest import RadiometryTable
 from capture.radiance import RadianceImage
 from capture.radiometry import read_radiometry
 from synthetic.sensing.autoexposure import choose_exposure, object_brightness
-from synthetic.sensing.development import Development, Shot, write_photograph
+from synthetic.sensing.development import Development, WrittenShot, write_photograph
 from synthetic.sensing.noise import Noise
 from synthetic.sensing.radiometryfiles import true_response, write_radiometry
 from synthetic.sensing.sensor import RESPONSES, Sensor, signal_of
@@ -168,7 +168,11 @@ def test_a_bracket_is_files_of_one_scene_whose_exif_says_what_was_exposed(tmp_pa
     )
     radiance = np.full((64, 80, 3), 2.0)
     shots = write_photograph(tmp_path / "ball", radiance, 0.1, development, rng)
-    assert shots == (Shot("ball_0.jpg", 0.025), Shot("ball_1.jpg", 0.1), Shot("ball_2.jpg", 0.4))
+    assert shots == (
+        WrittenShot("ball_0.jpg", 0.025),
+        WrittenShot("ball_1.jpg", 0.1),
+        WrittenShot("ball_2.jpg", 0.4),
+    )
     assert [read_exif_exposure(tmp_path / shot.file) for shot in shots] == [
         ExposureSettings(pytest.approx(shot.exposure_s, rel=1e-9), 320, pytest.approx(2.8, rel=1e-9))
         for shot in shots

@@ -18,14 +18,14 @@ from synthetic.lights.latlong import LatLongLight
 from synthetic.lights.light import ExtendedLight
 from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.materials.energy import directional_albedo
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.fresnel import fresnel_dielectric
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.phong import Phong
+from synthetic.materials.phong import PhongMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.gather import direct_light
 from synthetic.render.lattice import dealt, lattice
 from synthetic.render.lobes import irradiance as quadrature_irradiance
@@ -94,10 +94,10 @@ def test_uniform_light_gives_pi(lights: Sequence[ExtendedLight], rng: np.random.
 @pytest.mark.parametrize(
     "material",
     [
-        Smith(np.zeros(3), np.ones(3), 1.5, Beckmann(0.2, 0.2)),
-        Smith(np.zeros(3), np.ones(3), None, GGX(0.5, 0.5)),
-        Phong(np.zeros(3), np.ones(3), 30),
-        Smith(np.zeros(3), np.ones(3), 1.5, Beckmann(0.01, 0.01)),
+        SmithMaterial(np.zeros(3), np.ones(3), 1.5, BeckmannSlopes(0.2, 0.2)),
+        SmithMaterial(np.zeros(3), np.ones(3), None, GGXSlopes(0.5, 0.5)),
+        PhongMaterial(np.zeros(3), np.ones(3), 30),
+        SmithMaterial(np.zeros(3), np.ones(3), 1.5, BeckmannSlopes(0.01, 0.01)),
     ],
     ids=["Beckmann", "GGX", "Phong", "glossy"],
 )
@@ -109,7 +109,7 @@ def test_a_lobe_in_a_white_furnace_shows_its_directional_albedo(material: Materi
     expected = directional_albedo(material, cosines) * COLOUR
     # Its own quadrature is good to 1e-3; 8192 directions to 2e-3 at the grazing horizon.
     assert_allclose(lobe, expected, rtol=4e-3)
-    if isinstance(material, Smith) and material.mu is None:
+    if isinstance(material, SmithMaterial) and material.mu is None:
         assert (lobe / COLOUR).max() < 1
 
 
@@ -131,7 +131,7 @@ def test_one_source_on_a_matte_ball_is_a_cosine(rng: np.random.Generator) -> Non
 def test_from_behind_nothing_is_seen(rng: np.random.Generator) -> None:
     points, views = seen(rng, 50)
     lights = [*UNIFORM, DirectionalSource(np.array([0, 0, 1.0]), COLOUR)]
-    smith = Smith(np.ones(3), np.ones(3), 1.5, Beckmann(0.2, 0.2))
+    smith = SmithMaterial(np.ones(3), np.ones(3), 1.5, BeckmannSlopes(0.2, 0.2))
     for material in (smith, Mirror(np.ones(3), np.ones(3))):
         lights = lights if material is smith else lights[:1]
         for part in gathered(BALL, material, lights, points, -views):
@@ -210,7 +210,7 @@ def test_a_mirror_shows_the_map_where_it_reflects_to(rng: np.random.Generator) -
 
 
 def test_two_lights_are_the_sum_of_each(rng: np.random.Generator) -> None:
-    material = Smith(np.full(3, 0.1), np.full(3, 0.3), 1.5, GGX(0.2, 0.2))
+    material = SmithMaterial(np.full(3, 0.1), np.full(3, 0.3), 1.5, GGXSlopes(0.2, 0.2))
     points, views = seen(rng, 100, least=0.1)
     lights = [DiscLight(np.array([0, 1.0, 1.0]), COLOUR, 0.05), AreaLight(np.ones(3), COLOUR, 0.3)]
     both = gathered(BALL, material, lights, points, views, 4096)

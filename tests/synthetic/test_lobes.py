@@ -9,13 +9,13 @@ from numpy.testing import assert_allclose
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.fresnel import fresnel_dielectric
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import irradiance, reflected_radiance
 
 Floats = np.ndarray
 
-MATTE = Microfacet(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, 0.1)
+MATTE = MicrofacetMaterial(np.array([0.1, 0.2, 0.3]), np.zeros(3), None, 0.1)
 # exp((cos - 1) / 1e12) is 1 to rounding: uniform light.
 UNIFORM = AreaLight(np.array([0.2, 0.3, 0.9]), np.array([1.0, 2.0, 4.0]), 1e6)
 SOFT = AreaLight(np.array([-0.2, 0.8, 0.6]), np.array([1.0, 2.0, 3.0]), 0.35)
@@ -31,7 +31,7 @@ def surface_points(rng: np.random.Generator, cos_o: Floats) -> tuple[Floats, Flo
 
 
 def plain_radiance(
-    material: Microfacet, light: AreaLight, normals: Floats, views: Floats, order: int
+    material: MicrofacetMaterial, light: AreaLight, normals: Floats, views: Floats, order: int
 ) -> Floats:
     """The witness: rho L cos_i summed over one grid about the light's axis, the whole BRDF at once."""
     node, weight = np.polynomial.legendre.leggauss(order)
@@ -113,7 +113,7 @@ def test_agrees_with_a_plain_sum_over_the_sphere(name: str, rng: np.random.Gener
 
 
 def test_narrow_lobe_is_a_mirror(rng: np.random.Generator) -> None:
-    material = Microfacet(np.zeros(3), np.array([0.2, 0.3, 0.4]), 1.5, 0.01)
+    material = MicrofacetMaterial(np.zeros(3), np.array([0.2, 0.3, 0.4]), 1.5, 0.01)
     cos_o = np.linspace(0.3, 1, 60)
     normals, views = surface_points(rng, cos_o)
     mirrored = 2 * cos_o[:, None] * normals - views

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from synthetic.materials.facets import GGX, Beckmann, Facets
+from synthetic.materials.facets import BeckmannSlopes, Facets, GGXSlopes
 
 DISTRIBUTIONS = [
     kind(along, across)
-    for kind in (Beckmann, GGX)
+    for kind in (BeckmannSlopes, GGXSlopes)
     for along, across in ((0.03, 0.03), (0.4, 0.4), (0.15, 0.6), (1.5, 0.7))
 ]
 
@@ -53,7 +53,7 @@ def test_hidden_area_is_what_smith_defines(facets: Facets, theta_deg: float) -> 
     assert_allclose(w[2] + facets.hidden(w), shown, rtol=3e-5)
 
 
-@pytest.mark.parametrize("kind", [Beckmann, GGX])
+@pytest.mark.parametrize("kind", [BeckmannSlopes, GGXSlopes])
 def test_equal_widths_give_the_textbooks_isotropic_density(
     kind: type[Facets], rng: np.random.Generator
 ) -> None:
@@ -62,7 +62,7 @@ def test_equal_widths_give_the_textbooks_isotropic_density(
     half[:, 2] = np.abs(half[:, 2])
     cos = half[:, 2] / np.linalg.norm(half, axis=1)
     t = (1 - cos**2) / cos**2 / alpha**2
-    bell = np.exp(-t) if kind is Beckmann else 1 / (1 + t) ** 2
+    bell = np.exp(-t) if kind is BeckmannSlopes else 1 / (1 + t) ** 2
     # Any length will do: the vectors are not unit.
     assert_allclose(kind(alpha, alpha).density(half), bell / (np.pi * alpha**2 * cos**4), rtol=1e-10)
 
@@ -70,4 +70,4 @@ def test_equal_widths_give_the_textbooks_isotropic_density(
 @pytest.mark.parametrize("value", [0.0, -0.1, np.inf, np.nan])
 def test_impossible_widths_are_refused(value: float) -> None:
     with pytest.raises(ValueError, match="roughness across the tangent is"):
-        GGX(0.1, value)
+        GGXSlopes(0.1, value)

@@ -8,15 +8,15 @@ from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
 from synthetic.materials.energy import directional_albedo
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.fresnel import fresnel_conductor, fresnel_dielectric
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.phong import Phong
+from synthetic.materials.phong import PhongMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, exact, radiometric
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.tabulated import Tabulated, bin_centres
 from synthetic.vectors import mirrored
 
@@ -32,11 +32,11 @@ def table_of_a_lobe(width: float) -> np.ndarray:
 
 
 MATERIALS = {
-    "printed": Microfacet(ZERO, ONE, None, 0.3),
-    "beckmann": Smith(ZERO, ONE, None, Beckmann(0.3, 0.3)),
-    "ggx": Smith(ZERO, ONE, 1.5, GGX(0.25, 0.25)),
-    "brushed": Smith(ZERO, ONE, 0.2 + 3.9j, GGX(0.15, 0.5)),
-    "phong": Phong(ZERO, ONE, 20.0),
+    "printed": MicrofacetMaterial(ZERO, ONE, None, 0.3),
+    "beckmann": SmithMaterial(ZERO, ONE, None, BeckmannSlopes(0.3, 0.3)),
+    "ggx": SmithMaterial(ZERO, ONE, 1.5, GGXSlopes(0.25, 0.25)),
+    "brushed": SmithMaterial(ZERO, ONE, 0.2 + 3.9j, GGXSlopes(0.15, 0.5)),
+    "phong": PhongMaterial(ZERO, ONE, 20.0),
     "table": Tabulated(ZERO, ONE, table_of_a_lobe(0.3)),
     "matte": Lambertian(ONE / 4),
 }
@@ -152,15 +152,18 @@ def test_no_sample_outweighs_the_rest(roughness: float, cos_o: float, rng: np.ra
     # GGX's visible facets sample three lobes; the others' bells are at most 4 / e = 1.47 times its own.
     wo = np.array([np.sqrt(1 - cos_o**2), 0.0, cos_o])
     u = rng.uniform(size=(20000, 2))
-    for facets, bound in ((GGX(roughness, roughness), 1.0), (Beckmann(roughness, roughness), 2.61)):
-        material = Smith(ZERO, ONE, None, facets)
+    for facets, bound in (
+        (GGXSlopes(roughness, roughness), 1.0),
+        (BeckmannSlopes(roughness, roughness), 2.61),
+    ):
+        material = SmithMaterial(ZERO, ONE, None, facets)
         wi = material.sample(np.broadcast_to(wo, (len(u), 3)), u)
         weight = material.lobe(wi, wo)[:, 0] * wi[:, 2] / material.density(wi, wo)
         assert 0.3 < weight.max() < bound * (1 + 1e-9)
-    printed = Microfacet(ZERO, ONE, None, roughness)
+    printed = MicrofacetMaterial(ZERO, ONE, None, roughness)
     wi = printed.sample(np.broadcast_to(wo, (len(u), 3)), u)
     weight = printed.lobe(wi, wo)[:, 0] * wi[:, 2] / printed.density(wi, wo)
-    shown = 1 + GGX(roughness, roughness).hidden(wo) / cos_o
+    shown = 1 + GGXSlopes(roughness, roughness).hidden(wo) / cos_o
     assert weight.max() < 1.5 * shown
 
 
@@ -179,11 +182,11 @@ def test_exact_form_is_the_printed_one_near_normal_incidence() -> None:
 def test_fresnel_of_smith_is_taken_between_facet_and_viewer() -> None:
     wi, wo = direction(0.3, 0.5), direction(1.2, 2.0)
     cos_d = np.cos(np.arccos(wi @ wo) / 2)
-    facets = GGX(0.3, 0.3)
-    without = Smith(ZERO, ONE, None, facets).lobe(wi, wo)
-    ratio = Smith(ZERO, ONE, 1.5, facets).lobe(wi, wo) / without
+    facets = GGXSlopes(0.3, 0.3)
+    without = SmithMaterial(ZERO, ONE, None, facets).lobe(wi, wo)
+    ratio = SmithMaterial(ZERO, ONE, 1.5, facets).lobe(wi, wo) / without
     assert_allclose(ratio, [fresnel_dielectric(1.5, cos_d) / 0.04], rtol=1e-12)
-    ratio = Smith(ZERO, ONE, 0.2 + 3.9j, facets).lobe(wi, wo) / without
+    ratio = SmithMaterial(ZERO, ONE, 0.2 + 3.9j, facets).lobe(wi, wo) / without
     assert_allclose(
         ratio, [fresnel_conductor(0.2 + 3.9j, cos_d) / fresnel_conductor(0.2 + 3.9j, 1.0)], rtol=1e-12
     )
@@ -199,7 +202,7 @@ def test_fresnel_of_a_metal_at_its_limits() -> None:
 
 def test_phong_peaks_at_the_mirrored_viewer_with_the_value_of_its_equation() -> None:
     wo = direction(0.8, 0.3)
-    material = Phong(ZERO, np.array([0.2, 0.3, 0.4]), 30.0)
+    material = PhongMaterial(ZERO, np.array([0.2, 0.3, 0.4]), 30.0)
     wi = mirrored(wo)
     assert_allclose(material.evaluate([0, 0, 1], wi, wo), material.ks * 32 / (2 * np.pi), rtol=1e-12)
     across = np.array([-np.sin(0.3), np.cos(0.3), 0.0])
@@ -215,7 +218,9 @@ def test_a_brushed_material_turns_with_its_tangent(rng: np.random.Generator) -> 
     x, _, z = turn.T
     there = material.evaluate(z, wi @ turn.T, wo @ turn.T, tangent=x)
     assert_allclose(there, np.broadcast_to(material.lobe(wi, wo), (100, 3)), rtol=1e-9)
-    swapped = Smith(ZERO, ONE, 0.2 + 3.9j, GGX(0.5, 0.15)).lobe(wi[:, [1, 0, 2]], wo[:, [1, 0, 2]])
+    swapped = SmithMaterial(ZERO, ONE, 0.2 + 3.9j, GGXSlopes(0.5, 0.15)).lobe(
+        wi[:, [1, 0, 2]], wo[:, [1, 0, 2]]
+    )
     assert_allclose(swapped, material.lobe(wi, wo), rtol=1e-12)
     assert not material.is_isotropic
     assert MATERIALS["ggx"].is_isotropic
@@ -233,7 +238,7 @@ def test_a_mirror_sends_light_to_the_mirrored_direction(rng: np.random.Generator
 def test_a_smooth_surface_becomes_a_mirror() -> None:
     cos = np.cos(np.radians([0.0, 40.0, 70.0]))
     mirror = Mirror(ZERO, ONE * 0.04, 1.5)
-    smooth = Smith(ZERO, ONE * 0.04, 1.5, Beckmann(0.003, 0.003))
+    smooth = SmithMaterial(ZERO, ONE * 0.04, 1.5, BeckmannSlopes(0.003, 0.003))
     # Fresnel's curvature over the lobe: sigma^2 times a few.
     assert_allclose(directional_albedo(smooth, cos), directional_albedo(mirror, cos), rtol=2e-4)
     assert_allclose(directional_albedo(mirror, cos)[:, 0], fresnel_dielectric(1.5, cos), rtol=1e-12)
@@ -242,12 +247,12 @@ def test_a_smooth_surface_becomes_a_mirror() -> None:
 @pytest.mark.parametrize("mu", [0.9, 1.0, np.nan, 1.5 + 0j, -0.2 + 3j])
 def test_impossible_indices_are_refused(mu: complex) -> None:
     with pytest.raises(ValueError, match="mu is"):
-        Smith(ZERO, ONE, mu, GGX(0.1, 0.1))
+        SmithMaterial(ZERO, ONE, mu, GGXSlopes(0.1, 0.1))
 
 
 def test_impossible_exponents_are_refused() -> None:
     with pytest.raises(ValueError, match=r"exponent is -1\.0"):
-        Phong(ZERO, ONE, -1.0)
+        PhongMaterial(ZERO, ONE, -1.0)
 
 
 def test_weights_are_the_same_everywhere() -> None:

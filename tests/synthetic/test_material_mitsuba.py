@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from synthetic.materials.facets import GGX, Beckmann, Facets
+from synthetic.materials.facets import BeckmannSlopes, Facets, GGXSlopes
 from synthetic.materials.fresnel import fresnel_at_normal
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 
 mi = pytest.importorskip("mitsuba")
 mi.set_variant("scalar_rgb")
 
 ZERO = np.zeros(3)
 COLOUR = np.array([0.9, 0.5, 0.2])
-FACETS = [kind(*widths) for kind in (Beckmann, GGX) for widths in ((0.05, 0.05), (0.4, 0.4), (0.1, 0.5))]
+FACETS = [
+    kind(*widths) for kind in (BeckmannSlopes, GGXSlopes) for widths in ((0.05, 0.05), (0.4, 0.4), (0.1, 0.5))
+]
 
 
 def pairs(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -50,7 +52,7 @@ def with_uncorrelated_heights(facets: Facets, lobe: np.ndarray, wi: np.ndarray, 
 
 
 def described(facets: Facets, kind: str) -> dict[str, Any]:
-    distribution = "beckmann" if isinstance(facets, Beckmann) else "ggx"
+    distribution = "beckmann" if isinstance(facets, BeckmannSlopes) else "ggx"
     return {"type": kind, "distribution": distribution, "alpha_u": facets.along, "alpha_v": facets.across}
 
 
@@ -63,9 +65,12 @@ def test_rough_conductors_agree(facets: Facets, rng: np.random.Generator) -> Non
         wi,
         wo,
     )
-    ours = with_uncorrelated_heights(facets, Smith(ZERO, COLOUR, None, facets).lobe(wi, wo), wi, wo) * COLOUR
+    ours = (
+        with_uncorrelated_heights(facets, SmithMaterial(ZERO, COLOUR, None, facets).lobe(wi, wo), wi, wo)
+        * COLOUR
+    )
     # Single precision; Mitsuba's masking of Beckmann is a rational fit, good to 0.35%, on either side.
-    rtol = 2e-4 if isinstance(facets, GGX) else 7.5e-3
+    rtol = 2e-4 if isinstance(facets, GGXSlopes) else 7.5e-3
     # Mitsuba sets densities below 1e-20 to 0.
     assert_allclose(ours, theirs, rtol=rtol, atol=1e-6)
     assert (theirs > 1e-3).mean() > 0.3
@@ -82,7 +87,7 @@ def test_fresnel_agrees(facets: Facets, mu: complex, rng: np.random.Generator) -
         bsdf = described(facets, "roughdielectric") | {"int_ior": mu, "ext_ior": 1.0}
     theirs = mitsuba_brdf(bsdf, wi, wo)
     # The reflectance of the facets at normal incidence is F(mu, 0).
-    material = Smith(ZERO, np.full(3, fresnel_at_normal(mu)), mu, facets)
+    material = SmithMaterial(ZERO, np.full(3, fresnel_at_normal(mu)), mu, facets)
     ours = with_uncorrelated_heights(facets, material.lobe(wi, wo), wi, wo) * material.ks
     # As above; the Fresnel equations in single precision lose little.
-    assert_allclose(ours, theirs, rtol=5e-4 if isinstance(facets, GGX) else 8e-3, atol=1e-6)
+    assert_allclose(ours, theirs, rtol=5e-4 if isinstance(facets, GGXSlopes) else 8e-3, atol=1e-6)

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.material import sample_cosine
 from synthetic.materials.plastic import Plastic
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.lattice import lattice
 
 BASE = np.array([0.2, 0.1, 0.05])
-MATTE = Plastic(Smith(BASE, np.zeros(3), 1.5, GGX(0.3, 0.3)))
-GLOSSY = Plastic(Smith(BASE, np.full(3, 0.04), 1.5, GGX(0.3, 0.3)))
+MATTE = Plastic(SmithMaterial(BASE, np.zeros(3), 1.5, GGXSlopes(0.3, 0.3)))
+GLOSSY = Plastic(SmithMaterial(BASE, np.full(3, 0.04), 1.5, GGXSlopes(0.3, 0.3)))
 
 
 def directions(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -48,7 +48,7 @@ def test_an_interface_without_a_real_index_is_refused() -> None:
     with pytest.raises(
         ValueError, match="mu is None; the interface of a plastic has a real refractive index"
     ):
-        Plastic(Smith(BASE, np.zeros(3), None, GGX(0.3, 0.3)))
+        Plastic(SmithMaterial(BASE, np.zeros(3), None, GGXSlopes(0.3, 0.3)))
 
 
 def test_the_base_is_that_of_mitsubas_plastic(rng: np.random.Generator) -> None:

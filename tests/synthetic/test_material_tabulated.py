@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from synthetic.materials.facets import Beckmann
-from synthetic.materials.smith import Smith
+from synthetic.materials.facets import BeckmannSlopes
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.tabulated import (
-    HalfAngles,
+    RusinkiewiczAngles,
     Tabulated,
     bin_centres,
     directions,
@@ -48,7 +48,9 @@ def test_coordinates_are_those_of_the_paper(rng: np.random.Generator) -> None:
 
 
 def test_directions_have_their_coordinates(rng: np.random.Generator) -> None:
-    angles = HalfAngles(rng.uniform(0, 1.2, 100), rng.uniform(0, 1.5, 100), rng.uniform(0, np.pi, 100))
+    angles = RusinkiewiczAngles(
+        rng.uniform(0, 1.2, 100), rng.uniform(0, 1.5, 100), rng.uniform(0, np.pi, 100)
+    )
     wi, wo = directions(angles)
     assert_allclose(np.linalg.norm([wi, wo], axis=-1), 1.0, rtol=1e-12)
     assert_allclose(half_angles(wi, wo), angles, atol=1e-9)
@@ -68,9 +70,9 @@ def merl_bytes(table: np.ndarray) -> bytes:
 
 
 def test_a_known_material_survives_the_format_of_merl(tmp_path: Path, rng: np.random.Generator) -> None:
-    known = Smith(ZERO, ONE, 1.5, Beckmann(0.15, 0.15))
+    known = SmithMaterial(ZERO, ONE, 1.5, BeckmannSlopes(0.15, 0.15))
     colour = np.array([0.3, 0.6, 0.9])
-    wi, wo = directions(HalfAngles(*np.broadcast_arrays(*bin_centres((90, 90, 180)))))
+    wi, wo = directions(RusinkiewiczAngles(*np.broadcast_arrays(*bin_centres((90, 90, 180)))))
     table = (known.lobe(wi, wo) + 0.1) * colour
     table[(wi[..., 2] <= 0) | (wo[..., 2] <= 0)] = -1  # as the database marks what cannot be seen
     path = tmp_path / "known.binary"

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.texture import Textured
 
-SHINY = Smith(np.ones(3), np.ones(3), None, GGX(0.2, 0.3))
+SHINY = SmithMaterial(np.ones(3), np.ones(3), None, GGXSlopes(0.2, 0.3))
 
 
 def textured(kd_map: np.ndarray) -> Textured:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from synthetic.materials.fresnel import fresnel_dielectric
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -28,7 +28,7 @@ def test_fresnel_at_normal_incidence_brewsters_angle_and_grazing() -> None:
 
 
 def test_lobe_peaks_at_the_mirror_direction_with_the_value_of_the_equation() -> None:
-    material = Microfacet(np.zeros(3), np.array([0.1, 0.2, 0.3]), None, 0.12)
+    material = MicrofacetMaterial(np.zeros(3), np.array([0.1, 0.2, 0.3]), None, 0.12)
     angle = 0.7
     # theta_h = 0, so rho = Ks / (pi sigma^2) / (4 cos^2).
     expected = material.ks / (np.pi * 0.12**2) / (4 * np.cos(angle) ** 2)
@@ -37,7 +37,7 @@ def test_lobe_peaks_at_the_mirror_direction_with_the_value_of_the_equation() -> 
 
 
 def test_lobe_falls_to_1_over_e_where_the_half_vector_tilts_by_sigma() -> None:
-    material = Microfacet(np.zeros(3), np.ones(3), None, 0.2)
+    material = MicrofacetMaterial(np.zeros(3), np.ones(3), None, 0.2)
     peak = material.evaluate(UP, UP, UP)
     # Viewer at the normal, light at 2 sigma: theta_h = sigma, and 1 / cos_i remains.
     tilt = material.evaluate(UP, tilted(0.4), UP)
@@ -45,8 +45,8 @@ def test_lobe_falls_to_1_over_e_where_the_half_vector_tilts_by_sigma() -> None:
 
 
 def test_fresnel_is_taken_at_the_viewer() -> None:
-    material = Microfacet(np.zeros(3), np.ones(3), 1.78, 0.12)
-    without = Microfacet(np.zeros(3), np.ones(3), None, 0.12)
+    material = MicrofacetMaterial(np.zeros(3), np.ones(3), 1.78, 0.12)
+    without = MicrofacetMaterial(np.zeros(3), np.ones(3), None, 0.12)
     light, viewer = tilted(0.9, 0.3), tilted(-1.2)
     ratio = material.evaluate(UP, light, viewer) / without.evaluate(UP, light, viewer)
     expected = fresnel_dielectric(1.78, np.cos(1.2)) / fresnel_dielectric(1.78, 1.0)
@@ -103,4 +103,4 @@ def test_rows_of_fig_11_are_normalised_and_scale_to_possible_materials(name: str
 def test_impossible_materials_are_refused_by_name(change: dict[str, object], message: str) -> None:
     keys = {"kd": np.full(3, 0.2), "ks": np.full(3, 0.1), "mu": 1.5, "sigma": 0.1} | change
     with pytest.raises(ValueError, match=message):
-        Microfacet(**keys)  # type: ignore[arg-type]
+        MicrofacetMaterial(**keys)  # type: ignore[arg-type]

@@ -18,13 +18,13 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource, PointSource
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.phong import Phong
-from synthetic.materials.smith import Smith
+from synthetic.materials.phong import PhongMaterial
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.texture import Textured
 from synthetic.render.photograph import photographs
 from synthetic.scene import Effort, Scene, Shot
@@ -77,11 +77,13 @@ BALL = Ball(np.array([0.0015, -0.001, 0.002]), 0.018)
 
 MATTE = Lambertian(np.array([0.1, 0.2, 0.25]))
 PLASTER = Lambertian(np.array([0.2, 0.18, 0.15]))
-GGX_METAL = Smith(ZERO, np.array([0.9, 0.6, 0.3]), None, GGX(0.2, 0.2))
-BRUSHED = Smith(ZERO, np.array([0.9, 0.6, 0.3]), 0.2 + 3.9j, GGX(0.1, 0.3))
-PLASTIC = Smith(np.array([0.15, 0.12, 0.1]), np.array([0.02, 0.02, 0.02]), 1.5, Beckmann(0.2, 0.2))
+GGX_METAL = SmithMaterial(ZERO, np.array([0.9, 0.6, 0.3]), None, GGXSlopes(0.2, 0.2))
+BRUSHED = SmithMaterial(ZERO, np.array([0.9, 0.6, 0.3]), 0.2 + 3.9j, GGXSlopes(0.1, 0.3))
+PLASTIC = SmithMaterial(
+    np.array([0.15, 0.12, 0.1]), np.array([0.02, 0.02, 0.02]), 1.5, BeckmannSlopes(0.2, 0.2)
+)
 MIRROR = Mirror(ZERO, np.array([0.04, 0.03, 0.02]), 1.5)
-GLAZE = Smith(np.array([0.15, 0.12, 0.1]), np.array([0.15, 0.2, 0.25]), None, GGX(0.3, 0.3))
+GLAZE = SmithMaterial(np.array([0.15, 0.12, 0.1]), np.array([0.15, 0.2, 0.25]), None, GGXSlopes(0.3, 0.3))
 
 
 @pytest.fixture(autouse=True)
@@ -156,12 +158,17 @@ def test_sphere(material: Material, light: Illumination, samples: int, tmp_path:
 @pytest.mark.parametrize(
     "material",
     [
-        pytest.param(Microfacet(MATTE.kd, np.array([0.05, 0.06, 0.07]), 1.5, 0.15), id="RH01 as printed"),
         pytest.param(
-            Smith(np.array([0.1, 0.08, 0.06]), np.full(3, 0.3), None, GGX(0.4, 0.4)), id="correlated GGX"
+            MicrofacetMaterial(MATTE.kd, np.array([0.05, 0.06, 0.07]), 1.5, 0.15), id="RH01 as printed"
         ),
-        pytest.param(Smith(MATTE.kd, np.full(3, 0.02), 1.5, Beckmann(0.4, 0.4)), id="correlated Beckmann"),
-        pytest.param(Phong(MATTE.kd, np.array([0.1, 0.15, 0.2]), 30.0), id="Phong"),
+        pytest.param(
+            SmithMaterial(np.array([0.1, 0.08, 0.06]), np.full(3, 0.3), None, GGXSlopes(0.4, 0.4)),
+            id="correlated GGX",
+        ),
+        pytest.param(
+            SmithMaterial(MATTE.kd, np.full(3, 0.02), 1.5, BeckmannSlopes(0.4, 0.4)), id="correlated Beckmann"
+        ),
+        pytest.param(PhongMaterial(MATTE.kd, np.array([0.1, 0.15, 0.2]), 30.0), id="Phong"),
     ],
 )
 @pytest.mark.usefixtures("vectorised")

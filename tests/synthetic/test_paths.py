@@ -11,12 +11,12 @@ from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.latlong import LatLongLight
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.facets import GGX, Beckmann
+from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
 from synthetic.materials.mirror import Mirror
-from synthetic.materials.phong import Phong
-from synthetic.materials.smith import Smith
+from synthetic.materials.phong import PhongMaterial
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.gather import direct_light
 from synthetic.render.lattice import lattice
 from synthetic.render.paths import indirect_light
@@ -156,9 +156,9 @@ def test_floor_and_wall_light_each_other_as_their_view_factors_say(
 @pytest.mark.parametrize(
     "material",
     [
-        Smith(np.array([0.05, 0.1, 0.0]), np.array([0.1, 0.4, 0.7]), 1.5, Beckmann(0.3, 0.3)),
-        Smith(np.full(3, 0.05), np.full(3, 0.5), None, GGX(0.2, 0.5)),
-        Phong(np.full(3, 0.1), np.full(3, 0.3), 20),
+        SmithMaterial(np.array([0.05, 0.1, 0.0]), np.array([0.1, 0.4, 0.7]), 1.5, BeckmannSlopes(0.3, 0.3)),
+        SmithMaterial(np.full(3, 0.05), np.full(3, 0.5), None, GGXSlopes(0.2, 0.5)),
+        PhongMaterial(np.full(3, 0.1), np.full(3, 0.3), 20),
     ],
     ids=["Beckmann", "anisotropic GGX", "Phong"],
 )

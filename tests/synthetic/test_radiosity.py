@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource
-from synthetic.materials.facets import GGX
+from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.render.lattice import lattice
 from synthetic.render.paths import indirect_light
 from synthetic.render.radiosity import bounced_light, parts_light
@@ -32,7 +32,7 @@ LAB = Illumination(
     (DirectionalSource(np.array([0.8, -0.5, 0.4]), np.array([1.0, 0.9, 0.8])),),
 )
 MATTE = Lambertian(np.array([0.27, 0.2, 0.1]))
-GLOSSY = Smith(np.array([0.12, 0.1, 0.08]), np.array([0.4, 0.35, 0.3]), None, GGX(0.3, 0.3))
+GLOSSY = SmithMaterial(np.array([0.12, 0.1, 0.08]), np.array([0.4, 0.35, 0.3]), None, GGXSlopes(0.3, 0.3))
 
 
 @pytest.fixture(scope="module")

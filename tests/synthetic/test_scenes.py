@@ -10,9 +10,9 @@ import pytest
 
 from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.materials.lambertian import Lambertian
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS
-from synthetic.materials.smith import Smith
+from synthetic.materials.smith import SmithMaterial
 from synthetic.materials.texture import Textured
 from synthetic.scenes import build
 from synthetic.scenes.build import read_staging
@@ -120,7 +120,7 @@ def test_no_two_scenes_have_one_name() -> None:
 def test_rh01s_spheres_have_the_numbers_of_fig_11(name: str) -> None:
     scene, row = staging(f"rh01-{name}").scene, RH01_MATERIALS[name]
     material = scene.material
-    assert isinstance(material, Microfacet)
+    assert isinstance(material, MicrofacetMaterial)
     assert (material.mu, material.sigma) == (row.mu, row.sigma)
     np.testing.assert_allclose(material.kd / material.kd.max(), np.array(row.kd) / max(row.kd), rtol=1e-12)
     np.testing.assert_allclose(material.ks / material.kd.max(), np.array(row.ks) / max(row.kd), rtol=1e-12)
@@ -145,7 +145,7 @@ def test_each_failure_has_its_cause() -> None:
     first, second = pair.shots[0].illumination.sources
     assert isinstance(first, DirectionalSource)
     assert isinstance(second, DirectionalSource)
-    assert isinstance(pair.material, Microfacet)
+    assert isinstance(pair.material, MicrofacetMaterial)
     assert np.arccos(first.direction @ second.direction) < pair.material.sigma
     grazing = staging("fail-no-grazing").scene
     (source,) = grazing.shots[0].illumination.sources
@@ -164,7 +164,7 @@ def test_shapes_materials_and_cameras_vary() -> None:
     assert isinstance(staging("rh01-doll").scene.material, Textured)
     assert isinstance(staging("demo").scene.surface, Ball)
     assert staging("cat-interreflection").scene.effort.bounces >= 2
-    assert isinstance(staging("exact-teflon").scene.material, Smith)
+    assert isinstance(staging("exact-teflon").scene.material, SmithMaterial)
     assert not staging("anisotropic").scene.material.is_isotropic
     raw, bracket = staging("camera-raw"), staging("camera-bracket")
     assert isinstance(raw.sensor, Development)

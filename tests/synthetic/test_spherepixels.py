@@ -14,7 +14,7 @@ from synthetic.demo import demo_staging
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource, PointSource
-from synthetic.materials.microfacet import Microfacet
+from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.render.photograph import photographs
 from synthetic.render.pixels import pixel_coverage
 from synthetic.scene import Scene, Shot
@@ -25,7 +25,7 @@ POSE = look_at([0.6, 0, 0], [0, 0, 0], [0, 0, 1])
 ORTHOGRAPHIC = Camera("ORTHOGRAPHIC", np.array([2000.0, 50.3, 49.8]), 100, 100, POSE)
 BALL = Ball(np.zeros(3), 0.02)
 UNIFORM = Illumination("uniform", (AreaLight(np.array([0, 0, 1.0]), np.ones(3), 1e6),))
-MATTE = Microfacet(np.full(3, 0.25), np.zeros(3), None, 0.1)
+MATTE = MicrofacetMaterial(np.full(3, 0.25), np.zeros(3), None, 0.1)
 
 
 def matte_scene(light: Illumination = UNIFORM, camera: Camera = ORTHOGRAPHIC, ball: Ball = BALL) -> Scene:

@@ -37,7 +37,7 @@ from invrender.estimate.textured.layout import SurfacePoints
 from invrender.estimate.textured.search import solved
 from invrender.estimate.textured.seen import Seen, transfers_of
 from invrender.estimate.textured.sums import PointValues, Sums, products
-from invrender.transport.bounce import Bounced, Parts
+from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
 from recon.mesh.bodies import MeshBody
 
@@ -60,7 +60,7 @@ _SIDES = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Accounted:
+class CorrectedTextures:
     """A fit with bounced light accounted for.
 
     bounced : per lighting, what was taken off; nothing if it wasn't. points : those it was judged by. unsure : (p, 6),
@@ -101,13 +101,13 @@ class _Shown:
 
 
 def account_for_bounces(
-    parts: Parts,
+    parts: ConcaveMesh,
     photos: Sequence[Seen],
     points: SurfacePoints,
     elements: Mapping[str, Sequence[LightElement]],
     fit: TexturedFit,
     refit: Callable[[Sequence[Seen]], TexturedFit],
-) -> Accounted | None:
+) -> CorrectedTextures | None:
     """Take light that bounces off what photographs show of points, if it matters and they bear it out.
 
     fit : to the photographs as they are. refit : to what they show without it. None where it doesn't matter, or no
@@ -159,7 +159,7 @@ def account_for_bounces(
     doubt = _doubt(found)
     pairs = ((values.kd, without.kd), (values.ks, without.ks))
     moved = [np.abs(own - other)[known] / np.maximum(own[known], 1e-300) for own, other in pairs]
-    return Accounted(
+    return CorrectedTextures(
         better if found.taken_off else fit,
         found,
         bounced if found.taken_off else {},
@@ -169,7 +169,7 @@ def account_for_bounces(
 
 
 def _shown(
-    seen: Seen, elements: Mapping[str, Sequence[LightElement]], fit: TexturedFit, parts: Parts
+    seen: Seen, elements: Mapping[str, Sequence[LightElement]], fit: TexturedFit, parts: ConcaveMesh
 ) -> _Shown:
     transfers = transfers_of(elements[seen.lighting], seen.pixels, fit.brdf, parts.shadows)
     diffuse, specular = (seen.points.at_points(one.astype(float)) for one in transfers)

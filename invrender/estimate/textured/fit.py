@@ -30,7 +30,7 @@ from invrender.estimate.textured.search import (
     solved,
     textured_models,
 )
-from invrender.estimate.textured.stack import Rows, Stack
+from invrender.estimate.textured.stack import Stack, TexelRows
 from invrender.estimate.textured.sums import common_ks
 
 Floats = NDArray[np.float64]
@@ -51,7 +51,7 @@ _TRIED = 6000
 FIT_STEPS = (len(OTHER_FORMS) + 3) * len(LADDER)
 
 # Columns of some of the points (size,) in several forms: of each form the rows of all photographs.
-InForms = Callable[[Sequence[LobeForm], NDArray[np.bool_]], Mapping[LobeForm, Sequence[Rows]]]
+InForms = Callable[[Sequence[LobeForm], NDArray[np.bool_]], Mapping[LobeForm, Sequence[TexelRows]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class TexturedFit:
 
 
 def fit_textured(
-    photos: Sequence[Rows], points: int, in_forms: InForms, on_step: Callable[[], None] = lambda: None
+    photos: Sequence[TexelRows], points: int, in_forms: InForms, on_step: Callable[[], None] = lambda: None
 ) -> TexturedFit:
     """Fit the ladder to what photographs say of some points.
 
@@ -139,7 +139,7 @@ class _Climbed:
 
 
 def _climb(
-    photos: Mapping[LobeForm, Sequence[Rows]],
+    photos: Mapping[LobeForm, Sequence[TexelRows]],
     points: int,
     on_step: Callable[[], None] = lambda: None,
     near: Floats | None = None,
@@ -175,7 +175,7 @@ def _climb(
     return _Climbed(ladders, stacks, noise)
 
 
-def _share(photos: Sequence[Rows], points: int) -> NDArray[np.bool_]:
+def _share(photos: Sequence[TexelRows], points: int) -> NDArray[np.bool_]:
     """Which points (size,) to try forms on."""
     count = points * _TRIED / max(sum(len(rows.points) for rows in photos), 1)
     return np.asarray(np.random.default_rng(0).permutation(points) < count)

@@ -42,7 +42,7 @@ _BEYOND_NOISE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PixelsOfPoints:
     """What a photograph says of n pixels: cover (n, points), as of `cover.cover`; the others (n, 3) float32.
 
     diffuse, specular : transfers. lit : (n,) float32, the largest channel of the diffuse one by the lighting itself,
@@ -111,7 +111,7 @@ class Grid:
         return csr_array((degree, (diagonal, diagonal)), shape=links.shape) - links
 
 
-def stacked(views: Sequence[View]) -> tuple[list[View], csr_array]:
+def stacked(views: Sequence[PixelsOfPoints]) -> tuple[list[PixelsOfPoints], csr_array]:
     """The cover of all views' pixels, (n, points), and the views with its rows for theirs: they share its memory."""
     whole = csr_array(vstack([view.cover for view in views], format="csr"))
     ends = np.cumsum([0, *(len(view.radiance) for view in views)])
@@ -124,7 +124,7 @@ def stacked(views: Sequence[View]) -> tuple[list[View], csr_array]:
     return parts, whole
 
 
-def tiny_sums(views: Sequence[View], points: int, parents: Ints) -> Sums:
+def tiny_sums(views: Sequence[PixelsOfPoints], points: int, parents: Ints) -> Sums:
     """Normal equations of each point, pixels being dealt to what they cover.
 
     parents : the point that each that is covered belongs to, -1 for none.
@@ -143,7 +143,7 @@ def tiny_sums(views: Sequence[View], points: int, parents: Ints) -> Sums:
 
 
 def solve_joint(
-    views: Sequence[View],
+    views: Sequence[PixelsOfPoints],
     cover: csr_array,
     grid: Grid,
     tiny: Callable[[Sums], PointValues],
@@ -191,32 +191,32 @@ def determined(values: PointValues) -> NDArray[np.bool_]:
     return np.asarray(found)
 
 
-def _without_lobe(view: View, ks: Floats) -> View:
+def _without_lobe(view: PixelsOfPoints, ks: Floats) -> PixelsOfPoints:
     """The view less what a Ks (3,) that is the same everywhere makes of it."""
     left = view.radiance - (ks * view.specular).astype(np.float32)
     return replace(view, radiance=left, specular=np.zeros_like(view.specular))
 
 
-def _trusted(view: View, at: Singles, noise: NoiseModel) -> View:
+def _trusted(view: PixelsOfPoints, at: Singles, noise: NoiseModel) -> PixelsOfPoints:
     """The view, weighed by what values leave of it: pixels that stray as noise does not count for less."""
     predicted = view.predicted(at)
     found = photo_weights(noise, predicted.astype(float), (view.radiance - predicted).astype(float))
     return replace(view, weight=(found.weight * view.trust).astype(np.float32))
 
 
-def _drawn(view: View, rng: np.random.Generator) -> Singles:
+def _drawn(view: PixelsOfPoints, rng: np.random.Generator) -> Singles:
     """Noise as of the view's radiance, (n, 3)."""
     noise = rng.standard_normal(view.radiance.shape, np.float32)
     return np.asarray(noise / np.sqrt(np.maximum(view.weight, np.float32(1e-30))), np.float32)
 
 
-def in_shadow(views: Sequence[View]) -> list[bool]:
+def in_shadow(views: Sequence[PixelsOfPoints]) -> list[bool]:
     """Which photographs show nothing that light reaches: all is below what visibility is exact to."""
     brightest = [float(max(view.lit.max(), view.specular.max())) for view in views]
     return [bright <= _SHADOW * max(brightest) for bright in brightest]
 
 
-def _weighed(views: Sequence[View], noise: NoiseModel) -> list[View]:
+def _weighed(views: Sequence[PixelsOfPoints], noise: NoiseModel) -> list[PixelsOfPoints]:
     """The views weighed by noise, pixels in shadow only as far as visibility is exact."""
     bright = float(np.quantile(np.concatenate([view.lit for view in views]), 0.99))
     result = []
@@ -241,7 +241,7 @@ class _Prior:
 class _System:
     """The normal equations of all points: each channel for itself. cover : of all views' pixels together."""
 
-    views: Sequence[View]
+    views: Sequence[PixelsOfPoints]
     cover: csr_array
     prior: _Prior
 
@@ -313,7 +313,7 @@ def _conjugate(system: _System, at: Singles, radiances: Iterable[Singles], near:
 
 
 def _values(
-    views: Sequence[View],
+    views: Sequence[PixelsOfPoints],
     grid: Grid,
     tiny: Callable[[Sums], PointValues],
     at: Singles,
@@ -363,7 +363,7 @@ def _steps(at: Singles, pairs: Ints) -> Singles:
     return steps
 
 
-def _widening(views: Sequence[View], at: Singles, means: csr_array) -> Floats:
+def _widening(views: Sequence[PixelsOfPoints], at: Singles, means: csr_array) -> Floats:
     """By how much residuals beyond noise widen the points' error bars, (count, 1)."""
     stray, covered = np.zeros(len(at)), np.zeros(len(at))
     for view in views:

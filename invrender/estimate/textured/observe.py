@@ -23,7 +23,7 @@ _OFF = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
+class PointObservations:
     """Points that a photograph sees, by its samples around them.
 
     points : (r,) numbers of the points, each once. samples : (r, 4) of the light field, around each. weights : (r, 4),
@@ -51,13 +51,13 @@ class Observations:
         used[self.samples] = True
         return used
 
-    def where(self, keep: NDArray[np.bool_]) -> Observations:
+    def where(self, keep: NDArray[np.bool_]) -> PointObservations:
         """Those of points that are marked (r,)."""
-        return Observations(self.points[keep], self.samples[keep], self.weights[keep])
+        return PointObservations(self.points[keep], self.samples[keep], self.weights[keep])
 
-    def renumbered(self, used: NDArray[np.bool_]) -> Observations:
+    def renumbered(self, used: NDArray[np.bool_]) -> PointObservations:
         """The same, of a field of which only the used samples are kept."""
-        return Observations(self.points, (np.cumsum(used) - 1)[self.samples], self.weights)
+        return PointObservations(self.points, (np.cumsum(used) - 1)[self.samples], self.weights)
 
 
 def points_for(samples: int, photographs: int) -> int:
@@ -65,7 +65,7 @@ def points_for(samples: int, photographs: int) -> int:
     return int(samples / (_SEEN_SHARE * photographs)) + 1
 
 
-def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints) -> Observations:
+def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints) -> PointObservations:
     """The points that a photograph shows, and which of its samples around them show them.
 
     field : all its usable pixels. A point counts if the camera sees it at an exitant angle of up to 81 degrees, and all
@@ -101,4 +101,4 @@ def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints
     near = (np.abs(off) * per_metre[:, None] < _OFF).all(axis=1)
     seen, samples, weights = seen[near], samples[near], weights[near]
     free = body.visible(points.positions[seen], points.facets[seen], views[seen])
-    return Observations(seen[free], samples[free], weights[free])
+    return PointObservations(seen[free], samples[free], weights[free])

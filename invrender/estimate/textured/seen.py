@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from invrender.brdf.lobes import LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.clusters import tile_of
-from invrender.estimate.textured.observe import Observations
-from invrender.estimate.textured.stack import Rows
+from invrender.estimate.textured.observe import PointObservations
+from invrender.estimate.textured.stack import TexelRows
 from invrender.transport.columns import columns_of_forms
 from invrender.transport.predict import reflected
 from invrender.transport.transfer import LightElement
@@ -36,12 +36,12 @@ class Seen:
     """
 
     lighting: str
-    points: Observations
+    points: PointObservations
     pixels: LightField
     bounced: Floats | None = None
 
     @classmethod
-    def of(cls, lighting: str, points: Observations, field: LightField) -> Seen:
+    def of(cls, lighting: str, points: PointObservations, field: LightField) -> Seen:
         """With those samples only that are used."""
         used = points.of_samples(len(field))
         return cls(lighting, points.renumbered(used), field.where(used))
@@ -79,13 +79,13 @@ def rows_of(
     elements: Mapping[str, Sequence[LightElement]],
     forms: Sequence[LobeForm],
     shadows: Shadows | None,
-) -> dict[LobeForm, Rows]:
+) -> dict[LobeForm, TexelRows]:
     """What a photograph says of points, as columns that hold neither mu nor sigma; forms as of `columns_of_forms`."""
     entries = columns_of_forms([seen.lighting], elements, [seen.pixels], forms, shadows)
     result = {}
     for form, (entry,) in entries.items():
         columns = np.stack([seen.points.at_points(channel) for channel in entry.columns[:, :, 0]])
-        result[form] = Rows(
+        result[form] = TexelRows(
             seen.points.points,
             columns.astype(np.float32),
             seen.radiance,

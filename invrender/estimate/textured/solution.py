@@ -18,7 +18,7 @@ from invrender.estimate.identifiability import Scalar, assess_linear, assess_mu,
 from invrender.estimate.noise import photo_weights
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.textured.fit import TexturedFit
-from invrender.estimate.textured.textures import Textures
+from invrender.estimate.textured.textures import FittedTextures
 from invrender.estimate.uncertainty import NUMERICAL
 from invrender.transport.columns import PhotoColumns
 from recon.sampling.lightfield import LightField
@@ -30,7 +30,7 @@ def textured_solution(
     photoset: PhotoSet,
     lightings: Mapping[str, Lighting],
     fit: TexturedFit,
-    textures: Textures,
+    textures: FittedTextures,
     fields: Mapping[str, LightField],
     residuals: Mapping[str, Floats],
     unsure: Floats,
@@ -75,7 +75,7 @@ def textured_solution(
 def _quantities(
     lightings: Mapping[str, Lighting],
     fit: TexturedFit,
-    textures: Textures,
+    textures: FittedTextures,
     fields: Mapping[str, LightField],
     mean: Microfacet,
     structured: float,

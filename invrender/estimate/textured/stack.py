@@ -21,7 +21,7 @@ Numbers = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class TexelRows:
     """What a photograph says of the points that it sees.
 
     points : (r,), each once. columns : (channels, r, q), as of `PhotoColumns`. radiance : (r, 3); brightness : (r, 3),
@@ -43,7 +43,7 @@ class Stack:
 
     form : of the columns. points : (p,), those seen, of `size` in all; starts : (p,), their first rows. at, photo,
     tiles : (r,), point, photograph and tile of each row. columns : (channels * r, q). radiance, weight : (r, 3).
-    trust : (r, 3), as of `Weights`. share : as of `Rows`, (r, 1).
+    trust : (r, 3), as of `Weights`. share : as of `TexelRows`, (r, 1).
     """
 
     form: LobeForm
@@ -60,7 +60,7 @@ class Stack:
     share: Floats
 
     @classmethod
-    def of(cls, photos: Sequence[Rows], size: int, noise: NoiseModel, form: LobeForm) -> Stack:
+    def of(cls, photos: Sequence[TexelRows], size: int, noise: NoiseModel, form: LobeForm) -> Stack:
         photo = np.repeat(np.arange(len(photos)), [len(rows.points) for rows in photos])
         first = np.cumsum([0, *(rows.tiles.max(initial=-1) + 1 for rows in photos)])
         at = np.concatenate([rows.points for rows in photos])

@@ -36,7 +36,7 @@ _MARGIN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Textures:
+class FittedTextures:
     """What the photographs say of n points of a surface.
 
     kd, ks, kd_std, ks_std : (n, 3); zero where not known. known : (n,), whether they determine the point's values.
@@ -52,13 +52,13 @@ class Textures:
     ks_varies: bool
 
     @classmethod
-    def of(cls, layout: Layout, values: PointValues, ks_varies: bool) -> Textures:
+    def of(cls, layout: Layout, values: PointValues, ks_varies: bool) -> FittedTextures:
         """The textures of what was solved for; what the photographs leave open isn't given."""
         every = np.ones(len(values.kd), bool)
         textures = cls(layout, values.kd, values.ks, values.kd_std, values.ks_std, every, ks_varies)
         return textures.only(determined(values))
 
-    def less_sure(self, shares: Floats) -> Textures:
+    def less_sure(self, shares: Floats) -> FittedTextures:
         """The same with Kd and Ks uncertain by shares (n, 6) of themselves, besides."""
         of_kd, of_ks = np.split(shares, 2, axis=1)
         return replace(
@@ -67,13 +67,13 @@ class Textures:
             ks_std=np.hypot(self.ks_std, of_ks * self.ks),
         )
 
-    def only(self, sure: Mask) -> Textures:
+    def only(self, sure: Mask) -> FittedTextures:
         """The same with those points only that are marked (n,)."""
         known = self.known & sure
         kd, ks, kd_std, ks_std = (
             np.where(known[:, None], of, 0.0) for of in (self.kd, self.ks, self.kd_std, self.ks_std)
         )
-        return Textures(self.layout, kd, ks, kd_std, ks_std, known, self.ks_varies)
+        return FittedTextures(self.layout, kd, ks, kd_std, ks_std, known, self.ks_varies)
 
     @cached_property
     def share_known(self) -> float:

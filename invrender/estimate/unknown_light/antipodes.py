@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.start import Search
 
 Floats = NDArray[np.float64]
@@ -28,12 +28,12 @@ class Sides:
     (coefficients and irradiances, 3) would be others then.
     """
 
-    fit: Fit
+    fit: BlindFit
     open: NDArray[np.bool_]
     moved: Mapping[int, Floats]
 
 
-def likelier_sides(search: Search, fit: Fit) -> Sides | None:
+def likelier_sides(search: Search, fit: BlindFit) -> Sides | None:
     """Lamps on the sides that leave the rest of the light most even; None where the photographs tell their sides.
 
     They do where there is a lobe, where shadows are cast, and where nothing is beside the lamps but uniform light.

@@ -30,14 +30,14 @@ from invrender.estimate.interreflection import (
 )
 from invrender.estimate.unknown_light import BlindSolution
 from invrender.estimate.unknown_light.price import hanging_together
-from invrender.estimate.unknown_light.projection import Fit, light_scale, predicted
+from invrender.estimate.unknown_light.projection import BlindFit, light_scale, predicted
 from invrender.estimate.unknown_light.rungs import cross_validate
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import Search, thinned
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.verdicts import quantities_of
 from invrender.transport.base import base_irradiance, sky_factors
-from invrender.transport.bounce import BRIGHTEST, Bounced, Parts
+from invrender.transport.bounce import BRIGHTEST, Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics
@@ -67,7 +67,7 @@ class Sent:
     bounced : by the lighting's number. brdf : which reflects it towards the camera. albedo : (3,), of the parts.
     """
 
-    parts: Parts
+    parts: ConcaveMesh
     bounced: Mapping[int, Bounced]
     brdf: Microfacet
     albedo: Floats
@@ -82,7 +82,7 @@ class Sent:
 
 
 @dataclass(frozen=True, eq=False)
-class Accounted:
+class CorrectedSolution:
     """A solution with bounced light accounted for.
 
     sent : what was taken off; None if nothing was, which then is in the photographs' numbers.
@@ -94,12 +94,12 @@ class Accounted:
 
 
 def account_for_bounces(
-    parts: Parts,
+    parts: ConcaveMesh,
     photos: Sequence[LightField],
     lighting_of: Sequence[str],
     blind: BlindSolution,
     factorize: Callable[[list[LightField]], BlindSolution],
-) -> Accounted | None:
+) -> CorrectedSolution | None:
     """Take light that bounces off photographs in unknown light if they bear it out; None where it can't matter.
 
     blind : the solution of the photographs as they are. factorize : that of photographs without what bounces.
@@ -132,19 +132,20 @@ def account_for_bounces(
             trust = [own.trust for own in better.weights]
             shares = left_of([photo.radiance for photo in photos], trust, taken)
             rungs = tuple(replace(rung, photo_errors=shares * rung.photo_errors) for rung in better.rungs)
-            return Accounted(_widened(replace(better, rungs=rungs), search, moved), found, sent)
+            return CorrectedSolution(_widened(replace(better, rungs=rungs), search, moved), found, sent)
         search, plain = _refitted(blind, photos, numbers, parts.shadows)
     found, moved = _judged(search, plain, once, may_be=False)
-    return Accounted(_widened(blind, search, moved), found, None)
+    return CorrectedSolution(_widened(blind, search, moved), found, None)
 
 
 def _refitted(
     blind: BlindSolution, photos: Sequence[LightField], numbers: Sequence[int], shadows: Shadows
-) -> tuple[Search, Fit]:
+) -> tuple[Search, BlindFit]:
     """Some samples of photographs as they are, weighed as a solution has them, and its model fitted to these."""
     together = pools(photos, numbers)
     sights = [
-        Sight.of([photos[k] for k in pool], 0, numbers[pool[0]], blind.transfer, shadows) for pool in together
+        LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], blind.transfer, shadows)
+        for pool in together
     ]
     weights, trust = (
         [np.concatenate([getattr(blind.weights[k], name) for k in pool]) for pool in together]
@@ -155,7 +156,7 @@ def _refitted(
     return search, search.fit(blind.rungs[blind.chosen].fit.state, blind.l_max, _FEW)
 
 
-def _agreed(parts: Parts, search: Search, plain: Fit) -> Sent | None:
+def _agreed(parts: ConcaveMesh, search: Search, plain: BlindFit) -> Sent | None:
     """What bounces by the fit without it, at the best albedo; None where it isn't worth three more numbers."""
     saved = _albedo(parts, search, plain)[1]
     numbers = search.numbers
@@ -163,17 +164,17 @@ def _agreed(parts: Parts, search: Search, plain: Fit) -> Sent | None:
     if saved < 3 * _PER_ALBEDO * np.log(numbers) * noise:
         return None
 
-    def predict(fit: Fit) -> list[Floats]:
+    def predict(fit: BlindFit) -> list[Floats]:
         return _sent(parts, fit, _albedo(parts, search, fit)[0]).of(search)
 
-    def refit(less: list[Floats]) -> Fit:
+    def refit(less: list[Floats]) -> BlindFit:
         return _without(search, less).fit(plain.state, plain.l_max, _MORE)
 
     agreed = settled(plain, predict, refit, [sight.radiance for sight in search.sights])
     return None if agreed is None else _sent(parts, agreed[1], _albedo(parts, search, agreed[1])[0])
 
 
-def _sent(parts: Parts, fit: Fit, albedo: Floats) -> Sent:
+def _sent(parts: ConcaveMesh, fit: BlindFit, albedo: Floats) -> Sent:
     bounced = {
         number: parts.exchanged(_irradiance(parts.shadows, fit.state.under(number), light), albedo)
         for number, light in fit.light.items()
@@ -181,11 +182,11 @@ def _sent(parts: Parts, fit: Fit, albedo: Floats) -> Sent:
     return Sent(parts, bounced, _brdf(fit.state), albedo)
 
 
-def _brdf(state: State) -> Microfacet:
+def _brdf(state: BlindState) -> Microfacet:
     return Microfacet(1 - state.kappa, state.kappa, state.mu, state.sigma, state.form)
 
 
-def _irradiance(shadows: Shadows, state: State, light: Floats) -> Floats:
+def _irradiance(shadows: Shadows, state: BlindState, light: Floats) -> Floats:
     """Irradiance (v, 3) of vertices, as far as it counts for the base, by harmonic light and a state's sources.
 
     light : (k + j, 3), coefficients, then the sources' irradiances.
@@ -199,7 +200,7 @@ def _irradiance(shadows: Shadows, state: State, light: Floats) -> Floats:
     return np.asarray(falls + evaluate_harmonics(normals, l_max) @ (factors * sky) - shadows.kept_off(sky))
 
 
-def _albedo(parts: Parts, search: Search, fit: Fit) -> tuple[Floats, float]:
+def _albedo(parts: ConcaveMesh, search: Search, fit: BlindFit) -> tuple[Floats, float]:
     """The albedo (3,) with which a fit's BRDF and sources explain most, and the squared residuals that it saves.
 
     What bounces is predicted from the fit; the light's strengths and harmonics are solved for beside it.
@@ -226,7 +227,7 @@ def _albedo(parts: Parts, search: Search, fit: Fit) -> tuple[Floats, float]:
 
 
 def _judged(
-    search: Search, plain: Fit, sent: Sent, may_be: bool = True
+    search: Search, plain: BlindFit, sent: Sent, may_be: bool = True
 ) -> tuple[Interreflection, tuple[Floats, dict[int, Floats]]]:
     """What photographs say of bounced light; by how much what isn't known of it moves the state (t,) and the lightings.
 
@@ -278,15 +279,15 @@ def _less(field: LightField, off: Floats) -> LightField:
     return replace(field, radiance=field.radiance - off)
 
 
-def _residuals(search: Search, fit: Fit) -> list[Floats]:
+def _residuals(search: Search, fit: BlindFit) -> list[Floats]:
     return [
         sight.radiance - predicted(sight, fit, rows)
         for sight, rows in zip(search.sights, fit.rows, strict=True)
     ]
 
 
-def _moved(here: State, there: State) -> Floats:
-    """By how much another state of the same model has each number elsewhere, (t,), as `State.names` lists them."""
+def _moved(here: BlindState, there: BlindState) -> Floats:
+    """By how much another state of the same model has each number elsewhere, (t,), as `BlindState.names` lists them."""
     numbers = [
         np.array([*state.kappa, *(x for x in (state.mu, state.sigma) if x is not None)])
         for state in (here, there)

@@ -16,7 +16,13 @@ from invrender.brdf.richer import NUMBER_RANGE
 from invrender.estimate.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, sums_by, tiles_of
 from invrender.estimate.uncertainty import NUMERICAL, PRIOR_STD
 from invrender.estimate.unknown_light.antipodes import Sides
-from invrender.estimate.unknown_light.projection import Fit, joint_rows, predicted, prior_precision, reduced
+from invrender.estimate.unknown_light.projection import (
+    BlindFit,
+    joint_rows,
+    predicted,
+    prior_precision,
+    reduced,
+)
 from invrender.estimate.unknown_light.rungs import joint_equations
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.widths import lamp_widths
@@ -50,7 +56,9 @@ class Certainty:
     other_mu: Mapping[str, float] = field(default_factory=dict)
 
 
-def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Sides | None = None) -> Certainty:
+def certainty_of(
+    search: Search, fit: BlindFit, split: BlindFit | None = None, sides: Sides | None = None
+) -> Certainty:
     """Certainty at a fit, which must be the best of its model, and what else its standard deviations must hold.
 
     split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
@@ -79,7 +87,7 @@ def certainty_of(search: Search, fit: Fit, split: Fit | None = None, sides: Side
     return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
 
 
-def _lobe_misfit(search: Search, fit: Fit) -> float:
+def _lobe_misfit(search: Search, fit: BlindFit) -> float:
     """What of the sources' highlights is left that isn't noise, relative to them."""
     if fit.state.sigma is None or not len(fit.state.directions):
         return 0.0
@@ -93,7 +101,7 @@ def _lobe_misfit(search: Search, fit: Fit) -> float:
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _with_widths(certainty: Certainty, search: Search, fit: Fit) -> Certainty:
+def _with_widths(certainty: Certainty, search: Search, fit: BlindFit) -> Certainty:
     """Standard deviations that hold by how much lamps as wide as they look put all else elsewhere."""
     precision = (fit.state.scales() / [_prior_std(name) for name in fit.state.names]) ** 2
     widths = lamp_widths(search, fit, precision, _noise(search, fit))
@@ -105,7 +113,7 @@ def _with_widths(certainty: Certainty, search: Search, fit: Fit) -> Certainty:
     )
 
 
-def _with_split(certainty: Certainty, fit: Fit, split: Fit | None) -> Certainty:
+def _with_split(certainty: Certainty, fit: BlindFit, split: BlindFit | None) -> Certainty:
     """Standard deviations that hold by how much two sources instead of one put the BRDF and that source elsewhere."""
     if split is None or split.state.names[: len(fit.state.names)] != fit.state.names:
         return certainty
@@ -134,7 +142,7 @@ def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
     return replace(certainty, covariance=certainty.covariance + np.diag(off**2), light_std=light_std)
 
 
-def _of_noise(search: Search, fit: Fit) -> Certainty:
+def _of_noise(search: Search, fit: BlindFit) -> Certainty:
     joint = joint_equations(search, fit)
     equations = reduced(joint.whole)
     scales, noise = fit.state.scales(), _noise(search, fit)
@@ -159,7 +167,7 @@ def _of_noise(search: Search, fit: Fit) -> Certainty:
     )
 
 
-def _noise(search: Search, fit: Fit) -> float:
+def _noise(search: Search, fit: BlindFit) -> float:
     """Variance of the noise, in units of the weights'."""
     count = sum(np.count_nonzero(weight) for weight in search.weights)
     return fit.cost / max(count - fit.parameters, 1)
@@ -199,7 +207,7 @@ def _prior_std(name: str) -> float:
 
 
 def _sandwich(
-    search: Search, fit: Fit, leverage: Mapping[int, Floats], gain: Floats, independent: Floats
+    search: Search, fit: BlindFit, leverage: Mapping[int, Floats], gain: Floats, independent: Floats
 ) -> tuple[Floats, Floats]:
     """Variances from clustered residuals over independent ones, at least 1, and fragility, (t,) each."""
     t = len(independent)
@@ -226,7 +234,7 @@ def _sandwich(
     return ratio, fragility
 
 
-def _wider_light(search: Search, fit: Fit, noise: float) -> dict[int, Floats]:
+def _wider_light(search: Search, fit: BlindFit, noise: float) -> dict[int, Floats]:
     """Variances of each lighting (k + j, 3) from clustered residuals over independent ones, at least 1."""
     inverses = {lighting: np.linalg.inv(gram) for lighting, gram in fit.grams.items()}
     by_tile: dict[int, list[Floats]] = {lighting: [] for lighting in inverses}

@@ -18,16 +18,16 @@ from invrender.estimate.unknown_light.certainty import Certainty, certainty_of
 from invrender.estimate.unknown_light.forms import MOST_FORMS, Formed, choose_form
 from invrender.estimate.unknown_light.ladder import climb, confirm, model_name, neighbours, without_rows
 from invrender.estimate.unknown_light.lampcount import needed_lamps
-from invrender.estimate.unknown_light.projection import Fit, light_scale, predicted
+from invrender.estimate.unknown_light.projection import BlindFit, light_scale, predicted
 from invrender.estimate.unknown_light.remarks import remarks
 from invrender.estimate.unknown_light.rivals import rivals_of, with_rivals
 from invrender.estimate.unknown_light.rungs import BlindRung, cross_validate, simplest
 from invrender.estimate.unknown_light.screen import find_among_nonsense, judged, noise_and_weights
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSolution, BlindSources
-from invrender.estimate.unknown_light.sources import Found
+from invrender.estimate.unknown_light.sources import FoundSources
 from invrender.estimate.unknown_light.start import Region, Search, of_degree, thinned
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.verdicts import doubt_of, quantities_of
 from invrender.transport.lobetable import TRANSFERS, Transfer
 from invrender.transport.visibility import Shadows
@@ -81,7 +81,8 @@ def factorize_blind(
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
         # Prepared for uniform light as yet: parts of the samples are, for more.
         sights = [
-            Sight.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows) for pool in together
+            LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows)
+            for pool in together
         ]
         search = _first_weights(sights, source_region)
         dark = degree == 0 or (ladder and orders[0] == 0)
@@ -190,7 +191,7 @@ def _check(
         )
 
 
-def _first_weights(sights: Sequence[Sight], region: Region | None) -> Search:
+def _first_weights(sights: Sequence[LightingDesign], region: Region | None) -> Search:
     assumed = _assumed([photo for sight in sights for photo in sight.photos])
     fields = [sight.field for sight in sights]
     weights = [(field.weight * field.shares)[:, None] / assumed.variance(field.radiance) for field in fields]
@@ -203,13 +204,13 @@ def _assumed(photos: Sequence[LightField]) -> NoiseModel:
     return NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
 
 
-def _split(sight: Sight, weights: Weights) -> list[Weights]:
+def _split(sight: LightingDesign, weights: Weights) -> list[Weights]:
     """Weights of a sight's samples, photograph by photograph."""
     parts = zip(sight.split(weights.trust), sight.split(weights.weight), strict=True)
     return [Weights(*pair) for pair in parts]
 
 
-def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:
+def _weighed(search: Search, fit: BlindFit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:
     """The same search with weights from the noise that a fit's residuals show."""
     predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
     residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
@@ -230,7 +231,7 @@ def _weighed(search: Search, fit: Fit) -> tuple[Search, NoiseModel, tuple[Weight
     )
 
 
-def _off_terminators(sight: Sight, directions: Floats) -> NDArray[np.bool_]:
+def _off_terminators(sight: LightingDesign, directions: Floats) -> NDArray[np.bool_]:
     """Which samples (n,) are clear of the sources' horizons and of the borders of the shadows that they cast."""
     field = sight.field
     numbered = replace(field, rows=np.arange(len(field)), sources_visible=sight.free(directions))
@@ -245,7 +246,7 @@ def _solution(
     certainty: Certainty,
     noise: NoiseModel,
     weights: tuple[Weights, ...],
-    found: Found,
+    found: FoundSources,
     sides: Sides | None,
     names: Sequence[str],
     transfer: Transfer,
@@ -274,7 +275,7 @@ def _solution(
     )
 
 
-def _light(search: Search, fit: Fit, certainty: Certainty, number: int) -> BlindLight:
+def _light(search: Search, fit: BlindFit, certainty: Certainty, number: int) -> BlindLight:
     size, light, std = (fit.l_max + 1) ** 2, fit.light[number], certainty.light_std[number]
     count = len(fit.state.directions)
     turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
@@ -287,7 +288,7 @@ def _light(search: Search, fit: Fit, certainty: Certainty, number: int) -> Blind
     return BlindLight(light[:size], std[:size], sources, shares, degree, doubt)
 
 
-def _covariance_names(state: State, names: Sequence[str]) -> tuple[str, ...]:
+def _covariance_names(state: BlindState, names: Sequence[str]) -> tuple[str, ...]:
     """The state's names, sources by their lighting where there are several, each counted on its own."""
     if len(names) == 1:
         return state.names

@@ -13,11 +13,11 @@ from invrender.brdf.lobes import FORMS, GGX_FORM, PLASTICS, PRINTED, UNCORRELATE
 from invrender.brdf.richer import extended
 from invrender.estimate.evidence import CLEARLY_WORSE
 from invrender.estimate.unknown_light.lampcount import brightest_each, is_endless
-from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.rungs import BlindRung, as_good, cross_validate
-from invrender.estimate.unknown_light.sources import Found, examined, find_sources, off_borders
+from invrender.estimate.unknown_light.sources import FoundSources, examined, find_sources, off_borders
 from invrender.estimate.unknown_light.start import Search
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.state import BlindState
 
 # Forms that a lobe is tried as; beside the best of facets what it extends to, if RH01's isn't as good.
 FIRST_FORMS = (*FORMS.values(), *PLASTICS.values())
@@ -32,11 +32,11 @@ _NEAR = 3.0
 class Formed:
     """The best fit with its sources, and what lobes of the other forms came to."""
 
-    found: Found
-    others: tuple[State, ...]
+    found: FoundSources
+    others: tuple[BlindState, ...]
 
 
-def choose_form(search: Search, found: Found, l_max: int) -> Formed:
+def choose_form(search: Search, found: FoundSources, l_max: int) -> Formed:
     """The form that predicts samples best; RH01's unless that is worse by a standard error, as on the ladder.
 
     One with numbers of its own is chosen only where all simpler ones are clearly worse: of several, one will be a
@@ -46,7 +46,7 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     own = found.fit if search is whole else search.fit(found.fit.state, l_max)
     rungs: dict[LobeForm, BlindRung] = {}
 
-    def trying(forms: Iterable[LobeForm], start: Fit) -> None:
+    def trying(forms: Iterable[LobeForm], start: BlindFit) -> None:
         fits = {
             form: start
             if start is own and form is own.state.form.family
@@ -76,7 +76,7 @@ def choose_form(search: Search, found: Found, l_max: int) -> Formed:
     others = tuple(rung.fit.state for form, rung in rungs.items() if form is not chosen)
     if chosen is not own.state.form.family and not l_max:
         # Lamps in the dark were counted whatever the form is: those that were found stay.
-        found = Found(whole.fit(rungs[chosen].fit.state, l_max, _FEW), None)
+        found = FoundSources(whole.fit(rungs[chosen].fit.state, l_max, _FEW), None)
     elif chosen is not own.state.form.family:
         found = examined(whole, find_sources(whole, brightest_each(rungs[chosen].fit), l_max))
     return Formed(found, others)

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from invrender.estimate.unknown_light.price import bright
-from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.rungs import BlindRung, cross_validate, simplest
 from invrender.estimate.unknown_light.sources import Lamps, find_sources, sources_of_diffuse
 from invrender.estimate.unknown_light.start import Search, forget_rows, of_degree
-from invrender.estimate.unknown_light.state import FIRST_MU, State
+from invrender.estimate.unknown_light.state import FIRST_MU, BlindState
 
 # Iterations by which a model that is any good has arrived, from the best of another.
 _ENOUGH = 8
@@ -22,7 +22,7 @@ def climb(
     lamps: Lamps | None,
     first: BlindRung,
     orders: Sequence[int],
-    others: Sequence[State],
+    others: Sequence[BlindState],
     on_step: Callable[[], None],
 ) -> list[BlindRung]:
     """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
@@ -33,7 +33,7 @@ def climb(
     rungs, fit = [first], first.fit
     prepared = {0: of_degree(search, 0), fit.l_max: search}
 
-    def add(state: State, l_max: int, fitted: bool = False) -> None:
+    def add(state: BlindState, l_max: int, fitted: bool = False) -> None:
         degree = max(l_max, fit.l_max) if l_max else 0
         if degree not in prepared:
             prepared[degree] = of_degree(search, degree)
@@ -112,7 +112,7 @@ def without_rows(rung: BlindRung) -> BlindRung:
     return replace(rung, fit=replace(rung.fit, rows=()))
 
 
-def model_name(fit: Fit) -> str:
+def model_name(fit: BlindFit) -> str:
     """What a rung is called: its lobe, its lighting's degree, its sources."""
     state = fit.state
     kind = "lambertian" if state.sigma is None else state.form.name

@@ -16,11 +16,11 @@ from invrender.brdf.lobes import GGX_FORM, Angles, LobeForm
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.clusters import tiles_of
 from invrender.estimate.unknown_light.price import PER_SOURCE, bright
-from invrender.estimate.unknown_light.projection import Fit, predicted
+from invrender.estimate.unknown_light.projection import BlindFit, predicted
 from invrender.estimate.unknown_light.rows import source_rows
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import NOTHING, PEAK_WIDTH, Search, first_states
-from invrender.estimate.unknown_light.state import State, turns
+from invrender.estimate.unknown_light.state import BlindState, turns
 from recon.sampling.highlights import small_highlights
 from recon.sampling.lightfield import LightField
 
@@ -44,7 +44,7 @@ _SOUGHT = 2.0
 _SAME, _CUT, _SAME_WIDTH = 1e-9, 1e-9, 1e-3
 
 
-def fewest_lamps(search: Search, diffuse: Fit, form: LobeForm) -> Fit:
+def fewest_lamps(search: Search, diffuse: BlindFit, form: LobeForm) -> BlindFit:
     """The best fit of lamps in the dark, with no lamp that another reflectance makes needless.
 
     search : prepared for light of degree 0. diffuse : lamps as a Lambertian body shows them, which are candidates.
@@ -59,7 +59,7 @@ def fewest_lamps(search: Search, diffuse: Fit, form: LobeForm) -> Fit:
     return fit
 
 
-def brightest_each(fit: Fit) -> State:
+def brightest_each(fit: BlindFit) -> BlindState:
     """The state of a fit with the brightest source alone in each lighting."""
     state, brightness = fit.state, fit.irradiances.sum(axis=1)
     first = {k: int(np.where(state.owners == k, brightness, -np.inf).argmax()) for k in state.owners.tolist()}
@@ -67,13 +67,13 @@ def brightest_each(fit: Fit) -> State:
     return state.without_source(np.array(rest, int))
 
 
-def _brightest_first(fit: Fit, lighting: int) -> Floats:
+def _brightest_first(fit: BlindFit, lighting: int) -> Floats:
     """Directions (k, 3) of a lighting's lamps."""
     own = np.flatnonzero(fit.state.owners == lighting)
     return fit.state.directions[own[np.argsort(-fit.irradiances[own].sum(axis=1))]]
 
 
-def _at_highlights(search: Search, fit: Fit, state: State) -> State:
+def _at_highlights(search: Search, fit: BlindFit, state: BlindState) -> BlindState:
     """A state with lamps beside its own: those that would mirror what a fit leaves of highlights, the brightest few."""
     ways: dict[int, list[Floats]] = {lighting: [] for lighting in search.lightings}
     heights: dict[int, list[Floats]] = {lighting: [] for lighting in search.lightings}
@@ -94,7 +94,7 @@ def _at_highlights(search: Search, fit: Fit, state: State) -> State:
     return state
 
 
-def _towards_highlights(search: Search, lamps: State) -> State:
+def _towards_highlights(search: Search, lamps: BlindState) -> BlindState:
     """Lamps turned to where the small highlight nearest to what they would mirror has them: shading tells less."""
     directions = lamps.directions.copy()
     for k, (direction, lighting) in enumerate(zip(lamps.directions, lamps.owners.tolist(), strict=True)):
@@ -116,18 +116,18 @@ def _mirrored(photo: LightField, chosen: NDArray[np.bool_]) -> Floats:
     return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
 
 
-def _best_start(search: Search, lamps: State) -> Fit:
+def _best_start(search: Search, lamps: BlindState) -> BlindFit:
     """The best fit near given lamps, from a narrow lobe and from a wide one that stays a lobe."""
     fits = [search.fit(start, 0, _ITERATIONS) for start in first_states(search, lamps)]
     return min(fits, key=lambda fit: (is_endless(fit.state), fit.cost))
 
 
-def is_endless(state: State) -> bool:
+def is_endless(state: BlindState) -> bool:
     """Whether a lobe has become as wide as it can, and so a part of the base that no highlight tells of."""
     return state.sigma is not None and state.sigma >= (1 - _SAME_WIDTH) * SIGMA_RANGE[1]
 
 
-def _same_lamps(one: State, other: State) -> bool:
+def _same_lamps(one: BlindState, other: BlindState) -> bool:
     """Whether all lamps of two states are the same, in any order."""
     if len(one.directions) != len(other.directions):
         return False
@@ -135,7 +135,7 @@ def _same_lamps(one: State, other: State) -> bool:
     return bool((ways.max(axis=1, initial=-1) > 1 - _SAME).all())
 
 
-def needed_lamps(search: Search, fit: Fit, candidates: State = NOTHING) -> State:
+def needed_lamps(search: Search, fit: BlindFit, candidates: BlindState = NOTHING) -> BlindState:
     """A fit's state with the brightest lamp of each lighting, and those others that no reflectance makes needless.
 
     candidates : lamps beside the fit's own that may be needed.
@@ -161,7 +161,7 @@ def _apart(directions: Floats, width: float) -> Floats:
     return directions[kept]
 
 
-def _needed(search: Search, state: State, directions: Floats) -> list[int]:
+def _needed(search: Search, state: BlindState, directions: Floats) -> list[int]:
     """Which of one lighting's lamps are needed: the first, and others as long as one saves what its numbers cost."""
     kept, rest = [0], list(range(1, len(directions)))
     known = _any_reflectance(search, directions[0])
@@ -180,7 +180,7 @@ def _needed(search: Search, state: State, directions: Floats) -> list[int]:
     return kept
 
 
-def _highlight_width(state: State) -> float:
+def _highlight_width(state: BlindState) -> float:
     """Half-angle, radians, within which a highlight's form decides what is seen."""
     return max(_AROUND * state.roughness, PEAK_WIDTH)
 
@@ -208,14 +208,14 @@ def _any_reflectance(search: Search, direction: Floats) -> Floats:
     return np.vstack(found)
 
 
-def _plain(search: Search, state: State, directions: Floats) -> Floats:
+def _plain(search: Search, state: BlindState, directions: Floats) -> Floats:
     """Columns (3, n, k) of lamps in directions (k, 3) as a state's BRDF reflects them, channel by channel."""
     lamps = replace(state, directions=directions, owners=np.zeros(len(directions), int))
     rows = [source_rows(sight, lamps) for sight in search.sights]
     return np.array([np.vstack([own.of_channel(kappa) for own in rows]) for kappa in state.kappa])
 
 
-def _columns(sight: Sight, direction: Floats) -> Floats:
+def _columns(sight: LightingDesign, direction: Floats) -> Floats:
     """Columns (n, q) of a lamp: reciprocal polynomials in both cosines, times that of incidence; and lobes."""
     angles = Angles.between(sight.field.normals, direction, sight.field.views)
     cos_i, cos_o = (np.clip(cos, 0, 1) for cos in (angles.cos_i, angles.cos_o))

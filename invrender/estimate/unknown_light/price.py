@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from invrender.estimate.clusters import tiles_of
-from invrender.estimate.unknown_light.projection import Fit, predicted
+from invrender.estimate.unknown_light.projection import BlindFit, predicted
 from invrender.estimate.unknown_light.start import Search
 
 # Squared residuals in noise units, per parameter and log of the count of numbers, that a source must save [Schwarz
@@ -15,14 +15,14 @@ from invrender.estimate.unknown_light.start import Search
 PER_SOURCE = 5
 
 
-def price(search: Search, fit: Fit, lighting: int) -> float:
+def price(search: Search, fit: BlindFit, lighting: int) -> float:
     """Squared residuals that a source of a lighting must save."""
     numbers = search.only(lighting).numbers
     noise = max(fit.costs[lighting] / numbers, 1e-300) * hanging_together(search, fit, [lighting])
     return float(PER_SOURCE * np.log(numbers) * noise)
 
 
-def hanging_together(search: Search, fit: Fit, lightings: Collection[int]) -> float:
+def hanging_together(search: Search, fit: BlindFit, lightings: Collection[int]) -> float:
     """How many residuals count as one witness, at least 1: those that hang together over tiles of a photograph."""
     residuals, together = 0.0, 0.0
     for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
@@ -33,7 +33,7 @@ def hanging_together(search: Search, fit: Fit, lightings: Collection[int]) -> fl
     return max(together / max(residuals, 1e-300), 1.0)
 
 
-def bright(search: Search, fit: Fit) -> Fit:
+def bright(search: Search, fit: BlindFit) -> BlindFit:
     """The fit without sources that would have to take light away."""
     dark = np.flatnonzero(fit.irradiances.sum(axis=1) <= 0)
     return search.fit(fit.state.without_source(dark), fit.l_max) if len(dark) else fit

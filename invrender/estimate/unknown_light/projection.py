@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from capture.parallel import parallel_map
-from invrender.estimate.unknown_light.rows import Rows, rows_of, slopes_of
-from invrender.estimate.unknown_light.sight import Sight
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.rows import LightingRows, rows_of, slopes_of
+from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.state import BlindState
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ _FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class BlindFit:
     """The best state of a model, and its lightings, each by its number.
 
     l_max : of the lightings. light : (k + j, 3) each, harmonic coefficients, then the irradiances of its sources.
@@ -38,12 +38,12 @@ class Fit:
     lighting's equations, prior included. rows : per sight.
     """
 
-    state: State
+    state: BlindState
     l_max: int
     light: Mapping[int, Floats]
     costs: Mapping[int, float]
     grams: Mapping[int, Floats]
-    rows: tuple[Rows, ...]
+    rows: tuple[LightingRows, ...]
 
     @property
     def cost(self) -> float:
@@ -79,7 +79,7 @@ def prior_precision(scale: Floats, l_max: int, sources: int) -> Floats:
     return np.asarray(1 / np.maximum(scale[:, None] * std, 1e-300) ** 2)
 
 
-def light_scale(sights: Sequence[Sight]) -> dict[int, Floats]:
+def light_scale(sights: Sequence[LightingDesign]) -> dict[int, Floats]:
     """An upper estimate (3,) of each lighting's coefficient of degree 0, in the gauge Kd + Ks = 1.
 
     Uniform light L sends at least L to the camera (a mirror would; diffuse bodies send pi L).
@@ -93,15 +93,15 @@ def light_scale(sights: Sequence[Sight]) -> dict[int, Floats]:
 
 
 def solve_lighting(
-    sights: Sequence[Sight],
+    sights: Sequence[LightingDesign],
     weights: Sequence[Floats],
     scales: Mapping[int, Floats],
-    state: State,
+    state: BlindState,
     l_max: int,
-) -> Fit:
+) -> BlindFit:
     """The best lightings at a state; weights : (n, 3) per sight, inverse variances."""
 
-    def equations(pair: tuple[Sight, Floats]) -> tuple[Rows, Floats, Floats, float]:
+    def equations(pair: tuple[LightingDesign, Floats]) -> tuple[LightingRows, Floats, Floats, float]:
         sight, weight = pair
         rows = rows_of(sight, state.under(sight.lighting), l_max)
         gram, right = [], []
@@ -123,7 +123,7 @@ def solve_lighting(
         full[lighting] = gram = gram + np.einsum("cp,pq->cpq", prior, np.eye(prior.shape[1]))
         lights[lighting] = np.stack([cho_solve(cho_factor(gram[c]), right[c]) for c in range(3)], axis=-1)
         costs[lighting] = float(sum(energies[k] for k in mine) - (right.T * lights[lighting]).sum())
-    return Fit(state, l_max, lights, costs, full, rows)
+    return BlindFit(state, l_max, lights, costs, full, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ class Arrow:
         )
 
 
-def reduced(arrows: Mapping[int, Arrow]) -> Reduced:
+def reduced(arrows: Mapping[int, Arrow]) -> SharedEquations:
     """The shared parameters' equations, all lightings eliminated."""
     corners, rights, leverage, alone = [], [], {}, {}
     for lighting, arrow in arrows.items():
@@ -168,11 +168,11 @@ def reduced(arrows: Mapping[int, Arrow]) -> Reduced:
         alone[lighting] = np.stack([cho_solve(f, r) for f, r in zip(factors, arrow.right, strict=True)])
         corners.append(arrow.corner - np.einsum("cpt,cpu->tu", arrow.border, leverage[lighting]))
         rights.append(arrow.right_shared - np.einsum("cpt,cp->t", leverage[lighting], arrow.right))
-    return Reduced(sum(corners), sum(rights), leverage, alone)
+    return SharedEquations(sum(corners), sum(rights), leverage, alone)
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced:
+class SharedEquations:
     """Equations of the shared parameters.
 
     leverage : (3, p, t) of each lighting, how it gives way to them. alone : (3, p) of each, its step without them.
@@ -193,13 +193,13 @@ class Reduced:
         return result
 
 
-def joint_rows(sight: Sight, fit: Fit, rows: Rows) -> tuple[Floats, Floats]:
+def joint_rows(sight: LightingDesign, fit: BlindFit, rows: LightingRows) -> tuple[Floats, Floats]:
     """Jacobian of a sight's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
     lit = np.stack([rows.of_channel(kappa) for kappa in fit.state.kappa])
     return lit, _shared_rows(sight, fit, rows)
 
 
-def _shared_rows(sight: Sight, fit: Fit, rows: Rows) -> Floats:
+def _shared_rows(sight: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
     state = fit.state
     slopes = slopes_of(sight, state.under(sight.lighting), rows, fit.light[sight.lighting])
     shared = np.zeros((3, len(sight.field), len(state.names)))
@@ -208,15 +208,15 @@ def _shared_rows(sight: Sight, fit: Fit, rows: Rows) -> Floats:
     return shared
 
 
-def predicted(sight: Sight, fit: Fit, rows: Rows) -> Floats:
+def predicted(sight: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
     """Radiance (n, 3) of a sight's rows."""
     return rows.radiance(fit.state.kappa, fit.light[sight.lighting])
 
 
-def _border(sights: Sequence[Sight], weights: Sequence[Floats], fit: Fit) -> Reduced:
+def _border(sights: Sequence[LightingDesign], weights: Sequence[Floats], fit: BlindFit) -> SharedEquations:
     """Kaufman's equations at a fit whose lightings are optimal."""
 
-    def equations(item: tuple[Sight, Floats, Rows]) -> tuple[Floats, Floats, Floats]:
+    def equations(item: tuple[LightingDesign, Floats, LightingRows]) -> tuple[Floats, Floats, Floats]:
         sight, weight, rows = item
         residual = sight.radiance - predicted(sight, fit, rows)
         shared = _shared_rows(sight, fit, rows)
@@ -238,13 +238,13 @@ def _border(sights: Sequence[Sight], weights: Sequence[Floats], fit: Fit) -> Red
 
 
 def refine(
-    sights: Sequence[Sight],
+    sights: Sequence[LightingDesign],
     weights: Sequence[Floats],
     scales: Mapping[int, Floats],
-    state: State,
+    state: BlindState,
     l_max: int,
     iterations: int = ITERATIONS,
-) -> Fit:
+) -> BlindFit:
     """The best state near a given one, with its lightings."""
     fit = solve_lighting(sights, weights, scales, state, l_max)
     if not state.names:

@@ -12,9 +12,9 @@ import numpy as np
 from capture.wording import some_of
 from invrender.estimate.unknown_light.antipodes import Sides
 from invrender.estimate.unknown_light.certainty import Certainty
-from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.rungs import photo_counts
-from invrender.estimate.unknown_light.sources import Found
+from invrender.estimate.unknown_light.sources import FoundSources
 from invrender.estimate.unknown_light.start import Search
 
 # Of highlights, what may be left unexplained before it is told.
@@ -24,7 +24,12 @@ _FEW = 3
 
 
 def remarks(
-    search: Search, fit: Fit, found: Found, certainty: Certainty, sides: Sides | None, names: Sequence[str]
+    search: Search,
+    fit: BlindFit,
+    found: FoundSources,
+    certainty: Certainty,
+    sides: Sides | None,
+    names: Sequence[str],
 ) -> tuple[str, ...]:
     """Warnings, each of them with what would help; names : of the lightings."""
     return (
@@ -36,7 +41,7 @@ def remarks(
     )
 
 
-def _of_split(found: Found, names: Sequence[str]) -> tuple[str, ...]:
+def _of_split(found: FoundSources, names: Sequence[str]) -> tuple[str, ...]:
     if found.split is None:
         return ()
     state, warnings = found.split.state, []
@@ -67,7 +72,7 @@ def _of_sides(sides: Sides | None, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def _of_widths(certainty: Certainty, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
+def _of_widths(certainty: Certainty, fit: BlindFit, names: Sequence[str]) -> tuple[str, ...]:
     warnings = []
     wide = np.flatnonzero(certainty.radii)
     if len(wide) > _FEW:
@@ -93,7 +98,7 @@ def _of_widths(certainty: Certainty, fit: Fit, names: Sequence[str]) -> tuple[st
     return tuple(warnings)
 
 
-def _of_rivals(certainty: Certainty, fit: Fit) -> tuple[str, ...]:
+def _of_rivals(certainty: Certainty, fit: BlindFit) -> tuple[str, ...]:
     if not certainty.other_mu or fit.state.mu is None:
         return ()
     others = " and ".join(f"{name} ({mu:.3f})" for name, mu in certainty.other_mu.items())
@@ -103,7 +108,7 @@ def _of_rivals(certainty: Certainty, fit: Fit) -> tuple[str, ...]:
     )
 
 
-def _of_lonely(search: Search, fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
+def _of_lonely(search: Search, fit: BlindFit, names: Sequence[str]) -> tuple[str, ...]:
     """A warning where lightings of more than uniform light have one photograph each."""
     counts = photo_counts(search.sights)
     lonely = [repr(names[number]) for number in sorted(counts) if counts[number] == 1]

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from invrender.brdf.lobes import UNCORRELATED
 from invrender.estimate.unknown_light.certainty import Certainty
-from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.rungs import BlindRung, as_good, cross_validate
 from invrender.estimate.unknown_light.start import Search
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.state import BlindState
 from recon.mesh.tangents import tangents
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ _PROMISING = 1.1
 _ITERATIONS = 4
 
 
-def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> tuple[Fit, ...]:
+def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> tuple[BlindFit, ...]:
     """Fits with lobes of other forms that predict samples as well, as on the ladder; without their rows.
 
     chosen : fitted to all samples of the search. tried : the ladder, from whose fits of other forms they start.
@@ -59,13 +59,13 @@ def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> 
     return tuple(rung.fit for rung in rungs[1:] if as_good(rung, best))
 
 
-def _instead(own: State, other: State) -> State:
+def _instead(own: BlindState, other: BlindState) -> BlindState:
     """Another form's BRDF under the sources of one's own, without Fresnel factor where this has none."""
     other = other.without_fresnel() if own.mu is None else other
     return replace(other, directions=own.directions, owners=own.owners)
 
 
-def with_rivals(certainty: Certainty, fit: Fit, rivals: Sequence[Fit]) -> Certainty:
+def with_rivals(certainty: Certainty, fit: BlindFit, rivals: Sequence[BlindFit]) -> Certainty:
     """Standard deviations that hold by how much rivals put each number and the light elsewhere."""
     names = fit.state.names
     std = dict(zip(names, np.sqrt(np.diag(certainty.covariance)), strict=True))
@@ -85,8 +85,8 @@ def with_rivals(certainty: Certainty, fit: Fit, rivals: Sequence[Fit]) -> Certai
     )
 
 
-def _moved(own: State, rival: State) -> dict[str, float]:
-    """By how much another state has the numbers elsewhere that both have, by the names of `State.names`."""
+def _moved(own: BlindState, rival: BlindState) -> dict[str, float]:
+    """By how much another state has the numbers elsewhere that both have, by the names of `BlindState.names`."""
     moved = {
         f"kappa {c}": float(there - here)
         for c, here, there in zip("rgb", own.kappa, rival.kappa, strict=True)

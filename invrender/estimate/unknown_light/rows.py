@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.lobes import Angles
-from invrender.estimate.unknown_light.sight import Sight
-from invrender.estimate.unknown_light.state import State, turns
+from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.state import BlindState, turns
 from invrender.estimate.unknown_light.steps import STEP, denser, fresnel_with_slope, further
 from invrender.transport.base import base_share
 
@@ -18,13 +18,13 @@ Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class LightingRows:
     """Rows of samples over the coefficients and then the sources.
 
     sky_diffuse, sky_specular : (n, k) over the coefficients: what a base of unit Kd sends, and a specular part of unit
     Ks. Single precision, as lobes have them: all that grows with the degree. lamps_diffuse, lamps_specular : (n, j)
     over the sources. The specular ones have one row of zeros without a lobe, where kappa is zero. All are as
-    `Sight.within` leaves them.
+    `LightingDesign.within` leaves them.
     """
 
     sky_diffuse: Singles
@@ -82,23 +82,23 @@ class Rows:
         return np.asarray((1 - share) * diffuse + share * specular)
 
 
-def rows_of(sight: Sight, state: State, l_max: int) -> Rows:
+def rows_of(sight: LightingDesign, state: BlindState, l_max: int) -> LightingRows:
     """Rows at a state, over lighting of degree l_max <= the sight's."""
     base = sight.within(np.asarray(sight.base_rows(state, l_max), np.float32))
     lobe: Singles = np.zeros((1, base.shape[1]), np.float32)
     if state.sigma is not None:
         lobe = sight.within(sight.lobe_rows(state, l_max))
-    return Rows(base, lobe, *_lamp_rows(sight, state))
+    return LightingRows(base, lobe, *_lamp_rows(sight, state))
 
 
-def source_rows(sight: Sight, state: State) -> Rows:
+def source_rows(sight: LightingDesign, state: BlindState) -> LightingRows:
     """`rows_of` over the state's sources alone, (n, j) each."""
     falling, highlights = _lamp_rows(sight, state)
     none = np.zeros((len(falling), 0), np.float32)
-    return Rows(none, none[: len(highlights)], falling, highlights)
+    return LightingRows(none, none[: len(highlights)], falling, highlights)
 
 
-def _lamp_rows(sight: Sight, state: State) -> tuple[Floats, Floats]:
+def _lamp_rows(sight: LightingDesign, state: BlindState) -> tuple[Floats, Floats]:
     """Rows (n, j) over a state's sources, of the base and of the specular part; (1, j) zeros of this without a lobe."""
     mean, free = sight.field.mean_over_rays, sight.free(state.directions)
     falling = sight.within(mean(_falling(sight, state.directions, state) * free))
@@ -107,8 +107,8 @@ def _lamp_rows(sight: Sight, state: State) -> tuple[Floats, Floats]:
     return falling, sight.within(mean(_highlights(sight, state.directions, state) * free))
 
 
-def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
-    """Derivatives (n, 3, parameters of a channel) of radiance, in the order of `State.own`.
+def slopes_of(sight: LightingDesign, state: BlindState, rows: LightingRows, light: Floats) -> Floats:
+    """Derivatives (n, 3, parameters of a channel) of radiance, in the order of `BlindState.own`.
 
     light : (k + j, 3), coefficients and the sources' irradiances. What sees a source is taken to see it after a small
     turn, too.
@@ -152,7 +152,7 @@ def slopes_of(sight: Sight, state: State, rows: Rows, light: Floats) -> Floats:
     return np.concatenate([*(column[..., None] for column in columns), sight.within(of_sources)], axis=-1)
 
 
-def _falling(sight: Sight, directions: Floats, state: State, mu: float | None = None) -> Floats:
+def _falling(sight: LightingDesign, directions: Floats, state: BlindState, mu: float | None = None) -> Floats:
     """Radiance (m, j) of rays from sources of unit irradiance in directions (j, 3), per unit of Kd.
 
     mu : in place of the state's.
@@ -163,17 +163,17 @@ def _falling(sight: Sight, directions: Floats, state: State, mu: float | None = 
     return cos * base_share(state.form, mu or state.mu, cos, sight.exitant[:, None])
 
 
-def _highlights(sight: Sight, directions: Floats, state: State) -> Floats:
+def _highlights(sight: LightingDesign, directions: Floats, state: BlindState) -> Floats:
     """Radiance (m, j) of rays from sources of unit irradiance in directions (j, 3), per unit of Ks."""
     return state.form.reflected(_angles(sight, directions), state.mu, state.roughness)
 
 
-def _with_slopes(angles: Angles, state: State) -> tuple[Floats, Floats, Floats]:
+def _with_slopes(angles: Angles, state: BlindState) -> tuple[Floats, Floats, Floats]:
     """`_highlights` (m, j) of a state's sources, and their derivatives by log sigma and by log(mu - 1)."""
     shape, wider = (state.form.shape(angles, state.roughness * np.exp(way)) for way in (0, STEP))
     fresnel, by_mu = fresnel_with_slope(state.mu, np.clip(state.form.fresnel_cosine(angles), 0, 1))
     return fresnel * shape, fresnel * (wider - shape) / STEP, by_mu * shape
 
 
-def _angles(sight: Sight, directions: Floats) -> Angles:
+def _angles(sight: LightingDesign, directions: Floats) -> Angles:
     return Angles.between(sight.field.normals[:, None], directions, sight.field.views[:, None])

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from invrender.estimate.clusters import tile_of
 from invrender.estimate.evidence import MAX_FOLDS, relative_rms
-from invrender.estimate.unknown_light.projection import Arrow, Fit, joint_rows, predicted, reduced
-from invrender.estimate.unknown_light.rows import Rows
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.projection import Arrow, BlindFit, joint_rows, predicted, reduced
+from invrender.estimate.unknown_light.rows import LightingRows
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import Search
 from recon.sampling.lightfield import LightField
 
@@ -42,7 +42,7 @@ class BlindRung:
     """
 
     name: str
-    fit: Fit
+    fit: BlindFit
     photo_errors: Floats
     deviance: Floats
 
@@ -72,7 +72,7 @@ def as_good(rung: BlindRung, best: BlindRung, errors: float = 1.0) -> bool:
     return bool(worse.mean() <= errors * worse.std(ddof=1) / np.sqrt(len(worse)))
 
 
-def cross_validate(name: str, search: Search, fit: Fit) -> BlindRung:
+def cross_validate(name: str, search: Search, fit: BlindFit) -> BlindRung:
     """The evidence for a fitted model."""
     joint = joint_equations(search, fit)
     free = ~fit.state.stuck(reduced(joint.whole).right)
@@ -120,11 +120,11 @@ class Joint:
     fold_of: tuple[Ints, ...]
 
 
-def joint_equations(search: Search, fit: Fit) -> Joint:
+def joint_equations(search: Search, fit: BlindFit) -> Joint:
     """Equations at a fit, fold by fold."""
     fold_of = _folds(search.sights)
 
-    def of_sight(item: tuple[Sight, Floats, Rows, Ints]) -> dict[int, Arrow]:
+    def of_sight(item: tuple[LightingDesign, Floats, LightingRows, Ints]) -> dict[int, Arrow]:
         sight, weight, rows, fold = item
         lit, shared = joint_rows(sight, fit, rows)
         residual = sight.radiance - predicted(sight, fit, rows)
@@ -165,17 +165,17 @@ def _equations(lit: Floats, shared: Floats, weight: Floats, residual: Floats) ->
     )
 
 
-def left_out_whole(sights: Sequence[Sight]) -> bool:
+def left_out_whole(sights: Sequence[LightingDesign]) -> bool:
     """Whether photographs are left out whole: each lighting has enough of them."""
     return min(photo_counts(sights).values()) >= _ENOUGH_PHOTOS
 
 
-def photo_counts(sights: Sequence[Sight]) -> Counter[int]:
+def photo_counts(sights: Sequence[LightingDesign]) -> Counter[int]:
     """How many photographs were taken under each lighting, by its number."""
     return Counter(sight.lighting for sight in sights for _ in sight.photos)
 
 
-def _folds(sights: Sequence[Sight]) -> tuple[Ints, ...]:
+def _folds(sights: Sequence[LightingDesign]) -> tuple[Ints, ...]:
     if left_out_whole(sights):
         # Numbered within each lighting, so that no fold takes all that shows one of them.
         seen: Counter[int] = Counter()

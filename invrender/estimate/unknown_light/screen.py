@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from invrender.brdf.lobes import PRINTED, LobeForm
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.noise import NoiseModel, Weights, fit_noise, photo_weights, with_misfit
-from invrender.estimate.unknown_light.projection import Fit, predicted
+from invrender.estimate.unknown_light.projection import BlindFit, predicted
 from invrender.estimate.unknown_light.rows import rows_of, source_rows
-from invrender.estimate.unknown_light.sight import Sight
-from invrender.estimate.unknown_light.sources import Found, Lamps, find_starts, likelier
+from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.sources import FoundSources, Lamps, find_starts, likelier
 from invrender.estimate.unknown_light.start import NOTHING, Search
 from invrender.estimate.weighing import FLANKS
 
@@ -50,7 +50,7 @@ def find_among_nonsense(
     in_the_dark: bool,
     noise: NoiseModel,
     form: LobeForm = PRINTED,
-) -> tuple[Search, Found, Lamps | None]:
+) -> tuple[Search, FoundSources, Lamps | None]:
     """`sources.find_starts` with the samples that it was left with: the same, unless some stray; then these count for
     little, and the rest is weighed by an assumed noise."""
     first, trust = _middling(search, l_max or search.sights[0].l_max)
@@ -68,7 +68,7 @@ def find_among_nonsense(
     return search, likelier(search, found, fit.state), lamps
 
 
-def judged(search: Search, fit: Fit, noise: NoiseModel) -> Search:
+def judged(search: Search, fit: BlindFit, noise: NoiseModel) -> Search:
     """Samples as a fit to some of them judges them, weighed by a noise that is not the fit's own."""
     brightness, found = _found_by(search, fit)
     weights, trust = [], []
@@ -81,7 +81,7 @@ def judged(search: Search, fit: Fit, noise: NoiseModel) -> Search:
     return replace(search, weights=weights, trust=trust)
 
 
-def _by_own_noise(search: Search, fit: Fit) -> Search:
+def _by_own_noise(search: Search, fit: BlindFit) -> Search:
     """Samples as a fit judges them, weighed by what it leaves of most: so what strays doesn't outweigh all else."""
     found = _found_by(search, fit)[1]
     weights = [
@@ -91,7 +91,7 @@ def _by_own_noise(search: Search, fit: Fit) -> Search:
     return replace(search, weights=weights, trust=[own.trust for own in found])
 
 
-def _found_by(search: Search, fit: Fit) -> tuple[list[Floats], list[Weights]]:
+def _found_by(search: Search, fit: BlindFit) -> tuple[list[Floats], list[Weights]]:
     """Radiance by which the noise of samples is judged under a fit, and the weights that its residuals give them."""
     predictions = [
         predicted(sight, fit, rows_of(sight, fit.state.under(sight.lighting), fit.l_max))
@@ -103,7 +103,7 @@ def _found_by(search: Search, fit: Fit) -> tuple[list[Floats], list[Weights]]:
 
 
 def noise_and_weights(
-    search: Search, fit: Fit, predictions: Sequence[Floats], residuals: Sequence[Floats]
+    search: Search, fit: BlindFit, predictions: Sequence[Floats], residuals: Sequence[Floats]
 ) -> tuple[NoiseModel, list[Weights]]:
     """The noise that a fit's residuals (n, 3) per sight show, and what its samples count for by it.
 
@@ -117,7 +117,7 @@ def noise_and_weights(
     return noise, weights_of(search, noise, predictions, residuals, highlights)
 
 
-def highlight_of(sight: Sight, fit: Fit) -> Floats:
+def highlight_of(sight: LightingDesign, fit: BlindFit) -> Floats:
     """Radiance (n, 3) of the lobes of sources, or of ones a few times as wide where that is more (`lobe_reach`)."""
     state = fit.state.under(sight.lighting)
     if state.sigma is None or not len(state.directions):
@@ -171,7 +171,7 @@ def weights_of(
     return weights
 
 
-def _middling(search: Search, l_max: int) -> tuple[Fit, list[Floats]]:
+def _middling(search: Search, l_max: int) -> tuple[BlindFit, list[Floats]]:
     """A middling BRDF and the light that suits it, and how far its samples are near it."""
     levels = [_levels(sight) for sight in search.sights]
     trust, fits = list(search.trust), []
@@ -185,7 +185,7 @@ def _middling(search: Search, l_max: int) -> tuple[Fit, list[Floats]]:
     return fits[-1], trust
 
 
-def _levels(sight: Sight) -> Floats:
+def _levels(sight: LightingDesign) -> Floats:
     """Brightness (n, 1) of each sample's photograph."""
     levels = [np.quantile(np.abs(photo.radiance), _LEVEL) + 1e-300 for photo in sight.photos]
     return np.repeat(levels, [len(photo) for photo in sight.photos])[:, None]

@@ -24,7 +24,7 @@ from scipy.sparse import csr_array
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.lobes import PRINTED, LobeForm, part_width
 from invrender.estimate.unknown_light.places import less_in_common
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.steps import STEP, denser, fresnel_with_slope, further
 from invrender.theory.operator import irradiance_operator
 from invrender.transport.base import let_through, sky_factors
@@ -59,7 +59,7 @@ _Shape = tuple[LobeForm, int, float | None, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class LightingDesign:
     """Photographs under one lighting with what doesn't change while the BRDF is searched.
 
     photos : one or more. field : their samples as one's, which is what all arrays go by. l_max : of the lighting.
@@ -91,17 +91,19 @@ class Sight:
         transfer: Transfer = "exact",
         shadows: Shadows | None = None,
         settled: bool = False,
-    ) -> Sight:
+    ) -> LightingDesign:
         """Prepare photographs for lighting of degree l_max."""
         samples = joined(photos)
         diffuse = [_irradiance(part, l_max, shadows) for _, part in blocks(samples, _RAYS_AT_A_TIME)]
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
         single = np.concatenate(diffuse)
-        return Sight(tuple(photos), samples, l_max, transfer, cos, single, lighting, shadows, settled)
+        return LightingDesign(
+            tuple(photos), samples, l_max, transfer, cos, single, lighting, shadows, settled
+        )
 
-    def like(self, photos: Sequence[LightField], l_max: int, settled: bool = False) -> Sight:
+    def like(self, photos: Sequence[LightField], l_max: int, settled: bool = False) -> LightingDesign:
         """Prepare other samples under the same lighting for another degree."""
-        return Sight.of(photos, l_max, self.lighting, self.transfer, self.shadows, settled)
+        return LightingDesign.of(photos, l_max, self.lighting, self.transfer, self.shadows, settled)
 
     @cached_property
     def radiance(self) -> Floats:
@@ -151,7 +153,7 @@ class Sight:
             result[:, k] = self._free[key]
         return result
 
-    def base_rows(self, state: State, l_max: int) -> NDArray[np.floating]:
+    def base_rows(self, state: BlindState, l_max: int) -> NDArray[np.floating]:
         """Rows (n, (l_max + 1)^2) of samples over the lighting, of the base per unit of Kd."""
         size = (l_max + 1) ** 2
         if not state.form.interface and state.form.coat is None:
@@ -162,7 +164,7 @@ class Sight:
         clear = mean(self._harmonics[:, :size], out) * factors
         return np.asarray(clear - mean(out)[:, None] * self._hidden[:, :size])
 
-    def base_slope(self, state: State, light: Floats) -> Floats:
+    def base_slope(self, state: BlindState, light: Floats) -> Floats:
         """Derivative (n, c) of what samples see of lighting ((l_max + 1)^2, c) in the base, by log(mu - 1)."""
         if not state.form.interface or state.mu is None:
             return np.zeros((len(self.field), light.shape[1]))
@@ -196,7 +198,7 @@ class Sight:
         hidden = [self.shadows.hidden_rows(part, self.l_max).astype(np.float32) for _, part in parts]
         return np.concatenate(hidden)
 
-    def lobe_rows(self, state: State, l_max: int) -> Singles:
+    def lobe_rows(self, state: BlindState, l_max: int) -> Singles:
         """Rows (n, (l_max + 1)^2) of samples over the lighting, of the specular part per unit of Ks."""
         if not self._between(state):
             parts = state.form.parts
@@ -210,12 +212,12 @@ class Sight:
         rows *= normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32)
         return np.asarray(self.field.mean_over_rays(rows))
 
-    def _between(self, state: State) -> bool:
+    def _between(self, state: BlindState) -> bool:
         """Whether rows are interpolated between two roughnesses, which takes four of each ray."""
         large = 4 * len(self.cos) * (self.l_max + 1) ** 2 > _MOST_NUMBERS
         return state.form is PRINTED and not ((self.settled or large) and self.transfer == "exact")
 
-    def lobe_slopes(self, state: State, light: Floats) -> tuple[Floats, Floats]:
+    def lobe_slopes(self, state: BlindState, light: Floats) -> tuple[Floats, Floats]:
         """Derivatives (n, c) of what samples see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
         single = light.astype(np.float32)
         if not self._between(state):
@@ -232,8 +234,8 @@ class Sight:
         mean = self.field.mean_over_rays
         return np.asarray(mean(fresnel[:, None] * widened)), np.asarray(mean(change[:, None] * seen))
 
-    def number_slope(self, state: State, light: Floats, name: str) -> tuple[Floats, Floats]:
-        """Derivatives of what is seen of lighting ((l_max + 1)^2, c) by one of the form's numbers, as `State` has it.
+    def number_slope(self, state: BlindState, light: Floats, name: str) -> tuple[Floats, Floats]:
+        """Derivatives of what is seen of lighting ((l_max + 1)^2, c) by one of the form's numbers.
 
         Of the base and of the lobe, (n, c) each.
         """
@@ -268,12 +270,12 @@ class Sight:
                     clear &= (seen == self.field.reflected_visible) | ~rises
         return np.asarray(self.field.mean_over_rays(clear.astype(float)) == 1)
 
-    def _at(self, state: State, l_max: int, factor: float) -> Singles:
+    def _at(self, state: BlindState, l_max: int, factor: float) -> Singles:
         """Rows (n, (l_max + 1)^2) of samples of one lobe of a form, so many times as wide as sigma."""
         lobes, *way = self._form(state, l_max, factor)
         return np.tensordot(np.array([1, *way], np.float32), lobes, 1)
 
-    def _form(self, state: State, l_max: int, factor: float) -> tuple[Singles, float, float]:
+    def _form(self, state: BlindState, l_max: int, factor: float) -> tuple[Singles, float, float]:
         """Rows of samples and their slopes, (3, n, k), near a state, and the way to it in log sigma and in log(mu - 1).
 
         factor : width of the lobe over sigma. The last are kept: who solves at a state asks for slopes there, and most

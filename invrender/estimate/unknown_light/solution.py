@@ -14,7 +14,7 @@ from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light.certainty import Certainty
 from invrender.estimate.unknown_light.rungs import BlindRung
-from invrender.estimate.unknown_light.state import State
+from invrender.estimate.unknown_light.state import BlindState
 from invrender.transport.base import let_through, sky_factors
 from invrender.transport.formtable import form_radiance
 from invrender.transport.lobetable import Transfer, specular_radiance
@@ -160,7 +160,7 @@ def predict_parts(
     return np.asarray(field.mean_over_rays(total)), np.asarray(field.mean_over_rays(state.kappa * lobe))
 
 
-def _reflected(state: State, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
+def _reflected(state: BlindState, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
     """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
     if state.form is not PRINTED:
         return np.asarray(

@@ -11,7 +11,7 @@ from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.lobes import PRINTED, LobeForm
 from invrender.estimate.unknown_light.lampcount import fewest_lamps
 from invrender.estimate.unknown_light.price import bright, price
-from invrender.estimate.unknown_light.projection import Fit
+from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.start import (
     NOTHING,
     PEAK_WIDTH,
@@ -20,7 +20,7 @@ from invrender.estimate.unknown_light.start import (
     light_peaks,
     of_degree,
 )
-from invrender.estimate.unknown_light.state import State, turn
+from invrender.estimate.unknown_light.state import BlindState, turn
 
 Floats = NDArray[np.float64]
 
@@ -32,18 +32,18 @@ _NOT_DARK = 30
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundSources:
     """The best fit with as many sources as are worth their parameters.
 
     split : a fit that explains more with one of a lighting's as two, nearer to each other than the lobe is wide; None
     if no such does.
     """
 
-    fit: Fit
-    split: Fit | None
+    fit: BlindFit
+    split: BlindFit | None
 
 
-def find_sources(search: Search, start: State, l_max: int, peaks_at: int | None = None) -> Fit:
+def find_sources(search: Search, start: BlindState, l_max: int, peaks_at: int | None = None) -> BlindFit:
     """Sources entered one at a time in each lighting, refined with all else and kept where photographs ask for them.
 
     l_max : of the light beside them. peaks_at : degree of the light whose peaks they are looked for at; l_max if None.
@@ -70,7 +70,7 @@ def find_sources(search: Search, start: State, l_max: int, peaks_at: int | None 
     return _without_needless(search, _fresnel_again(search, fit, start.mu), start)
 
 
-def _best_peak(search: Search, fit: Fit, lighting: int, degree: int) -> Floats | None:
+def _best_peak(search: Search, fit: BlindFit, lighting: int, degree: int) -> Floats | None:
     """The peak (3,) of one lighting that explains most as a source; None if there is none, or sources enough."""
     state = fit.state.under(lighting)
     if len(state.directions) >= _MOST_SOURCES:
@@ -87,13 +87,13 @@ def _best_peak(search: Search, fit: Fit, lighting: int, degree: int) -> Floats |
     return None if best is None else best.state.directions[-1]
 
 
-def _close(state: State, lighting: int) -> bool:
+def _close(state: BlindState, lighting: int) -> bool:
     """Whether two sources of a lighting are nearer to each other than the lobe is wide."""
     ways = state.under(lighting).directions
     return len(ways) > 1 and (ways @ ways.T - 2 * np.eye(len(ways))).max() > np.cos(state.sigma or PEAK_WIDTH)
 
 
-def _with_sources_of(state: State, other: State, lighting: int) -> State:
+def _with_sources_of(state: BlindState, other: BlindState, lighting: int) -> BlindState:
     """A state with the sources that another has in one lighting."""
     result = state.without_source(np.flatnonzero(state.owners == lighting))
     for direction in other.under(lighting).directions:
@@ -101,7 +101,7 @@ def _with_sources_of(state: State, other: State, lighting: int) -> State:
     return result
 
 
-def _without_needless(search: Search, fit: Fit, start: State) -> Fit:
+def _without_needless(search: Search, fit: BlindFit, start: BlindState) -> BlindFit:
     """The fit without those sources that the start took on trust, each lighting's first, where they save too little."""
     trusted = [k for k in search.lightings if k in start.owners and k in fit.state.owners]
     if not trusted:
@@ -119,12 +119,12 @@ def _without_needless(search: Search, fit: Fit, start: State) -> Fit:
     return search.fit(fit.state.without_source(np.array(needless)), fit.l_max, _FEW) if needless else fit
 
 
-def examined(search: Search, fit: Fit) -> Found:
+def examined(search: Search, fit: BlindFit) -> FoundSources:
     """A fit, and what explains more with one of its sources as two."""
-    return Found(fit, _with_seconds(search, fit))
+    return FoundSources(fit, _with_seconds(search, fit))
 
 
-def _with_seconds(search: Search, fit: Fit) -> Fit | None:
+def _with_seconds(search: Search, fit: BlindFit) -> BlindFit | None:
     """The best fit with a source as two, in each lighting in which that is worth it."""
     if fit.state.sigma is None:
         return None
@@ -135,7 +135,7 @@ def _with_seconds(search: Search, fit: Fit) -> Fit | None:
     return None if state is fit.state else search.fit(state, fit.l_max, _FEW)
 
 
-def off_borders(search: Search, state: State) -> Search:
+def off_borders(search: Search, state: BlindState) -> Search:
     """The same without what lies at the borders of shadows that a mesh casts; the search itself where none are cast.
 
     Pixels there are neither lit nor dark; taken for whole ones they look like a second source, or another form of lobe.
@@ -147,7 +147,7 @@ def off_borders(search: Search, state: State) -> Search:
     return replace(search, weights=weights)
 
 
-def _second(search: Search, fit: Fit, lighting: int) -> Floats | None:
+def _second(search: Search, fit: BlindFit, lighting: int) -> Floats | None:
     """Where a lighting has a second source beside one of its own; None if nothing asks for one."""
     own, state, offset = search.only(lighting), fit.state.under(lighting), (fit.state.sigma or 0.0) / 2
     trials = []
@@ -162,7 +162,7 @@ def _second(search: Search, fit: Fit, lighting: int) -> Floats | None:
     return best.state.directions[-1] if near and _worth_it(own, best, single, lighting) else None
 
 
-def _worth_it(search: Search, fit: Fit, simpler: Fit, lighting: int) -> bool:
+def _worth_it(search: Search, fit: BlindFit, simpler: BlindFit, lighting: int) -> bool:
     """Whether a source of a lighting saves what its parameters cost; all are bright, and lie where they should."""
     own = fit.state.owners == lighting
     saves = simpler.costs[lighting] - fit.costs[lighting] > price(search, fit, lighting)
@@ -170,27 +170,27 @@ def _worth_it(search: Search, fit: Fit, simpler: Fit, lighting: int) -> bool:
     return bool(saves and inside and (fit.irradiances[own].sum(axis=1) > 0).all())
 
 
-def likelier(search: Search, found: Found, state: State) -> Found:
+def likelier(search: Search, found: FoundSources, state: BlindState) -> FoundSources:
     """What was found, or the best near another state if that explains more for its sources' price."""
     fit = _likelier(search, found.fit, search.fit(state, found.fit.l_max))
     return found if fit is found.fit else examined(search, fit)
 
 
-def _likelier(search: Search, first: Fit, second: Fit) -> Fit:
+def _likelier(search: Search, first: BlindFit, second: BlindFit) -> BlindFit:
     """The one of two fits of one degree that explains more for its sources' price."""
     best = min(first, second, key=lambda fit: fit.cost)
     prices = {lighting: price(search, best, lighting) for lighting in search.lightings}
     return min(first, second, key=lambda fit: fit.cost + sum(prices[k] for k in fit.state.owners.tolist()))
 
 
-def _sensible(search: Search, fit: Fit) -> Fit:
+def _sensible(search: Search, fit: BlindFit) -> BlindFit:
     """The fit, without Fresnel factor where that runs to the end of its range and explains less than none does."""
     if fit.state.mu is None or fit.state.mu < MU_RANGE[1]:
         return fit
     return min(fit, search.fit(fit.state.without_fresnel(), fit.l_max), key=lambda f: f.cost)
 
 
-def _fresnel_again(search: Search, fit: Fit, mu: float | None) -> Fit:
+def _fresnel_again(search: Search, fit: BlindFit, mu: float | None) -> BlindFit:
     """The fit with a Fresnel factor from mu on, if it had to go before all sources were found and explains more now."""
     if mu is None or fit.state.mu is not None:
         return fit
@@ -201,13 +201,13 @@ def _fresnel_again(search: Search, fit: Fit, mu: float | None) -> Fit:
 class Lamps:
     """Fits with nothing but lamps in the dark, and the same faint light from all sides: of degree 0."""
 
-    glossy: Fit
-    diffuse: Fit
+    glossy: BlindFit
+    diffuse: BlindFit
 
 
 def find_starts(
     search: Search, l_max: int, in_the_dark: bool, form: LobeForm = PRINTED
-) -> tuple[Found, Lamps | None]:
+) -> tuple[FoundSources, Lamps | None]:
     """Sources beside light of degree l_max, as a body with a lobe shows them, and lamps in the dark if that may be it.
 
     Lamps alone are fitted to the search as prepared for degree 0: lobes take time with the degree that they are for.
@@ -218,7 +218,7 @@ def find_starts(
         dark = of_degree(search, 0)
         alone = fewest_lamps(dark, _diffuse_lamps(search), form)
         # Of two that are nearer to each other than the lobe is wide nothing tells in the dark.
-        return Found(alone, None), Lamps(alone, dark.fit(alone.state.without_lobe(), 0))
+        return FoundSources(alone, None), Lamps(alone, dark.fit(alone.state.without_lobe(), 0))
     found = examined(search, find_sources(search, first_state(search, l_max), l_max))
     lamps = _lamps_alone(search, found.fit) if in_the_dark else None
     if lamps is None:
@@ -226,7 +226,7 @@ def find_starts(
     return likelier(search, found, lamps.glossy.state), lamps
 
 
-def _lamps_alone(search: Search, beside: Fit) -> Lamps | None:
+def _lamps_alone(search: Search, beside: BlindFit) -> Lamps | None:
     """Lamps in a dark room, those that were found beside light among them; None if they are no explanation.
 
     beside : the fit with light that they are measured against.
@@ -238,12 +238,12 @@ def _lamps_alone(search: Search, beside: Fit) -> Lamps | None:
     return Lamps(dark.fit(glossy.state, 0), diffuse) if glossy.cost < _NOT_DARK * beside.cost else None
 
 
-def _diffuse_lamps(search: Search) -> Fit:
+def _diffuse_lamps(search: Search) -> BlindFit:
     """Lamps in the dark as a diffuse body shows them, looked for at the peaks of light of the search's degree."""
     return find_sources(search, NOTHING, 0, peaks_at=search.sights[0].l_max)
 
 
-def sources_of_diffuse(search: Search, l_max: int, lamps: Lamps | None) -> State:
+def sources_of_diffuse(search: Search, l_max: int, lamps: Lamps | None) -> BlindState:
     """Sources beside light of degree l_max, as a diffuse body shows them; those of lamps where they are likelier."""
     if lamps is not None and not l_max:
         return lamps.diffuse.state

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.estimate.clusters import outstanding
-from invrender.estimate.unknown_light.projection import ITERATIONS, Fit, refine, solve_lighting
-from invrender.estimate.unknown_light.sight import Sight
-from invrender.estimate.unknown_light.state import FIRST_MU, State
+from invrender.estimate.unknown_light.projection import ITERATIONS, BlindFit, refine, solve_lighting
+from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.state import FIRST_MU, BlindState
 from recon.harmonics.basis import degree_of, degrees, evaluate_harmonics, sphere_directions
 from recon.sampling.lightfield import LightField, pools
 
@@ -23,7 +23,7 @@ _ROUGHNESSES, _SHARES, _TRIED = (0.08, 0.15, 0.3), (0.1, 0.6), 2
 _IN_THE_DARK = (0.02, 0.05), (0.1, 0.3)
 _GRID = 20000
 # A diffuse body without sources.
-NOTHING = State(np.zeros(3), None, None, np.zeros((0, 3)))
+NOTHING = BlindState(np.zeros(3), None, None, np.zeros((0, 3)))
 # Width, radians, of the peaks that are looked for, and how far apart they are.
 PEAK_WIDTH, _APART = 0.08, 0.35
 _PEAKS = 4
@@ -69,14 +69,14 @@ class Search:
     the prior goes by.
     """
 
-    sights: Sequence[Sight]
+    sights: Sequence[LightingDesign]
     weights: Sequence[Floats]
     trust: Sequence[Floats]
     scales: Mapping[int, Floats]
     region: Region | None = None
 
     @property
-    def problem(self) -> tuple[Sequence[Sight], Sequence[Floats], Mapping[int, Floats]]:
+    def problem(self) -> tuple[Sequence[LightingDesign], Sequence[Floats], Mapping[int, Floats]]:
         """What the solvers take: sights, weights, and the lightings' scales."""
         return self.sights, self.weights, self.scales
 
@@ -100,16 +100,16 @@ class Search:
             self.region,
         )
 
-    def fit(self, state: State, l_max: int, iterations: int = ITERATIONS) -> Fit:
+    def fit(self, state: BlindState, l_max: int, iterations: int = ITERATIONS) -> BlindFit:
         """The best fit near a state."""
         return refine(*self.problem, state, l_max, iterations)
 
-    def at(self, state: State, l_max: int) -> Fit:
+    def at(self, state: BlindState, l_max: int) -> BlindFit:
         """The best lightings at a state."""
         return solve_lighting(*self.problem, state, l_max)
 
 
-def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
+def first_state(search: Search, l_max: int, known: BlindState = NOTHING) -> BlindState:
     """The likeliest of a few shares and roughnesses, with each lighting's source at a peak that they imply.
 
     known : the sources to begin with.
@@ -131,7 +131,7 @@ def first_state(search: Search, l_max: int, known: State = NOTHING) -> State:
     return min(trials, key=lambda trial: trial[0])[1]
 
 
-def first_states(search: Search, lamps: State) -> list[State]:
+def first_states(search: Search, lamps: BlindState) -> list[BlindState]:
     """The likelier share and roughness of a narrow lobe, and of a wide one, for given lamps in the dark and form."""
     found = []
     for roughnesses in _IN_THE_DARK:
@@ -162,7 +162,7 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
 
 
 def of_degree(search: Search, l_max: int, settled: bool = False) -> Search:
-    """The same, prepared for lighting of another degree; settled : as of `Sight`."""
+    """The same, prepared for lighting of another degree; settled : as of `LightingDesign`."""
     sights = [
         sight
         if (sight.l_max, sight.settled) == (l_max, settled)

@@ -24,7 +24,7 @@ _SHARES = (1e-3, 1 - 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class BlindState:
     """A BRDF up to its scale, and where the sources are.
 
     kappa : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is diffuse, and
@@ -71,7 +71,7 @@ class State:
         by_name = {"mu": (self.mu or 1) - 1, "sigma": self.sigma or 0.0, "spread": spread}
         return np.array([by_name.get(name, 1.0) for name in self.names])
 
-    def moved(self, step: Floats) -> State:
+    def moved(self, step: Floats) -> BlindState:
         """The state after a step, cut to what a linear model can be trusted with and to the parameters' ranges."""
         limits = np.array([_STEPS[name.split()[0]] for name in self.names])
         by_name = dict(zip(self.names, np.clip(step, -limits, limits).tolist(), strict=True))
@@ -108,11 +108,11 @@ class State:
             )
         return np.array(found, bool)
 
-    def under(self, lighting: int) -> State:
+    def under(self, lighting: int) -> BlindState:
         """The same with no sources but those of one lighting."""
         return self.without_source(np.flatnonzero(self.owners != lighting))
 
-    def with_form(self, form: LobeForm) -> State:
+    def with_form(self, form: LobeForm) -> BlindState:
         """The same with a lobe of another form, which may have no Fresnel factor, or an interface that needs one.
 
         What numbers both forms have stay as they are.
@@ -123,15 +123,15 @@ class State:
         mu = FIRST_MU if form.interface and self.mu is None else self.mu
         return replace(self, form=form, mu=mu if form.has_fresnel else None)
 
-    def without_fresnel(self) -> State:
+    def without_fresnel(self) -> BlindState:
         """The same without Fresnel factor, and so without interface."""
         return replace(self, form=self.form.lobe if self.form.interface else self.form, mu=None)
 
-    def without_lobe(self) -> State:
+    def without_lobe(self) -> BlindState:
         """The same sources on a diffuse body."""
-        return State(np.zeros(3), None, None, self.directions, owners=self.owners)
+        return BlindState(np.zeros(3), None, None, self.directions, owners=self.owners)
 
-    def with_source(self, direction: Floats, lighting: int = 0) -> State:
+    def with_source(self, direction: Floats, lighting: int = 0) -> BlindState:
         """The same with one more source."""
         return replace(
             self,
@@ -139,7 +139,7 @@ class State:
             owners=np.append(self.owners, lighting),
         )
 
-    def without_source(self, index: int | Ints) -> State:
+    def without_source(self, index: int | Ints) -> BlindState:
         """The same without one of its sources, or several."""
         return replace(
             self,

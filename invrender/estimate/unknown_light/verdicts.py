@@ -12,8 +12,8 @@ from invrender.estimate.identifiability import Scalar, assess_linear, assess_mu,
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.reached import reached_share
 from invrender.estimate.unknown_light.certainty import Certainty
-from invrender.estimate.unknown_light.projection import Fit
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.projection import BlindFit
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.transport.columns import PhotoColumns
 from recon.harmonics.basis import degrees
 from recon.sampling.lightfield import LightField
@@ -33,7 +33,7 @@ def determined_degree(shares: Floats) -> int:
     return int(lost[0]) - 1 if len(lost) else len(shares) - 1
 
 
-def varying_degree(fit: Fit) -> int | None:
+def varying_degree(fit: BlindFit) -> int | None:
     """The degree up to which lies 99% of the varying power of the best-suited light; None where one has sources."""
     if len(fit.state.directions):
         return None
@@ -45,7 +45,9 @@ def varying_degree(fit: Fit) -> int | None:
     return max(found)
 
 
-def quantities_of(fit: Fit, certainty: Certainty, sights: Sequence[Sight]) -> dict[str, Quantity]:
+def quantities_of(
+    fit: BlindFit, certainty: Certainty, sights: Sequence[LightingDesign]
+) -> dict[str, Quantity]:
     """The reported numbers with their statuses."""
     state, names = fit.state, fit.state.names
     std = dict(zip(names, np.sqrt(np.diag(certainty.covariance)), strict=True))
@@ -68,7 +70,7 @@ def quantities_of(fit: Fit, certainty: Certainty, sights: Sequence[Sight]) -> di
     return found
 
 
-def doubt_of(fit: Fit, shares: Floats, fields: Sequence[LightField]) -> tuple[int, Quantity | None]:
+def doubt_of(fit: BlindFit, shares: Floats, fields: Sequence[LightField]) -> tuple[int, Quantity | None]:
     """The degree up to which a lighting is determined, and why not all of it is; None if all is.
 
     shares : (l_max + 1,), of the photographs in what is known. fields : the photographs under it.

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.estimate.unknown_light.price import hanging_together
-from invrender.estimate.unknown_light.projection import Arrow, Fit, joint_rows, predicted, reduced
+from invrender.estimate.unknown_light.projection import Arrow, BlindFit, joint_rows, predicted, reduced
 from invrender.estimate.unknown_light.rows import rows_of
-from invrender.estimate.unknown_light.sight import Sight
+from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import turn
 
@@ -41,7 +41,7 @@ class Widths:
     light_moved: Mapping[int, Floats]
 
 
-def lamp_widths(search: Search, fit: Fit, precision: Floats, noise: float) -> Widths:
+def lamp_widths(search: Search, fit: BlindFit, precision: Floats, noise: float) -> Widths:
     """How wide the lamps look from a fit that has them as points, by one Gauss-Newton step over all unknowns.
 
     precision : (t,), what is known beforehand of the nonlinear parameters. noise : variance in units of the weights'.
@@ -71,7 +71,7 @@ def lamp_widths(search: Search, fit: Fit, precision: Floats, noise: float) -> Wi
     return Widths(radii, moved * fit.state.scales(), light_moved)
 
 
-def _equations(search: Search, fit: Fit) -> dict[int, Arrow]:
+def _equations(search: Search, fit: BlindFit) -> dict[int, Arrow]:
     """Joint normal equations, the squared radii after all other shared parameters."""
     arrows: dict[int, Arrow] = {}
     for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
@@ -91,7 +91,7 @@ def _equations(search: Search, fit: Fit) -> dict[int, Arrow]:
     return arrows
 
 
-def _columns(sight: Sight, fit: Fit) -> Floats:
+def _columns(sight: LightingDesign, fit: BlindFit) -> Floats:
     """Derivatives (3, n, j) of a photograph's radiance by the squared radii (radians^2) of all sources."""
     state = fit.state.under(sight.lighting)
     columns = np.zeros((3, len(sight.field), len(fit.state.directions)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from capture.files.imagefile import read_pixels
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, texel_layout
 from invrender.result.saved import SavedResult
-from invrender.result.savedtextures import Textures, read_textures
+from invrender.result.savedtextures import SavedTextures, read_textures
 from invrender.result.side import Number, Side, TruePaint
 from invrender.result.truth import brdf_of
 from recon.mesh.bodies import MeshBody, blended
@@ -93,7 +93,7 @@ def _meshes(result: SavedResult) -> dict[str, str]:
     return {name: known for name, known in inputs if name.lower().endswith(_MESH_ENDINGS)}
 
 
-def _textures(result: SavedResult) -> Textures:
+def _textures(result: SavedResult) -> SavedTextures:
     textures = read_textures(result, np.zeros(3))
     if textures is None:
         raise ValueError(f"{result.path}: names textures that aren't beside it")
@@ -135,13 +135,13 @@ def true_means(paint: TruePaint, result: SavedResult) -> tuple[Floats, Floats]:
     layout, known = _as_fine(layout, known, max(*kd_map.shape[:2], *ks_map.shape[:2]))
     # As bilinear as the renderer looks them up.
     none = np.zeros((1, 1, 3))
-    seen = Textures(kd_map, ks_map, none, none).at(_true_coordinates(layout, true_mesh)[known])
+    seen = SavedTextures(kd_map, ks_map, none, none).at(_true_coordinates(layout, true_mesh)[known])
     weights = layout.areas[known]
     kd, ks = (paint.factor * np.average(values, axis=0, weights=weights) for values in (seen.kd, seen.ks))
     return kd, ks
 
 
-def _layout(result: SavedResult, textures: Textures, true_mesh: TriangleMesh) -> _Layout:
+def _layout(result: SavedResult, textures: SavedTextures, true_mesh: TriangleMesh) -> _Layout:
     """Where a result's textures have their values."""
     table = result.content.texture
     assert table is not None

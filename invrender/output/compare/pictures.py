@@ -16,7 +16,7 @@ from invrender.output.compare.lightings import LightPair
 from invrender.output.render.light import light_element
 from invrender.output.render.picture import take_picture
 from invrender.output.render.subject import sphere_subject
-from invrender.output.render.view import Optics, View, seen_from
+from invrender.output.render.view import View, ViewCamera, seen_from
 from invrender.output.report.pictures import (
     difference_picture,
     figure_url,
@@ -39,7 +39,7 @@ _AZIMUTHS, _ELEVATION, _SIDE = (0, 120, 240), 20.0, 160
 
 
 @dataclass(frozen=True)
-class Panel:
+class ComparisonPanel:
     """Two pictures and their difference as data URLs, under a heading.
 
     rms : of the difference, relative to the first picture. limit : share of white at which its colours saturate.
@@ -53,7 +53,7 @@ class Panel:
     limit: float
 
 
-def photo_panels(first: Side, second: Side) -> Iterator[Panel]:
+def photo_panels(first: Side, second: Side) -> Iterator[ComparisonPanel]:
     """A few photographs that both sides predict, or know; B's scaled to A's per channel where a gauge is relative."""
     shared = [label for label in first.pictures if label in second.pictures]
     chosen = np.unique(np.linspace(0, len(shared) - 1, min(len(shared), _MAX_PHOTOS)).astype(int))
@@ -70,7 +70,7 @@ def photo_panels(first: Side, second: Side) -> Iterator[Panel]:
             yield _panel(label, one, other, inside, free)
 
 
-def material_panels(first: Side, second: Side, lights: Sequence[LightPair]) -> Iterator[Panel]:
+def material_panels(first: Side, second: Side, lights: Sequence[LightPair]) -> Iterator[ComparisonPanel]:
     """A sphere of both materials under the first lighting of A; of shares where a gauge is relative."""
     if first.brdf is None or second.brdf is None or not lights:
         return
@@ -82,7 +82,7 @@ def material_panels(first: Side, second: Side, lights: Sequence[LightPair]) -> I
     scale = 0.45 * _SIDE
     camera = Camera("ORTHOGRAPHIC", np.array([scale, _SIDE / 2, _SIDE / 2]), _SIDE, _SIDE, np.eye(4))
     for azimuth in _AZIMUTHS:
-        seen = seen_from(Optics(camera, 10.0), View(azimuth, _ELEVATION, None), np.zeros(3), 1.0)
+        seen = seen_from(ViewCamera(camera, 10.0), View(azimuth, _ELEVATION, None), np.zeros(3), 1.0)
         pictures = [
             take_picture(subject, seen, Reflectance(brdf, np.zeros((3, 4, 4)), {}, ()), element)
             for brdf in materials
@@ -110,7 +110,9 @@ def _shares(brdf: Microfacet) -> Microfacet:
     return replace(brdf, kd=brdf.kd / total, ks=brdf.ks / total)
 
 
-def _panel(heading: str, one: Floats, other: Floats, inside: NDArray[np.bool_], free: bool) -> Panel:
+def _panel(
+    heading: str, one: Floats, other: Floats, inside: NDArray[np.bool_], free: bool
+) -> ComparisonPanel:
     if free:
         power = (other[inside] ** 2).sum(axis=0)
         other = other * (one[inside] * other[inside]).sum(axis=0) / np.where(power > 0, power, 1)
@@ -122,7 +124,7 @@ def _panel(heading: str, one: Floats, other: Floats, inside: NDArray[np.bool_], 
     level = np.sqrt((one[inside] ** 2).mean())
     rms = float(np.sqrt((apart**2).mean()) / level) if level > 0 else 0.0
     limit = next((limit for limit in _LIMITS if limit >= 3 * rms), _LIMITS[-1])
-    return Panel(
+    return ComparisonPanel(
         heading,
         image_url(shrunk(tone_mapped(one, white)), jpeg=True),
         image_url(shrunk(tone_mapped(other, white)), jpeg=True),

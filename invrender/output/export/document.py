@@ -9,8 +9,8 @@ from typing import Any
 from capture.files.documents import input_hashes, numbers, software
 from capture.lighting import Lighting
 from invrender.output.export.mapping import Mapping
-from invrender.output.export.material import Material
-from invrender.output.export.written import Written
+from invrender.output.export.material import ExportedBRDF
+from invrender.output.export.written import WrittenExport
 from invrender.result.saved import SavedQuantity, SavedResult
 
 # From these relative differences on a word is due: of all directions, and of uniform light reflected to one view.
@@ -20,9 +20,9 @@ _LARGE, _LARGE_ALBEDO = 0.1, 0.05
 def export_document(
     result: SavedResult,
     form: str,
-    material: Material,
+    material: ExportedBRDF,
     mapping: Mapping,
-    written: Written,
+    written: WrittenExport,
     lighting: Lighting | None,
     notes: Sequence[str],
     inputs: Sequence[Path],

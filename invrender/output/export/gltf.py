@@ -17,10 +17,10 @@ from invrender.output.export.glb import GlbBuffer
 from invrender.output.export.gltf_target import index_of
 from invrender.output.export.lights import panorama
 from invrender.output.export.mapping import Mapping
-from invrender.output.export.material import Material
+from invrender.output.export.material import ExportedBRDF
 from invrender.output.export.shape import Shape
 from invrender.output.export.texels import base_texels, texels_of
-from invrender.output.export.written import Written, clipped
+from invrender.output.export.written import WrittenExport, clipped
 
 Floats = NDArray[np.float64]
 
@@ -31,8 +31,8 @@ _REPEAT, _LINEAR, _MIPMAPS = 10497, 9729, 9987
 
 
 def write_gltf(
-    folder: Path, name: str, shape: Shape, material: Material, mapping: Mapping, lighting: Lighting | None
-) -> Written:
+    folder: Path, name: str, shape: Shape, material: ExportedBRDF, mapping: Mapping, lighting: Lighting | None
+) -> WrittenExport:
     """Write object.glb and, of a lighting with a map, environment.exr. lighting : None leaves the light out."""
     buffer = GlbBuffer()
     mesh = shape.mesh
@@ -75,11 +75,11 @@ def write_gltf(
     document["nodes"], document["scenes"] = nodes, [{"nodes": list(range(len(nodes)))}]
     (folder / MODEL_NAME).write_bytes(buffer.file(document))
     written: dict[str, Any] = {key: described[key] for key in ("pbrMetallicRoughness", "extensions")}
-    return Written(tuple(files), written, tuple(notes))
+    return WrittenExport(tuple(files), written, tuple(notes))
 
 
 def _material(
-    name: str, material: Material, mapping: Mapping
+    name: str, material: ExportedBRDF, mapping: Mapping
 ) -> tuple[dict[str, Any], dict[str, NDArray[np.uint8]], list[str]]:
     """The material, its images by their names (codes (h, w, 3 or 4)), and notes."""
     values = mapping.numbers

@@ -13,7 +13,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.output.render.numbers import numbers
 from invrender.result.reflectance import reflectance
 from invrender.result.saved import SavedQuantity, SavedResult
-from invrender.result.savedtextures import Textures
+from invrender.result.savedtextures import SavedTextures
 from invrender.wording import with_error
 
 Floats = NDArray[np.float64]
@@ -25,7 +25,7 @@ _BRIGHT_PERCENTILE = 99.0
 
 
 @dataclass(frozen=True, eq=False)
-class Material:
+class ExportedBRDF:
     """A BRDF to be exported.
 
     brdf : absolute; of textures with their means. textures : where Kd and Ks vary. scale : (3,), what Kd and Ks of the
@@ -34,7 +34,7 @@ class Material:
     """
 
     brdf: Microfacet
-    textures: Textures | None
+    textures: SavedTextures | None
     scale: Floats
     assumed: Mapping[str, float]
     notes: tuple[str, ...]
@@ -47,7 +47,7 @@ class Material:
         return replace(lighting, radiance_map=radiance, irradiances=lighting.irradiances / self.scale)
 
 
-def material_of(result: SavedResult, assumed: Mapping[str, float], albedo: str | None) -> Material:
+def material_of(result: SavedResult, assumed: Mapping[str, float], albedo: str | None) -> ExportedBRDF:
     """The material of a result.
 
     albedo : of a result in a relative gauge, what its pi Kd + Ks is: one number for the brightest channel, or R,G,B.
@@ -68,7 +68,7 @@ def material_of(result: SavedResult, assumed: Mapping[str, float], albedo: str |
         notes.append(f"The material has no highlights: {finding.reason}; {finding.remedy}.")
     scale, note = _scale(result, found.brdf, found.textures, albedo)
     brdf = replace(found.brdf, kd=found.brdf.kd * scale, ks=found.brdf.ks * scale)
-    return Material(brdf, _scaled(found.textures, scale), scale, found.assumed, (*notes, *note))
+    return ExportedBRDF(brdf, _scaled(found.textures, scale), scale, found.assumed, (*notes, *note))
 
 
 def _weakness(result: SavedResult, name: str, quantity: SavedQuantity) -> str:
@@ -82,7 +82,7 @@ def _weakness(result: SavedResult, name: str, quantity: SavedQuantity) -> str:
 
 
 def _scale(
-    result: SavedResult, brdf: Microfacet, textures: Textures | None, albedo: str | None
+    result: SavedResult, brdf: Microfacet, textures: SavedTextures | None, albedo: str | None
 ) -> tuple[Floats, Sequence[str]]:
     """What Kd and Ks are multiplied by, (3,), and what is said of it."""
     if result.is_absolute:
@@ -117,7 +117,7 @@ def _parsed(albedo: str) -> list[float]:
     return values
 
 
-def _scaled(textures: Textures | None, scale: Floats) -> Textures | None:
+def _scaled(textures: SavedTextures | None, scale: Floats) -> SavedTextures | None:
     if textures is None:
         return None
     return replace(

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from capture.files.imagefile import write_exr
 from invrender.output.export.mapping import Mapping
-from invrender.output.export.material import Material
+from invrender.output.export.material import ExportedBRDF
 from invrender.output.export.shape import Shape
 from invrender.output.export.texels import base_texels, texels_of
-from invrender.output.export.written import Written, clipped
+from invrender.output.export.written import WrittenExport, clipped
 from recon.mesh.trianglemesh import write_mesh
 
 Floats = NDArray[np.float64]
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 MATERIAL_NAME, _MESH_NAME = "material.mtlx", "object.obj"
 
 
-def write_materialx(folder: Path, shape: Shape, material: Material, mapping: Mapping) -> Written:
+def write_materialx(folder: Path, shape: Shape, material: ExportedBRDF, mapping: Mapping) -> WrittenExport:
     """Write material.mtlx, the object as object.obj (metres, +Z up), and textures."""
     numbers = mapping.numbers
     weight = float(numbers.specular.max())
@@ -74,4 +74,4 @@ def write_materialx(folder: Path, shape: Shape, material: Material, mapping: Map
     ET.indent(document)
     ET.ElementTree(document).write(folder / MATERIAL_NAME, encoding="utf-8", xml_declaration=True)
     write_mesh(folder / _MESH_NAME, shape.mesh)
-    return Written(tuple(files), parameters, tuple(notes))
+    return WrittenExport(tuple(files), parameters, tuple(notes))

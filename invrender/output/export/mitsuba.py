@@ -18,12 +18,12 @@ from capture.files.imagefile import write_exr
 from capture.lighting import Lighting
 from invrender.output.export.lights import MITSUBA_MAP_TO_WORLD, mitsuba_map
 from invrender.output.export.mapping import Mapping
-from invrender.output.export.material import Material
+from invrender.output.export.material import ExportedBRDF
 from invrender.output.export.mitsuba_target import NO_INDEX, MitsubaBlend, MitsubaPlastic
 from invrender.output.export.shape import Shape
 from invrender.output.export.target import Numbers
 from invrender.output.export.texels import base_texels, texels_of
-from invrender.output.export.written import Written
+from invrender.output.export.written import WrittenExport
 from recon.mesh.trianglemesh import TriangleMesh, write_mesh
 
 Floats = NDArray[np.float64]
@@ -34,8 +34,8 @@ _SAMPLES = 64
 
 
 def write_mitsuba(
-    folder: Path, shape: Shape, material: Material, mapping: Mapping, lighting: Lighting, camera: Camera
-) -> Written:
+    folder: Path, shape: Shape, material: ExportedBRDF, mapping: Mapping, lighting: Lighting, camera: Camera
+) -> WrittenExport:
     """Write scene.xml with what it names beside it."""
     scene = ET.Element("scene", version="3.0.0")
     scene.append(ET.Comment(" lightfactor: lengths in millimetres, +Z up, linear radiance "))
@@ -48,7 +48,7 @@ def write_mitsuba(
     _emitters(scene, lighting, folder, files)
     ET.indent(scene)
     ET.ElementTree(scene).write(folder / SCENE_NAME, encoding="utf-8", xml_declaration=True)
-    return Written(tuple(files), parameters)
+    return WrittenExport(tuple(files), parameters)
 
 
 def _shape(scene: ET.Element, shape: Shape, folder: Path, files: list[str]) -> ET.Element:
@@ -69,7 +69,7 @@ def _shape(scene: ET.Element, shape: Shape, folder: Path, files: list[str]) -> E
 
 
 def _bsdf(
-    body: ET.Element, material: Material, mapping: Mapping, folder: Path, files: list[str]
+    body: ET.Element, material: ExportedBRDF, mapping: Mapping, folder: Path, files: list[str]
 ) -> dict[str, object]:
     """The material; returns its parameters."""
     numbers, target = mapping.numbers, mapping.target

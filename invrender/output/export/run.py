@@ -15,7 +15,7 @@ from invrender.output.export.document import export_document, lost, warnings
 from invrender.output.export.gltf import write_gltf
 from invrender.output.export.gltf_target import GLTF
 from invrender.output.export.mapping import Mapping, map_brdf
-from invrender.output.export.material import Material, material_of
+from invrender.output.export.material import ExportedBRDF, material_of
 from invrender.output.export.materialx import write_materialx
 from invrender.output.export.materialx_target import STANDARD_SURFACE
 from invrender.output.export.mitsuba import write_mitsuba
@@ -108,7 +108,7 @@ def _check_options(options: ExportOptions) -> None:
         raise ValueError(f"--format {options.form}: has no camera; leave out --view")
 
 
-def _lighting(result: SavedResult, material: Material, options: ExportOptions) -> Lighting | None:
+def _lighting(result: SavedResult, material: ExportedBRDF, options: ExportOptions) -> Lighting | None:
     """The lighting that is exported, in the material's scale."""
     if options.form == "materialx" or (options.form == "gltf" and not options.light):
         return None

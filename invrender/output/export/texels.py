@@ -14,7 +14,7 @@ from scipy.ndimage import distance_transform_edt
 
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.mapping import Mapping
-from invrender.result.savedtextures import Textures
+from invrender.result.savedtextures import SavedTextures
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def strongest(texels: Texels) -> float:
     return max(float(np.percentile(texels.brightest, _STRONG_PERCENTILE)), 1.0)
 
 
-def texels_of(textures: Textures, ks: Floats) -> Texels:
+def texels_of(textures: SavedTextures, ks: Floats) -> Texels:
     """Textures on one grid, those of the nearest known texel where nothing is known.
 
     Other programs blend neighbours, so that black ones would darken what is known beside them, too. ks : (3,), the mean

@@ -16,7 +16,7 @@ _NOTABLE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Written:
+class WrittenExport:
     """files : by their names in the folder. parameters : the format's own, as written. notes : sentences."""
 
     files: tuple[str, ...]

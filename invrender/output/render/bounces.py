@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.render.subject import Subject
 from invrender.result.reflectance import Reflectance
-from invrender.transport.bounce import Bounced, Parts
+from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
 
 Floats = NDArray[np.float64]
@@ -26,7 +26,7 @@ def bounces_of(
     albedo : (3,), of a reflectance that is known up to a scale; None of one that is absolute. Where the photographs
     left Kd and Ks open, their means are taken: what is there sends light, too.
     """
-    parts = None if subject.shadows is None else Parts.of(subject.shadows)
+    parts = None if subject.shadows is None else ConcaveMesh.of(subject.shadows)
     if parts is None:
         return lambda element: None
     brdf = reflectance.brdf
@@ -38,5 +38,5 @@ def bounces_of(
     return lru_cache(maxsize=1)(partial(_under, parts, brdf, albedo))
 
 
-def _under(parts: Parts, brdf: Microfacet, albedo: Floats | None, element: LightElement) -> Bounced:
+def _under(parts: ConcaveMesh, brdf: Microfacet, albedo: Floats | None, element: LightElement) -> Bounced:
     return parts.bounced([element], np.ones((1, 3)), brdf, albedo)

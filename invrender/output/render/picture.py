@@ -11,7 +11,7 @@ from capture.camera import Camera
 from capture.radiance import RadianceImage
 from invrender.output.render.subject import Subject
 from invrender.result.reflectance import Reflectance
-from invrender.result.savedtextures import Textures
+from invrender.result.savedtextures import SavedTextures
 from invrender.transport.bounce import Bounced
 from invrender.transport.reflected import ReflectedMap, prepared_map
 from invrender.transport.shading import shade
@@ -141,7 +141,9 @@ def _enter(
         picture.std[pixels] = np.sqrt(np.maximum(variance, 0)) * alpha[:, None]
 
 
-def _paint(subject: Subject, camera: Camera, textures: Textures, field: LightField, alpha: Floats) -> _Paint:
+def _paint(
+    subject: Subject, camera: Camera, textures: SavedTextures, field: LightField, alpha: Floats
+) -> _Paint:
     """Means of Kd and Ks over samples' pixels, as far as the body covers them (alpha, (n,)); paint may be fine.
 
     They are taken at once for all rays of a pixel, whose light varies little beside.

@@ -13,7 +13,7 @@ from capture.photoset import PhotoSet
 from capture.terminal import console, leave_cleanly_when_stopped
 from invrender.output.render.bounces import bounces_of
 from invrender.output.render.files import automatic_exposure, exposure_note, write_picture, write_png
-from invrender.output.render.frames import Frame, light_frames, view_frames
+from invrender.output.render.frames import TurntableFrame, light_frames, view_frames
 from invrender.output.render.light import chosen_lighting, light_element, turned
 from invrender.output.render.options import DEFAULT_FPS, RenderOptions, check_options
 from invrender.output.render.picture import Picture, take_picture
@@ -125,7 +125,7 @@ def _check_subject(material: Reflectance, subject: Subject, options: RenderOptio
 
 def _frames(
     result: SavedResult, photoset: PhotoSet | None, options: RenderOptions, subject: Subject
-) -> tuple[list[Frame], list[str]]:
+) -> tuple[list[TurntableFrame], list[str]]:
     """What is to be taken, and notes on the cameras."""
     size = None if options.size is None else parse_size(options.size)
     view = parse_view(options.view or _DEFAULT_VIEW)
@@ -154,12 +154,12 @@ def _photographer(
     element: LightElement,
     with_std: bool,
     bounces: Callable[[LightElement], Bounced | None] | None,
-) -> Callable[[Frame], Picture]:
+) -> Callable[[TurntableFrame], Picture]:
     """What takes a frame's picture."""
     # Frames in which the light rests share what is prepared of it.
     under = lru_cache(maxsize=1)(partial(turned, element))
 
-    def take(frame: Frame) -> Picture:
+    def take(frame: TurntableFrame) -> Picture:
         light = under(frame.light_turn)
         bounced = None if bounces is None else bounces(light)
         return take_picture(subject, frame.camera, material, light, with_std, bounced)

@@ -15,7 +15,7 @@ from capture.files.documents import file_hash, read_json
 from capture.files.tables import Table
 from capture.photoset import PhotoSet
 from invrender.result.saved import SavedResult
-from invrender.result.savedtextures import Textures, Weights
+from invrender.result.savedtextures import RayReflectance, SavedTextures
 from invrender.transport.visibility import Shadows
 from recon.mesh.bodies import Body, MeshBody, SphereBody
 from recon.mesh.shape import opening_warnings, placed, read_object_mesh, without_strays
@@ -59,7 +59,7 @@ class Subject:
     def has_texture_coordinates(self) -> bool:
         return isinstance(self.body, MeshBody) and self.body.mesh.uv is not None
 
-    def painted(self, textures: Textures, camera: Camera, pixels: Floats) -> Weights:
+    def painted(self, textures: SavedTextures, camera: Camera, pixels: Floats) -> RayReflectance:
         """Kd and Ks where rays through image points (m, 2) meet a mesh that the textures go with; zero beside it."""
         assert isinstance(self.body, MeshBody)
         hits = self.body.hits(camera, pixels)
@@ -67,13 +67,13 @@ class Subject:
         assert hits.weights is not None
         return self._painted(textures, self.body.mesh.faces[hits.faces], hits.weights).where(hits.hit)
 
-    def painted_faces(self, textures: Textures) -> Weights:
+    def painted_faces(self, textures: SavedTextures) -> RayReflectance:
         """Kd and Ks in the middle of each face of a mesh that the textures go with."""
         assert isinstance(self.body, MeshBody)
         corners = self.body.mesh.faces
         return self._painted(textures, corners, np.full(corners.shape, 1 / 3))
 
-    def _painted(self, textures: Textures, corners: Ints, weights: Floats) -> Weights:
+    def _painted(self, textures: SavedTextures, corners: Ints, weights: Floats) -> RayReflectance:
         assert isinstance(self.body, MeshBody)
         if textures.at_vertices:
             return textures.between(corners, weights)

@@ -18,7 +18,7 @@ from invrender.output.render.files import (
     write_png,
     write_rgba,
 )
-from invrender.output.render.frames import Frame
+from invrender.output.render.frames import TurntableFrame
 from invrender.output.render.picture import Picture
 from invrender.output.render.video import write_video
 
@@ -28,7 +28,9 @@ _STRIP_COLUMNS = 8
 _MOST_STRIP_PIXELS = 100_000_000
 
 
-def write_frames(folder: Path, frames: Mapping[str, Frame], take: Callable[[Frame], Picture]) -> float:
+def write_frames(
+    folder: Path, frames: Mapping[str, TurntableFrame], take: Callable[[TurntableFrame], Picture]
+) -> float:
     """Write NAME.exr of each frame, and return the exposure in EV at which the brightest of them just clips."""
     exposures = []
     for name, frame in track(list(frames.items()), "Rendering"):
@@ -53,7 +55,7 @@ def develop(folder: Path, names: Sequence[str], out: Path, exposure_ev: float, f
                 write_png(folder / f"{name}.png", picture, exposure_ev)
 
 
-def check_strip(out: Path, frames: Mapping[str, Frame]) -> None:
+def check_strip(out: Path, frames: Mapping[str, TurntableFrame]) -> None:
     """ValueError where all frames of a turntable are too much for one picture."""
     camera = next(iter(frames.values())).camera
     if len(frames) * camera.width * camera.height > _MOST_STRIP_PIXELS:
@@ -64,7 +66,11 @@ def check_strip(out: Path, frames: Mapping[str, Frame]) -> None:
 
 
 def write_views(
-    folder: Path, frames: Mapping[str, Frame], lighting: str, inputs: Sequence[Path], notes: Sequence[str]
+    folder: Path,
+    frames: Mapping[str, TurntableFrame],
+    lighting: str,
+    inputs: Sequence[Path],
+    notes: Sequence[str],
 ) -> None:
     """Write views.json: what each frame of a folder was seen by."""
     document = {

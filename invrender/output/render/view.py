@@ -22,7 +22,7 @@ _MAX_SIDE = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Optics:
+class ViewCamera:
     """A camera for new views. camera : at any pose, without distortion. radii : its distance from the object's centre,
     in radii of the object; of an orthographic camera without meaning."""
 
@@ -67,7 +67,7 @@ def new_optics(
     radius: float,
     size: tuple[int, int] | None,
     fov_deg: float | None,
-) -> Optics:
+) -> ViewCamera:
     """A camera for new views of an object of a radius: the photographs', as far as size and fov_deg leave it.
 
     photographs : their cameras, and centre and radius of what they show, metres; None where they aren't known.
@@ -93,11 +93,11 @@ def new_optics(
         focal, orthographic = width / 2 / np.tan(np.radians(fov_deg) / 2), False
     if orthographic:
         scale = focal * photographed / radius
-        return Optics(Camera("ORTHOGRAPHIC", np.array([scale, *middle]), width, height, np.eye(4)), radii)
-    return Optics(Camera("PINHOLE", np.array([focal, focal, *middle]), width, height, np.eye(4)), radii)
+        return ViewCamera(Camera("ORTHOGRAPHIC", np.array([scale, *middle]), width, height, np.eye(4)), radii)
+    return ViewCamera(Camera("PINHOLE", np.array([focal, focal, *middle]), width, height, np.eye(4)), radii)
 
 
-def seen_from(optics: Optics, view: View, centre: Floats, radius: float) -> Camera:
+def seen_from(optics: ViewCamera, view: View, centre: Floats, radius: float) -> Camera:
     """The camera at a view of an object; metres. +Z is up in its picture; ValueError if it stands inside."""
     distance = optics.radii * radius if view.distance is None else view.distance
     if distance <= radius:

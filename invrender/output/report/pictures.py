@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from capture.srgb import linear_to_srgb
 from invrender.estimate.quantities import FittedLighting, PhotoScore
-from invrender.estimate.textured.textures import Textures
+from invrender.estimate.textured.textures import FittedTextures
 from invrender.result.document import lighting_map
 from recon.sampling.lightfield import LightField
 
@@ -169,7 +169,7 @@ def _angles(directions: Floats) -> tuple[Floats, Floats]:
     return np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arccos(np.clip(z, -1, 1)))
 
 
-def texture_figure(textures: Textures) -> Figure:
+def texture_figure(textures: FittedTextures) -> Figure:
     """Maps of Kd, and of Ks where it varies, beside their standard deviations; grey where they aren't known."""
     rows = [("$K_d$", textures.kd, textures.kd_std)]
     if textures.ks_varies:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.poses.align.similarity import Similarity
-from recon.poses.align.task import Found
+from recon.poses.align.task import FoundPlace
 from recon.poses.align.uncertainty import in_mesh_metres
 
 Floats = NDArray[np.float64]
@@ -40,7 +40,7 @@ def placement(place: Similarity) -> tuple[Floats, float]:
 
 
 def alignment_document(
-    found: Found,
+    found: FoundPlace,
     photos: Sequence[PhotoFit],
     method: str,
     made_from: Mapping[str, str],
@@ -74,7 +74,7 @@ def alignment_document(
     }
 
 
-def std_of(found: Found) -> dict[str, float]:
+def std_of(found: FoundPlace) -> dict[str, float]:
     """Standard deviations of the angle by which the mesh is turned, degrees, and of its middle's place, metres."""
     variance = np.diag(found.uncertain.covariance)
     return {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from recon.placement.conventions import other_conventions
 from recon.poses.align.absolute import fit_picks
 from recon.poses.align.pixelrays import from_one_place
-from recon.poses.align.refine import PickedRays, Refined, refine
+from recon.poses.align.refine import PickedRays, RefinedPlace, refine
 from recon.poses.align.search import meeting_point, starting_places
 from recon.poses.align.similarity import Similarity
 from recon.poses.align.task import Task
@@ -63,7 +63,7 @@ def starts_from_picks(
     return places, pull, fit.kept, notes
 
 
-def best_of(task: Task, starts: Sequence[Similarity], several: bool, pull: PickedRays | None) -> Refined:
+def best_of(task: Task, starts: Sequence[Similarity], several: bool, pull: PickedRays | None) -> RefinedPlace:
     """The refined place that fits best; ValueError if another orientation fits as well."""
     some = np.linspace(0, len(task.outlines) - 1, min(len(task.outlines), _TRIED_PHOTOS)).round().astype(int)
     few = [task.outlines[i] for i in np.unique(some)] if task.outlines else []

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from recon.poses.align.candidates import APART, best_of, starts_from_picks, suspected_convention
-from recon.poses.align.refine import PickedRays, Refined, refine
+from recon.poses.align.refine import PickedRays, RefinedPlace, refine
 from recon.poses.align.search import starting_places
 from recon.poses.align.silhouettes import overlap
-from recon.poses.align.task import Found, NoFitError, Task, from_several_places, resized
-from recon.poses.align.uncertainty import Uncertainty, uncertainty
+from recon.poses.align.task import FoundPlace, NoFitError, Task, from_several_places, resized
+from recon.poses.align.uncertainty import PlaceUncertainty, uncertainty
 from recon.poses.align.verdicts import fits, misfit_px, off_px, open_axis, tolerated_px, wrong_size
 
 # Photographs that are off by so many times what the others are, and by more than is tolerated, are left out.
@@ -25,7 +25,7 @@ _SAME_SIZE = 0.1
 _ADVICE = "check masks and poses, or give picks (--picks)"
 
 
-def place_mesh(task: Task) -> Found:
+def place_mesh(task: Task) -> FoundPlace:
     """Where the mesh stands; ValueError says what keeps it from being told, and what to do."""
     try:
         return _placed(task)
@@ -38,7 +38,7 @@ def place_mesh(task: Task) -> Found:
         raise ValueError(f"the mesh fits its masks nowhere; the poses look like {name}") from error
 
 
-def _placed(task: Task) -> Found:
+def _placed(task: Task) -> FoundPlace:
     several, labels = from_several_places(task), task.labels
     kept = np.ones(0 if task.picks is None else len(task.picks.points), bool)
     warnings: list[str] = []
@@ -98,10 +98,10 @@ def _placed(task: Task) -> Found:
         )
     warnings += _pick_warnings(task, best, pull)
     left_out = tuple(label for label in labels if label not in task.labels)
-    return Found(best.place, uncertain, best.pivot, known, best, kept, tuple(warnings), left_out)
+    return FoundPlace(best.place, uncertain, best.pivot, known, best, kept, tuple(warnings), left_out)
 
 
-def _check(task: Task, fit: Refined) -> None:
+def _check(task: Task, fit: RefinedPlace) -> None:
     """ValueError unless it fits."""
     if fits(task.tracer, task.outlines, fit):
         return
@@ -114,7 +114,9 @@ def _check(task: Task, fit: Refined) -> None:
     )
 
 
-def _at_given_scale(task: Task, free: Refined, pull: PickedRays | None) -> tuple[Refined, list[str]]:
+def _at_given_scale(
+    task: Task, free: RefinedPlace, pull: PickedRays | None
+) -> tuple[RefinedPlace, list[str]]:
     """The fit at scale 1, and a sentence if the mesh fits better at another; ValueError if it fits there only."""
     size = free.place.scale
     spread = uncertainty(free, size * task.tracer.size / 2, bool(task.outlines)).covariance[6, 6]
@@ -132,7 +134,7 @@ def _at_given_scale(task: Task, free: Refined, pull: PickedRays | None) -> tuple
     return held, []
 
 
-def _from_cloud(task: Task) -> Found:
+def _from_cloud(task: Task) -> FoundPlace:
     assert task.cloud is not None
     matches = task.cloud.search(free_scale=True)
     best = matches[0]
@@ -154,9 +156,9 @@ def _from_cloud(task: Task) -> Found:
     note = (
         "no photograph has a mask: the place rests on the cloud of points alone; masks make it far more exact"
     )
-    return Found(
+    return FoundPlace(
         best.place,
-        Uncertainty(best.covariance, None, False),
+        PlaceUncertainty(best.covariance, None, False),
         best.pivot,
         True,
         None,
@@ -165,7 +167,9 @@ def _from_cloud(task: Task) -> Found:
     )
 
 
-def _without_misfits(task: Task, fit: Refined, pull: PickedRays | None) -> tuple[Task, Refined, list[str]]:
+def _without_misfits(
+    task: Task, fit: RefinedPlace, pull: PickedRays | None
+) -> tuple[Task, RefinedPlace, list[str]]:
     """Task and fit without photographs that contradict it, and sentences on them and on what else doesn't fit."""
     if not task.outlines:
         return task, fit, []
@@ -200,7 +204,7 @@ def _without_misfits(task: Task, fit: Refined, pull: PickedRays | None) -> tuple
     return task, fit, notes
 
 
-def _pick_warnings(task: Task, best: Refined, pull: PickedRays | None) -> list[str]:
+def _pick_warnings(task: Task, best: RefinedPlace, pull: PickedRays | None) -> list[str]:
     if pull is None or not task.outlines:
         return []
     off = float(np.sqrt((best.left.picks**2).sum(axis=1).mean() / 2))

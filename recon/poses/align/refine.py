@@ -48,7 +48,7 @@ class PickedRays:
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class PlaceResiduals:
     """What is left over at a place of the mesh.
 
     offsets : (n,) pixels outwards, of the silhouette from the outline. found : (n,) bool. weights : (n,) 1 / pixels^2,
@@ -71,7 +71,7 @@ class Residuals:
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
+class RefinedPlace:
     """A mesh in its place.
 
     growth : pixels by which the mesh's silhouettes are larger than the masks. pivot : (3,) world, about which motions
@@ -84,7 +84,7 @@ class Refined:
     pivot: Floats
     information: Floats
     free: NDArray[np.bool_]
-    left: Residuals
+    left: PlaceResiduals
 
     def __post_init__(self) -> None:
         for name in ("pivot", "information"):
@@ -99,7 +99,7 @@ def refine(
     free_scale: bool,
     picks: PickedRays | None = None,
     thorough: bool = True,
-) -> Refined:
+) -> RefinedPlace:
     """Move a mesh from where it starts until its silhouettes lie on outlines, one of each photograph.
 
     tracer : of the mesh in its own frame. thorough : false stops before the finest search, for trying many starts.
@@ -120,7 +120,7 @@ def refine(
     return problem.result(place, growth)
 
 
-def residuals_at(tracer: RayTracer, outlines: Sequence[Outline], refined: Refined) -> Residuals:
+def residuals_at(tracer: RayTracer, outlines: Sequence[Outline], refined: RefinedPlace) -> PlaceResiduals:
     """What other photographs, that the place was not fitted to, say of it."""
     reaches = [max(_FINE[0] * outline.radius, _FINE[1]) for outline in outlines]
     lines = lines_across([outline.thinned(_FINE[2]) for outline in outlines], reaches)
@@ -137,7 +137,7 @@ class _Evaluated:
     information: Floats
     gradient: Floats
     pivot: Floats
-    residuals: Residuals
+    residuals: PlaceResiduals
 
 
 class _Problem:
@@ -189,9 +189,9 @@ class _Problem:
                 break
         return place, growth
 
-    def result(self, place: Similarity, growth: float) -> Refined:
+    def result(self, place: Similarity, growth: float) -> RefinedPlace:
         now = self.evaluated(place, growth)
-        return Refined(place, growth, now.pivot, now.information, self.free, now.residuals)
+        return RefinedPlace(place, growth, now.pivot, now.information, self.free, now.residuals)
 
     def evaluated(self, place: Similarity, growth: float) -> _Evaluated:
         return self._objective(place, growth, self._met(place), None)
@@ -237,7 +237,7 @@ class _Problem:
             cost += 9 * float(np.log1p(far).sum())
         held = ~self.free
         information[held], information[:, held], gradient[held] = 0, 0, 0
-        left = Residuals(
+        left = PlaceResiduals(
             met.offsets,
             met.found,
             weights,

@@ -31,7 +31,7 @@ from recon.poses.align.placing import place_mesh
 from recon.poses.align.refine import residuals_at
 from recon.poses.align.silhouettes import overlap
 from recon.poses.align.similarity import Similarity
-from recon.poses.align.task import Found, Task
+from recon.poses.align.task import FoundPlace, Task
 from recon.poses.align.verdicts import off_px
 
 Floats = NDArray[np.float64]
@@ -119,7 +119,7 @@ def _task(
     )
 
 
-def _placed(task: Task, photoset: PhotoSet, picks: Picks | None, picks_file: Path | None) -> Found:
+def _placed(task: Task, photoset: PhotoSet, picks: Picks | None, picks_file: Path | None) -> FoundPlace:
     if picks is None or picks_file is None:
         try:
             return place_mesh(task)
@@ -152,7 +152,7 @@ def _explained(picks: Picks, photoset: PhotoSet, picks_file: Path) -> str:
 
 
 def _photo_fits(
-    photoset: PhotoSet, tracer: RayTracer, evidence: Evidence, found: Found, picks: Picks | None
+    photoset: PhotoSet, tracer: RayTracer, evidence: Evidence, found: FoundPlace, picks: Picks | None
 ) -> list[PhotoFit]:
     """How each photograph fits, those that were not fitted to among them."""
     masked = list(evidence.outlines)
@@ -180,7 +180,7 @@ def _panels(
     photoset: PhotoSet,
     mesh: TriangleMesh,
     evidence: Evidence,
-    found: Found,
+    found: FoundPlace,
     fits: list[PhotoFit],
     picks: Picks | None,
 ) -> tuple[list[Overlay], str]:
@@ -218,7 +218,7 @@ def _scaled(camera: Camera, world_scale: float) -> Camera:
     return camera.posed(pose)
 
 
-def _summary(found: Found, fits: list[PhotoFit]) -> str:
+def _summary(found: FoundPlace, fits: list[PhotoFit]) -> str:
     off = [fit.rms_px for fit in fits if fit.rms_px is not None and not (fit.held_out or fit.left_out)]
     if off:
         return f"silhouettes {np.median(off):.2f} px from {len(off)} outlines, median"
@@ -228,7 +228,7 @@ def _summary(found: Found, fits: list[PhotoFit]) -> str:
     return "from the cloud of points alone"
 
 
-def _report(found: Found, fits: list[PhotoFit], warnings: list[str], output: Path) -> None:
+def _report(found: FoundPlace, fits: list[PhotoFit], warnings: list[str], output: Path) -> None:
     from rich.markup import escape
     from rich.table import Table
 

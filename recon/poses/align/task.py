@@ -12,9 +12,9 @@ from recon.mesh.rays import RayTracer
 from recon.poses.align.cloud import CloudMatcher
 from recon.poses.align.outlines import Outline
 from recon.poses.align.pixelrays import PixelRays, from_one_place
-from recon.poses.align.refine import Refined
+from recon.poses.align.refine import RefinedPlace
 from recon.poses.align.similarity import Similarity
-from recon.poses.align.uncertainty import Uncertainty
+from recon.poses.align.uncertainty import PlaceUncertainty
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundPlace:
     """The mesh's place. uncertain : its covariance. scale_known : the world's scale was held, or is determined.
 
     refined : the fit to silhouettes and picks; None where only a cloud was there. kept : (n,) bool, picks that agree.
@@ -59,10 +59,10 @@ class Found:
     """
 
     place: Similarity
-    uncertain: Uncertainty
+    uncertain: PlaceUncertainty
     pivot: Floats
     scale_known: bool
-    refined: Refined | None
+    refined: RefinedPlace | None
     kept: NDArray[np.bool_]
     warnings: tuple[str, ...]
     left_out: tuple[str, ...] = ()

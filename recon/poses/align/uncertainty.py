@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.poses.align.outlines import SECTORS
-from recon.poses.align.refine import Refined
+from recon.poses.align.refine import RefinedPlace
 from recon.poses.align.similarity import Similarity
 
 Floats = NDArray[np.float64]
@@ -24,7 +24,7 @@ _READ_PX = 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class Uncertainty:
+class PlaceUncertainty:
     """Covariance (7, 7) of `Similarity.moved` about the fit's pivot: turn (rad), shift, log scale; zero where held.
 
     open_turn : (3,) unit, the axis in the world about which the mesh may turn as it likes; None if there is none.
@@ -37,7 +37,7 @@ class Uncertainty:
     open_depth: bool
 
 
-def uncertainty(refined: Refined, radius: float, silhouettes: bool) -> Uncertainty:
+def uncertainty(refined: RefinedPlace, radius: float, silhouettes: bool) -> PlaceUncertainty:
     """Covariance by the jackknife over sectors of outlines, within which errors of masks go together [Efron & Stein
     1981, "The jackknife estimate of variance"], and, on top, what photographs are off as a whole, poses and masks.
 
@@ -64,7 +64,7 @@ def uncertainty(refined: Refined, radius: float, silhouettes: bool) -> Uncertain
     turns, axes = np.linalg.eigh(covariance[:3, :3] + 1e3 * gauges[:3] @ gauges[:3].T)
     if turns[-1] > _UNKNOWN_TURN**2:
         open_turn = axes[:, -1]
-    return Uncertainty(covariance[:7, :7], open_turn, bool((~known).any()))
+    return PlaceUncertainty(covariance[:7, :7], open_turn, bool((~known).any()))
 
 
 def in_mesh_metres(covariance: Floats, place: Similarity, pivot: Floats) -> Floats:
@@ -87,7 +87,7 @@ def in_mesh_metres(covariance: Floats, place: Similarity, pivot: Floats) -> Floa
 
 
 def _jackknife(
-    refined: Refined, information: Floats, unit: Floats, known: Floats, explained: Floats
+    refined: RefinedPlace, information: Floats, unit: Floats, known: Floats, explained: Floats
 ) -> Floats:
     """Scatter of the estimate when each part of an outline is left out in turn: a sector, or a quarter of the outline,
     whichever scatters more, for nobody knows how far errors of masks reach.
@@ -121,7 +121,7 @@ def _jackknife(
     return np.asarray(known @ (max(scatters, key=np.trace) + given) @ known.T)
 
 
-def _whole_photos(refined: Refined, bread: Floats, unit: Floats) -> tuple[Floats, Floats]:
+def _whole_photos(refined: RefinedPlace, bread: Floats, unit: Floats) -> tuple[Floats, Floats]:
     """What whole photographs that are shifted against the others, as by errors of their poses, add to the covariance,
     and the part of the residuals (n,) that these shifts explain.
     """

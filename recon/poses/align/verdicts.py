@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from recon.mesh.rays import RayTracer
 from recon.mesh.shape import METRES
 from recon.poses.align.outlines import Outline
-from recon.poses.align.refine import Refined, Residuals, residuals_at
+from recon.poses.align.refine import PlaceResiduals, RefinedPlace, residuals_at
 from recon.poses.align.silhouettes import overlap
 
 Floats = NDArray[np.float64]
@@ -26,13 +26,13 @@ _RULED_OUT, _HAIR_PX, _HAIR_SHARE = 4.0, 0.02, 0.1
 _ODD_TURN = np.radians(17)
 
 
-def misfit_px(refined: Refined) -> float:
+def misfit_px(refined: RefinedPlace) -> float:
     """Mean distance of silhouettes from outlines in pixels; where none is found, as far as it was looked for."""
     left = refined.left
     return float(np.where(left.found, np.abs(left.offsets), left.reach).mean()) if len(left.found) else 0.0
 
 
-def off_px(left: Residuals, photos: int) -> Floats:
+def off_px(left: PlaceResiduals, photos: int) -> Floats:
     """Robust distance of silhouettes from outlines, pixels, of each photo (n,): the RMS where it is Gaussian."""
     off = np.where(left.found, np.abs(left.offsets), left.reach)
     return np.array([1.4826 * float(np.median(off[left.photo == photo])) for photo in range(photos)])
@@ -44,7 +44,7 @@ def tolerated_px(outlines: Sequence[Outline]) -> float:
     return max(_MAX_OFF_PX, _MAX_OFF_SHARE * radius)
 
 
-def fits(tracer: RayTracer, outlines: Sequence[Outline], fit: Refined) -> bool:
+def fits(tracer: RayTracer, outlines: Sequence[Outline], fit: RefinedPlace) -> bool:
     """Whether silhouettes lie on outlines, and areas on areas; true without outlines."""
     if not outlines:
         return True
@@ -55,7 +55,7 @@ def fits(tracer: RayTracer, outlines: Sequence[Outline], fit: Refined) -> bool:
     return near and float(np.median(areas)) >= _MIN_OVERLAP
 
 
-def ruled_out(best: Refined, other: Refined) -> bool:
+def ruled_out(best: RefinedPlace, other: RefinedPlace) -> bool:
     """Whether the other is worse beyond chance, judged by sectors of outlines."""
     cluster = best.left.photo * 1000 + best.left.sector
     _, cluster = np.unique(cluster, return_inverse=True)
@@ -66,11 +66,11 @@ def ruled_out(best: Refined, other: Refined) -> bool:
     return bool(means.mean() > least)
 
 
-def _capped(fit: Refined, most: float) -> Floats:
+def _capped(fit: RefinedPlace, most: float) -> Floats:
     return np.where(fit.left.found, np.minimum(np.abs(fit.left.offsets), most), most)
 
 
-def open_axis(tracer: RayTracer, outlines: Sequence[Outline], fit: Refined) -> Floats | None:
+def open_axis(tracer: RayTracer, outlines: Sequence[Outline], fit: RefinedPlace) -> Floats | None:
     """The axis (3,), mesh frame, about which the mesh fits as well when it is turned, if there is one.
 
     Asked of the fit itself, not of its derivative: a vase's facets make ripples, which look like knowledge.

@@ -31,7 +31,7 @@ _BATCH = 4
 
 
 @dataclass(frozen=True)
-class Shot:
+class PhotoRecord:
     """A photograph in the database. name : its picture's file. lens : the number of its camera."""
 
     name: str
@@ -72,7 +72,12 @@ def quiet_colmap() -> Iterator[None]:
 
 
 def match_features(
-    database: Path, folder: Path, shots: Sequence[Shot], lenses: Sequence[Camera], masked: bool, track: Track
+    database: Path,
+    folder: Path,
+    shots: Sequence[PhotoRecord],
+    lenses: Sequence[Camera],
+    masked: bool,
+    track: Track,
 ) -> Matches:
     """Find features in pictures and match them; `database` is made.
 
@@ -165,7 +170,7 @@ def _pairs(database: Any, shapes: Sequence[NDArray[np.float64]]) -> list[tuple[i
     )
 
 
-def _write_shots(path: Path, shots: Sequence[Shot], lenses: Sequence[Camera]) -> None:
+def _write_shots(path: Path, shots: Sequence[PhotoRecord], lenses: Sequence[Camera]) -> None:
     """Cameras and images under numbers of our choosing; left to COLMAP they would depend on its threads' race."""
     import pycolmap
 

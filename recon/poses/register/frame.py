@@ -19,7 +19,7 @@ _AGREEING = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class WorldFrame:
     """world = scale * rotation @ own + shift, own being the frame that a structure was found in.
 
     covariance : (7, 7) of a further turn (radians), shift and log scale of the world about its origin; None where the
@@ -57,7 +57,7 @@ class Frame:
         return np.asarray(scaled + changes @ self.covariance @ changes.T)
 
 
-def frame_of_poses(poses: Floats, given: Floats, distance: float) -> Frame:
+def frame_of_poses(poses: Floats, given: Floats, distance: float) -> WorldFrame:
     """The frame in which poses (c, 4, 4) come nearest to given ones, c at least 2, from different places.
 
     distance : of the cameras from the object, in the poses' own unit: a shift over it counts as much as a turn in
@@ -79,13 +79,13 @@ def frame_of_poses(poses: Floats, given: Floats, distance: float) -> Frame:
     far = own > 0.1 * own.max()
     scale = float(np.median(np.linalg.norm(targets[first] - targets[second], axis=1)[far] / own[far]))
     shift = np.median(targets - scale * centres @ rotation.T, axis=0)
-    start = Frame(rotation, shift, scale)
+    start = WorldFrame(rotation, shift, scale)
 
-    def moved(step: Floats) -> Frame:
+    def moved(step: Floats) -> WorldFrame:
         turn, growth = Rotation.from_rotvec(step[:3]).as_matrix(), float(np.exp(step[6]))
         pivot = targets.mean(axis=0)
         moved_shift = pivot + growth * turn @ (start.shift - pivot) + step[3:6] * distance * scale
-        return Frame(turn @ rotation, moved_shift, scale * growth)
+        return WorldFrame(turn @ rotation, moved_shift, scale * growth)
 
     def residuals(step: Floats) -> Floats:
         return (_differences(moved(step).of_poses(poses), given) / unit).ravel()
@@ -95,10 +95,10 @@ def frame_of_poses(poses: Floats, given: Floats, distance: float) -> Frame:
     fit = least_squares(residuals, np.zeros(7), loss="soft_l1", f_scale=2 * size)
     frame = moved(fit.x)
     left = _differences(frame.of_poses(poses), given)
-    return Frame(frame.rotation, frame.shift, frame.scale, _scatter(frame, poses, left, unit), left)
+    return WorldFrame(frame.rotation, frame.shift, frame.scale, _scatter(frame, poses, left, unit), left)
 
 
-def frame_of_points(points: Floats, known: Floats) -> Frame:
+def frame_of_points(points: Floats, known: Floats) -> WorldFrame:
     """The frame in which points (n, 3) come nearest to known ones, least squares; never mirrored.
 
     Umeyama 1991, "Least-squares estimation of transformation parameters between two point patterns".
@@ -109,17 +109,17 @@ def frame_of_points(points: Floats, known: Floats) -> Frame:
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     rotation = (u * sign) @ vt
     scale = float((values * sign).sum() / (a**2).sum())
-    frame = Frame(rotation, known.mean(axis=0) - scale * rotation @ points.mean(axis=0), scale)
+    frame = WorldFrame(rotation, known.mean(axis=0) - scale * rotation @ points.mean(axis=0), scale)
     found = frame.of_points(points)
     left = known - found
     design = np.concatenate(
         [-cross_matrix(found), np.tile(np.eye(3), (len(found), 1, 1)), found[:, :, None]], axis=2
     ).reshape(-1, 7)
     variance = float((left**2).sum()) / max(left.size - 7, 1)
-    return Frame(rotation, frame.shift, scale, variance * np.linalg.inv(design.T @ design), left)
+    return WorldFrame(rotation, frame.shift, scale, variance * np.linalg.inv(design.T @ design), left)
 
 
-def free_frame(poses: Floats, points: Floats) -> Frame:
+def free_frame(poses: Floats, points: Floats) -> WorldFrame:
     """A frame where nothing gives one: the points' middle is the origin, the cameras' median distance from it 1.
 
     +Z is up in the pictures; where these don't agree, across the plane of the cameras. +X points to the first camera.
@@ -140,7 +140,7 @@ def free_frame(poses: Floats, points: Floats) -> Frame:
     forward = forward / np.linalg.norm(forward)
     rotation = np.stack([forward, np.cross(up, forward), up])
     scale = 1 / float(np.median(np.linalg.norm(centres - middle, axis=1)))
-    return Frame(rotation, -scale * rotation @ middle, scale)
+    return WorldFrame(rotation, -scale * rotation @ middle, scale)
 
 
 def _differences(poses: Floats, given: Floats) -> Floats:
@@ -150,7 +150,7 @@ def _differences(poses: Floats, given: Floats) -> Floats:
     return np.concatenate([turns, between[:, :3, 3]], axis=1)
 
 
-def _scatter(frame: Frame, poses: Floats, left: Floats, unit: Floats) -> Floats:
+def _scatter(frame: WorldFrame, poses: Floats, left: Floats, unit: Floats) -> Floats:
     """Covariance (7, 7) of a frame fitted to poses, of which those that are far off hardly count."""
     shares = np.linalg.norm(left / unit, axis=1)
     size = 1.4826 * float(np.median(shares)) + 1e-12

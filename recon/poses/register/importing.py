@@ -12,7 +12,7 @@ from capture.camera import Camera
 from capture.photoset import PhotoSet
 from recon.placement.conventions import other_conventions
 from recon.poses.register.advice import some_missing
-from recon.poses.register.frame import Frame
+from recon.poses.register.frame import WorldFrame
 from recon.poses.register.importcolmap import read_colmap
 from recon.poses.register.imported import ImportedPose, camera_warning, same_camera
 from recon.poses.register.importtransforms import read_transforms, transforms_conventions
@@ -93,6 +93,6 @@ def _finish_import(
     warnings: list[str],
     conventions: Conventions,
 ) -> Registration:
-    frame = Frame(np.eye(3), np.zeros(3), 1.0)
+    frame = WorldFrame(np.eye(3), np.zeros(3), 1.0)
     found = registration_of(photoset, method, structure, frame, "free", reasons, warnings)
     return checked(photoset, found, "check that the file belongs to this set, and the masks", conventions)

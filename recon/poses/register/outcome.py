@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture.camera import Camera
 from capture.decode import photo_mask
 from capture.photoset import PhotoSet
-from recon.poses.register.frame import Frame
+from recon.poses.register.frame import WorldFrame
 from recon.poses.register.posesfile import Method, Registration, ScaleSource
 from recon.poses.register.silhouettes import Conventions, check_sight, check_silhouettes
 from recon.poses.register.structure import Structure
@@ -45,7 +45,7 @@ def registration_of(
     photoset: PhotoSet,
     method: Method,
     structure: Structure,
-    frame: Frame,
+    frame: WorldFrame,
     source: ScaleSource,
     reasons: dict[int, str],
     warnings: Sequence[str],

@@ -19,14 +19,14 @@ from capture.progress import Track
 from recon.poses.register.advice import nothing_matches, some_missing, unsteady
 from recon.poses.register.boards import BoardSightings, board_structure, corner_landmarks, find_board
 from recon.poses.register.bundle import Bundle, adjust, spread
-from recon.poses.register.features import Matches, Shot, match_features
-from recon.poses.register.frame import Frame, frame_of_points, frame_of_poses, free_frame
+from recon.poses.register.features import Matches, PhotoRecord, match_features
+from recon.poses.register.frame import WorldFrame, frame_of_points, frame_of_poses, free_frame
 from recon.poses.register.outcome import checked, distinct_lenses, perspective_cameras, registration_of
 from recon.poses.register.patches import refine_places
 from recon.poses.register.pictures import feature_picture
 from recon.poses.register.posesfile import Registration, ScaleSource
 from recon.poses.register.structure import (
-    Model,
+    SparseModel,
     Structure,
     bundle_of,
     map_incrementally,
@@ -123,7 +123,7 @@ def masks_of(photoset: PhotoSet) -> bool:
 
 def _write_pictures(
     photoset: PhotoSet, folder: Path, masked: bool, lens_of: Ints, track: Track
-) -> list[Shot]:
+) -> list[PhotoRecord]:
     """The photographs as pictures for COLMAP, and their masks."""
     masks = folder / "masks"
     masks.mkdir()
@@ -142,10 +142,10 @@ def _write_pictures(
     work = parallel_map(write, zip(photoset.photos, names, strict=True))
     for _ in track(names, "Reading the photos"):
         next(work)
-    return [Shot(name, int(lens)) for name, lens in zip(names, lens_of, strict=True)]
+    return [PhotoRecord(name, int(lens)) for name, lens in zip(names, lens_of, strict=True)]
 
 
-def _refined(mapped: Model, pictures: Sequence[Path]) -> Bundle:
+def _refined(mapped: SparseModel, pictures: Sequence[Path]) -> Bundle:
     """The adjusted bundle, features' places being refined by the pictures of its photographs."""
     bundle = adjust(mapped.bundle)
 
@@ -159,7 +159,7 @@ def _by_board(photoset: PhotoSet, sightings: BoardSightings) -> Registration:
     structure, failed = board_structure(sightings, [photo.camera for photo in photoset.photos])
     reasons = {place: f"the board: {why}" for place, why in {**sightings.reasons, **failed}.items()}
     warnings = [some_missing(photoset, reasons, len(structure.photos))] if reasons else []
-    frame = Frame(np.eye(3), np.zeros(3), 1.0)
+    frame = WorldFrame(np.eye(3), np.zeros(3), 1.0)
     found = registration_of(photoset, "board", structure, frame, "board", reasons, warnings)
     return checked(photoset, found, "check the masks, and that the board moved with the object")
 
@@ -199,7 +199,7 @@ def _unplaced(matches: Matches, photos: Ints, count: int) -> dict[int, str]:
     return reasons
 
 
-def _frame(photoset: PhotoSet, structure: Structure) -> tuple[Frame, ScaleSource, list[str]]:
+def _frame(photoset: PhotoSet, structure: Structure) -> tuple[WorldFrame, ScaleSource, list[str]]:
     """The world's frame where no board gives it: the manifest's own poses, or a free one."""
     rows = [row for row, place in enumerate(structure.photos.tolist()) if photoset.photos[place].posed]
     if len(rows) < 2:

@@ -69,7 +69,7 @@ class Landmarks:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class SparseModel:
     """A reconstruction as a bundle.
 
     photos : (c,), the places in the set of the bundle's photographs. colours : (p, 3) uint8 of its points.
@@ -112,7 +112,7 @@ def bundle_of(
     lenses: Sequence[Camera],
     lens_of: Ints,
     shapes: Sequence[Floats] | None = None,
-) -> Model:
+) -> SparseModel:
     """What a COLMAP reconstruction knows.
 
     place_of : the place in the set of the model's images, by their numbers; others are left out.
@@ -153,7 +153,7 @@ def bundle_of(
     enough = np.bincount(bundle.point, minlength=len(points)) >= 2
     colours = np.array([entry.color for _, entry in points], np.uint8).reshape(-1, 3)
     kept = bundle.kept(np.ones(len(point), bool))
-    return Model(kept, photos, colours[enough], np.concatenate(shape)[enough[bundle.point]])
+    return SparseModel(kept, photos, colours[enough], np.concatenate(shape)[enough[bundle.point]])
 
 
 def with_landmarks(bundle: Bundle, photos: Ints, landmarks: Landmarks) -> tuple[Bundle, Ints]:
