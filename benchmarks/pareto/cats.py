@@ -18,7 +18,7 @@ from capture.files.imagefile import read_pixels, write_exr
 from capture.manifest import LightingTable
 from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.progress import silent
-from invrender.brdf.microfacet import MicrofacetMaterial as Fitted
+from invrender.brdf.microfacet import Microfacet as Fitted
 from invrender.estimate.rh01 import published_brdf
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.observation.clock import Clock

@@ -17,7 +17,7 @@ from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
 from capture.radiance import RadianceImage
-from invrender.brdf.microfacet import MicrofacetMaterial as Brdf
+from invrender.brdf.microfacet import Microfacet as Brdf
 from invrender.output.report.run import run_process
 from invrender.transport.columns import PhotoColumns, photo_columns
 from invrender.transport.predict import predict

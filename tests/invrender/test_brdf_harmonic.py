@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.brdf.microfacet import MicrofacetMaterial as ParametricMicrofacet
+from invrender.brdf.microfacet import Microfacet
 from invrender.inverse_brdf.harmonic import HarmonicBRDF, estimate_harmonic
 from invrender.inverse_brdf.reciprocal import (
     below_horizon,
@@ -205,7 +205,7 @@ def test_under_uniform_light_only_what_it_shows_is_determined(
 def test_ringing_is_deeper_and_the_highlight_sharper_at_higher_order(
     teflon: dict[int, HarmonicBRDF],
 ) -> None:
-    model = ParametricMicrofacet(TEFLON.kd, TEFLON.ks, TEFLON.mu, TEFLON.sigma)
+    model = Microfacet(TEFLON.kd, TEFLON.ks, TEFLON.mu, TEFLON.sigma)
     degrees, along = plane_of_incidence()
     truth = parametric_transfer(model, along)[:, 1]
     assert degrees[truth.argmax()] == pytest.approx(

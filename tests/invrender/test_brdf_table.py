@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.brdf.microfacet import MicrofacetMaterial as ParametricMicrofacet
+from invrender.brdf.microfacet import Microfacet
 from invrender.inverse_brdf.fit import fit_table, table_misfit
 from invrender.inverse_brdf.halfangles import HalfAngles, cosines, half_angles
 from invrender.inverse_brdf.near import measure_under
@@ -161,7 +161,7 @@ def test_the_fit_to_the_table_finds_the_parameters_within_its_errors(
     # 1% noise; samples of the brightest bins, which hold few, weigh most.
     assert 0.005 < fit.misfit < 0.03
     # Another material's parameters describe the table worse.
-    other = ParametricMicrofacet(TEFLON.kd, TEFLON.ks, TEFLON.mu, 0.15)
+    other = Microfacet(TEFLON.kd, TEFLON.ks, TEFLON.mu, 0.15)
     assert table_misfit(table, other) > 2 * fit.misfit
 
 

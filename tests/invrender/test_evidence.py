@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.brdf.microfacet import MicrofacetMaterial as Fitted
+from invrender.brdf.microfacet import Microfacet as Fitted
 from invrender.estimate.evidence import choose, climb_ladder, fit_strengths, relative_rms
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import LADDER, fit
