@@ -15,8 +15,8 @@ from benchmarks.spherephotos import SpherePhotos
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate import statistics as sums
-from invrender.estimate.conclusions import factorize
 from invrender.estimate.rh01 import published_brdf, published_factors
+from invrender.estimate.solution import factorize
 from invrender.estimate.unknown_light import ORDERS, factorize_blind, predict_blind
 from invrender.transport.columns import PhotoColumns, all_columns
 from invrender.transport.lobetable import Transfer

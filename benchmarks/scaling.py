@@ -28,8 +28,8 @@ from benchmarks.kept import Kept
 from benchmarks.memory import forget_peak, peak_megabytes
 from capture.parallel import one_blas_thread
 from invrender.estimate.unknown_light import factorize_blind
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import light_scale, solve_lighting
-from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.state import BlindState
 from recon.sampling.lightfield import LightField, pools
 
@@ -77,14 +77,14 @@ def run_pass(fields: Sequence[LightField], stage: Stage) -> Callable[[], object]
     """One pass over the samples under unknown light, lobes of the roughness at hand already known."""
     material = stage.material
     together = pools(fields, [0] * len(fields))
-    sights = [LightingDesign.of([fields[k] for k in pool], stage.l_max) for pool in together]
-    weights = [np.ones_like(sight.field.radiance) for sight in sights]
+    designs = [LightingDesign.of([fields[k] for k in pool], stage.l_max) for pool in together]
+    weights = [np.ones_like(design.field.radiance) for design in designs]
     share = material.ks / (material.kd + material.ks)
     directions = np.array([source.direction for source in stage.sources])
     owners = np.zeros(len(directions), int)
     state = BlindState(share, material.mu, material.sigma, directions, owners=owners)
-    scale = light_scale(sights)
-    return lambda: solve_lighting(sights, weights, scale, state, stage.l_max)
+    scale = light_scale(designs)
+    return lambda: solve_lighting(designs, weights, scale, state, stage.l_max)
 
 
 def run_unknown(fields: Sequence[LightField], stage: Stage) -> Callable[[], object]:

@@ -31,7 +31,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.overangles import HEIGHT, LEFT_OUT, compiled, light_map, map_pixels
 from capture.lighting import latlong_directions
-from invrender.brdf.lobes import PRINTED, Angles
+from invrender.brdf.lobes import RH01_FORM, Angles
 from invrender.prefilter.reflectionmap import ReflectionMap, lobe_coefficients, reflection_map
 
 Floats = NDArray[np.float64]
@@ -143,7 +143,7 @@ def by_harmonics(values: Singles, sigma: float, l_max: int, p_max: int) -> Refle
 
     def lobe(normals: Floats, wi: Floats, wo: Floats) -> Floats:
         angles = Angles.between(normals, wi, wo)
-        return PRINTED.shape(angles, sigma) * angles.cos_o  # [R02, eq. 5.34] above the horizon
+        return RH01_FORM.shape(angles, sigma) * angles.cos_o  # [R02, eq. 5.34] above the horizon
 
     rho, _ = lobe_coefficients(lobe, l_max, p_max, _FINENESS)
     return reflection_map(values, rho, HEIGHT)

@@ -12,16 +12,16 @@ from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
 from invrender.brdf import microfacet
-from invrender.estimate.conclusions import Solution, factorize
 from invrender.estimate.identifiability import lighting_degree
 from invrender.estimate.quantities import Quantity
+from invrender.estimate.solution import Solution, factorize
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
-from invrender.plan.bench import Bench
 from invrender.plan.experiment import Experiment, PlannedLight, PlannedView
+from invrender.plan.from_scene import NoisySensor
 from invrender.plan.information import Marginal, Posterior, Tally
 from invrender.plan.photographs import Draw, unexposed
+from invrender.plan.prepared import Bench
 from invrender.plan.prospect import brdf_prospect
-from invrender.plan.staged import NoisySensor
 from invrender.transport.columns import all_columns
 from invrender.transport.transfer import light_elements
 from recon.mesh.bodies import SphereBody

@@ -22,8 +22,8 @@ from invrender.brdf.microfacet import Microfacet as Fitted
 from invrender.estimate.rh01 import published_brdf
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.observation.clock import Clock
-from invrender.observation.reading import read_samples
-from invrender.observation.specimen import Specimen, find_specimen
+from invrender.observation.geometry import SceneGeometry, find_geometry
+from invrender.observation.samples import read_samples
 from invrender.process.known_light import solve_known_light
 from invrender.process.pipeline import DEFAULT_SAMPLES
 from invrender.process.solved import Solved
@@ -65,8 +65,8 @@ class CatPhotos:
     noise: Noise
     known: PhotoSet
     unknown: PhotoSet
-    specimen: Specimen
-    bare: Specimen
+    geometry: SceneGeometry
+    bare: SceneGeometry
     truth: dict[str, float | None]
     unseen: Photo
     held_out: tuple[LightField, ...]
@@ -83,7 +83,7 @@ def photographed() -> CatPhotos:
     known = load_photoset(Path(folder.name))
     first, *others = known.lightings
     unknown = replace(known, lightings=(LightingTable(name=first.name, unknown=True), *others))
-    specimen = find_specimen(known)
+    geometry = find_geometry(known)
     place, unseen = next(
         (k, photo) for k, photo in enumerate(known.photos) if photo.held_out and photo.lighting == first.name
     )
@@ -91,7 +91,7 @@ def photographed() -> CatPhotos:
         known,
         photos=(replace(unseen, file=Path(folder.name) / "truth" / f"{place:03d}.exr", held_out=False),),
     )
-    fields, _ = read_samples(clean, specimen.found, {first.name: NO_SOURCES}, _JUDGED, Clock(), silent)
+    fields, _ = read_samples(clean, geometry.found, {first.name: NO_SOURCES}, _JUDGED, Clock(), silent)
     ((radiance, _),) = photographs(
         replace(staging.scene, shots=(staging.scene.shots[place],), effort=_JUDGING)
     )
@@ -99,8 +99,8 @@ def photographed() -> CatPhotos:
         replace(field, radiance=radiance[field.rows, field.columns]) for field in fields.values()
     )
     truth = truths(staging.scene.material)
-    bare = find_specimen(known, shadowing=False)
-    return CatPhotos(folder, staging.sensor, known, unknown, specimen, bare, truth, unseen, held_out)
+    bare = find_geometry(known, shadowing=False)
+    return CatPhotos(folder, staging.sensor, known, unknown, geometry, bare, truth, unseen, held_out)
 
 
 @cache
@@ -121,8 +121,8 @@ def with_noise(seed: int) -> CatPhotos:
 
 def told(cat: CatPhotos, samples: int, shadowing: bool = True) -> Found:
     """The BRDF in known light, as `process` does it."""
-    specimen = cat.specimen if shadowing else cat.bare
-    return _found(cat, solve_known_light(cat.known, specimen, samples, Clock(), silent))
+    geometry = cat.geometry if shadowing else cat.bare
+    return _found(cat, solve_known_light(cat.known, geometry, samples, Clock(), silent))
 
 
 def untold(
@@ -132,8 +132,8 @@ def untold(
     factorize: Callable[..., BlindSolution] | None = None,
 ) -> Found:
     """Light and BRDF, as `process` does it or by another factorization."""
-    specimen = cat.specimen if shadowing else cat.bare
-    return _found(cat, solve_unknown_light(cat.unknown, specimen, samples, Clock(), silent, factorize))
+    geometry = cat.geometry if shadowing else cat.bare
+    return _found(cat, solve_unknown_light(cat.unknown, geometry, samples, Clock(), silent, factorize))
 
 
 def _found(cat: CatPhotos, solved: Solved) -> Found:
@@ -148,9 +148,9 @@ def _share(brdf: Fitted) -> float:
 def published(cat: CatPhotos, samples: int, transfer: Transfer) -> Found:
     """The BRDF in known light by RH01's simplex, with the visibility of section 6.4."""
     lighting = read_lighting(cat.known, cat.known.lightings[0])
-    clock, shadows = Clock(), cat.specimen.shadows
+    clock, shadows = Clock(), cat.geometry.shadows
     sources = {table.name: NO_SOURCES for table in cat.known.lightings} | {lighting.name: lighting.directions}
-    fields, _ = read_samples(cat.known, cat.specimen.found, sources, samples, clock, silent)
+    fields, _ = read_samples(cat.known, cat.geometry.found, sources, samples, clock, silent)
     fitted = [fields[photo.label] for photo in cat.known.photos if not photo.held_out]
     brdf = published_brdf(fitted, lighting, transfer, shadows=shadows).brdf
     elements = light_elements(lighting)

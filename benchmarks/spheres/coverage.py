@@ -14,8 +14,8 @@ from benchmarks.atlas.stage import expected
 from benchmarks.kept import Kept
 from benchmarks.spheres.bench import MATERIALS, area_coefficients, noisy, photographs, stage_of
 from benchmarks.spheres.methods import LIGHT, source_z
-from invrender.estimate.conclusions import factorize
 from invrender.estimate.quantities import Quantity
+from invrender.estimate.solution import factorize
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.transport.columns import all_columns
 from invrender.transport.transfer import light_elements

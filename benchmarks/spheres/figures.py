@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from benchmarks.ink import save
 from benchmarks.kept import Kept
 from benchmarks.spheres.bench import LIGHT_DEGREE, MATERIALS, true_coefficients
-from benchmarks.spheres.table import BUDGETS, PRINTED, Case, errors
+from benchmarks.spheres.table import BUDGETS, RH01_FORM, Case, errors
 from invrender.inverse_lighting.figure import draw_map, white_level
 from invrender.inverse_lighting.maps import coefficient_map
 from invrender.theory.specialcases import microfacet_gaussian
@@ -94,7 +94,7 @@ def _error(case: Case, entry: Mapping[str, Any], quantity: str) -> float | None:
 
 def _paper(name: str, quantity: str) -> float:
     column = ("share", "mu", "sigma").index(quantity)
-    pair = [PRINTED[light][name][column] for light in ("known", "unknown")]
+    pair = [RH01_FORM[light][name][column] for light in ("known", "unknown")]
     # To the two digits that are printed.
     return float("nan") if pair[0] is None or pair[1] is None else max(abs(pair[1] - pair[0]), 0.005)
 

@@ -21,8 +21,8 @@ from benchmarks.spheres.bench import (
 from capture.files.documents import numbers
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.conclusions import factorize
 from invrender.estimate.rh01 import PublishedFactors, published_brdf, published_factors
+from invrender.estimate.solution import factorize
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind, predict_blind
 from invrender.transport.columns import photo_columns
 from invrender.transport.predict import predict

@@ -22,7 +22,7 @@ BUDGETS = {
 }
 BUDGETS["known", 3] = BUDGETS["known", 60]
 # What RH01 found of real spheres whose truth nobody knows, [Fig. 11]: Ks over Kd + Ks (green), mu, sigma.
-PRINTED = {
+RH01_FORM = {
     "known": {
         "teflon": (0.11, 1.78, 0.12), "delrin": (0.13, 1.44, 0.10), "neoprene": (0.08, 1.49, 0.10),
         "steel": (0.80, None, 0.20), "bronze": (0.895, None, 0.12), "painted": (0.29, 1.38, 0.15),
@@ -98,7 +98,7 @@ def print_table(rows: Sequence[tuple[Case, Mapping[str, Any]]]) -> None:
         print(blank + "".join(f"{limit:>10g} " for limit in budget.values()))
         for case, entry in own:
             print(_line(case, entry, budget))
-        for name, (share, mu, sigma) in PRINTED[light].items():
+        for name, (share, mu, sigma) in RH01_FORM[light].items():
             if any(case.material == name for case, _ in own):
                 print(f"{name:10}{'RH01 printed':20}{share:17.3f}{_text(mu, 2):>14}{sigma:17.2f}")
     _print_verdict(rows)

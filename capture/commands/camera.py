@@ -63,19 +63,19 @@ def camera_document(calibration: CameraCalibration, photos: Sequence[Path]) -> d
 
     best = best_rung(calibration.ladder)
     ladder = []
-    for rung in calibration.ladder:
-        excess = None if rung.squares is None else rung.excess(best)
+    for candidate in calibration.ladder:
+        excess = None if candidate.squares is None else candidate.excess(best)
         ladder.append(
             {
-                "name": rung.lens.name,
-                "model": rung.lens.model,
-                "fitted_parameters": len(rung.lens.fitted),
-                "rms_px": None if rung.fit is None else rung.fit.rms,
-                "held_out_rms_px": rung.held_out_rms,
+                "name": candidate.lens.name,
+                "model": candidate.lens.model,
+                "fitted_parameters": len(candidate.lens.fitted),
+                "rms_px": None if candidate.fit is None else candidate.fit.rms,
+                "held_out_rms_px": candidate.held_out_rms,
                 "excess_px2": None if excess is None else excess[0],
                 "excess_standard_error_px2": None if excess is None else excess[1],
-                "fault": rung.fault,
-                "chosen": rung.chosen,
+                "fault": candidate.fault,
+                "chosen": candidate.chosen,
             }
         )
     views = [
@@ -121,10 +121,12 @@ def _ladder_table(calibration: CameraCalibration) -> Any:
     table = Table(box=None, header_style="bold")
     for heading in ("lens model", "fitted (px)", "held out (px)", ""):
         table.add_column(heading, justify="right" if "px" in heading else "left", no_wrap=True)
-    for rung in calibration.ladder:
-        fitted = "" if rung.fit is None else f"{rung.fit.rms:.3f}"
-        held_out = "" if rung.held_out_rms is None else f"{rung.held_out_rms:.3f}"
-        table.add_row(rung.lens.name, fitted, held_out, "chosen" if rung.chosen else rung.fault or "")
+    for candidate in calibration.ladder:
+        fitted = "" if candidate.fit is None else f"{candidate.fit.rms:.3f}"
+        held_out = "" if candidate.held_out_rms is None else f"{candidate.held_out_rms:.3f}"
+        table.add_row(
+            candidate.lens.name, fitted, held_out, "chosen" if candidate.chosen else candidate.fault or ""
+        )
     return table
 
 

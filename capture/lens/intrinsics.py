@@ -170,18 +170,18 @@ def calibrate_detections(
     found = [detection.subset(keep) for detection, keep in zip(found, good, strict=True)]
     kept = [found[k] for k in used]
     views = [view_of(detection) for detection in kept]
-    rungs = climb(views, size)
-    checks.check_tilts(rungs)
-    chosen = next((rung for rung in rungs if rung.chosen), None)
+    candidates = climb(views, size)
+    checks.check_tilts(candidates)
+    chosen = next((candidate for candidate in candidates if candidate.chosen), None)
     if chosen is None or chosen.fit is None or chosen.squares is None:
-        raise checks.no_model(rungs)
+        raise checks.no_model(candidates)
     fit = chosen.fit
     counts = np.array([len(view.points) for view in views])
     held_out_rms = float(np.sqrt((chosen.squares * counts).sum() / counts.sum()))
     statistical = statistical_covariance(views, fit)
     shifts = window_shifts(kept, fit)
     shape = board_shape(views, [detection.located for detection in kept], fit)
-    covariance = statistical + shift_covariance(shifts) + model_covariance(rungs, chosen)
+    covariance = statistical + shift_covariance(shifts) + model_covariance(candidates, chosen)
     if shape is not None:
         covariance = covariance + shift_covariance(shape.shift[None])
     focal = np.array([name.startswith("f") for name in PARAM_NAMES[fit.lens.model]]) / (
@@ -231,7 +231,7 @@ def calibrate_detections(
         views=tuple(entries),
         rms=fit.rms,
         held_out_rms=held_out_rms,
-        ladder=rungs,
+        ladder=candidates,
         hull_share=hull_share,
         reach=reach,
         spread_deg=spread,

@@ -60,9 +60,9 @@ def coverage(points: Floats, camera: Camera) -> tuple[float, float]:
     return float(area / (camera.width * camera.height)), float(min(reach, 1.0))
 
 
-def check_tilts(rungs: Sequence[LensCandidate]) -> None:
+def check_tilts(candidates: Sequence[LensCandidate]) -> None:
     """ValueError if all boards lie at one tilt in the model that fits best: nothing then fixes the focal length."""
-    fits = [rung.fit for rung in rungs if rung.fit is not None]
+    fits = [candidate.fit for candidate in candidates if candidate.fit is not None]
     if not fits:
         return
     spread = normal_spread(min(fits, key=lambda fit: fit.rms).poses)
@@ -120,16 +120,20 @@ def check_lens(fit: LensFit) -> None:
         )
 
 
-def no_model(rungs: Sequence[LensCandidate]) -> ValueError:
+def no_model(candidates: Sequence[LensCandidate]) -> ValueError:
     """What to say when no rung of the ladder can be used, or only models that fold in the picture fit."""
-    folding = [rung for rung in rungs if rung.fault is not None and rung.held_out_rms is not None]
+    folding = [
+        candidate
+        for candidate in candidates
+        if candidate.fault is not None and candidate.held_out_rms is not None
+    ]
     if folding:
-        best = min(folding, key=lambda rung: rung.held_out_rms or 0.0)
+        best = min(folding, key=lambda candidate: candidate.held_out_rms or 0.0)
         return ValueError(
             f"the calibration failed: the lens model that predicts best, {best.lens.name}, {best.fault}, and others"
             " miss the corners; add photos with the board in the picture's corners, and tilted in different directions"
         )
-    faults = "; ".join(f"{rung.lens.name}: {rung.fault}" for rung in rungs)
+    faults = "; ".join(f"{candidate.lens.name}: {candidate.fault}" for candidate in candidates)
     return ValueError(f"the calibration failed: no lens model can be used ({faults}); {TILT_REMEDY}")
 
 

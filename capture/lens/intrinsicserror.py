@@ -51,7 +51,7 @@ def shift_covariance(shifts: Floats) -> Floats:
     return np.asarray(shifts.T @ shifts / max(len(shifts), 1))
 
 
-def model_covariance(rungs: Sequence[LensCandidate], chosen: LensCandidate) -> Floats:
+def model_covariance(candidates: Sequence[LensCandidate], chosen: LensCandidate) -> Floats:
     """Covariance (p, p) of what the choice of the lens model does to the chosen one's parameters.
 
     Every parameter's deviation is the largest shift to a rival: a usable model whose held-out error lies within two
@@ -60,11 +60,12 @@ def model_covariance(rungs: Sequence[LensCandidate], chosen: LensCandidate) -> F
     are zero.
     """
     assert chosen.fit is not None
-    usable = [rung for rung in rungs if rung.fault is None and rung is not chosen]
+    usable = [candidate for candidate in candidates if candidate.fault is None and candidate is not chosen]
     shifts = [
-        _model_shift(chosen.fit, rung.fit)
-        for rung in usable
-        if rung.fit is not None and (_within_two_errors(rung, chosen) or _adds_decentring(rung, chosen))
+        _model_shift(chosen.fit, candidate.fit)
+        for candidate in usable
+        if candidate.fit is not None
+        and (_within_two_errors(candidate, chosen) or _adds_decentring(candidate, chosen))
     ]
     if not shifts:
         return np.zeros((len(chosen.fit.params),) * 2)
@@ -74,15 +75,15 @@ def model_covariance(rungs: Sequence[LensCandidate], chosen: LensCandidate) -> F
     return np.asarray(outer * np.outer(down, down))
 
 
-def _within_two_errors(rung: LensCandidate, chosen: LensCandidate) -> bool:
-    mean, error = rung.excess(chosen)
+def _within_two_errors(candidate: LensCandidate, chosen: LensCandidate) -> bool:
+    mean, error = candidate.excess(chosen)
     # A few views on which a model fails make the standard error large: that is failure, not doubt.
     comparable = _COMPARABLE * (chosen.held_out_rms or 0.0) ** 2
     return abs(mean) <= max(min(2 * error, comparable), chosen.negligible)
 
 
-def _adds_decentring(rung: LensCandidate, chosen: LensCandidate) -> bool:
-    return rung.lens.model == "OPENCV" and "p1" not in chosen.lens.free
+def _adds_decentring(candidate: LensCandidate, chosen: LensCandidate) -> bool:
+    return candidate.lens.model == "OPENCV" and "p1" not in chosen.lens.free
 
 
 def _model_shift(fit: LensFit, other: LensFit) -> Floats:

@@ -64,26 +64,30 @@ def climb(views: Sequence[CornerView], size: tuple[int, int]) -> tuple[LensCandi
     Chosen is the simplest model whose squared held-out error lies within one standard error (or 1 %) of the best one's,
     taken over the views' paired differences: that some photographs are sharper than others then plays no part.
     """
-    rungs: list[LensCandidate] = []
+    candidates: list[LensCandidate] = []
     for lens in LADDER:
-        below = next((rung.fit for rung in reversed(rungs) if rung.fit is not None), None)
-        rungs.append(_rung(views, size, lens, below))
-    usable = [rung for rung in rungs if rung.fault is None]
-    if not usable or _only_folding_fits(rungs, usable):
-        return tuple(rungs)
-    best = best_rung(rungs)
-    for rung in usable:
-        mean, error = rung.excess(best)
-        if rung is best or mean <= max(error, best.negligible):
+        below = next((candidate.fit for candidate in reversed(candidates) if candidate.fit is not None), None)
+        candidates.append(_rung(views, size, lens, below))
+    usable = [candidate for candidate in candidates if candidate.fault is None]
+    if not usable or _only_folding_fits(candidates, usable):
+        return tuple(candidates)
+    best = best_rung(candidates)
+    for candidate in usable:
+        mean, error = candidate.excess(best)
+        if candidate is best or mean <= max(error, best.negligible):
             break
     return tuple(
-        LensCandidate(each.lens, each.fit, each.squares, each.fault, chosen=each is rung) for each in rungs
+        LensCandidate(each.lens, each.fit, each.squares, each.fault, chosen=each is candidate)
+        for each in candidates
     )
 
 
-def best_rung(rungs: Sequence[LensCandidate]) -> LensCandidate:
+def best_rung(candidates: Sequence[LensCandidate]) -> LensCandidate:
     """The usable rung with the least held-out error, chosen or not."""
-    return min((rung for rung in rungs if rung.fault is None), key=lambda rung: rung.held_out_rms or 0.0)
+    return min(
+        (candidate for candidate in candidates if candidate.fault is None),
+        key=lambda candidate: candidate.held_out_rms or 0.0,
+    )
 
 
 def best_fit(
@@ -101,10 +105,10 @@ def best_fit(
     return min(fits, key=lambda fit: fit.rms)
 
 
-def _only_folding_fits(rungs: Sequence[LensCandidate], usable: Sequence[LensCandidate]) -> bool:
+def _only_folding_fits(candidates: Sequence[LensCandidate], usable: Sequence[LensCandidate]) -> bool:
     """Whether a model that folds in the picture predicts far better than any that doesn't."""
-    least = min(rung.held_out_rms for rung in rungs if rung.held_out_rms is not None)
-    return min(rung.held_out_rms or 0.0 for rung in usable) > _FOLDING_RATIO * least
+    least = min(candidate.held_out_rms for candidate in candidates if candidate.held_out_rms is not None)
+    return min(candidate.held_out_rms or 0.0 for candidate in usable) > _FOLDING_RATIO * least
 
 
 def _rung(

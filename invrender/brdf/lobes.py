@@ -106,7 +106,7 @@ class LobeForm:
         return shape * normalised_fresnel(mu, np.clip(self.fresnel_cosine(angles), 0, 1))
 
 
-class Printed(LobeForm):
+class RH01Microfacet(LobeForm):
     """RH01's: Fresnel's factor at theta_o, and no facet hides another [RH01, section 5.2]."""
 
     name = "microfacet"
@@ -225,8 +225,8 @@ def part_width(factor: float | Floats, sigma: float | Floats) -> Floats:
     return np.minimum(factor * sigma, np.maximum(_WIDEST_HAZE, sigma))
 
 
-PRINTED, BECKMANN, GGX_FORM, PHONG = Printed(), Beckmann(), GGX(), Phong()
-FORMS = {form.name: form for form in (PRINTED, BECKMANN, GGX_FORM, PHONG)}
+RH01_FORM, BECKMANN, GGX_FORM, PHONG = RH01Microfacet(), Beckmann(), GGX(), Phong()
+FORMS = {form.name: form for form in (RH01_FORM, BECKMANN, GGX_FORM, PHONG)}
 # The same lobes above a base under an interface.
 PLASTICS: dict[LobeForm, LobeForm] = {BECKMANN: Beckmann(over=BECKMANN), GGX_FORM: GGX(over=GGX_FORM)}
 # The same with light and viewer hidden apart.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class Microfacet:
     ks: Floats
     mu: float | None
     sigma: float | None
-    form: LobeForm = PRINTED
+    form: LobeForm = RH01_FORM
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kd", frozen_array(self.kd))

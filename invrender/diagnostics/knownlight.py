@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
-from invrender.estimate.conclusions import Solution
-from invrender.observation.specimen import Specimen
+from invrender.estimate.solution import Solution
+from invrender.observation.geometry import SceneGeometry
 from invrender.transport.columns import PhotoColumns
 from invrender.transport.predict import reflected
 from invrender.transport.transfer import LightElement
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 def known_light_remainders(
     solution: Solution,
-    specimen: Specimen,
+    geometry: SceneGeometry,
     photos: Mapping[str, PhotoColumns],
     lightings: Mapping[str, Lighting],
     elements: Mapping[str, Sequence[LightElement]],
@@ -33,7 +33,7 @@ def known_light_remainders(
     """The fitted photographs of a solution; photos, residuals : by label, in the order of the solution's weights."""
     used = {photo.lighting for photo in photos.values()}
     lights = {
-        name: _light(lightings[name], elements[name], solution.estimate.strengths[name], specimen.shadows)
+        name: _light(lightings[name], elements[name], solution.estimate.strengths[name], geometry.shadows)
         for name in used
     }
     found = []
@@ -54,7 +54,7 @@ def known_light_remainders(
             )
         )
     trust = [own.trust for own in solution.weights]
-    return of_object(found, trust, solution.estimate.brdf, specimen.shadows, specimen.description)
+    return of_object(found, trust, solution.estimate.brdf, geometry.shadows, geometry.description)
 
 
 def _light(

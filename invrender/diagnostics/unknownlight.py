@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import PRINTED
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
 from invrender.estimate.unknown_light import BlindLight, BlindSolution
-from invrender.observation.specimen import Specimen
-from invrender.transport.base import let_through, sky_factors
+from invrender.observation.geometry import SceneGeometry
+from invrender.transport.base import interface_transmittance, sky_factors
 from invrender.transport.formtable import form_radiance
 from invrender.transport.lobetable import specular_radiance
 from invrender.transport.visibility import Shadows
@@ -26,12 +26,12 @@ Floats = NDArray[np.float64]
 def unknown_light_remainders(
     blind: BlindSolution,
     brdf: Microfacet,
-    specimen: Specimen,
+    geometry: SceneGeometry,
     photos: Sequence[tuple[str, str, LightField]],
     residuals: Sequence[Floats],
 ) -> Remainders:
     """The fitted photographs of a solution; photos : label, lighting and samples of each."""
-    lights = {name: _rest(blind, light, specimen.shadows) for name, light in blind.lights.items()}
+    lights = {name: _rest(blind, light, geometry.shadows) for name, light in blind.lights.items()}
     found = []
     for (label, lighting, field), residual, own in zip(photos, residuals, blind.weights, strict=True):
         sources = blind.lights[lighting].sources
@@ -53,7 +53,7 @@ def unknown_light_remainders(
             )
         )
     trust = [own.trust for own in blind.weights]
-    return of_object(found, trust, brdf, specimen.shadows, specimen.description)
+    return of_object(found, trust, brdf, geometry.shadows, geometry.description)
 
 
 def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> Rest:
@@ -66,10 +66,10 @@ def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> R
         base = evaluate_harmonics(field.normals, l_max) @ (factors[:, None] * coefficients)
         if shadows is not None:
             base = base - shadows.hidden(field, coefficients)
-        base = base * let_through(brdf.form, brdf.mu, exitant)[:, None]
+        base = base * interface_transmittance(brdf.form, brdf.mu, exitant)[:, None]
         if brdf.sigma is None:
             return base, np.zeros_like(base)
-        if brdf.form is PRINTED:
+        if brdf.form is RH01_FORM:
             lobe = specular_radiance(field, coefficients, brdf.sigma, blind.transfer)
             lobe = normalised_fresnel(brdf.mu, exitant)[:, None] * lobe
         else:

@@ -52,7 +52,7 @@ def misfit_reason(error: float) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
+class Candidate:
     """One model of the ladder with its evidence.
 
     estimate : fitted to all photographs. photo_errors : (photos,), relative RMS of each photograph as
@@ -118,7 +118,7 @@ def climb_ladder(
     on_step: Callable[[], None] = lambda: None,
     models: Sequence[Model] = LADDER,
     patches: NDArray[np.int64] | None = None,
-) -> tuple[Rung, ...]:
+) -> tuple[Candidate, ...]:
     """Fit and cross-validate models, all of the columns' form or without a specular part.
 
     patches : of the surface, those of all photographs and maybe more; of these alone if None. `on_step` is called after
@@ -132,11 +132,11 @@ def climb_ladder(
     for part, entry in zip(parts, found, strict=True):
         left_out[part.fold] = with_known_as_one(by_lighting([*left_out[part.fold], entry]))
     subsets = Subsets(by_lighting(chain.from_iterable(left_out)), tuple(left_out))
-    rungs = []
+    candidates = []
     for model in models:
-        rungs.append(_evaluate(model, len(photos), parts, subsets, len(known)))
+        candidates.append(_evaluate(model, len(photos), parts, subsets, len(known)))
         on_step()
-    return tuple(rungs)
+    return tuple(candidates)
 
 
 def patches_of(photos: Sequence[PhotoColumns]) -> NDArray[np.int64]:
@@ -144,7 +144,7 @@ def patches_of(photos: Sequence[PhotoColumns]) -> NDArray[np.int64]:
     return np.unique(np.concatenate([patch_of(photo.field) for photo in photos]))
 
 
-def choose(rungs: Sequence[Rung]) -> int:
+def choose(candidates: Sequence[Candidate]) -> int:
     """The index of the simplest adequate rung.
 
     Adequate is a rung whose error lies within one standard error of the best one's, and which isn't clearly
@@ -152,21 +152,21 @@ def choose(rungs: Sequence[Rung]) -> int:
     quality don't hide a difference) and patch by patch of the surface (because a stain, the same in each
     photograph, is no evidence for a model). Photographs that stand out as wrong have no say.
     """
-    return int(np.argmax(adequate(rungs)))
+    return int(np.argmax(adequate(candidates)))
 
 
-def adequate(rungs: Sequence[Rung]) -> NDArray[np.bool_]:
+def adequate(candidates: Sequence[Candidate]) -> NDArray[np.bool_]:
     """Which rungs (rungs,) the photographs don't speak against; the best one always among them."""
-    best = min(rungs, key=lambda rung: rung.error)
+    best = min(candidates, key=lambda candidate: candidate.error)
     trusted = ~outlying(best.photo_errors)
     errors = best.photo_errors[trusted]
     limit = errors.mean() + (errors.std(ddof=1) / np.sqrt(len(errors)) if len(errors) > 1 else 0.0)
     result = []
-    for rung in rungs:
-        within = rung.photo_errors[trusted].mean() <= limit
-        by_photo = _score(rung.photo_errors[trusted] ** 2 - errors**2)
-        by_patch = _score(rung.patch_energy - best.patch_energy)
-        result.append(rung is best or bool(within and min(by_photo, by_patch) <= CLEARLY_WORSE))
+    for candidate in candidates:
+        within = candidate.photo_errors[trusted].mean() <= limit
+        by_photo = _score(candidate.photo_errors[trusted] ** 2 - errors**2)
+        by_patch = _score(candidate.patch_energy - best.patch_energy)
+        result.append(candidate is best or bool(within and min(by_photo, by_patch) <= CLEARLY_WORSE))
     return np.array(result)
 
 
@@ -216,7 +216,7 @@ def _parts(photos: Sequence[PhotoColumns], weights: Sequence[Weights], patches: 
     return parts
 
 
-def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subsets, patches: int) -> Rung:
+def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subsets, patches: int) -> Candidate:
     full = fit(model, subsets.everything)
     trained = fit_subsets(model, subsets, full, _NEAR_ENOUGH)
     errors, energy = np.empty(photos), np.zeros(patches)
@@ -233,7 +233,7 @@ def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subset
         errors[part.photos] = np.sqrt(np.bincount(part.photo_of, square, minlength=own) / total)
         energy += np.bincount(part.patch_of, square / total[part.photo_of], minlength=patches)
     free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}
-    return Rung(full, errors, energy, model.parameters + 3 * len(free), tuple(trained))
+    return Candidate(full, errors, energy, model.parameters + 3 * len(free), tuple(trained))
 
 
 def fit_strengths(photo: PhotoColumns, weight: Floats, estimate: Estimate) -> Floats:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from invrender.brdf.lobes import PRINTED, UNCORRELATED, LobeForm
-from invrender.estimate.evidence import Rung, choose, climb_ladder
+from invrender.brdf.lobes import RH01_FORM, UNCORRELATED, LobeForm
+from invrender.estimate.evidence import Candidate, choose, climb_ladder
 from invrender.estimate.forms import Elements, FormTrial, beside, columns_of, try_forms
 from invrender.estimate.linear import recovers_light
 from invrender.estimate.models import Estimate, Model
@@ -35,12 +35,12 @@ _MUCH_BETTER = 0.8
 class Explanation:
     """The ladder of models and what it was climbed with.
 
-    rungs, chosen : all models that were tried, the simple ones first, and the index of the chosen one. photos, weights,
-    noise : columns of the chosen form, what their samples count for, and why. trials : each form's on a share of the
+    candidates, chosen : all models that were tried, the simple ones first, and the index of the chosen one. photos,
+    weights, noise : columns of the chosen form, what their samples count for, and why. trials : each form's on a share of the
     samples; none where no specular part is needed.
     """
 
-    rungs: tuple[Rung, ...]
+    candidates: tuple[Candidate, ...]
     chosen: int
     photos: tuple[PhotoColumns, ...]
     weights: tuple[Weights, ...]
@@ -62,42 +62,44 @@ def explain(
     photos : columns of RH01's form. Of forms that explain as well RH01's is preferred.
     """
     noise, weights = weigh(photos, LADDER[-1])
-    rungs = climb_ladder(photos, weights, on_step, _models(LADDER, photos))
-    chosen = choose(rungs)
-    if not rungs[chosen].estimate.model.specular and not shows_more(rungs):
-        return Explanation(rungs, chosen, tuple(photos), tuple(weights), noise)
+    candidates = climb_ladder(photos, weights, on_step, _models(LADDER, photos))
+    chosen = choose(candidates)
+    if not candidates[chosen].estimate.model.specular and not shows_more(candidates):
+        return Explanation(candidates, chosen, tuple(photos), tuple(weights), noise)
     elements = {lighting.name: light_elements(lighting) for lighting in lightings}
     trials = try_forms(photos, weights, elements, on_step)
-    others = _others(rungs[-1], PRINTED, trials)
-    all_rungs = (*rungs, *others)
-    if rungs[chosen].estimate.model.specular or (
-        min(rung.error for rung in others) < _MUCH_BETTER * rungs[chosen].error
+    others = _others(candidates[-1], RH01_FORM, trials)
+    all_rungs = (*candidates, *others)
+    if candidates[chosen].estimate.model.specular or (
+        min(candidate.error for candidate in others) < _MUCH_BETTER * candidates[chosen].error
     ):
         chosen = choose(all_rungs)
-    if all_rungs[chosen].estimate.model.form is PRINTED:
+    if all_rungs[chosen].estimate.model.form is RH01_FORM:
         return Explanation(all_rungs, chosen, tuple(photos), tuple(weights), noise, trials)
     return _in_form(_best_form(trials), photos, elements, trials)
 
 
 def _best_form(trials: Mapping[LobeForm, FormTrial]) -> LobeForm:
     """The form, not RH01's, that suits the share best: beside RH01's large errors two others look alike."""
-    rungs = [rung for form, trial in trials.items() if form is not PRINTED for rung in trial.rungs]
-    rungs.sort(key=_simplest_first)
-    return rungs[choose(rungs)].estimate.model.form
+    candidates = [
+        candidate for form, trial in trials.items() if form is not RH01_FORM for candidate in trial.candidates
+    ]
+    candidates.sort(key=_simplest_first)
+    return candidates[choose(candidates)].estimate.model.form
 
 
 def refitted(known: Explanation, less: Sequence[Floats]) -> Estimate:
     """The chosen model's estimate if the samples' radiances were lower by some (n, 3) per photograph."""
-    estimate = known.rungs[known.chosen].estimate
+    estimate = known.candidates[known.chosen].estimate
     photos = [photo.less(radiance) for photo, radiance in zip(known.photos, less, strict=True)]
     statistics = total_statistics(photos, [w.weight for w in known.weights])
     return fit(estimate.model, statistics, estimate)
 
 
-def shows_more(rungs: Sequence[Rung]) -> bool:
+def shows_more(candidates: Sequence[Candidate]) -> bool:
     """Whether a specular part explains more than chance would, though not what it takes to predict photographs."""
-    plain = next(rung.estimate.cost for rung in rungs if not rung.estimate.model.specular)
-    return plain > _NOTABLE * min(rung.estimate.cost for rung in rungs)
+    plain = next(candidate.estimate.cost for candidate in candidates if not candidate.estimate.model.specular)
+    return plain > _NOTABLE * min(candidate.estimate.cost for candidate in candidates)
 
 
 def _in_form(
@@ -111,26 +113,30 @@ def _in_form(
     noise, weights = weigh(columns, models_of(form)[-1])
     printed = climb_ladder(photos, weights, models=LADDER)
     own = climb_ladder(columns, weights, models=_models(models_of(form), photos))
-    rest = [rung for rung in _others(own[-1], form, trials) if rung.estimate.model.form is not PRINTED]
+    rest = [
+        candidate
+        for candidate in _others(own[-1], form, trials)
+        if candidate.estimate.model.form is not RH01_FORM
+    ]
     chosen = len(printed) + choose(own)
     return Explanation((*printed, *own, *rest), chosen, tuple(columns), tuple(weights), noise, trials)
 
 
-def _others(reference: Rung, form: LobeForm, trials: Mapping[LobeForm, FormTrial]) -> list[Rung]:
+def _others(reference: Candidate, form: LobeForm, trials: Mapping[LobeForm, FormTrial]) -> list[Candidate]:
     """Rungs of all forms but one, beside that one's richest on all samples; the simple and the good first."""
-    own = trials[form].rungs[-1]
+    own = trials[form].candidates[-1]
     found = [
-        beside(reference, rung, own)
+        beside(reference, candidate, own)
         for other, trial in trials.items()
         if other is not form
-        for rung in trial.rungs
+        for candidate in trial.candidates
     ]
     return sorted(found, key=_simplest_first)
 
 
-def _simplest_first(rung: Rung) -> tuple[int, bool, float]:
+def _simplest_first(candidate: Candidate) -> tuple[int, bool, float]:
     """Order of rungs: few numbers first; of as many, facets that hide light and viewer together, then the best."""
-    return rung.parameters, rung.estimate.model.form in UNCORRELATED.values(), rung.error
+    return candidate.parameters, candidate.estimate.model.form in UNCORRELATED.values(), candidate.error
 
 
 def _models(models: Sequence[Model], photos: Sequence[PhotoColumns]) -> Sequence[Model]:

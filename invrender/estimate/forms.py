@@ -14,9 +14,9 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.brdf.lobes import RH01_FORM, UNCORRELATED, LobeForm, Smith
 from invrender.brdf.richer import Richer, extended, tabulated
-from invrender.estimate.evidence import Rung, climb_ladder, patches_of
+from invrender.estimate.evidence import Candidate, climb_ladder, patches_of
 from invrender.estimate.models import Model
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import OTHER_FORMS, fit, models_of
@@ -41,16 +41,18 @@ Elements = Mapping[str, Sequence[LightElement]]
 class FormTrial:
     """Models of one form, fitted to a share of the samples.
 
-    rungs : their evidence on the share. photos, weights : the share.
+    candidates : their evidence on the share. photos, weights : the share.
     """
 
-    rungs: tuple[Rung, ...]
+    candidates: tuple[Candidate, ...]
     photos: tuple[PhotoColumns, ...]
     weights: tuple[Weights, ...]
 
-    def rung_like(self, model: Model) -> Rung:
+    def rung_like(self, model: Model) -> Candidate:
         """The rung with a Fresnel factor if a model, of any form and colour, has one and this form too."""
-        return next((r for r in self.rungs if r.estimate.model.fresnel == model.fresnel), self.rungs[-1])
+        return next(
+            (r for r in self.candidates if r.estimate.model.fresnel == model.fresnel), self.candidates[-1]
+        )
 
 
 def try_forms(
@@ -68,7 +70,7 @@ def try_forms(
     total = sample_count(photos)
     kept = [_share(photo, total) for photo in photos]
     share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
-    columns: dict[LobeForm, list[PhotoColumns]] = {PRINTED: share}
+    columns: dict[LobeForm, list[PhotoColumns]] = {RH01_FORM: share}
     single = [form for form in OTHER_FORMS if isinstance(form, Smith)]
     # Made of the same lobes, they share their columns.
     richer = {form: (*extended(form), *tabulated(form)) for form in single}
@@ -80,7 +82,7 @@ def try_forms(
     def costs_of(forms: Iterable[LobeForm]) -> dict[LobeForm, float]:
         return {form: _cost(models_of(form)[-1], columns[form], first) for form in forms}
 
-    costs = costs_of((PRINTED, *OTHER_FORMS))
+    costs = costs_of((RH01_FORM, *OTHER_FORMS))
     facets = min(single, key=lambda form: costs[form])
     telling = min(costs.values()) * (1 - _TELLING / (3 * sample_count(share)))
     costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < telling}
@@ -125,7 +127,7 @@ def columns_of(
     )
 
 
-def beside(reference: Rung, tried: Rung, own: Rung) -> Rung:
+def beside(reference: Candidate, tried: Candidate, own: Candidate) -> Candidate:
     """A rung tried on a share of the samples as it would be on all.
 
     reference : of another model, on all samples. own : the same model on the share.

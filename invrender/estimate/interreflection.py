@@ -144,7 +144,7 @@ def account_for_bounces(
     photos : columns of RH01's form. known : their explanation without bounced light, whose scale must be absolute.
     `on_step` is called `explanation.EXPLANATION_STEPS` times at most.
     """
-    first, photographed = known.rungs[known.chosen].estimate, [photo.radiance for photo in photos]
+    first, photographed = known.candidates[known.chosen].estimate, [photo.radiance for photo in photos]
 
     def predict(estimate: Estimate) -> list[Floats]:
         bounced = _bounced(parts, estimate, elements)
@@ -161,13 +161,16 @@ def account_for_bounces(
         better = explain(corrected, lightings, on_step)
         original = [photo.less(-radiance) for photo, radiance in zip(better.photos, less, strict=True)]
         without = refitted(better, [-radiance for radiance in less])
-        found = _judged(original, better.weights, less, without, better.rungs[better.chosen].estimate)
+        found = _judged(original, better.weights, less, without, better.candidates[better.chosen].estimate)
         if found.taken_off:
             shares = _left(original, better.weights, less)
-            rungs = tuple(replace(rung, photo_errors=shares * rung.photo_errors) for rung in better.rungs)
+            candidates = tuple(
+                replace(candidate, photo_errors=shares * candidate.photo_errors)
+                for candidate in better.candidates
+            )
             doubts = [found.doubt * radiance for radiance in less]
             taken = _bounced(parts, estimate, elements)
-            return CorrectedExplanation(parts, replace(better, rungs=rungs), found, doubts, taken)
+            return CorrectedExplanation(parts, replace(better, candidates=candidates), found, doubts, taken)
     left_in = replace(
         _judged(known.photos, known.weights, once, first, refitted(known, once)), taken_off=False
     )
@@ -234,7 +237,7 @@ def unknown_scale(
     parts: ConcaveMesh, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
 ) -> list[str]:
     """A sentence on light that bounces where no light's strength is known and so no albedo; none if it can't matter."""
-    estimate = known.rungs[known.chosen].estimate
+    estimate = known.candidates[known.chosen].estimate
     scale = SUPPOSED / float(albedo(estimate.brdf).mean())
     brdf = replace(estimate.brdf, kd=scale * estimate.brdf.kd, ks=scale * estimate.brdf.ks)
     bounced = _bounced(parts, replace(estimate, brdf=brdf), elements)

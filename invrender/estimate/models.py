@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.brdf.richer import FIRST_NUMBER, NUMBER_RANGE, SHARES_BEYOND
 from invrender.estimate.linear import LinearPart, reduce_statistics, solve_linear
@@ -26,7 +26,7 @@ class Model:
     name: str
     specular: bool
     fresnel: bool
-    form: LobeForm = PRINTED
+    form: LobeForm = RH01_FORM
     neutral: bool = False
 
     @property

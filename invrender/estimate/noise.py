@@ -115,6 +115,6 @@ def photo_weights(
     """
     deviation = np.sqrt(noise.variance(prediction))
     typical = max(1.4826 * float(np.median(np.abs(residual) / deviation)), 1.0)
-    strays = np.abs(residual) / (np.sqrt(noise.tolerated(prediction, highlight)) * typical)
-    trust = np.minimum(1, (_TRUSTED / np.maximum(strays, _TRUSTED)) ** 2)
+    outliers = np.abs(residual) / (np.sqrt(noise.tolerated(prediction, highlight)) * typical)
+    trust = np.minimum(1, (_TRUSTED / np.maximum(outliers, _TRUSTED)) ** 2)
     return Weights(trust, trust / (deviation * typical) ** 2)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM, LobeForm
 from invrender.brdf.richer import FIRST_NUMBER, SHARES_BEYOND
 from invrender.estimate.models import Estimate, Model, bounds_of, coordinates, estimates, solved
 from invrender.estimate.newton import SMALL, gauss_newton
@@ -42,7 +42,7 @@ def models_of(form: LobeForm) -> tuple[Model, ...]:
     return (full,) if form.interface else (plain, full)
 
 
-LADDER = (Model("lambertian", specular=False, fresnel=False), *models_of(PRINTED))
+LADDER = (Model("lambertian", specular=False, fresnel=False), *models_of(RH01_FORM))
 
 
 def with_neutral(models: Sequence[Model]) -> tuple[Model, ...]:

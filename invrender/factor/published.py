@@ -13,19 +13,19 @@ from capture.progress import Track
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.clusters import structured_rms
-from invrender.estimate.conclusions import Solution, unless_misfit
-from invrender.estimate.evidence import Rung, relative_rms
+from invrender.estimate.evidence import Candidate, relative_rms
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import fit_noise, photo_weights
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.rh01 import PublishedFactors, published_factors
+from invrender.estimate.solution import Solution, unless_misfit
 from invrender.estimate.unknown_light import Region
 from invrender.estimate.unknown_light.solution import GAUGE
 from invrender.observation.clock import Clock
-from invrender.observation.reading import read_samples
-from invrender.observation.specimen import Specimen
-from invrender.process.findings import find_warnings
+from invrender.observation.geometry import SceneGeometry
+from invrender.observation.samples import read_samples
 from invrender.process.solved import Solved, factorization
+from invrender.process.warnings import find_warnings
 from recon.harmonics.latlong import synthesise_latlong
 from recon.sampling.lightfield import LightField
 
@@ -39,10 +39,15 @@ _FOLDS = 5
 
 
 def solve_as_published(
-    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track, region: Region | None
+    photoset: PhotoSet,
+    geometry: SceneGeometry,
+    samples: int,
+    clock: Clock,
+    track: Track,
+    region: Region | None,
 ) -> Solved:
     """Light and BRDF of a sphere by RH01's procedure; weights and noise are of its residuals, for reports only."""
-    fields, left_out = read_samples(photoset, specimen.found, {}, samples, clock, track)
+    fields, left_out = read_samples(photoset, geometry.found, {}, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
         found = published_factors([fields[photo.label] for photo in fitted], region=region)
@@ -50,8 +55,8 @@ def solve_as_published(
         residuals = {label: field.radiance - predicted[label] for label, field in fields.items()}
         unseen = _unseen([fields[photo.label] for photo in fitted], region)
         solution = _solution(photoset, found, fields, predicted, unseen)
-    warnings = (*left_out, *find_warnings(photoset, solution, specimen, {}))
-    result = factorization(photoset, specimen, solution, fields, residuals, warnings)
+    warnings = (*left_out, *find_warnings(photoset, solution, geometry, {}))
+    result = factorization(photoset, geometry, solution, fields, residuals, warnings)
 
     def radiance(_: Photo, field: LightField) -> Floats:
         return found.radiance(field)
@@ -88,16 +93,16 @@ def _solution(
     brdf = Microfacet(1 - found.share, found.share, found.mu, found.sigma)
     model = Model("RH01, section 6.3", specular=True, fresnel=found.mu is not None)
     parameters = 3 + 9 * 3 + sum(value is not None for value in (found.mu, found.sigma))
-    rung = Rung(Estimate(model, brdf, {}, 0.0), unseen, np.zeros(1), parameters)
+    candidate = Candidate(Estimate(model, brdf, {}, 0.0), unseen, np.zeros(1), parameters)
     names = (*(f"{name}.{c}" for name in ("kd", "ks") for c in "rgb"), "mu", "sigma")
     return Solution(
-        estimate=rung.estimate,
-        rungs=(rung,),
+        estimate=candidate.estimate,
+        candidates=(candidate,),
         chosen=0,
         noise=noise,
         weights=weights,
         structured=structured_rms(seen, left) / energy,
-        quantities=unless_misfit(_quantities(found), rung.error),
+        quantities=unless_misfit(_quantities(found), candidate.error),
         lightings=(_lighting(found, photoset.photos[0].lighting),),
         covariance=np.full((len(names), len(names)), np.nan),
         covariance_names=names,

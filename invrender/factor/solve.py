@@ -12,7 +12,7 @@ from invrender.estimate.unknown_light import factorize_blind
 from invrender.factor.choices import FactorChoices
 from invrender.factor.published import solve_as_published
 from invrender.observation.clock import Clock
-from invrender.observation.specimen import find_specimen
+from invrender.observation.geometry import find_geometry
 from invrender.process.pipeline import Run
 from invrender.process.unknown_light import solve_unknown_light
 
@@ -23,8 +23,8 @@ def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) ->
     begun, clock = time.perf_counter(), Clock()
     with one_blas_thread():
         with clock.on("recon"):
-            specimen = find_specimen(photoset, track)
-        given = (photoset, specimen, choices.samples, clock, track)
+            geometry = find_geometry(photoset, track)
+        given = (photoset, geometry, choices.samples, clock, track)
         if choices.published:
             solved = solve_as_published(*given, choices.region)
         else:
@@ -38,7 +38,7 @@ def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) ->
                     transfer=choices.transfer,
                 ),
             )
-    return Run(photoset, specimen, solved, {**clock.seconds, "total": time.perf_counter() - begun})
+    return Run(photoset, geometry, solved, {**clock.seconds, "total": time.perf_counter() - begun})
 
 
 def _check_scope(photoset: PhotoSet) -> None:

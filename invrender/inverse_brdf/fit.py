@@ -77,12 +77,12 @@ def _jackknife(table: BRDFTable, jac: Floats, left: Floats) -> Floats:
     jac : (3 n, 8), left : (3 n,), of the fit to all n measured bins.
     """
     column = np.repeat(np.nonzero(table.measured)[1], 3)
-    strays = []
+    outliers = []
     for held in np.unique(column):
         rows, rest = jac[column != held], left[column != held]
-        strays.append(-np.linalg.pinv(rows.T @ rows) @ (rows.T @ rest))
-    apart = np.array(strays) - np.mean(strays, axis=0)
-    return np.asarray((len(strays) - 1) / len(strays) * apart.T @ apart)
+        outliers.append(-np.linalg.pinv(rows.T @ rows) @ (rows.T @ rest))
+    apart = np.array(outliers) - np.mean(outliers, axis=0)
+    return np.asarray((len(outliers) - 1) / len(outliers) * apart.T @ apart)
 
 
 def _fit(table: BRDFTable, start: Floats | None = None) -> OptimizeResult:

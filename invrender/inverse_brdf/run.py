@@ -164,7 +164,7 @@ def _print_table(photoset: PhotoSet, found: Measured) -> None:
         f" {fit.misfit:.2%}.",
         soft_wrap=True,
     )
-    strays = f"strays {np.sqrt(fit.chi2):.1f} times as far as its values scatter"
+    outliers = f"strays {np.sqrt(fit.chi2):.1f} times as far as its values scatter"
     if found.distance is not None:
         console.print(
             f"The source is {with_error(*found.distance)} m from the object's centre, as its light turns and falls off"
@@ -174,7 +174,7 @@ def _print_table(photoset: PhotoSet, found: Measured) -> None:
         )
     if fit.chi2 > _MISFIT:
         console.print(
-            f"The model {strays}, the width of bins and how near the source is taken into account: the material has"
+            f"The model {outliers}, the width of bins and how near the source is taken into account: the material has"
             " another lobe, or a pose, a mask or the light's direction is wrong.",
             soft_wrap=True,
         )

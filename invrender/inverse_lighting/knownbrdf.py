@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.result.saved import RESULT_NAME, saved_form
 from invrender.result.truth import TRUTH_NAME, is_truth, truth_side
@@ -23,7 +23,7 @@ def known_brdf(
     ks: Sequence[float],
     mu: float | None,
     sigma: float | None,
-    form: LobeForm = PRINTED,
+    form: LobeForm = RH01_FORM,
 ) -> Microfacet:
     """A BRDF from one number or three of Kd (1/sr) and of Ks, mu (None: no Fresnel factor) and sigma (radians).
 

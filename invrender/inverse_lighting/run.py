@@ -15,7 +15,7 @@ from capture.files.outfolder import result_folder
 from capture.lighting import Lighting, read_latlong
 from capture.photoset import PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
-from invrender.brdf.lobes import PRINTED
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.inverse_lighting.coefficients import HIGHEST_DEGREE
 from invrender.inverse_lighting.document import degree_errors, light_document, truth_error
@@ -62,7 +62,7 @@ def run_light(
     chosen = next((name for name in RUNGS if name == rung), None)
     if chosen is None:
         raise ValueError(f"--rung is {rung!r}; it must be one of {', '.join(RUNGS)}")
-    if chosen != "exact" and brdf.form is not PRINTED:
+    if chosen != "exact" and brdf.form is not RH01_FORM:
         raise ValueError(
             f"--rung {rung} approximates RH01's lobe; the BRDF has one of the form {brdf.form.name!r}: leave --rung out"
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture.arc.gantry import look_at
 from capture.parallel import one_blas_thread
 from capture.progress import Track, silent
-from invrender.plan.candidates import Candidate, TrialPlace, lamp_candidates, view_candidates
+from invrender.plan.candidates import AddedPhoto, TrialPlace, lamp_candidates, view_candidates
 from invrender.plan.experiment import PlannedView
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
@@ -32,9 +32,9 @@ _LOOKED_AT, _LOOKED_AT_AGAIN, _FINALISTS = 250, 2000, 4
 class TriedPhotos:
     """All photographs of one kind that were tried; `best`, and `best_above` the horizon, looked at more closely."""
 
-    tried: tuple[Candidate, ...]
-    best: Candidate
-    best_above: Candidate
+    tried: tuple[AddedPhoto, ...]
+    best: AddedPhoto
+    best_above: AddedPhoto
 
     def gains(self, target: Expected) -> tuple[Floats, Floats]:
         """Directions (n, 3) that were tried, and by what factor (n,) the target's doubt shrinks at best."""
@@ -69,7 +69,7 @@ def advise(plan: Plan, track: Track = silent) -> Advice:
 
     def trial(
         places: Sequence[TrialPlace],
-        ask: Callable[[Plan, Sequence[TrialPlace], int, Track, str], list[Candidate]],
+        ask: Callable[[Plan, Sequence[TrialPlace], int, Track, str], list[AddedPhoto]],
         what: str,
     ) -> TriedPhotos:
         tried = ask(plan, places, _LOOKED_AT, track, f"Trying further {what}")

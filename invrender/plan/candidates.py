@@ -42,7 +42,7 @@ class TrialPlace:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class AddedPhoto:
     """One photograph more, and all that will be known with it.
 
     irradiance : (3,) of the further light; None for a new view.
@@ -64,7 +64,7 @@ class Candidate:
 
 def view_candidates(
     plan: Plan, places: Sequence[TrialPlace], looked_at: int, track: Track, what: str
-) -> list[Candidate]:
+) -> list[AddedPhoto]:
     """What further views would bring, of each of which `looked_at` samples are looked at."""
     bench = plan.bench
     draws = list(bench.draws([place.view for place in places], looked_at))
@@ -73,12 +73,12 @@ def view_candidates(
         of_light.setdefault(place.view.light, []).append(drawn)
     shows = {light: bench.shown(light, those) for light, those in of_light.items()}
 
-    def candidate(task: tuple[TrialPlace, Draw, ShownSamples]) -> Candidate:
+    def candidate(task: tuple[TrialPlace, Draw, ShownSamples]) -> AddedPhoto:
         place, drawn, seen = task
         light, posterior = place.view.light, plan.posterior
         if len(drawn.field):
             posterior = posterior.with_information(light, bench.one_more(light, drawn, seen))
-        return Candidate(place, None, plan.outlook(posterior, plan.degree, [drawn.field]))
+        return AddedPhoto(place, None, plan.outlook(posterior, plan.degree, [drawn.field]))
 
     tasks = [
         (place, drawn, next(shows[place.view.light])) for place, drawn in zip(places, draws, strict=True)
@@ -103,7 +103,7 @@ class _Viewpoint:
 
 def lamp_candidates(
     plan: Plan, places: Sequence[TrialPlace], looked_at: int, track: Track, what: str
-) -> list[Candidate]:
+) -> list[AddedPhoto]:
     """What further lights would bring, small, known, as strong as the lighting's mean over all orientations."""
     of_viewpoint: dict[int | None, list[TrialPlace]] = {}
     for place in places:
@@ -113,7 +113,7 @@ def lamp_candidates(
         viewpoint = _viewpoint(plan, those, looked_at)
         tasks += [(place, viewpoint, k) for k, place in enumerate(those)]
 
-    def candidate(task: tuple[TrialPlace, _Viewpoint, int]) -> Candidate:
+    def candidate(task: tuple[TrialPlace, _Viewpoint, int]) -> AddedPhoto:
         place, at, k = task
         field, light, visible = at.drawn.field, place.view.light, at.visible[:, k]
         further = plan.bench.optics.of_source(place.direction, field, visible).times(at.irradiance)
@@ -122,7 +122,7 @@ def lamp_candidates(
         told = plan.bench.one_more(light, replace(at.drawn, field=field.where(keep)), both.where(keep))
         seen = _shows_highlight(further, at.irradiance, plan.experiment.brdf)
         posterior = plan.posterior.with_information(light, told)
-        return Candidate(
+        return AddedPhoto(
             place, at.irradiance, plan.outlook(posterior, at.degree if seen else plan.degree, [field])
         )
 
@@ -155,7 +155,7 @@ def _shows_highlight(further: Reflected, irradiance: Floats, brdf: Microfacet) -
 
 
 def _tracked(
-    candidate: Callable[[Task], Candidate], tasks: Sequence[Task], track: Track, what: str
-) -> list[Candidate]:
+    candidate: Callable[[Task], AddedPhoto], tasks: Sequence[Task], track: Track, what: str
+) -> list[AddedPhoto]:
     found = parallel_map(candidate, tasks)
     return [next(found) for _ in track(range(len(tasks)), what)]

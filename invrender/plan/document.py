@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.files.documents import software
 from invrender.plan.advice import Advice
-from invrender.plan.candidates import Candidate
+from invrender.plan.candidates import AddedPhoto
 from invrender.plan.experiment import Experiment, angles_deg
 from invrender.plan.lightprospect import LightProspect
 from invrender.plan.planning import Plan
@@ -86,7 +86,7 @@ def _advice(experiment: Experiment, advice: Advice) -> dict[str, Any]:
     return found
 
 
-def _candidate(experiment: Experiment, candidate: Candidate) -> dict[str, Any]:
+def _candidate(experiment: Experiment, candidate: AddedPhoto) -> dict[str, Any]:
     azimuth, elevation = angles_deg(candidate.place.direction)
     place: dict[str, Any] = {
         "azimuth_deg": azimuth,

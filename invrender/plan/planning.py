@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from capture.parallel import one_blas_thread, parallel_map
 from capture.progress import Track, silent
 from invrender.estimate.identifiability import lighting_degree
-from invrender.plan.bench import FEWEST, Bench
 from invrender.plan.experiment import Experiment
 from invrender.plan.information import Marginal, Posterior, Tally
 from invrender.plan.lightprospect import LightProspect
 from invrender.plan.photographs import Draw
+from invrender.plan.prepared import FEWEST, Bench
 from invrender.plan.prospect import Expected, brdf_prospect
 from recon.sampling.lightfield import LightField
 

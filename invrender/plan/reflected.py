@@ -119,8 +119,8 @@ class ReflectingObject:
             total += self.of_source(direction, field, field.sources_visible[:, count + k]).times(irradiance)
         if parts.slow is None:
             return total
-        sight = None if self.shadows is None else self.shadows.sight(parts.slow, field)
-        return total + self._reflected(parts.slow, field, sight)
+        visible = None if self.shadows is None else self.shadows.visible(parts.slow, field)
+        return total + self._reflected(parts.slow, field, visible)
 
     def of_source(self, direction: Floats, field: LightField, visible: NDArray[np.bool_]) -> Reflected:
         """What a source of unit irradiance gives, one channel; visible : (m,), of the rays."""
@@ -149,8 +149,10 @@ class ReflectingObject:
         above = (incident[..., 2] > 0) & (exitant[..., 2] > 0)
         return np.where(above, lobe(theta, self.brdf.sigma or 1.0) / (4 * np.where(above, cosines, 1)), 0.0)
 
-    def _reflected(self, element: LightElement, field: LightField, sight: RayVisibility | None) -> Reflected:
-        diffuse = np.asarray(field.mean_over_rays(seen_diffuse(element, field.normals, sight)))
+    def _reflected(
+        self, element: LightElement, field: LightField, visible: RayVisibility | None
+    ) -> Reflected:
+        diffuse = np.asarray(field.mean_over_rays(seen_diffuse(element, field.normals, visible)))
         if self.brdf.sigma is None:
             return Reflected(diffuse, *(np.zeros_like(diffuse) for _ in range(3)))
         sigmas = self.brdf.sigma * np.array([1, 1 - _STEP, 1 + _STEP])
@@ -158,7 +160,7 @@ class ReflectingObject:
         def gather(light: LightElement, rays: Rays) -> Floats:
             return specular_transfer(light, field.normals[rays], field.views[rays], sigmas)
 
-        specular = seen_specular(element, sight, gather)
+        specular = seen_specular(element, visible, gather)
         cos = (field.normals * field.views).sum(axis=1)
         fresnel = normalised_fresnel(self.brdf.mu, cos)
         by_mu = np.zeros_like(fresnel)

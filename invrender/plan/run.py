@@ -12,8 +12,8 @@ from invrender.plan.advice import Advice, advise
 from invrender.plan.document import plan_document
 from invrender.plan.experiment import Experiment
 from invrender.plan.figure import plan_figure
+from invrender.plan.from_scene import read_experiment
 from invrender.plan.planning import Plan, make_plan
-from invrender.plan.staged import read_experiment
 from invrender.plan.summary import quantity_table, sentences
 
 OWN_FILES = ("plan.json", "plan.png")

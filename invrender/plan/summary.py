@@ -11,7 +11,7 @@ from rich.table import Table
 
 from invrender.estimate.uncertainty import FINEST
 from invrender.plan.advice import Advice
-from invrender.plan.candidates import Candidate
+from invrender.plan.candidates import AddedPhoto
 from invrender.plan.document import gauge
 from invrender.plan.experiment import Experiment, angles_deg
 from invrender.plan.lightprospect import HALF, LightProspect
@@ -164,7 +164,7 @@ def _advice_sentences(plan: Plan, advice: Advice) -> Iterator[str]:
         yield text
 
 
-def _helps(plan: Plan, target: Expected, candidate: Candidate) -> bool:
+def _helps(plan: Plan, target: Expected, candidate: AddedPhoto) -> bool:
     """Whether a candidate settles something, or makes the target's deviation notably smaller."""
     now = sum(one.quantity.status == "undetermined" for one in plan.expected)
     left, _ = candidate.score(target.name)
@@ -174,12 +174,12 @@ def _helps(plan: Plan, target: Expected, candidate: Candidate) -> bool:
     )
 
 
-def _where(candidate: Candidate) -> str:
+def _where(candidate: AddedPhoto) -> str:
     azimuth, elevation = angles_deg(candidate.place.direction)
     return f"azimuth {azimuth:.0f}, elevation {elevation:.0f} degrees"
 
 
-def _place(plan: Plan, candidate: Candidate) -> str:
+def _place(plan: Plan, candidate: AddedPhoto) -> str:
     experiment = plan.experiment
     lighting = experiment.lights[candidate.place.view.light].lighting.name
     if candidate.irradiance is None:
@@ -191,7 +191,7 @@ def _place(plan: Plan, candidate: Candidate) -> str:
     )
 
 
-def _brings(plan: Plan, target: Expected, candidate: Candidate) -> str:
+def _brings(plan: Plan, target: Expected, candidate: AddedPhoto) -> str:
     """What a candidate does to the target, and which other quantities it settles."""
     text = _outcome(candidate.named(target.name))
     pairs = list(zip(plan.expected, candidate.expected, strict=True))

@@ -15,22 +15,22 @@ from capture.progress import Track
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.knownlight import known_light_remainders
 from invrender.diagnostics.named import NamedCause, named_causes
-from invrender.estimate.conclusions import Solution, conclude
 from invrender.estimate.evidence import fit_strengths, outlying
 from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.estimate.interreflection import CorrectedExplanation, account_for_bounces, unknown_scale
+from invrender.estimate.solution import Solution, solution_of
 from invrender.observation.clock import Clock
-from invrender.observation.lightframe import other_frame
-from invrender.observation.reading import read_samples
-from invrender.observation.specimen import Specimen
-from invrender.observation.spherechange import place_changes
-from invrender.process.findings import POOR, find_warnings
+from invrender.observation.geometry import SceneGeometry
+from invrender.observation.lighting_axes import other_frame
+from invrender.observation.samples import read_samples
+from invrender.observation.sphere_place import place_changes
+from invrender.process.held_out_light import scored_lighting, used_tables
 from invrender.process.leverage import importances
-from invrender.process.newlight import scored_lighting, used_tables
 from invrender.process.solved import Solved, factorization
+from invrender.process.warnings import POOR, find_warnings
 from invrender.transport.bounce import Bounced, ConcaveMesh
+from invrender.transport.cached_shader import CachedShader
 from invrender.transport.columns import PhotoColumns, all_columns, photo_columns
-from invrender.transport.manypixels import ManyPixels
 from invrender.transport.predict import predict, predict_columns
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
@@ -45,17 +45,17 @@ _PLACED_WELL = 8e-4
 
 
 def solve_known_light(
-    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
+    photoset: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track
 ) -> Solved:
     """Recover the BRDF of an object, and what of its lighting is free."""
     with clock.on("recon"):
         lightings = _used_lightings(photoset)
     sources = {name: lighting.directions for name, lighting in lightings.items()}
-    telling = importances(photoset, specimen, lightings, clock)
-    fields, left_out = read_samples(photoset, specimen.found, sources, samples, clock, track, telling)
+    telling = importances(photoset, geometry, lightings, clock)
+    fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, telling)
     with clock.on("invrender"):
         elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-        columns = _columns(photoset, fields, elements, specimen.shadows)
+        columns = _columns(photoset, fields, elements, geometry.shadows)
     _check_lit(photoset, lightings, columns)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
@@ -67,7 +67,7 @@ def solve_known_light(
         known = explain([columns[photo.label] for photo in fitted], used, lambda: next(steps, None))
         for _ in steps:
             pass
-        parts = None if specimen.shadows is None else ConcaveMesh.of(specimen.shadows)
+        parts = None if geometry.shadows is None else ConcaveMesh.of(geometry.shadows)
         bounces, remarks = None, []
         if parts is not None and any(element.name == "known" for name in seen for element in elements[name]):
             given = [columns[photo.label] for photo in fitted]
@@ -76,8 +76,8 @@ def solve_known_light(
             remarks = unknown_scale(parts, known, elements)
         concluded = bounces.known if bounces else known
         doubts = [bounces.doubts] if bounces and bounces.doubts is not None else []
-        doubts += _of_place(specimen.body, concluded, elements)
-        solution = conclude(concluded, used, doubts)
+        doubts += _of_place(geometry.body, concluded, elements)
+        solution = solution_of(concluded, used, doubts)
         columns = _in_form(photoset, solution, columns, elements)
         bounced: Mapping[str, Bounced] = {}
         if bounces is not None and bounces.bounced:
@@ -95,23 +95,23 @@ def solve_known_light(
             label: entry.radiance - predict_columns(entry, solution.estimate.brdf, strengths[label])
             for label, entry in columns.items()
         }
-    elsewhere, chosen = None, solution.rungs[solution.chosen]
+    elsewhere, chosen = None, solution.candidates[solution.chosen]
     if chosen.error > POOR and not any(light.recovers for light in used):
         elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
     causes: tuple[NamedCause, ...] = ()
     if elsewhere is None:
         left = {photo.label: columns[photo.label] for photo in fitted}
-        scene = known_light_remainders(solution, specimen, left, lightings, elements, residuals)
+        scene = known_light_remainders(solution, geometry, left, lightings, elements, residuals)
         diagnosis = diagnose(scene, bool(outlying(chosen.photo_errors).any()))
         causes = named_causes(diagnosis, photoset.radiometry.exposure)
         if diagnosis is not None and diagnosis.findings:
             # The error bars hold what a fault moves.
             brdf = solution.estimate.brdf
             instead = [finding.instead(brdf) for finding in diagnosis.findings]
-            solution = conclude(concluded, used, doubts, instead)
-    warnings = [*left_out, *find_warnings(photoset, solution, specimen, lightings, causes), *remarks]
+            solution = solution_of(concluded, used, doubts, instead)
+    warnings = [*left_out, *find_warnings(photoset, solution, geometry, lightings, causes), *remarks]
     warnings += [elsewhere] if elsewhere else []
-    result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
+    result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored)
     result = replace(result, interreflection=None if bounces is None else bounces.found, causes=causes)
 
     def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -119,16 +119,16 @@ def solve_known_light(
 
     def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
         light = elements[photo.lighting], strengths[photo.label]
-        return with_bounces(photo, field, predict(result.brdf, *light, field, specimen.shadows))
+        return with_bounces(photo, field, predict(result.brdf, *light, field, geometry.shadows))
 
     by_samples = sorted(photoset.photos, key=lambda photo: len(fields[photo.label]))
-    many = ManyPixels(
+    many = CachedShader(
         result.brdf,
         elements,
         # The last is kept, which is the photograph with the most samples.
         {photo.lighting: fields[photo.label] for photo in by_samples},
         Counter(photo.lighting for photo in photoset.photos),
-        specimen.shadows,
+        geometry.shadows,
         _PICTURES_OFF * (result.rms(held_out=False) or 0.0),
     )
 
@@ -181,7 +181,7 @@ def _of_place(
     deviation = np.sqrt(np.linalg.eigvalsh(body.sphere.covariance).max())
     if deviation < _PLACED_WELL * body.sphere.radius:
         return []
-    estimate, photos = known.rungs[known.chosen].estimate, known.photos
+    estimate, photos = known.candidates[known.chosen].estimate, known.photos
 
     def radiance(k: int, field: LightField) -> NDArray[np.float64]:
         name = photos[k].lighting

@@ -25,8 +25,8 @@ from invrender.estimate.search import fit, models_of
 from invrender.estimate.statistics import total_statistics
 from invrender.estimate.weighing import weigh
 from invrender.observation.clock import Clock
-from invrender.observation.reading import read_samples
-from invrender.observation.specimen import Specimen
+from invrender.observation.geometry import SceneGeometry
+from invrender.observation.samples import read_samples
 from invrender.transport.columns import PhotoColumns, all_columns
 from invrender.transport.transfer import LightElement, diffuse_transfer, light_elements
 from recon.sampling.draw import Importance
@@ -42,7 +42,7 @@ _STEP, _SOURCES = 0.1, 16
 
 
 def importances(
-    photoset: PhotoSet, specimen: Specimen, lightings: Mapping[str, Lighting], clock: Clock
+    photoset: PhotoSet, geometry: SceneGeometry, lightings: Mapping[str, Lighting], clock: Clock
 ) -> dict[str, Importance]:
     """How much pixels tell, by the name of the lighting; none for one without directional sources.
 
@@ -59,14 +59,14 @@ def importances(
     narrow = {name: _at_any_width(own) for name, own in lit.items()}
     mapped = any(element.slow_map is not None for photo in chosen for element in lit[photo.lighting])
     samples = (_SAMPLES_OF_MAPS if mapped else _SAMPLES) * len(chosen)
-    fields, _ = read_samples(few, specimen.found, sources, samples, clock, silent, narrow)
+    fields, _ = read_samples(few, geometry.found, sources, samples, clock, silent, narrow)
     with clock.on("invrender"):
         photos = all_columns(
             [photo.lighting for photo in chosen],
             elements,
             [fields[photo.label] for photo in chosen],
             GGX_FORM,
-            specimen.shadows,
+            geometry.shadows,
         )
         first = _first_fit(photos, elements)
     return {name: first.importance(own) for name, own in lit.items()}

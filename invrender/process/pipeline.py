@@ -18,12 +18,12 @@ from capture.progress import Track, silent
 from capture.radiance import RadianceImage
 from invrender.estimate.evidence import PictureError, picture_error
 from invrender.observation.clock import Clock
-from invrender.observation.specimen import Specimen, find_specimen
+from invrender.observation.geometry import SceneGeometry, find_geometry
 from invrender.process.known_light import solve_known_light
 from invrender.process.solved import Solved
 from invrender.process.textured import solve_textured
 from invrender.process.unknown_light import solve_unknown_light
-from invrender.process.unknown_paint import solve_unknown_paint
+from invrender.process.unknown_texture import solve_unknown_texture
 from invrender.result.factorization import Factorization
 from invrender.transport.visibility import facing
 from recon.mesh.bodies import MeshBody, body_pixels, larger_pixels
@@ -67,7 +67,7 @@ class Run:
     """A finished run. seconds : per package, added up over threads, and "total", by the clock on the wall."""
 
     photoset: PhotoSet
-    specimen: Specimen
+    geometry: SceneGeometry
     solved: Solved
     seconds: dict[str, float]
 
@@ -83,7 +83,7 @@ class Run:
     @cached_property
     def binning(self) -> int:
         """So many pixels of a photograph, across and down, are one of its prediction."""
-        photos, body = self.photoset.photos, self.specimen.body
+        photos, body = self.photoset.photos, self.geometry.body
         return max(larger_pixels(body, photo.camera, _PREDICTED) for photo in photos)
 
     @cached_property
@@ -97,11 +97,11 @@ class Run:
             yield from parallel_map(self._predict, self.photoset.photos)
 
     def _predict(self, photo: Photo) -> Prediction:
-        observed, mask = decode_photo(self.photoset, photo), self.specimen.found.mask_of(photo)
+        observed, mask = decode_photo(self.photoset, photo), self.geometry.found.mask_of(photo)
         if self.binning > 1:
             observed = observed.binned(self.binning)
             photo = replace(photo, camera=photo.camera.binned(self.binning))
-        body = self.specimen.body
+        body = self.geometry.body
         rows, columns = body_pixels(body, photo.camera)
         predicted = np.zeros_like(observed.radiance)
         inside = np.zeros(observed.saturated.shape, bool)
@@ -137,7 +137,7 @@ class Run:
             _WITHIN, (len(rows), 1)
         )
         rays, on_body = samples_around(
-            self.specimen.body, photo.camera, observed, places.astype(float), across=False
+            self.geometry.body, photo.camera, observed, places.astype(float), across=False
         )
         radiance = np.zeros((len(places), 3))
         if on_body.any():
@@ -146,7 +146,7 @@ class Run:
 
     def _radiance(self, photo: Photo, samples: LightField) -> NDArray[np.float64]:
         """Radiance (n, 3) of samples; paint is the mean around each ray, across which light varies little."""
-        textures, shaded, body = self.result.textures, self.solved.shaded, self.specimen.body
+        textures, shaded, body = self.result.textures, self.solved.shaded, self.geometry.body
         if textures is None:
             return (self.solved.pictured or self.solved.radiance)(photo, samples)
         assert shaded is not None
@@ -172,14 +172,14 @@ def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) ->
     clock = Clock()
     _check_scope(photoset, [photo for photo in photoset.photos if not photo.held_out])
     with clock.on("recon"):
-        specimen = find_specimen(photoset, track, shadowing)
+        geometry = find_geometry(photoset, track, shadowing)
     unknown = {table.name for table in photoset.lightings if table.unknown}
-    given = photoset, specimen, samples, clock, track
+    given = photoset, geometry, samples, clock, track
     if unknown & {photo.lighting for photo in photoset.photos}:
-        solved = (solve_unknown_paint if photoset.object.texture else solve_unknown_light)(*given)
+        solved = (solve_unknown_texture if photoset.object.texture else solve_unknown_light)(*given)
     else:
         solved = (solve_textured if photoset.object.texture else solve_known_light)(*given)
-    return Run(photoset, specimen, solved, {**clock.seconds, "total": time.perf_counter() - begun})
+    return Run(photoset, geometry, solved, {**clock.seconds, "total": time.perf_counter() - begun})
 
 
 def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:

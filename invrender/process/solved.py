@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.photoset import Photo, PhotoSet
-from invrender.estimate.conclusions import Solution
 from invrender.estimate.evidence import relative_rms
 from invrender.estimate.quantities import FittedLighting, PhotoScore
-from invrender.observation.specimen import Specimen
+from invrender.estimate.solution import Solution
+from invrender.observation.geometry import SceneGeometry
 from invrender.result.factorization import Factorization
 from recon.sampling.lightfield import LightField
 
@@ -40,7 +40,7 @@ class Solved:
 
 def factorization(
     photoset: PhotoSet,
-    specimen: Specimen,
+    geometry: SceneGeometry,
     solution: Solution,
     fields: Mapping[str, LightField],
     residuals: Mapping[str, Floats],
@@ -51,11 +51,11 @@ def factorization(
     return Factorization(
         name=photoset.name,
         gauge=solution.gauge,
-        object=specimen.description,
+        object=geometry.description,
         brdf=solution.estimate.brdf,
         quantities=solution.quantities,
         lightings=(*solution.lightings, *scored),
-        rungs=solution.rungs,
+        candidates=solution.candidates,
         chosen=solution.chosen,
         photos=_scores(photoset, solution, fields, residuals),
         noise_floor=solution.noise.floor,
@@ -75,7 +75,7 @@ def _scores(
 ) -> tuple[PhotoScore, ...]:
     """How well each photograph of a set is explained."""
     scores = []
-    unseen = iter(solution.rungs[solution.chosen].photo_errors)
+    unseen = iter(solution.candidates[solution.chosen].photo_errors)
     weights = iter(solution.weights)
     for photo in photoset.photos:
         field, residual = fields[photo.label], residuals[photo.label]

@@ -18,10 +18,10 @@ from capture.lighting import Lighting
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.conclusions import Solution
 from invrender.estimate.forms import together
+from invrender.estimate.solution import Solution
 from invrender.estimate.textured.bounces import CorrectedTextures, account_for_bounces
 from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
@@ -31,13 +31,13 @@ from invrender.estimate.textured.observe import observe, points_for
 from invrender.estimate.textured.search import solved
 from invrender.estimate.textured.seen import Seen, rows_of, transfers_of
 from invrender.estimate.textured.solution import textured_solution
-from invrender.estimate.textured.stack import TexelRows
+from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
-from invrender.observation.reading import usable_pixels
-from invrender.observation.specimen import Specimen
-from invrender.process.findings import find_warnings
+from invrender.observation.geometry import SceneGeometry
+from invrender.observation.samples import usable_pixels
 from invrender.process.solved import Solved, factorization
+from invrender.process.warnings import find_warnings
 from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.predict import predict
 from invrender.transport.reflected import ReflectedMap, prepared_map
@@ -77,7 +77,7 @@ class _Bench:
     """What both passes need. bounced : per lighting, what parts of the mesh send each other, once that is known."""
 
     photoset: PhotoSet
-    specimen: Specimen
+    geometry: SceneGeometry
     body: MeshBody
     lightings: Mapping[str, Lighting]
     elements: Mapping[str, Sequence[LightElement]]
@@ -87,11 +87,11 @@ class _Bench:
     def pixels(self, photo: Photo) -> LightField:
         """All usable pixels of a photograph."""
         directions = self.lightings[photo.lighting].directions
-        return usable_pixels(self.photoset, self.specimen.found, photo, directions, self.clock)
+        return usable_pixels(self.photoset, self.geometry.found, photo, directions, self.clock)
 
     def direct(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
-        return transfers_of(self.elements[photo.lighting], pixels, brdf, self.specimen.shadows)
+        return transfers_of(self.elements[photo.lighting], pixels, brdf, self.geometry.shadows)
 
     def by_mesh(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """The same by light that other parts of the mesh send."""
@@ -105,7 +105,7 @@ class _Bench:
 
 def solve_textured(
     photoset: PhotoSet,
-    specimen: Specimen,
+    geometry: SceneGeometry,
     samples: int,
     clock: Clock,
     track: Track,
@@ -116,12 +116,12 @@ def solve_textured(
     samples : about how many observations of points enter the search for mu and sigma; also, about how many pixels of
     all photographs the residuals are reported of. recovered : the light, where the set doesn't give it.
     """
-    assert isinstance(specimen.body, MeshBody)
+    assert isinstance(geometry.body, MeshBody)
     lightings = _given(photoset, clock) if recovered is None else recovered.lightings
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-    bench = _Bench(photoset, specimen, specimen.body, lightings, elements, clock, {})
+    bench = _Bench(photoset, geometry, geometry.body, lightings, elements, clock, {})
     with clock.on("recon"):
-        layout, faults = find_layout(specimen.body, _footprint(photoset, specimen.body))
+        layout, faults = find_layout(geometry.body, _footprint(photoset, geometry.body))
     subset = _first_pass(bench, layout.points, samples, track)
     fit, accounted = _fit(bench, subset, track, is_absolute=recovered is None)
     if accounted is not None:
@@ -145,7 +145,7 @@ def solve_textured(
         kd, ks = textures.at(field)
         own = replace(brdf, kd=kd, ks=ks)
         ones = np.ones((len(elements[photo.lighting]), 3))
-        shown = predict(own, elements[photo.lighting], ones, field, specimen.shadows)
+        shown = predict(own, elements[photo.lighting], ones, field, geometry.shadows)
         bounced = bench.bounced.get(photo.lighting)
         return shown if bounced is None else shown + bounced.radiance(field, own)
 
@@ -162,17 +162,17 @@ def solve_textured(
         # All that is known of a lighting is one element. Its map integrated pixel by pixel takes twenty times as long.
         element, light = elements[photo.lighting][0], prepared(photo.lighting)
         bounced = bench.bounced.get(photo.lighting)
-        return shade(own, element, field, specimen.shadows, reflected=light, bounced=bounced)[0]
+        return shade(own, element, field, geometry.shadows, reflected=light, bounced=bounced)[0]
 
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure)
     if recovered is not None:
         solution = recovered.in_gauge(solution)
     warnings = [
-        *find_warnings(photoset, solution, specimen, lightings),
+        *find_warnings(photoset, solution, geometry, lightings),
         *_remarks([*faults, *dark], textures),
     ]
-    result = factorization(photoset, specimen, solution, fields, residuals, warnings)
+    result = factorization(photoset, geometry, solution, fields, residuals, warnings)
     result = replace(
         result, textures=textures, interreflection=None if accounted is None else accounted.found
     )
@@ -244,7 +244,7 @@ def _first_pass(bench: _Bench, points: SurfacePoints, samples: int, track: Track
             found = None
             if not photo.held_out:
                 seen = Seen.of(photo.lighting, observe(bench.body, photo.camera, field, subset), field)
-                found = seen, rows_of(seen, bench.elements, (PRINTED,), bench.specimen.shadows)[PRINTED]
+                found = seen, rows_of(seen, bench.elements, (RH01_FORM,), bench.geometry.shadows)[RH01_FORM]
         keep = np.zeros(len(field), bool)
         keep[np.random.default_rng(index).permutation(len(field))[:budget]] = True
         return field.where(keep), found
@@ -267,7 +267,7 @@ def _fit(
 
     is_absolute : whether Kd is an albedo, which what bounces hangs on.
     """
-    shadows = bench.specimen.shadows
+    shadows = bench.geometry.shadows
     # What photographs show may change by what bounces; what they would show of a BRDF doesn't.
     made: dict[tuple[Sequence[LobeForm], bytes], list[dict[LobeForm, TexelRows]]] = {}
 

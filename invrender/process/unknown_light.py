@@ -18,10 +18,10 @@ from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.named import named_causes
 from invrender.diagnostics.unknownlight import unknown_light_remainders
 from invrender.estimate.clusters import structured_rms
-from invrender.estimate.conclusions import Solution, unless_misfit
-from invrender.estimate.evidence import Rung
+from invrender.estimate.evidence import Candidate
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
+from invrender.estimate.solution import Solution, unless_misfit
 from invrender.estimate.unknown_light import (
     ORDERS,
     BlindLight,
@@ -34,11 +34,11 @@ from invrender.estimate.unknown_light.bounces import Sent, account_for_bounces
 from invrender.estimate.unknown_light.ladder import without_rows
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.observation.clock import Clock
-from invrender.observation.reading import read_samples
-from invrender.observation.specimen import Specimen
-from invrender.process.findings import find_warnings
-from invrender.process.newlight import NewLight, new_lights, scored_lighting, used_tables
+from invrender.observation.geometry import SceneGeometry
+from invrender.observation.samples import read_samples
+from invrender.process.held_out_light import HeldOutLight, held_out_lights, scored_lighting, used_tables
 from invrender.process.solved import Solved, factorization
+from invrender.process.warnings import find_warnings
 from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.predict import predict
 from invrender.transport.visibility import Shadows
@@ -67,7 +67,7 @@ _NO_SCALE = Quantity(
 
 def solve_unknown_light(
     photoset: PhotoSet,
-    specimen: Specimen,
+    geometry: SceneGeometry,
     samples: int,
     clock: Clock,
     track: Track,
@@ -78,12 +78,12 @@ def solve_unknown_light(
     factorize : `factorize_blind` with some of its options chosen; if None, as the set has it.
     """
     with clock.on("recon"):
-        others = new_lights(photoset)
+        others = held_out_lights(photoset)
     orders = orders_of(photoset, others)
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     sources = {name: other.lighting.directions for name, other in others.items()}
     fields, left_out = read_samples(
-        photoset, specimen.found, sources, samples, clock, track, highlights=orders == _DARK
+        photoset, geometry.found, sources, samples, clock, track, highlights=orders == _DARK
     )
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
@@ -92,14 +92,14 @@ def solve_unknown_light(
         def solve(photos: Sequence[LightField], doing: str) -> BlindSolution:
             steps = iter(track(range(blind_steps(orders)), doing))
             next(steps)
-            found = factorize(photos, names, on_step=lambda: next(steps, None), shadows=specimen.shadows)
+            found = factorize(photos, names, on_step=lambda: next(steps, None), shadows=geometry.shadows)
             for _ in steps:
                 pass
             # Rows take up far more than all else, and nobody asks for them again.
-            return replace(found, rungs=tuple(map(without_rows, found.rungs)))
+            return replace(found, candidates=tuple(map(without_rows, found.candidates)))
 
         blind = solve(seen, "Fitting light and BRDF")
-        parts = None if specimen.shadows is None else ConcaveMesh.of(specimen.shadows)
+        parts = None if geometry.shadows is None else ConcaveMesh.of(geometry.shadows)
         bounces = None
         if parts is not None:
             without = partial(solve, doing="Fitting without light that bounces")
@@ -109,14 +109,14 @@ def solve_unknown_light(
         numbers = {name: number for number, name in enumerate(blind.lights)}
 
         def recovered(photo: Photo, field: LightField) -> Floats:
-            shown = predict_blind(blind, field, blind.lights[photo.lighting], specimen.shadows)
+            shown = predict_blind(blind, field, blind.lights[photo.lighting], geometry.shadows)
             return shown if sent is None else shown + sent.radiance(numbers[photo.lighting], field)
 
         left = [field.radiance - recovered(photo, field) for photo, field in zip(fitted, seen, strict=True)]
         solution = _solution(blind, seen, left)
         brdf = solution.estimate.brdf
         under = {
-            photo.label: _under(others[photo.lighting], solution, fields[photo.label], specimen.shadows, sent)
+            photo.label: _under(others[photo.lighting], solution, fields[photo.label], geometry.shadows, sent)
             for photo in photoset.photos
             if photo.lighting in others
         }
@@ -126,7 +126,7 @@ def solve_unknown_light(
             if photo.lighting not in others:
                 return recovered(photo, field)
             own, bounced = under[photo.label]
-            shown = predict(brdf, others[photo.lighting].elements, own, field, specimen.shadows)
+            shown = predict(brdf, others[photo.lighting].elements, own, field, geometry.shadows)
             return shown if bounced is None else shown + bounced.radiance(field, brdf)
 
         residuals = dict(zip([photo.label for photo in fitted], left, strict=True))
@@ -135,9 +135,9 @@ def solve_unknown_light(
                 field = fields[photo.label]
                 residuals[photo.label] = field.radiance - radiance(photo, field)
         given = [(photo.label, photo.lighting, fields[photo.label]) for photo in fitted]
-        scene = unknown_light_remainders(blind, solution.estimate.brdf, specimen, given, left)
+        scene = unknown_light_remainders(blind, solution.estimate.brdf, geometry, given, left)
         causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
-    found = find_warnings(photoset, solution, specimen, {}, causes)
+    found = find_warnings(photoset, solution, geometry, {}, causes)
     warnings = (*left_out, *sentences(blind.warnings), *found)
     # Of several photographs under such a light the first tells its strength in the result.
     firsts = {
@@ -146,13 +146,13 @@ def solve_unknown_light(
         if photo.label in strengths
     }
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
-    result = factorization(photoset, specimen, solution, fields, residuals, warnings, scored)
+    result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored)
     result = replace(result, causes=causes, interreflection=None if bounces is None else bounces.found)
     return Solved(result, fields, residuals, radiance)
 
 
 def _under(
-    other: NewLight, solution: Solution, field: LightField, shadows: Shadows | None, sent: Sent | None
+    other: HeldOutLight, solution: Solution, field: LightField, shadows: Shadows | None, sent: Sent | None
 ) -> tuple[Floats, Bounced | None]:
     """Strengths of a known light that suit a photograph under it best, and what bounces there at a known albedo."""
     strengths = other.strengths(solution, field, shadows)
@@ -201,36 +201,36 @@ def _is_dark(photoset: PhotoSet, others: Collection[str]) -> bool:
 
 def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Sequence[Floats]) -> Solution:
     """The solution in the terms of those under known light; Kd + Ks is 1 in each channel."""
-    rungs = tuple(
-        Rung(
+    candidates = tuple(
+        Candidate(
             Estimate(
                 Model(
-                    rung.name,
-                    specular=rung.fit.state.sigma is not None,
-                    fresnel=rung.fit.state.mu is not None,
-                    form=rung.fit.state.form,
+                    candidate.name,
+                    specular=candidate.fit.state.sigma is not None,
+                    fresnel=candidate.fit.state.mu is not None,
+                    form=candidate.fit.state.form,
                 ),
-                _brdf(rung.fit.state),
+                _brdf(candidate.fit.state),
                 {},
-                rung.fit.cost,
+                candidate.fit.cost,
             ),
-            rung.photo_errors,
+            candidate.photo_errors,
             np.zeros(1),
-            rung.parameters,
+            candidate.parameters,
         )
-        for rung in blind.rungs
+        for candidate in blind.candidates
     )
     names, of_brdf = _brdf_numbers(blind.covariance_names)
     trusted = [np.sqrt(own.trust) * residual for own, residual in zip(blind.weights, residuals, strict=True)]
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     return Solution(
-        estimate=rungs[blind.chosen].estimate,
-        rungs=rungs,
+        estimate=candidates[blind.chosen].estimate,
+        candidates=candidates,
         chosen=blind.chosen,
         noise=blind.noise,
         weights=blind.weights,
         structured=structured_rms(fields, trusted) / float(energy),
-        quantities=unless_misfit(_quantities(blind), rungs[blind.chosen].error),
+        quantities=unless_misfit(_quantities(blind), candidates[blind.chosen].error),
         lightings=tuple(recovered_lighting(name, light) for name, light in blind.lights.items()),
         covariance=of_brdf @ blind.covariance @ of_brdf.T,
         covariance_names=names,
@@ -239,7 +239,7 @@ def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Seq
 
 
 def _brdf(state: BlindState) -> Microfacet:
-    return Microfacet(1 - state.kappa, state.kappa, state.mu, state.sigma, state.form)
+    return Microfacet(1 - state.specular_share, state.specular_share, state.mu, state.sigma, state.form)
 
 
 def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:

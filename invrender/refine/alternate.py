@@ -22,11 +22,11 @@ from capture.radiance import RadianceImage
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.process.pipeline import Run, process
-from invrender.refine.followed import Followed, Lobe, followed_in
 from invrender.refine.photometric import PoseTarget, RefinedPose, refine_pose
 from invrender.refine.posechange import LoosePose
 from invrender.refine.rim import outline_in
 from invrender.refine.shared import refine_together
+from invrender.refine.surface_tracking import Followed, Lobe, followed_in
 from recon.mesh.bodies import Body, MeshBody, body_coverage, larger_pixels
 from recon.sampling.draw import NO_SOURCES, sample_body
 from recon.sampling.lightfield import LightField
@@ -83,7 +83,7 @@ def refine_poses(
         error = run.result.model.error
         if best is not None and error > _STALLS * best.errors[-1]:
             break
-        centre = _middle(run.specimen.body)
+        centre = _middle(run.geometry.body)
         given = [
             LoosePose.of(photo.camera, centre, np.radians(turn_deg), shift_px) for photo in photoset.photos
         ]
@@ -123,7 +123,7 @@ def _looked_at(
     photoset: PhotoSet, run: Run, given: Sequence[LoosePose], points: SurfacePoints | None, index: int
 ) -> tuple[PoseTarget, Followed | None]:
     """A photograph, and in it the points of a texture that it was fitted to, these as larger pixels would show them."""
-    photo, body = photoset.photos[index], run.specimen.body
+    photo, body = photoset.photos[index], run.geometry.body
     assert isinstance(body, MeshBody)
     followed = points is not None and not photo.held_out
     binning = larger_pixels(body, photo.camera, _PAINTED) if followed else 1
@@ -134,7 +134,7 @@ def _looked_at(
         image = _in_patches(image, body, now, rng)
     field = sample_body(body, now, image, mask, NO_SOURCES, None, rng)
     chosen = _patches(field, rng)
-    sight = PoseTarget(
+    target = PoseTarget(
         camera=camera,
         centre=given[index].centre,
         units=given[index].units,
@@ -147,19 +147,19 @@ def _looked_at(
         outline=outline_in(camera, mask),
     )
     if points is None or not followed:
-        return sight, None
+        return target, None
     textures, transfers = run.result.textures, run.solved.transfers
     assert textures is not None
     assert transfers is not None
     lobe = Lobe(run.result.brdf.ks, textures.ks_varies)
-    return sight, followed_in(sight, image, now, field, points, partial(transfers, photo), lobe)
+    return target, followed_in(target, image, now, field, points, partial(transfers, photo), lobe)
 
 
 def _decoded(
     photoset: PhotoSet, run: Run, photo: Photo, binning: int
 ) -> tuple[RadianceImage, NDArray[np.float32] | None]:
     """A photograph and its mask in larger pixels. Its noise is left out: what a fit leaves says more of it."""
-    image, mask = decode_photo(photoset, photo), run.specimen.found.mask_of(photo)
+    image, mask = decode_photo(photoset, photo), run.geometry.found.mask_of(photo)
     noiseless = RadianceImage.black(*image.saturated.shape).variance
     image = RadianceImage(image.radiance, noiseless, image.saturated)
     if binning == 1:

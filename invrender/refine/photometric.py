@@ -157,18 +157,18 @@ class _Judge:
         return float(pixels / self.together + rim + view.change @ view.change)
 
 
-def refine_pose(sight: PoseTarget, start: Floats) -> RefinedPose:
+def refine_pose(target: PoseTarget, start: Floats) -> RefinedPose:
     """The change (6,) of a photograph's pose, in units, that its pixels and outline ask for, from a start on."""
-    makes = (sight.rows // BLOCK + sight.columns // BLOCK) % 2 == 0
-    view = _viewed(sight, start)
+    makes = (target.rows // BLOCK + target.columns // BLOCK) % 2 == 0
+    view = _viewed(target, start)
     if view.whole.sum() < _FEWEST:
         return RefinedPose(start, np.eye(6), 0, np.nan, np.nan)
-    before = _error(sight, view, ~makes)
+    before = _error(target, view, ~makes)
     for _ in range(_STEPS):
-        judge = _judge(sight, view, makes)
+        judge = _judge(target, view, makes)
         now = judge.deviance(view)
         for halvings in range(_HALVINGS + 1):
-            there = _viewed(sight, view.change + judge.step / 2**halvings)
+            there = _viewed(target, view.change + judge.step / 2**halvings)
             if judge.deviance(there) < now:
                 break
         else:
@@ -177,32 +177,32 @@ def refine_pose(sight: PoseTarget, start: Floats) -> RefinedPose:
         if np.abs(judge.step).max() < _SMALL:
             break
     covariance = np.asarray(np.linalg.inv(judge.information), float)
-    return RefinedPose(view.change, covariance, len(sight.rows), before, _error(sight, view, ~makes))
+    return RefinedPose(view.change, covariance, len(target.rows), before, _error(target, view, ~makes))
 
 
-def _viewed(sight: PoseTarget, change: Floats) -> _View:
-    return _View(change, *sight.slopes(change), sight.rim(change))
+def _viewed(target: PoseTarget, change: Floats) -> _View:
+    return _View(change, *target.slopes(change), target.rim(change))
 
 
-def _judge(sight: PoseTarget, view: _View, makes: NDArray[np.bool_]) -> _Judge:
+def _judge(target: PoseTarget, view: _View, makes: NDArray[np.bool_]) -> _Judge:
     """The Gauss-Newton step from a view, made of some pixels, (n,) bool, and what judges it."""
-    whole, observed = view.whole, sight.observed
+    whole, observed = view.whole, target.observed
     residual = np.where(whole[:, None], observed - view.predicted, 0)
     weight = np.zeros_like(observed)
-    weight[whole] = photo_weights(sight.noise, view.predicted[whole], residual[whole]).weight
-    blocks = np.repeat((sight.rows // BLOCK) * 100_000 + sight.columns // BLOCK, 3)
+    weight[whole] = photo_weights(target.noise, view.predicted[whole], residual[whole]).weight
+    blocks = np.repeat((target.rows // BLOCK) * 100_000 + target.columns // BLOCK, 3)
     slopes = np.where(whole[:, None, None], view.slopes, 0).reshape(-1, 6)
     pixels = block_equations(blocks, (weight * makes[:, None]).ravel(), slopes, residual.ravel())
     rim, std = PoseEquations(np.zeros((6, 6)), np.zeros(6), 1.0), np.inf
     if view.rim is not None:
         std = view.rim.std
-        rim = view.rim.equations(sight.motion(view.change, view.rim.points), std)
+        rim = view.rim.equations(target.motion(view.change, view.rim.points), std)
     information = pixels.information + rim.information + np.eye(6)
     step = np.asarray(np.linalg.solve(information, pixels.pull + rim.pull - view.change), float)
     judging = weight * ~makes[:, None]
     return _Judge(information, step, observed, judging, pixels.together, rim.together, std)
 
 
-def _error(sight: PoseTarget, view: _View, chosen: NDArray[np.bool_]) -> float:
+def _error(target: PoseTarget, view: _View, chosen: NDArray[np.bool_]) -> float:
     seen = np.isfinite(view.predicted) & chosen[:, None]
-    return relative_rms((sight.observed - view.predicted)[seen], sight.observed[seen])
+    return relative_rms((target.observed - view.predicted)[seen], target.observed[seen])

@@ -23,9 +23,9 @@ from invrender.estimate.evidence import relative_rms
 from invrender.estimate.linear import symmetric_pinv
 from invrender.estimate.noise import photo_weights
 from invrender.refine.blocks import block_equations
-from invrender.refine.followed import Followed
 from invrender.refine.photometric import RefinedPose
 from invrender.refine.rim import SilhouetteRim
+from invrender.refine.surface_tracking import Followed
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -72,7 +72,7 @@ class _Rows:
         found = np.zeros_like(radiance)
         for k, own in enumerate(self.photos):
             mine = (self.photo == k) & seen
-            found[mine] = self.trust[mine] / own.sight.noise.variance(np.maximum(radiance[mine], 0))
+            found[mine] = self.trust[mine] / own.target.noise.variance(np.maximum(radiance[mine], 0))
         return found
 
     def of_others(self, weight: Floats, gradient: Floats) -> Floats:
@@ -241,7 +241,7 @@ def _viewed(rows: _Rows, change: Floats, from_afar: bool) -> _View:
     seen &= np.isfinite(gradient).all(axis=(1, 2))
     slopes = np.einsum("ncw,nwj->ncj", gradient, np.concatenate([its.moves for its in shown]))
     slopes = slopes - np.concatenate([its.highlight for its in shown])
-    rims = [own.sight.rim(its) for own, its in zip(rows.photos, change, strict=True)]
+    rims = [own.target.rim(its) for own, its in zip(rows.photos, change, strict=True)]
     return _View(
         change,
         seen,
@@ -280,7 +280,7 @@ def _step(rows: _Rows, view: _View) -> _Step:
         if rim is None:
             rims.append((np.inf, 1.0))
             continue
-        outline = rim.equations(own.sight.motion(view.change[k], rim.points), rim.std)
+        outline = rim.equations(own.target.motion(view.change[k], rim.points), rim.std)
         others[_own(k), _own(k)] += outline.information
         pull[_own(k)] += outline.pull
         rims.append((rim.std, outline.together))
@@ -296,7 +296,8 @@ def _step(rows: _Rows, view: _View) -> _Step:
 def _shared_turns(rows: _Rows) -> Floats:
     """Turns of all photographs by as much about each axis of the world, (6 p, 3), in units."""
     own = [
-        np.vstack([photo.sight.camera.world_to_camera[:3, :3], np.zeros((3, 3))]) / photo.sight.units[:, None]
+        np.vstack([photo.target.camera.world_to_camera[:3, :3], np.zeros((3, 3))])
+        / photo.target.units[:, None]
         for photo in rows.photos
     ]
     return np.concatenate(own)
@@ -315,5 +316,5 @@ def _weighed(rows: _Rows, view: _View) -> tuple[Floats, Floats]:
         for k, own in enumerate(rows.photos):
             mine = (rows.photo == k) & use
             stray = left[mine] * np.sqrt(rows.trust[mine] / alone[mine])
-            weight[mine] = photo_weights(own.sight.noise, predicted[mine], stray).weight * rows.trust[mine]
+            weight[mine] = photo_weights(own.target.noise, predicted[mine], stray).weight * rows.trust[mine]
     return weight, _Paint.under(rows, weight, view.specular).less(view.off)

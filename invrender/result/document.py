@@ -97,13 +97,13 @@ def result_document(
         "identifiability": identifiability(result),
         "models": [
             {
-                "name": rung.estimate.model.name,
-                "parameters": rung.parameters,
-                "cross_validated_rms_relative": rung.error,
-                "standard_error": rung.standard_error,
+                "name": candidate.estimate.model.name,
+                "parameters": candidate.parameters,
+                "cross_validated_rms_relative": candidate.error,
+                "standard_error": candidate.standard_error,
                 "chosen": index == result.chosen,
             }
-            for index, rung in enumerate(result.rungs)
+            for index, candidate in enumerate(result.candidates)
         ],
         "warnings": list(result.warnings),
         "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
@@ -209,7 +209,7 @@ def _bounces(found: Interreflection) -> dict[str, Any]:
 def specular_colour(result: Factorization) -> str | None:
     """ "neutral" if one Ks for all channels explains as much as three, "coloured" if not; None where nothing tells."""
     model = result.model.estimate.model
-    if not any(rung.estimate.model.neutral for rung in result.rungs) or not model.specular:
+    if not any(candidate.estimate.model.neutral for candidate in result.candidates) or not model.specular:
         return None
     return "neutral" if model.neutral else "coloured"
 
@@ -234,7 +234,7 @@ def identifiability(result: Factorization) -> list[dict[str, str]]:
 
 def absence(result: Factorization, name: str) -> tuple[str, str]:
     """Why the chosen model lacks a parameter, and what would show whether the object needs it."""
-    chosen, best = result.model, min(result.rungs, key=lambda rung: rung.error)
+    chosen, best = result.model, min(result.candidates, key=lambda candidate: candidate.error)
     what = "Fresnel factor" if name == "mu" and chosen.estimate.model.specular else "specular term"
     if result.misfits:
         return misfit_reason(chosen.error), MISFIT_REMEDY

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause
-from invrender.estimate.evidence import HOPELESS, Rung
+from invrender.estimate.evidence import HOPELESS, Candidate
 from invrender.estimate.interreflection import Interreflection
 from invrender.estimate.quantities import FittedLighting, PhotoScore, Quantity
 from invrender.estimate.textured.textures import FittedTextures
@@ -28,7 +28,7 @@ class Factorization:
     gauge : which scale the numbers are in, in words; `is_absolute` if the lighting fixes it.
     quantities : by name, "kd", "ks", "mu", "sigma", "exponent" (Phong's), "albedo", "kd_normalised", "ks_normalised";
         a name that the chosen model doesn't have is missing, and so is the albedo in a relative gauge.
-    rungs, chosen : the ladder of models and the index of the chosen one.
+    candidates, chosen : the ladder of models and the index of the chosen one.
     noise_floor, noise_relative : what the residuals look like: sqrt(floor^2 + (relative radiance)^2).
     structured : the part of the residuals that isn't noise, relative RMS.
     covariance, covariance_names : of the BRDF's numbers, in the order named.
@@ -43,7 +43,7 @@ class Factorization:
     brdf: Microfacet
     quantities: Mapping[str, Quantity]
     lightings: tuple[FittedLighting, ...]
-    rungs: tuple[Rung, ...]
+    candidates: tuple[Candidate, ...]
     chosen: int
     photos: tuple[PhotoScore, ...]
     noise_floor: float
@@ -67,9 +67,9 @@ class Factorization:
         return self.model.error >= HOPELESS
 
     @property
-    def model(self) -> Rung:
+    def model(self) -> Candidate:
         """The chosen rung."""
-        return self.rungs[self.chosen]
+        return self.candidates[self.chosen]
 
     def rms(self, held_out: bool) -> float | None:
         """Mean over photographs of their relative RMS, or None where there are none of the kind."""

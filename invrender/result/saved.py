@@ -17,7 +17,7 @@ from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
 from capture.files.tables import Table
 from capture.lighting import Lighting, check_latlong
-from invrender.brdf.lobes import FORMS, PLASTICS, PRINTED, UNCORRELATED, LobeForm
+from invrender.brdf.lobes import FORMS, PLASTICS, RH01_FORM, UNCORRELATED, LobeForm
 from invrender.brdf.richer import RICHER
 
 RESULT_NAME = "result.json"
@@ -270,7 +270,7 @@ def saved_form(model: str, numbers: Mapping[str, float] = MappingProxyType({})) 
     numbers : the form's own, by name; what it has and isn't given is at its usual value.
     """
     if model == "lambertian":
-        return PRINTED
+        return RH01_FORM
     forms = FORMS | RICHER | {form.name: form for form in (*PLASTICS.values(), *UNCORRELATED.values())}
     if model not in forms:
         raise ValueError(

@@ -13,7 +13,7 @@ from pydantic import ConfigDict
 from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.lighting import Lighting, read_latlong
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, LobeForm, phong_sigma
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM, LobeForm, phong_sigma
 from invrender.brdf.microfacet import Microfacet
 from invrender.result.side import Number, Side, SideLighting, TruePaint
 
@@ -23,7 +23,7 @@ TRUTH_NAME = "truth.json"
 _WHAT = "a truth.json, as `lightfactor synth` writes it, holds brdf, lighting, photos and sensor"
 _Triple = tuple[float, float, float]
 # Models whose kd, ks, mu and width mean what those of a form of the lobe do.
-_FORMS: dict[str, LobeForm] = {"microfacet": PRINTED, "smith": BECKMANN, "ggx": GGX_FORM, "phong": PHONG}
+_FORMS: dict[str, LobeForm] = {"microfacet": RH01_FORM, "smith": BECKMANN, "ggx": GGX_FORM, "phong": PHONG}
 
 
 class _Lenient(Table):
@@ -145,7 +145,7 @@ def brdf_of(numbers: Mapping[str, Number], form: LobeForm | None) -> Microfacet:
         np.zeros(3) if ks is None else ks,
         None if mu is None else float(mu[0]),
         None if sigma is None else float(sigma[0]),
-        form or PRINTED,
+        form or RH01_FORM,
     )
 
 

@@ -41,7 +41,7 @@ def passed(mu: float | Floats, cos: Floats) -> Floats:
     return np.asarray((1 - fresnel_reflectance(mu, cos)) / mean)
 
 
-def let_through(form: LobeForm, mu: float | None, cos: Floats) -> Floats:
+def interface_transmittance(form: LobeForm, mu: float | None, cos: Floats) -> Floats:
     """What counts of light above the base at cosines to the normal: 1 above a Lambertian one, else t."""
     one = _one(form, mu)
     return np.ones(np.shape(cos)) if one is None else np.asarray(one(cos)[..., 0])
@@ -49,7 +49,7 @@ def let_through(form: LobeForm, mu: float | None, cos: Floats) -> Floats:
 
 def base_share(form: LobeForm, mu: float | None, cos_i: Floats, cos_o: Floats) -> Floats:
     """The base's reflectance over Kd at cosines of incidence and exitance, which broadcast."""
-    return let_through(form, mu, cos_i) * let_through(form, mu, cos_o)
+    return interface_transmittance(form, mu, cos_i) * interface_transmittance(form, mu, cos_o)
 
 
 @dataclass(frozen=True)
@@ -129,16 +129,16 @@ def base_size(form: LobeForm) -> int:
 
 
 def base_columns(
-    form: LobeForm, element: LightElement, normals: Floats, views: Floats, sight: RayVisibility | None
+    form: LobeForm, element: LightElement, normals: Floats, views: Floats, visible: RayVisibility | None
 ) -> Floats:
     """Radiance (m, size, channels) per unit of Kd and of the element's strength, in parts that hold no mu.
 
-    normals, views : (m, 3) unit. sight : None where nothing is hidden.
+    normals, views : (m, 3) unit. visible : None where nothing is hidden.
     """
     if not form.interface and form.coat is None:
-        return seen_diffuse(element, normals, sight)[:, None]
+        return seen_diffuse(element, normals, visible)[:, None]
     passing: Passing = interface_basis() if form.interface else coat_functions
-    return _through(passing, element, normals, views, sight)
+    return _through(passing, element, normals, views, visible)
 
 
 def base_weights(form: LobeForm, mu: float | Floats | None, coat: float | Floats | None = None) -> Floats:
@@ -158,12 +158,14 @@ def base_weights(form: LobeForm, mu: float | Floats | None, coat: float | Floats
 
 
 def base_irradiance(
-    form: LobeForm, mu: float | None, element: LightElement, normals: Floats, sight: RayVisibility | None
+    form: LobeForm, mu: float | None, element: LightElement, normals: Floats, visible: RayVisibility | None
 ) -> Floats:
     """Irradiance (m, channels), as far as it counts for the base, from a unit strength of the element."""
     one = _one(form, mu)
     return (
-        seen_diffuse(element, normals, sight) if one is None else entering(one, element, normals, sight)[:, 0]
+        seen_diffuse(element, normals, visible)
+        if one is None
+        else entering(one, element, normals, visible)[:, 0]
     )
 
 
@@ -173,11 +175,11 @@ def base_transfer(
     element: LightElement,
     normals: Floats,
     views: Floats,
-    sight: RayVisibility | None,
+    visible: RayVisibility | None,
 ) -> Floats:
     """Radiance (m, channels) per unit of Kd and of the element's strength; arguments as of `base_columns`."""
-    received = base_irradiance(form, mu, element, normals, sight)
-    return received * let_through(form, mu, np.clip((normals * views).sum(axis=1), 0, 1))[:, None]
+    received = base_irradiance(form, mu, element, normals, visible)
+    return received * interface_transmittance(form, mu, np.clip((normals * views).sum(axis=1), 0, 1))[:, None]
 
 
 def base_rows(form: LobeForm, mu: float | None, normals: Floats, views: Floats, l_max: int) -> Floats:
@@ -185,7 +187,7 @@ def base_rows(form: LobeForm, mu: float | None, normals: Floats, views: Floats, 
 
     normals, views : (m, 3) unit.
     """
-    out = let_through(form, mu, np.clip((normals * views).sum(axis=1), 0, 1))
+    out = interface_transmittance(form, mu, np.clip((normals * views).sum(axis=1), 0, 1))
     return evaluate_harmonics(normals, l_max) * sky_factors(form, mu, l_max) * out[:, None]
 
 
@@ -198,10 +200,10 @@ def sky_factors(form: LobeForm, mu: float | None, l_max: int) -> Floats:
 
 
 def _through(
-    passing: Passing, element: LightElement, normals: Floats, views: Floats, sight: RayVisibility | None
+    passing: Passing, element: LightElement, normals: Floats, views: Floats, visible: RayVisibility | None
 ) -> Floats:
     """In through the interface and out again: (m, k (k + 1) / 2, channels), of each pair of functions."""
-    inside = entering(passing, element, normals, sight)
+    inside = entering(passing, element, normals, visible)
     out = passing(np.clip((normals * views).sum(axis=1), 0, 1))[:, :, None]
     one, other = np.triu_indices(out.shape[1])
     result = inside[:, one] * out[:, other]
@@ -210,20 +212,22 @@ def _through(
     return np.asarray(result)
 
 
-def entering(passing: Passing, element: LightElement, normals: Floats, sight: RayVisibility | None) -> Floats:
+def entering(
+    passing: Passing, element: LightElement, normals: Floats, visible: RayVisibility | None
+) -> Floats:
     """Irradiance (m, k, channels) by light that counts for what passes, from a unit strength of the element.
 
     What a mesh hides of the sky is taken to pass as the rest does: exact where it hides all or nothing.
     """
     cos = np.maximum(normals @ element.directions.T, 0)
-    falling = cos if sight is None else cos * sight.sources
+    falling = cos if visible is None else cos * visible.sources
     result = np.einsum("msk,ms,sc->mkc", passing(cos), falling, element.irradiances)
     if element.diffuse_coefficients is None and not element.uniform:
         return result
     sky = _clear_sky(passing, element, normals)
-    if sight is not None and sight.hidden is not None:
+    if visible is not None and visible.hidden is not None:
         clear = diffuse_transfer(element.without_sources, normals)
-        sky *= np.clip(1 - sight.hidden / np.maximum(clear, 1e-12 * clear.max() + 1e-300), 0, 1)[:, None]
+        sky *= np.clip(1 - visible.hidden / np.maximum(clear, 1e-12 * clear.max() + 1e-300), 0, 1)[:, None]
     return np.asarray(result + sky)
 
 

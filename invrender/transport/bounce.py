@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from invrender.brdf.microfacet import Microfacet
-from invrender.transport.base import base_irradiance, let_through
+from invrender.transport.base import base_irradiance, interface_transmittance
 from invrender.transport.form_transfer import OneIndex, form_transfer
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Shadows
@@ -73,8 +73,8 @@ class ConcaveMesh:
         mesh = self.body.mesh
         direct = np.zeros((len(mesh.vertices), 3))
         for element, strength in zip(elements, strengths, strict=True):
-            sight = self.shadows.of_vertices(element)
-            direct += strength * base_irradiance(brdf.form, brdf.mu, element, mesh.normals, sight)
+            visible = self.shadows.of_vertices(element)
+            direct += strength * base_irradiance(brdf.form, brdf.mu, element, mesh.normals, visible)
         return self.exchanged(direct, albedo(brdf) if share is None else share)
 
     def exchanged(self, direct: Floats, albedo: Floats) -> Bounced:
@@ -111,7 +111,10 @@ class Bounced:
     def reflected(self, field: LightField, brdf: Microfacet) -> tuple[Floats, Floats]:
         """What rays (m, 3) reflect of it per unit of Kd, and of Ks: zero where `brdf` has no specular part."""
         cos = np.clip((field.normals * field.views).sum(axis=1), 0, 1)
-        diffuse = self.shadows.at_rays(self.irradiance, field) * let_through(brdf.form, brdf.mu, cos)[:, None]
+        diffuse = (
+            self.shadows.at_rays(self.irradiance, field)
+            * interface_transmittance(brdf.form, brdf.mu, cos)[:, None]
+        )
         specular = np.zeros_like(diffuse)
         if brdf.sigma is not None and brdf.ks.any():
             blocked = np.flatnonzero(~field.reflected_visible)

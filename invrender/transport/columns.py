@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
 from invrender.brdf.fresnel import FresnelBasis
-from invrender.brdf.lobes import PRINTED, LobeForm, Numbers, part_width
+from invrender.brdf.lobes import RH01_FORM, LobeForm, Numbers, part_width
 from invrender.brdf.microfacet import sigma_nodes, sigma_weights
 from invrender.transport.base import base_columns, base_size, base_weights
 from invrender.transport.form_transfer import FresnelFunctions, OneIndex, forms_transfer
@@ -49,7 +49,7 @@ class PhotoColumns:
     elements: tuple[str, ...]
     columns: NDArray[np.float32]
     field: LightField
-    form: LobeForm = PRINTED
+    form: LobeForm = RH01_FORM
     shadows: Shadows | None = None
 
     @property
@@ -92,7 +92,7 @@ def photo_columns(
     lighting: str,
     elements: Sequence[LightElement],
     field: LightField,
-    form: LobeForm = PRINTED,
+    form: LobeForm = RH01_FORM,
     shadows: Shadows | None = None,
     diffuse: NDArray[np.float32] | None = None,
 ) -> PhotoColumns:
@@ -123,19 +123,19 @@ def _photo_columns(
     bases = {base_size(form): form for form in forms}
     for block, part in blocks(field, _RAYS_AT_A_TIME):
         for e, element in enumerate(elements):
-            sight = None if shadows is None else shadows.sight(element, part)
+            visible = None if shadows is None else shadows.visible(element, part)
 
             def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
                 return forms_transfer(lobes, light, part.normals[rays], part.views[rays], nodes, fresnel)
 
-            specular = seen_specular(element, sight, gather)
+            specular = seen_specular(element, visible, gather)
             means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
             below: dict[int, NDArray[np.floating]] = {}
             for first, form in bases.items():
                 if first == 1 and diffuse is not None:
                     below[1] = diffuse[:, block, e, None]
                 else:
-                    base = base_columns(form, element, part.normals, part.views, sight)
+                    base = base_columns(form, element, part.normals, part.views, visible)
                     below[first] = part.mean_over_rays(base).transpose(2, 0, 1)
             for (lobe, first), columns in found.items():
                 columns[:, block, e, :first] = below[first]
@@ -151,7 +151,7 @@ def all_columns(
     lightings: Sequence[str],
     elements: Mapping[str, Sequence[LightElement]],
     fields: Sequence[LightField],
-    form: LobeForm = PRINTED,
+    form: LobeForm = RH01_FORM,
     shadows: Shadows | None = None,
     diffuse: Sequence[NDArray[np.float32]] | None = None,
 ) -> list[PhotoColumns]:
@@ -197,7 +197,10 @@ def columns_of_forms(
 
 
 def specular_weights(
-    mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED, numbers: Numbers | None = None
+    mu: float | Floats | None,
+    sigma: float | Floats,
+    form: LobeForm = RH01_FORM,
+    numbers: Numbers | None = None,
 ) -> Floats:
     """a_k(mu) c_j(sigma) in the columns' order, (rank * nodes,); of several mu and sigma (f,), (f, rank * nodes).
 
@@ -215,7 +218,10 @@ def specular_weights(
 
 
 def column_weights(
-    mu: float | Floats | None, sigma: float | Floats, form: LobeForm = PRINTED, numbers: Numbers | None = None
+    mu: float | Floats | None,
+    sigma: float | Floats,
+    form: LobeForm = RH01_FORM,
+    numbers: Numbers | None = None,
 ) -> Floats:
     """What columns count for in the transfers of base and lobe, (q, 2); at several mu and sigma, (f, q, 2).
 

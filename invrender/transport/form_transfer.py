@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import PRINTED, Angles, LobeForm, Smith, part_width, phong_exponent
+from invrender.brdf.lobes import RH01_FORM, Angles, LobeForm, Smith, part_width, phong_exponent
 from invrender.transport.half_vectors import (
     PreparedMap,
     RayFrames,
@@ -84,7 +84,7 @@ def forms_transfer(
         return np.concatenate(
             [_of_parts(form, element, normals, views, sigmas, fresnel) for form in forms], 1
         )
-    if forms[0] is PRINTED:
+    if forms[0] is RH01_FORM:
         factors = fresnel((normals * views).sum(axis=1))
         plain = specular_transfer(element, normals, views, sigmas)
         return np.asarray(factors[:, None, :, None, None] * plain[:, None, None])

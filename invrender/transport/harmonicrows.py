@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import PRINTED, Angles, LobeForm
+from invrender.brdf.lobes import RH01_FORM, Angles, LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import microfacet_gaussian, microfacet_transfer
@@ -97,7 +97,7 @@ def photo_rows(field: LightField, brdf: Microfacet, l_max: int, rung: Rung = "ex
     cos = np.einsum("nk,nk->n", field.normals, field.views)
     fresnel = normalised_fresnel(brdf.mu, cos)
     rays: Floats | Singles
-    if rung == "exact" and brdf.form is not PRINTED:
+    if rung == "exact" and brdf.form is not RH01_FORM:
         rays, _, _ = form_rows(field, l_max, brdf.form, brdf.mu, brdf.sigma)
     elif rung == "exact":
         rays = lobe_rows(field, lobe_table(l_max).at_angles(brdf.sigma)[:, :1], fresnel)[0]
@@ -117,7 +117,7 @@ def lobe_blur(brdf: Microfacet, l_max: int, rung: Rung = "exact") -> Floats:
         return np.ones(l_max + 1)
     if rung == "filtered":
         return microfacet_gaussian(brdf.sigma, l_max)
-    if brdf.form is PRINTED:
+    if brdf.form is RH01_FORM:
         transfer = microfacet_transfer(brdf.sigma, l_max)
     else:
         transfer = _head_on(brdf.form, brdf.mu, brdf.sigma, l_max)

@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.transport.form_transfer import form_transfer
 from invrender.transport.transfer import LightElement, specular_transfer
 
 Floats = NDArray[np.float64]
 # mu, None without a Fresnel factor, and sigma in radians.
-Widths = tuple[float | None, float]
+SourceWidths = tuple[float | None, float]
 
 
 def gathered(
-    form: LobeForm, element: LightElement, normals: Floats, views: Floats, widths: Sequence[Widths]
+    form: LobeForm, element: LightElement, normals: Floats, views: Floats, widths: Sequence[SourceWidths]
 ) -> Floats:
     """Radiance (m, widths, channels) per unit of Ks, Fresnel's factor included, of unshadowed surfaces.
 
@@ -29,7 +29,7 @@ def gathered(
     sigmas = tuple(dict.fromkeys(sigma for _, sigma in widths))
     of_sigma = [sigmas.index(sigma) for _, sigma in widths]
     of_mu = [mus.index(mu) for mu, _ in widths]
-    if form is PRINTED:
+    if form is RH01_FORM:
         # In double precision, which is all that this has before `form_transfer`.
         factors = Indices(mus)((normals * views).sum(axis=1))
         plain = specular_transfer(element, normals, views, np.array(sigmas))

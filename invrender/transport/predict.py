@@ -48,11 +48,11 @@ def reflected(
         return form_transfer(brdf.form, light, field.normals[rays], field.views[rays], sigma, fresnel)
 
     for element, strength in zip(elements, strengths, strict=True):
-        sight = None if shadows is None else shadows.sight(element, field)
-        base = base_transfer(brdf.form, brdf.mu, element, field.normals, field.views, sight)
+        visible = None if shadows is None else shadows.visible(element, field)
+        base = base_transfer(brdf.form, brdf.mu, element, field.normals, field.views, visible)
         diffuse += strength * base
         if brdf.sigma is not None and brdf.ks.any():
-            specular += strength * seen_specular(element, sight, gather)[:, 0, 0]
+            specular += strength * seen_specular(element, visible, gather)[:, 0, 0]
     return diffuse, specular
 
 

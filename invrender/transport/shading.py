@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from invrender.brdf.microfacet import Microfacet
 from invrender.transport.base import base_transfer
 from invrender.transport.bounce import Bounced
-from invrender.transport.lobe import Widths, gathered
+from invrender.transport.lobe import SourceWidths, gathered
 from invrender.transport.reflected import ReflectedMap
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Rays, RayVisibility, Shadows, facing, seen_specular
@@ -51,8 +51,8 @@ def shade(
     what the mesh sends itself under the element, if that is to be added; what it hangs on isn't in the slopes.
     """
     field = facing(field)
-    sight = None if shadows is None else shadows.sight(element, field)
-    diffuse = _base(brdf, brdf.mu, element, field, sight)
+    visible = None if shadows is None else shadows.visible(element, field)
+    diffuse = _base(brdf, brdf.mu, element, field, visible)
     mirrored: Floats | float = 0.0
     if bounced is not None:
         by_mesh, mirrored = bounced.reflected(field, brdf)
@@ -74,7 +74,7 @@ def shade(
             rest[steep] = gathered(brdf.form, light, normals[steep], views[steep], widths)
             return rest
 
-        specular = seen_specular(element, sight, gather)
+        specular = seen_specular(element, visible, gather)
         seen = specular[:, 0] + mirrored
         total = total + brdf.ks * seen
         if gradient is not None:
@@ -84,19 +84,23 @@ def shade(
                 gradient[:, 2] = brdf.ks * (specular[:, 4] - specular[:, 3]) / (2 * _STEP * brdf.mu)
                 if brdf.form.interface:
                     ends = [brdf.mu * step for step in (1 - _STEP, 1 + _STEP)]
-                    low, high = (_base(brdf, end, element, field, sight) for end in ends)
+                    low, high = (_base(brdf, end, element, field, visible) for end in ends)
                     gradient[:, 2] += brdf.kd * (high - low) / (2 * _STEP * brdf.mu)
     radiance = np.asarray(field.mean_over_rays(total))
     return radiance, None if gradient is None else np.asarray(field.mean_over_rays(gradient))
 
 
 def _base(
-    brdf: Microfacet, mu: float | None, element: LightElement, field: LightField, sight: RayVisibility | None
+    brdf: Microfacet,
+    mu: float | None,
+    element: LightElement,
+    field: LightField,
+    visible: RayVisibility | None,
 ) -> Floats:
-    return base_transfer(brdf.form, mu, element, field.normals, field.views, sight)
+    return base_transfer(brdf.form, mu, element, field.normals, field.views, visible)
 
 
-def _stepped(mu: float | None, sigma: float) -> list[Widths]:
+def _stepped(mu: float | None, sigma: float) -> list[SourceWidths]:
     """Mu and sigma themselves, then a step less and more of sigma, and of mu if there is one."""
-    steps: list[Widths] = [(mu, sigma), *((mu, sigma * step) for step in (1 - _STEP, 1 + _STEP))]
+    steps: list[SourceWidths] = [(mu, sigma), *((mu, sigma * step) for step in (1 - _STEP, 1 + _STEP))]
     return steps if mu is None else [*steps, *((mu * step, sigma) for step in (1 - _STEP, 1 + _STEP))]

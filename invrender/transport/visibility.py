@@ -64,7 +64,7 @@ class Shadows:
         clear = per_degree * evaluate_harmonics(body.mesh.normals, l_max)
         return cls(body, (clear - transfer.coefficients).astype(np.float32))
 
-    def sight(self, element: LightElement, field: LightField) -> RayVisibility:
+    def visible(self, element: LightElement, field: LightField) -> RayVisibility:
         """What the rays of a photograph's samples see of an element's light."""
         assert field.faces is not None
         coefficients = _sky(element, self.l_max)
@@ -186,33 +186,33 @@ class RayVisibility:
     hidden: Floats | None
 
 
-def seen_diffuse(element: LightElement, normals: Floats, sight: RayVisibility | None) -> Floats:
-    """`diffuse_transfer` under visibility, (m, channels); sight : None where nothing is hidden."""
-    if sight is None:
+def seen_diffuse(element: LightElement, normals: Floats, visible: RayVisibility | None) -> Floats:
+    """`diffuse_transfer` under visibility, (m, channels); visible : None where nothing is hidden."""
+    if visible is None:
         return diffuse_transfer(element, normals)
-    cos = np.maximum(normals @ element.directions.T, 0) * sight.sources
+    cos = np.maximum(normals @ element.directions.T, 0) * visible.sources
     total = cos @ element.irradiances
-    if sight.hidden is not None:
+    if visible.hidden is not None:
         # Below zero only by rounding, and by harmonics that end at some degree.
-        total += np.maximum(diffuse_transfer(element.without_sources, normals) - sight.hidden, 0)
+        total += np.maximum(diffuse_transfer(element.without_sources, normals) - visible.hidden, 0)
     return np.asarray(total)
 
 
 def seen_specular(
     element: LightElement,
-    sight: RayVisibility | None,
+    visible: RayVisibility | None,
     gather: Callable[[LightElement, Rays], NDArray[np.floating]],
 ) -> NDArray[np.floating]:
-    """What a lobe gathers of an element's light under visibility, (m, ...); sight : None where nothing is hidden.
+    """What a lobe gathers of an element's light under visibility, (m, ...); visible : None where nothing is hidden.
 
     gather(part, rays) : what it gathers of a part of the light at some of the rays, (r, ...), nothing being hidden;
     `specular_transfer` at these rays, say.
     """
-    if sight is None:
+    if visible is None:
         return gather(element, slice(None))
     total: NDArray[np.floating] | None = None
-    parts = [] if sight.hidden is None else [(element.without_sources, sight.mirrored.astype(float))]
-    parts += [(_source(element, k), seen) for k, seen in enumerate(sight.sources.T)]
+    parts = [] if visible.hidden is None else [(element.without_sources, visible.mirrored.astype(float))]
+    parts += [(_source(element, k), seen) for k, seen in enumerate(visible.sources.T)]
     for part, seen in parts:
         rays = np.flatnonzero(seen)
         values = gather(part, rays)

@@ -60,7 +60,7 @@ def test_a_camera_file_with_its_figure(shots: Path, tmp_path: Path) -> None:
     assert document["board"] == SPEC
     assert set(document["inputs"]) == {path.name for path in photos(shots)}
     assert len(document["views"]) == 6
-    assert sum(rung["chosen"] for rung in document["ladder"]) == 1
+    assert sum(candidate["chosen"] for candidate in document["ladder"]) == 1
     assert document["rms_px"]["fitted"] < document["rms_px"]["held_out"]
     covariance = np.array(document["covariance"])
     assert np.linalg.eigvalsh(covariance).min() > -1e-12

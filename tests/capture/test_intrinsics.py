@@ -265,7 +265,7 @@ def test_residuals_that_are_no_noise_are_noted():
 def test_a_principal_point_allows_for_a_decentred_lens():
     camera = Camera("OPENCV", [800, 800, 330, 235, -0.2, 0, 2e-4, 2e-4], *SIZE, np.eye(4))
     calibration = calibrate_detections(detections(203, 8, camera, noise=0.06), BOARD)
-    (richer,) = (rung.fit for rung in calibration.ladder if rung.lens is OPENCV)
+    (richer,) = (candidate.fit for candidate in calibration.ladder if candidate.lens is OPENCV)
     assert calibration.model == "SIMPLE_RADIAL"
     assert richer is not None
     rest = calibration.covariance - calibration.statistical_covariance

@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 
 from invrender.estimate.clusters import tile_of
 from invrender.estimate.unknown_light import Region, factorize_blind, predict_blind
-from invrender.estimate.unknown_light.certainty import certainty_of
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import light_scale
-from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import NOTHING, Search
+from invrender.estimate.unknown_light.uncertainty import blind_uncertainty
 from recon.harmonics.basis import evaluate_harmonics, sphere_directions
 from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight
@@ -80,10 +80,10 @@ def test_standard_deviations_of_the_light_hold_what_hangs_together(
 ):
     views, degree, material, stains = 8, 8, TEFLON, 0.02
     photos = photographs(bench, material, views, 3200)
-    sights = [LightingDesign.of([photo], degree) for photo in photos]
+    designs = [LightingDesign.of([photo], degree) for photo in photos]
     assert material.mu is not None
     truth = NOTHING.with_source(bench.source.direction)
-    truth = replace(truth, kappa=share(material), mu=material.mu, sigma=material.sigma)
+    truth = replace(truth, specular_share=share(material), mu=material.mu, sigma=material.sigma)
     grid = sphere_directions(20000)
     light = 4 * np.pi / len(grid) * evaluate_harmonics(grid, 2).T @ bench.area_light.radiance_from(grid)
     light = light * (material.kd + material.ks)
@@ -96,14 +96,14 @@ def test_standard_deviations_of_the_light_hold_what_hangs_together(
             tile = np.unique(tile_of(photo), return_inverse=True)[1]
             gain = 1 + stains * rng.standard_normal(tile.max() + 1)
             seen.append(replace(photo, radiance=photo.radiance * gain[tile, None]))
-        own = [replace(sight, field=photo) for sight, photo in zip(sights, seen, strict=True)]
+        own = [replace(design, field=photo) for design, photo in zip(designs, seen, strict=True)]
         weights = [
             keep[:, None] / ((NOISE**2 + stains**2) * photo.radiance**2)
             for keep, photo in zip(clear, photos, strict=True)
         ]
         search = Search(own, weights, [np.ones_like(weight) for weight in weights], light_scale(own))
         fit = search.fit(truth, degree)
-        ratios.append((fit.light[0][:9] - light) / certainty_of(search, fit).light_std[0][:9])
+        ratios.append((fit.light[0][:9] - light) / blind_uncertainty(search, fit).light_std[0][:9])
     # 1.4, for the light takes up a part of the stains; 2.4 were residuals taken for independent.
     assert np.sqrt(np.mean(np.square(ratios))) < 1.7
 
@@ -145,7 +145,7 @@ def test_brdf_light_and_source_are_found_from_photographs_alone(
     assert {"kd_normalised", "ks_normalised", "sigma"} <= found.quantities.keys()
     assert {quantity.status for quantity in found.quantities.values()} == {"determined"}
     # Few photographs are left out by tiles: without one of three the light would not be seen from all sides.
-    assert len(found.rungs[0].deviance) == (views if views > 3 else 10)
+    assert len(found.candidates[0].deviance) == (views if views > 3 else 10)
     # A view that no photograph shows, from above them all, is predicted far below its noise.
     unseen = bench.sphere_field(30.0, 2000, seed=5)
     expected = unseen.mean_over_rays(
@@ -202,10 +202,13 @@ def test_the_ladder_needs_fresnel_light_and_source_and_no_more(
 ):
     found = factorize_blind(noisy(photographs(bench, TEFLON, 5, 1500), rng), orders=[4, 8])
     assert found.model == "microfacet, lighting of degree 8, 1 source"
-    chosen = found.rungs[found.chosen]
+    chosen = found.candidates[found.chosen]
     # Noise, relative, is 1%; whoever leaves something out predicts unseen photographs clearly worse.
     assert chosen.error < 1.1 * NOISE
-    assert min(rung.error for k, rung in enumerate(found.rungs) if k != found.chosen) > 1.3 * chosen.error
+    assert (
+        min(candidate.error for k, candidate in enumerate(found.candidates) if k != found.chosen)
+        > 1.3 * chosen.error
+    )
 
 
 def test_sources_are_told_apart_down_to_the_width_of_the_lobe(

@@ -31,7 +31,7 @@ def test_finer_light_is_tried_as_long_as_photographs_ask_for_it(
         photos.append(replace(field, radiance=field.mean_over_rays(radiance)))
     found = factorize_blind(noisy(photos, np.random.default_rng(1)), orders=[6, 12, 16])
     assert found.model.startswith(f"microfacet, lighting of degree {degree}, ")
-    assert max(rung.fit.l_max for rung in found.rungs) == highest
+    assert max(candidate.fit.l_max for candidate in found.candidates) == highest
     mu = found.quantities["mu"]
     # 0.009 is what noise does; degree 6 alone states 1.92 ± 0.23 of the narrow ones.
     assert abs(mu.value[0] - TEFLON.mu) < 3 * mu.std[0] < 0.036

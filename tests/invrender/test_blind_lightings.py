@@ -154,7 +154,7 @@ def test_working_on_photographs_together_changes_nothing(
         assert_allclose(together.lights[name].coefficients, apart.lights[name].coefficients, atol=1e-3)
     # What is told of photographs is told in their order.
     assert [len(own.trust) for own in together.weights] == [len(photo) for photo in photos]
-    assert_allclose(together.rungs[0].photo_errors, apart.rungs[0].photo_errors, rtol=1e-3)
+    assert_allclose(together.candidates[0].photo_errors, apart.candidates[0].photo_errors, rtol=1e-3)
     for own, other in zip(together.weights, apart.weights, strict=True):
         assert_allclose(own.weight, other.weight, rtol=1e-2)
 

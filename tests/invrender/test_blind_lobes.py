@@ -65,16 +65,20 @@ def test_the_ladder_tells_half_angle_lobes_from_rh01s(bench: SimpleNamespace, rn
     # Error bars that say something: three per mille of a share, 0.005 of mu.
     assert (std[:5] < [0.003, 0.003, 0.003, 0.005, 0.001]).all()
     # What was tried instead is told, and predicts photographs that it has not seen far worse.
-    tried = {rung.name.split(",")[0]: rung.error for rung in found.rungs}
+    tried = {candidate.name.split(",")[0]: candidate.error for candidate in found.candidates}
     assert {"microfacet", "GGX", "Phong"} <= tried.keys()
-    assert min(tried[name] for name in ("microfacet", "GGX", "Phong")) > 3 * found.rungs[found.chosen].error
+    assert (
+        min(tried[name] for name in ("microfacet", "GGX", "Phong")) > 3 * found.candidates[found.chosen].error
+    )
     unseen = bench.sphere_field(30.0, 500, 90.0, seed=5)
     expected = _smith(unseen, bench)
     error = predict_blind(found, unseen) - expected
     assert np.sqrt(np.mean(error**2)) < 0.5 * NOISE * np.sqrt(np.mean(expected**2))
     # RH01's form would answer with shares that are off by many of these error bars.
-    as_printed = next(rung.fit.state for rung in found.rungs if rung.name.startswith("microfacet,"))
-    assert np.abs(as_printed.kappa - share(PAINTED)).min() > 5 * std[:3].max()
+    as_printed = next(
+        candidate.fit.state for candidate in found.candidates if candidate.name.startswith("microfacet,")
+    )
+    assert np.abs(as_printed.specular_share - share(PAINTED)).min() > 5 * std[:3].max()
 
 
 def _of_plastic(field: LightField, bench: SimpleNamespace) -> np.ndarray:
@@ -114,8 +118,12 @@ def test_the_ladder_tells_a_base_under_an_interface(bench: SimpleNamespace, rng:
     assert (np.abs(error) < 3 * std[:5]).all()
     assert (std[:5] < [0.003, 0.003, 0.003, 0.005, 0.001]).all()
     # Over a Lambertian base each lobe explains a tenth at best; the other plastic's lobe is what gives it away.
-    errors = {rung.fit.state.form: rung.error for rung in found.rungs if rung.fit.state.sigma is not None}
-    best = found.rungs[found.chosen].error
+    errors = {
+        candidate.fit.state.form: candidate.error
+        for candidate in found.candidates
+        if candidate.fit.state.sigma is not None
+    }
+    best = found.candidates[found.chosen].error
     assert errors[BECKMANN] > 8 * best
     assert errors[GGX_FORM] > 8 * best
     assert errors[PLASTICS[GGX_FORM]] > 3 * best

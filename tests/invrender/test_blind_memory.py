@@ -8,8 +8,8 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.testing import assert_allclose
 
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import rows_of
-from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import NOTHING
 from recon.sampling.lightfield import LightField
 
@@ -26,13 +26,13 @@ def with_rays(field: LightField, count: int) -> LightField:
 def test_rows_take_no_more_memory_for_more_rays(bench) -> None:
     # A mesh's pixel has ten rays or more: rows of each took 3.4 GB for three views of a bunny.
     field, l_max = bench.sphere_field(40.0, samples=1500), 12
-    state = replace(NOTHING, kappa=np.full(3, 0.2), mu=1.6, sigma=0.1234)
+    state = replace(NOTHING, specular_share=np.full(3, 0.2), mu=1.6, sigma=0.1234)
     found, kept = [], []
     for rays in (1, 16):
         fine = with_rays(field, rays)
         tracemalloc.start()
-        sight = LightingDesign.of([fine], l_max)
-        found.append(rows_of(sight, state, l_max))
+        design = LightingDesign.of([fine], l_max)
+        found.append(rows_of(design, state, l_max))
         kept.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
     of_rays = sum(getattr(fine, name).nbytes for name in ("ray_sample", *OF_RAYS))

@@ -10,8 +10,8 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
 from invrender.brdf.lobes import BECKMANN
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import rows_of, slopes_of
-from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import NOTHING
 from invrender.estimate.unknown_light.state import BlindState, turn
 from invrender.transport.visibility import Shadows
@@ -84,8 +84,8 @@ def test_a_source_lights_what_no_ball_stands_before(plane: tuple[Shadows, LightF
     shadows, field = plane
     towards = np.array([0.48, 0.36, 0.8])
     state = BRDF.with_source(towards)
-    sight, clear = LightingDesign.of([field], 4, shadows=shadows), LightingDesign.of([field], 4)
-    rows, unshadowed = (rows_of(own, state, 4) for own in (sight, clear))
+    design, clear = LightingDesign.of([field], 4, shadows=shadows), LightingDesign.of([field], 4)
+    rows, unshadowed = (rows_of(own, state, 4) for own in (design, clear))
     # From the ball's centre, how far each point's ray to the source passes.
     away = np.linalg.norm(np.cross(field.positions - CENTRE, towards), axis=1)
     # Directions are told apart to half a degree, which is a twentieth of the radius from afar.
@@ -99,7 +99,7 @@ def test_a_source_lights_what_no_ball_stands_before(plane: tuple[Shadows, LightF
         assert_array_equal(own[lit, -1], free[lit, -1])
     # A small turn of the source takes the shadow along, which slopes leave out: they are those of lit points, or none.
     light = np.vstack([np.zeros((25, 3)), np.ones((1, 3))])
-    slopes, free_slopes = slopes_of(sight, state, rows, light), slopes_of(clear, state, unshadowed, light)
+    slopes, free_slopes = slopes_of(design, state, rows, light), slopes_of(clear, state, unshadowed, light)
     assert not slopes[dark].any()
     assert_array_equal(slopes[lit], free_slopes[lit])
     # Borders are where a turn by a fiftieth of a radian changes what is seen.
@@ -108,7 +108,7 @@ def test_a_source_lights_what_no_ball_stands_before(plane: tuple[Shadows, LightF
         turned = turn(towards, *(0.02 * np.array([np.cos(angle), np.sin(angle)])))
         passing = np.linalg.norm(np.cross(field.positions - CENTRE, turned), axis=1)
         border |= (passing < 1) != (away < 1)
-    off = sight.off_borders(state.directions)
+    off = design.off_borders(state.directions)
     assert off[~border].all()
     # Six directions around don't show what a circle of them does only just.
     assert (off & border).sum() < 0.2 * border.sum()

@@ -46,11 +46,11 @@ def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generat
     def lobe(sigma: float) -> np.ndarray:
         return np.exp(-(across**2).sum(axis=1, keepdims=True) / sigma**2) / sigma**2 * np.ones(3)
 
-    def misfit(true: np.ndarray, strays: float = 0.0) -> float:
+    def misfit(true: np.ndarray, outliers: float = 0.0) -> float:
         predicted = lobe(0.1) + 0.5
         std = 0.02 * predicted
         noise = std * rng.standard_normal(std.shape)
-        noise += 50 * std * (rng.random(std.shape) < strays)
+        noise += 50 * std * (rng.random(std.shape) < outliers)
         return lobe_misfit(lobe(0.1), predicted, true + 0.5 + noise - predicted, np.ones_like(std), std**-2)
 
     clean = [misfit(lobe(0.1)) for _ in range(40)]
@@ -62,8 +62,8 @@ def test_what_highlights_leave_is_measured_and_noise_isnt(rng: np.random.Generat
     expected = 0.05 * 1.27 / 0.6745
     assert_allclose(misfit(lobe(0.105)), expected, rtol=0.25)
     # Dust on a tenth of the samples counts for little.
-    assert_allclose(misfit(lobe(0.105), strays=0.1), expected, rtol=0.5)
-    assert misfit(lobe(0.1), strays=0.1) < 0.02
+    assert_allclose(misfit(lobe(0.105), outliers=0.1), expected, rtol=0.5)
+    assert misfit(lobe(0.1), outliers=0.1) < 0.02
     assert lobe_misfit(*np.zeros((5, 5, 3))) == 0
     # What counts for nothing, and whose noise so isn't known, says nothing of highlights either.
     nothing, light = np.zeros((500, 3)), np.ones((500, 3))

@@ -13,8 +13,8 @@ import pytest
 
 from capture.files.imagefile import write_exr
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, texel_layout
-from invrender.output.compare.painted import over_same_part
 from invrender.output.compare.run import read_side
+from invrender.output.compare.textured import over_same_part
 from invrender.output.compare.verdicts import number_rows
 from invrender.output.export.shape import tessellated
 from recon.mesh.atlas import with_atlas

@@ -47,34 +47,34 @@ def test_chooses_the_smallest_model_that_explains(material: MicrofacetMaterial, 
     for seed in range(3):
         noisy = bench.with_noise(photos, np.random.default_rng(seed))
         steps: list[None] = []
-        rungs = climb_ladder(noisy, weights_of(photos), lambda steps=steps: steps.append(None))
-        best = choose(rungs)
-        assert [rung.estimate.model for rung in rungs] == list(LADDER)
-        assert rungs[best].estimate.model.name == chosen
+        candidates = climb_ladder(noisy, weights_of(photos), lambda steps=steps: steps.append(None))
+        best = choose(candidates)
+        assert [candidate.estimate.model for candidate in candidates] == list(LADDER)
+        assert candidates[best].estimate.model.name == chosen
         # Little is left but the noise that was drawn: the first and last photographs extrapolate from the others.
-        assert_allclose(rungs[best].error, np.mean(drawn_noise(noisy, photos)), rtol=0.1)
-        assert len(steps) == len(rungs)
-        assert [rung.parameters for rung in rungs] == [3, 7, 8]
+        assert_allclose(candidates[best].error, np.mean(drawn_noise(noisy, photos)), rtol=0.1)
+        assert len(steps) == len(candidates)
+        assert [candidate.parameters for candidate in candidates] == [3, 7, 8]
 
 
 def test_error_of_a_photograph_is_by_a_fit_that_has_not_seen_it(bench, rng):
     photos = bench.with_noise(bench.photograph(radiometric(RH01_MATERIALS["delrin"]), ANGLES[:4]), rng)
     weights = weights_of(photos)
-    rungs = climb_ladder(photos, weights)
+    candidates = climb_ladder(photos, weights)
     others = by_lighting(
         photo_statistics(p, w.weight) for p, w in list(zip(photos, weights, strict=True))[1:]
     )
-    for rung in rungs:
-        brdf = fit(rung.estimate.model, others).brdf
+    for candidate in candidates:
+        brdf = fit(candidate.estimate.model, others).brdf
         residual = photos[0].radiance - predict_columns(photos[0], brdf, np.ones((1, 3)))
         error = np.linalg.norm(residual) / np.linalg.norm(photos[0].radiance)
         # Started from the fit to all, a fold's steps end within their own tolerance of the other end.
-        assert_allclose(rung.photo_errors[0], error, rtol=1e-4)
+        assert_allclose(candidate.photo_errors[0], error, rtol=1e-4)
     spoilt = [bench.with_radiance(photos[0], 1.5 * photos[0].radiance), *photos[1:]]
     again = climb_ladder(spoilt, weights)
     # The first photograph's error is that of the same prediction against 1.5 times the radiance: about a third.
     assert_allclose(again[2].photo_errors[0], 1 / 3, rtol=0.02)
-    assert_allclose(rungs[2].photo_errors[0], 0.01, rtol=0.2)
+    assert_allclose(candidates[2].photo_errors[0], 0.01, rtol=0.2)
 
 
 def lit_on_its_own(bench, material: MicrofacetMaterial, angles) -> tuple[list, dict[str, np.ndarray]]:
@@ -107,13 +107,13 @@ def test_strengths_of_an_unseen_lighting_are_fitted(bench, rng):
         )
     # A left-out photograph's own light is refitted, whatever its brightness: its error is the noise.
     noisy = bench.with_noise(photos, rng)
-    rungs = climb_ladder(noisy, weights)
-    chosen = choose(rungs)
-    assert rungs[chosen].estimate.model.name == "microfacet"
+    candidates = climb_ladder(noisy, weights)
+    chosen = choose(candidates)
+    assert candidates[chosen].estimate.model.name == "microfacet"
     # Its own 6 strengths are fitted to its own 600 numbers, 3 of them by the few that the source reaches.
-    assert_allclose(rungs[chosen].photo_errors, drawn_noise(noisy, photos), rtol=0.1)
+    assert_allclose(candidates[chosen].photo_errors, drawn_noise(noisy, photos), rtol=0.1)
     # 8 of the BRDF and 3 channels of 2 elements of 4 lightings.
-    assert rungs[chosen].parameters == 8 + 24
+    assert candidates[chosen].parameters == 8 + 24
 
 
 def test_known_light_has_no_strengths_to_fit(bench):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.estimate.conclusions import Solution, factorize
 from invrender.estimate.explanation import explain
+from invrender.estimate.solution import Solution, factorize
 from invrender.transport.columns import PhotoColumns
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
@@ -104,19 +104,19 @@ def test_the_ladder_finds_the_form_and_its_numbers(solved):
 
 def test_the_other_forms_stand_in_the_ladder_as_worse(solved):
     form, _, solution = solved
-    best = solution.rungs[solution.chosen].error
-    others = [rung for rung in solution.rungs if rung.estimate.model.form.name != form]
-    assert {rung.estimate.model.form.name for rung in others} | {form} >= TRUTHS.keys()
+    best = solution.candidates[solution.chosen].error
+    others = [candidate for candidate in solution.candidates if candidate.estimate.model.form.name != form]
+    assert {candidate.estimate.model.form.name for candidate in others} | {form} >= TRUTHS.keys()
     # These lights show grazing highlights, where forms differ by several percent of the radiance.
-    apart = [rung for rung in others if rung.estimate.model.form.name in TRUTHS]
-    assert min(rung.error for rung in apart if rung.estimate.model.specular) > 2 * best
+    apart = [candidate for candidate in others if candidate.estimate.model.form.name in TRUTHS]
+    assert min(candidate.error for candidate in apart if candidate.estimate.model.specular) > 2 * best
 
 
 def test_a_matte_object_tries_no_forms(bench):
     photos = photographs(MicrofacetMaterial(KD, np.zeros(3), None, 0.1), bench, samples=60)
     noisy = bench.with_noise(photos, np.random.default_rng(0))
     explanation = explain(noisy, [bench.known_lighting()])
-    assert explanation.rungs[explanation.chosen].estimate.model.name == "lambertian"
+    assert explanation.candidates[explanation.chosen].estimate.model.name == "lambertian"
     assert not explanation.trials
 
 
@@ -126,7 +126,7 @@ def test_in_light_of_unknown_strength_ks_has_no_colour_of_its_own(bench):
     ambient = replace(bench.area_light, width_rad=1e6)
     photos = bench.photograph(material, ANGLES[::2], [ambient], [bench.source], told, samples=60)
     explanation = explain(bench.with_noise(photos, np.random.default_rng(0)), [told])
-    assert explanation.rungs[explanation.chosen].estimate.model.name == "microfacet"
-    assert not any(rung.estimate.model.neutral for rung in explanation.rungs)
+    assert explanation.candidates[explanation.chosen].estimate.model.name == "microfacet"
+    assert not any(candidate.estimate.model.neutral for candidate in explanation.candidates)
     # Other forms were tried in uniform light and under a source, all strengths free.
-    assert {"GGX", "Phong"} < {rung.estimate.model.form.name for rung in explanation.rungs}
+    assert {"GGX", "Phong"} < {candidate.estimate.model.form.name for candidate in explanation.candidates}

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PRINTED, LobeForm, phong_exponent
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, RH01_FORM, LobeForm, phong_exponent
 from invrender.theory.operator import view_frames
 from invrender.transport.formtable import form_radiance, form_rows
 from invrender.transport.lobetable import specular_rows
@@ -27,7 +27,7 @@ ZERO, ONE = np.zeros(3), np.ones(3)
 def test_rows_of_the_form_as_printed_are_those_of_its_own_table(bench, sigma: float):
     field = bench.sphere_field(40.0, samples=60)
     fresnel = normalised_fresnel(1.5, np.einsum("nk,nk->n", field.normals, field.views))
-    rows, by_sigma, _ = form_rows(field, 8, PRINTED, 1.5, sigma)
+    rows, by_sigma, _ = form_rows(field, 8, RH01_FORM, 1.5, sigma)
     expected = map(field.mean_over_rays, specular_rows(field, 8, sigma))
     for found, per_fresnel in zip((rows, by_sigma), expected, strict=True):
         means = field.mean_over_rays(found / fresnel[:, None])

@@ -10,7 +10,6 @@ import pytest
 from capture.lighting import Lighting
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE
-from invrender.estimate.conclusions import factorize
 from invrender.estimate.identifiability import (
     Scalar,
     assess_linear,
@@ -18,6 +17,7 @@ from invrender.estimate.identifiability import (
     assess_sigma,
     lighting_degree,
 )
+from invrender.estimate.solution import factorize
 from invrender.transport.columns import PhotoColumns
 from synthetic.lights.arealight import AreaLight
 from synthetic.materials.microfacet import MicrofacetMaterial

@@ -22,13 +22,13 @@ from capture.lighting import Lighting
 from capture.manifest import LightingTable
 from capture.photoset import load_photoset
 from capture.progress import silent
-from invrender.brdf.lobes import PRINTED
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.evidence import relative_rms
 from invrender.estimate.interreflection import relaxed, rms, settled
 from invrender.estimate.unknown_light import factorize_blind
 from invrender.observation.clock import Clock
-from invrender.observation.specimen import find_specimen
+from invrender.observation.geometry import find_geometry
 from invrender.process.pipeline import process
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.result.document import result_document
@@ -86,7 +86,7 @@ def test_light_in_a_bowl_is_a_geometric_series() -> None:
     parts = ConcaveMesh.of(shadows_of(bowl))
     assert parts is not None
     sky = light_elements(Lighting("sky", None, np.zeros((0, 3)), np.zeros((0, 3)), recover_ambient=True))
-    brdf = Microfacet(np.array([0.3, 0.15, 0.0]), np.zeros(3), None, None, PRINTED)
+    brdf = Microfacet(np.array([0.3, 0.15, 0.0]), np.zeros(3), None, None, RH01_FORM)
     bounced = parts.bounced(sky, np.ones((1, 3)), brdf)
     # Every point of a sphere's inside sees the same share of it and of the sky, so that with albedo a the irradiance is
     # pi (1 - share) (1 + a share + (a share)^2 + ...).
@@ -104,10 +104,10 @@ def test_a_convex_body_has_none() -> None:
 
 
 def test_albedo_counts_the_lobe() -> None:
-    plain = Microfacet(np.full(3, 0.2), np.zeros(3), None, None, PRINTED)
+    plain = Microfacet(np.full(3, 0.2), np.zeros(3), None, None, RH01_FORM)
     assert_allclose(albedo(plain), 0.2 * np.pi)
     # Narrow facets all lie flat: what they reflect is Ks F at the view's angle, here without F.
-    glossy = Microfacet(np.full(3, 0.2), np.full(3, 0.1), None, 0.02, PRINTED)
+    glossy = Microfacet(np.full(3, 0.2), np.full(3, 0.1), None, 0.02, RH01_FORM)
     assert_allclose(albedo(glossy), 0.2 * np.pi + 0.1 / 4 * np.pi, rtol=0.5)
 
 
@@ -221,7 +221,7 @@ def test_where_nothing_bounces_its_size_is_that_of_the_accepted_fit(tmp_path: Pa
     # Of refits with ever more taken off 18% was stated; the fit to the photographs as they are is right, and says 28%.
     scene = CUP.replace("bounces = 2", "bounces = 0")
     run = process(load_photoset(write_cup_set(tmp_path, scene, write_bowl)), 1500)
-    found, shadows = run.result.interreflection, run.specimen.shadows
+    found, shadows = run.result.interreflection, run.geometry.shadows
     assert found is not None
     assert shadows is not None
     assert not found.taken_off
@@ -229,7 +229,7 @@ def test_where_nothing_bounces_its_size_is_that_of_the_accepted_fit(tmp_path: Pa
     parts = ConcaveMesh.of(shadows)
     assert parts is not None
     (elements,) = (light_elements(light.lighting) for light in run.result.lightings)
-    truth = Microfacet(np.array(KD), np.zeros(3), None, None, PRINTED)
+    truth = Microfacet(np.array(KD), np.zeros(3), None, None, RH01_FORM)
     bounced = parts.bounced(elements, np.ones((len(elements), 3)), truth)
     fields = [run.fields[photo.label] for photo in run.photoset.photos if not photo.held_out]
     expected = rms([bounced.radiance(field, truth) for field in fields]) / rms(
@@ -273,7 +273,7 @@ def test_in_unknown_light_it_is_taken_off_at_the_albedo_that_explains_most(tmp_p
     photoset = load_photoset(write_cup_set(tmp_path, GLOSSY_CUP))
     lab = replace(photoset, lightings=(LightingTable(name=photoset.lightings[0].name, unknown=True),))
     factorize = partial(factorize_blind, orders=[4], ladder=False)
-    result = solve_unknown_light(lab, find_specimen(lab), 800, Clock(), silent, factorize).result
+    result = solve_unknown_light(lab, find_geometry(lab), 800, Clock(), silent, factorize).result
     found = result.interreflection
     assert found is not None
     assert found.taken_off

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PHONG, PRINTED, Angles, LobeForm, phong_exponent
+from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PHONG, RH01_FORM, Angles, LobeForm, phong_exponent
 from recon.harmonics.basis import sphere_directions
 from synthetic.materials import facets
 from synthetic.materials.material import Material
@@ -32,7 +32,7 @@ def _pairs(sigma: float) -> tuple[np.ndarray, np.ndarray]:
 )
 def test_forms_are_the_materials_of_the_renderer(form: LobeForm, mu: float | None, sigma: float) -> None:
     material: Material = {
-        PRINTED: lambda: MicrofacetMaterial(ZERO, ONE, mu, sigma),
+        RH01_FORM: lambda: MicrofacetMaterial(ZERO, ONE, mu, sigma),
         BECKMANN: lambda: SmithMaterial(ZERO, ONE, mu, facets.BeckmannSlopes(sigma, sigma)),
         GGX_FORM: lambda: SmithMaterial(ZERO, ONE, mu, facets.GGXSlopes(sigma, sigma)),
         PHONG: lambda: PhongMaterial(ZERO, ONE, float(phong_exponent(sigma))),
@@ -46,7 +46,7 @@ def test_forms_are_the_materials_of_the_renderer(form: LobeForm, mu: float | Non
 
 
 @pytest.mark.parametrize(
-    ("form", "tail"), [(PRINTED, 0.02), (BECKMANN, 0.02), (PHONG, 0.02), (GGX_FORM, 0.2)]
+    ("form", "tail"), [(RH01_FORM, 0.02), (BECKMANN, 0.02), (PHONG, 0.02), (GGX_FORM, 0.2)]
 )
 def test_one_sigma_is_one_width_of_the_highlight(form: LobeForm, tail: float) -> None:
     sigma = 0.05

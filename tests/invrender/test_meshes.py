@@ -21,7 +21,7 @@ from capture.progress import silent
 from capture.radiance import RadianceImage
 from invrender.estimate.unknown_light import factorize_blind
 from invrender.observation.clock import Clock
-from invrender.observation.specimen import find_specimen
+from invrender.observation.geometry import find_geometry
 from invrender.output.compare.lightings import first_coefficients
 from invrender.output.report.run import run_process
 from invrender.process.pipeline import process
@@ -239,8 +239,8 @@ def under_unknown_light(folder: Path, shadowing: bool = True) -> Factorization:
     lab, lamp = photoset.lightings
     photoset = replace(photoset, lightings=(LightingTable(name=lab.name, unknown=True), lamp))
     factorize = partial(factorize_blind, orders=[6], ladder=False)
-    specimen = find_specimen(photoset, shadowing=shadowing)
-    return solve_unknown_light(photoset, specimen, 2000, Clock(), silent, factorize).result
+    geometry = find_geometry(photoset, shadowing=shadowing)
+    return solve_unknown_light(photoset, geometry, 2000, Clock(), silent, factorize).result
 
 
 @pytest.fixture(scope="module")

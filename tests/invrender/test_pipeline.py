@@ -30,7 +30,7 @@ def test_large_photographs_are_predicted_in_means_over_several_pixels(
     run = process(load_photoset(lamp_set), samples=2000)
     assert run.binning == 1
     fine = next(run.predictions())
-    top, left, bottom, right = body_window(run.specimen.body, fine.photo.camera)
+    top, left, bottom, right = body_window(run.geometry.body, fine.photo.camera)
     monkeypatch.setattr(pipeline, "_PREDICTED", (bottom - top) * (right - left) / 9)
     large = process(load_photoset(lamp_set), samples=2000)
     assert large.binning == 3

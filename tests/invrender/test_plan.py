@@ -17,13 +17,13 @@ from invrender.estimate.statistics import by_lighting, photo_statistics
 from invrender.estimate.uncertainty import pack, uncertainty_of
 from invrender.plan.advice import advise
 from invrender.plan.experiment import Experiment, PlannedLight, angles_deg
+from invrender.plan.from_scene import experiment_of
 from invrender.plan.information import Marginal, Posterior, Tally, photograph_tally
 from invrender.plan.lightprospect import UnknownLight
 from invrender.plan.photographs import shown
 from invrender.plan.planning import Plan, make_plan
 from invrender.plan.prospect import Expected
 from invrender.plan.reflected import ReflectingObject
-from invrender.plan.staged import experiment_of
 from invrender.plan.unknowns import unknowns_of
 from invrender.process.pipeline import process
 from invrender.transport.predict import predict

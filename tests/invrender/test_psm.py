@@ -86,7 +86,10 @@ def test_a_photograph_left_out_is_predicted_within_five_percent(psm: Run) -> Non
 
 
 def test_the_sphere_needs_no_specular_term(psm: Run) -> None:
-    lambertian, best = psm.result.rungs[0], min(psm.result.rungs, key=lambda rung: rung.error)
+    lambertian, best = (
+        psm.result.candidates[0],
+        min(psm.result.candidates, key=lambda candidate: candidate.error),
+    )
     assert psm.result.model is lambertian
     # What any lobe explains, GGX's tails most of all, is half a percent of the radiance; stains leave five.
     assert 0 <= lambertian.error - best.error < 0.006

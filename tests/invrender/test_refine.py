@@ -20,11 +20,11 @@ from capture.radiance import RadianceImage
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.refine.alternate import _in_patches
-from invrender.refine.followed import Lobe, followed_in
 from invrender.refine.photometric import PoseTarget, RefinedPose, refine_pose
 from invrender.refine.posechange import changed, pose_covariance, position_std
 from invrender.refine.rim import outline_in
 from invrender.refine.shared import refine_together
+from invrender.refine.surface_tracking import Lobe, followed_in
 from recon.mesh.bodies import MeshBody
 from recon.mesh.trianglemesh import TriangleMesh, smooth_normals, write_mesh
 from recon.sampling.draw import NO_SOURCES, sample_body

@@ -15,7 +15,7 @@ from invrender.output.render import picture
 from invrender.output.render.light import light_element
 from invrender.output.render.subject import sphere_subject
 from invrender.result.reflectance import Reflectance
-from invrender.transport.manypixels import ManyPixels
+from invrender.transport.cached_shader import CachedShader
 from invrender.transport.predict import predict
 from invrender.transport.reflected import reflected_map
 from invrender.transport.transfer import light_elements
@@ -110,7 +110,7 @@ def test_pictures_look_lobes_up_only_as_far_as_that_is_as_good(bench: SimpleName
 
     def pictured(tolerance: float, photos: int = 100_000) -> np.ndarray:
         counts = {"room": photos}
-        many = ManyPixels(brdf, {"room": elements}, {"room": field}, counts, None, tolerance)
+        many = CachedShader(brdf, {"room": elements}, {"room": field}, counts, None, tolerance)
         return many.radiance("room", strengths, field)
 
     near = pictured(0.01)

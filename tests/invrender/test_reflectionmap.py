@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions
-from invrender.brdf.lobes import GGX_FORM, PRINTED, Angles, LobeForm
+from invrender.brdf.lobes import GGX_FORM, RH01_FORM, Angles, LobeForm
 from invrender.prefilter.reflectionmap import (
     lobe_coefficients,
     lobe_orders,
@@ -171,4 +171,4 @@ def test_wrong_shapes_are_told():
     with pytest.raises(ValueError, match=r"the lobe: .* not finite"):
         mirrored_coefficients(lambda n, wi, wo: np.full(wi.shape[:-1], np.nan), 3, 2, [1.0])
     with pytest.raises(ValueError, match="take more degrees"):
-        lobe_orders(of_form(PRINTED, None, 0.1), 0.03, 8, 2)
+        lobe_orders(of_form(RH01_FORM, None, 0.1), 0.03, 8, 2)

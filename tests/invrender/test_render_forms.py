@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.files.imagefile import write_exr
-from invrender.brdf.lobes import FORMS, PRINTED, phong_exponent
+from invrender.brdf.lobes import FORMS, RH01_FORM, phong_exponent
 from invrender.inverse_lighting.knownbrdf import read_brdf
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
@@ -91,7 +91,7 @@ def test_a_form_is_read_by_its_name_or_refused(lightfactor: Command, tmp_path: P
     for name, form in FORMS.items():
         folder = write_result(tmp_path / name, name, index_of(name), SIGMA)
         assert read_brdf(folder).form is form
-    assert read_brdf(write_result(tmp_path / "plain")).form is PRINTED
+    assert read_brdf(write_result(tmp_path / "plain")).form is RH01_FORM
     document = json.loads((folder / "result.json").read_text())
     document["brdf"]["model"] = "Fong"
     (folder / "result.json").write_text(json.dumps(document))

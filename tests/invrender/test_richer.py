@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import COATED_HAZY, HAZY, RICHER
-from invrender.estimate.conclusions import conclude
 from invrender.estimate.explanation import explain
+from invrender.estimate.solution import solution_of
 from invrender.result.saved import saved_form
 from invrender.transport.columns import photo_columns
 from invrender.transport.predict import predict, predict_columns
@@ -69,7 +69,7 @@ def test_a_real_paints_base_and_highlight_are_found_among_simpler_ones(bench) ->
     told = bench.known_lighting()
     photos = bench.predicted_photographs(truth, ANGLES, told, 160)
     known = explain(bench.with_noise(photos, np.random.default_rng(0)), [told])
-    solution = conclude(known, [told])
+    solution = solution_of(known, [told])
     assert solution.estimate.brdf.form.family is form.family
     for name, true in {"coat": 0.7, "haze": 0.4, "spread": 5.0, "sigma": 0.05}.items():
         found = solution.quantities[name]

@@ -10,8 +10,8 @@ from scipy.optimize import nnls
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import HAZY, TABULATED, core, tabulated
-from invrender.estimate.conclusions import conclude
 from invrender.estimate.explanation import explain
+from invrender.estimate.solution import solution_of
 
 ANGLES = np.linspace(0, 180, 8)
 
@@ -80,10 +80,12 @@ def test_what_no_formula_has_is_tabulated(bench) -> None:
     told = bench.known_lighting()
     photos = bench.predicted_photographs(truth, ANGLES, told, 160)
     known = explain(bench.with_noise(photos, np.random.default_rng(0)), [told])
-    solution = conclude(known, [told])
+    solution = solution_of(known, [told])
     assert solution.estimate.brdf.form.family is truth.form.family
-    assert solution.rungs[solution.chosen].error < 0.8 * min(
-        rung.error for rung in solution.rungs if rung.estimate.model.form.family is not truth.form.family
+    assert solution.candidates[solution.chosen].error < 0.8 * min(
+        candidate.error
+        for candidate in solution.candidates
+        if candidate.estimate.model.form.family is not truth.form.family
     )
     for name in ("kd", "ks"):
         found = solution.quantities[name]

@@ -24,8 +24,8 @@ from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked, tiny_sums
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, find_layout
 from invrender.estimate.textured.search import cost_at, search_point, textured_models
-from invrender.estimate.textured.stack import Stack, TexelRows
-from invrender.estimate.textured.sums import Sums, common_ks, solve_both, solve_kd
+from invrender.estimate.textured.texel_equations import TexelEquations, common_ks, solve_both, solve_kd
+from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.output.export.shape import tessellated
 from invrender.output.report.run import run_process
@@ -70,10 +70,10 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 
 
-def sums_of(d: np.ndarray, s: np.ndarray, y: np.ndarray, weight: np.ndarray) -> Sums:
+def sums_of(d: np.ndarray, s: np.ndarray, y: np.ndarray, weight: np.ndarray) -> TexelEquations:
     """The normal equations of arrays (photographs, points, 3)."""
     products = (d * d, d * s, s * s, d * y, s * y, y * y)
-    return Sums(
+    return TexelEquations(
         *(np.sum(weight * product, axis=0) for product in products), np.full(d.shape[1], float(len(d)))
     )
 
@@ -193,7 +193,10 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
             kind.append(TexelRows(np.arange(points), columns, *rest))
     costs = {}
     for kind, own in ((form, rows), (GGX_FORM, printed)):
-        stack, model = Stack.of(own, points, NoiseModel(1e-3, 0.0), kind), textured_models(kind)[-2]
+        stack, model = (
+            TexelObservations.of(own, points, NoiseModel(1e-3, 0.0), kind),
+            textured_models(kind)[-2],
+        )
         found = search_point(model, stack)
         costs[kind] = cost_at(model, stack, found)
         if (kind is form) == plastic:

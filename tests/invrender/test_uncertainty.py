@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.conclusions import factorize
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import fit_noise, photo_weights
 from invrender.estimate.search import LADDER, fit
+from invrender.estimate.solution import factorize
 from invrender.estimate.statistics import by_lighting, photo_statistics
 from invrender.estimate.uncertainty import Parameters, pack, uncertainty_of
 from invrender.transport.columns import PhotoColumns

@@ -36,7 +36,7 @@ from invrender.estimate.textured.joint import determined
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.estimate.textured.search import solved
 from invrender.estimate.textured.seen import Seen, transfers_of
-from invrender.estimate.textured.sums import PointValues, Sums, products
+from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, products
 from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
 from recon.mesh.bodies import MeshBody
@@ -87,12 +87,12 @@ class _Shown:
     specular: Floats
     weight: Floats
 
-    def sums(self, points: int, by_mesh: tuple[Floats, Floats]) -> Sums:
+    def sums(self, points: int, by_mesh: tuple[Floats, Floats]) -> TexelEquations:
         """Normal equations of all points, parts of the mesh lighting them too."""
         d, s, y, w = self.diffuse + by_mesh[0], self.specular + by_mesh[1], self.seen.radiance, self.weight
         at, added, count = self.seen.points.points, np.zeros((points, 18)), np.zeros(points)
         added[at], count[at] = products(d, s, y, w), 1
-        return Sums.of(added, count)
+        return TexelEquations.of(added, count)
 
     def residual(self, values: PointValues, by_mesh: tuple[Floats, Floats]) -> Floats:
         at = self.seen.points.points
@@ -147,8 +147,10 @@ def account_for_bounces(
     # Errors are shares of photographs as they are.
     whole = [seen.radiance for seen in photos]
     left = rms([of - off for of, off in zip(whole, less, strict=True)]) / rms(whole)
-    rungs = tuple(replace(rung, photo_errors=left * rung.photo_errors) for rung in better.rungs)
-    better = replace(better, rungs=rungs)
+    candidates = tuple(
+        replace(candidate, photo_errors=left * candidate.photo_errors) for candidate in better.candidates
+    )
+    better = replace(better, candidates=candidates)
     found = _judged(shown, (nothing, by_mesh), (without, values), less, (fit, better))
     if not found.taken_off:
         # What would bounce is told by the paint of the fit that stands, not by what followed from taking it off.
@@ -186,7 +188,7 @@ def _by_mesh(seen: Seen, bounced: Bounced, brdf: Microfacet) -> tuple[Floats, Fl
 def _values(
     shown: Sequence[_Shown], by_mesh: Sequence[tuple[Floats, Floats]], fit: TexturedFit, points: int
 ) -> PointValues:
-    total = Sums.zeros(points)
+    total = TexelEquations.zeros(points)
     for one, of in zip(shown, by_mesh, strict=True):
         total = total + one.sums(points, of)
     return solved(fit.model, total)
@@ -245,7 +247,7 @@ def _judged(
         _asked_in_shadow(shown, by_mesh[1], values[0], known),
     )
     whole = [one.seen.radiance for one in shown]
-    errors = [fit.rungs[fit.chosen].error for fit in fits]
+    errors = [fit.candidates[fit.chosen].error for fit in fits]
     before, after = (
         replace(fits[1].brdf, kd=of.kd[known].mean(axis=0), ks=of.ks[known].mean(axis=0)) for of in values
     )

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.evidence import Rung, adequate, choose, relative_rms
+from invrender.estimate.evidence import Candidate, adequate, choose, relative_rms
 from invrender.estimate.explanation import shows_more
 from invrender.estimate.forms import beside
 from invrender.estimate.models import Estimate, Model
@@ -30,8 +30,8 @@ from invrender.estimate.textured.search import (
     solved,
     textured_models,
 )
-from invrender.estimate.textured.stack import Stack, TexelRows
-from invrender.estimate.textured.sums import common_ks
+from invrender.estimate.textured.texel_equations import common_ks
+from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
 
 Floats = NDArray[np.float64]
 
@@ -58,12 +58,12 @@ InForms = Callable[[Sequence[LobeForm], NDArray[np.bool_]], Mapping[LobeForm, Se
 class TexturedFit:
     """What a subset of the points says of the whole.
 
-    rungs, chosen : the ladder; an estimate's Kd and Ks are means over the points. covariance, fragility : of the
+    candidates, chosen : the ladder; an estimate's Kd and Ks are means over the points. covariance, fragility : of the
     logarithms of sigma and mu - 1, as far as the chosen model has them; as of `uncertainty.Uncertainty`.
     common_ks, common_ks_std : (3,), of all points where Ks doesn't vary.
     """
 
-    rungs: tuple[Rung, ...]
+    candidates: tuple[Candidate, ...]
     chosen: int
     noise: NoiseModel
     covariance: Floats
@@ -73,13 +73,13 @@ class TexturedFit:
 
     @property
     def model(self) -> TexturedModel:
-        model = self.rungs[self.chosen].estimate.model
+        model = self.candidates[self.chosen].estimate.model
         assert isinstance(model, TexturedModel)
         return model
 
     @property
     def brdf(self) -> Microfacet:
-        return self.rungs[self.chosen].estimate.brdf
+        return self.candidates[self.chosen].estimate.brdf
 
 
 def fit_textured(
@@ -90,25 +90,27 @@ def fit_textured(
     photos : rows in RH01's form. in_forms : asked for other forms only where a specular part shows; of forms that
     explain as well RH01's is preferred. `on_step` is called `FIT_STEPS` times at most.
     """
-    climbed = _climb({PRINTED: photos}, points, on_step)
-    own = climbed.ladders[PRINTED]
-    rungs, chosen = own.rungs, choose(own.rungs)
+    climbed = _climb({RH01_FORM: photos}, points, on_step)
+    own = climbed.ladders[RH01_FORM]
+    candidates, chosen = own.candidates, choose(own.candidates)
     apart: Floats | None = None
-    if rungs[chosen].estimate.model.specular or shows_more(rungs):
-        tried = _climb(in_forms((PRINTED, *OTHER_FORMS), _share(photos, points)), points, on_step)
-        others = _others(own, PRINTED, tried, len(climbed.stacks[PRINTED].points))
-        chosen = choose((*rungs, *others))
-        form = (*rungs, *others)[chosen].estimate.model.form
-        if form is not PRINTED:
+    if candidates[chosen].estimate.model.specular or shows_more(candidates):
+        tried = _climb(in_forms((RH01_FORM, *OTHER_FORMS), _share(photos, points)), points, on_step)
+        others = _others(own, RH01_FORM, tried, len(climbed.stacks[RH01_FORM].points))
+        chosen = choose((*candidates, *others))
+        form = (*candidates, *others)[chosen].estimate.model.form
+        if form is not RH01_FORM:
             whole = in_forms((form,), np.ones(points, bool))
             climbed = _climb(whole, points, on_step, tried.ladders[form].points[-1])
             mine = climbed.ladders[form]
             rest = _others(mine, form, tried, len(climbed.stacks[form].points))
-            chosen = len(rungs) + choose(mine.rungs)
-            own = _Ladder((*own.models, *mine.models), (*own.points, *mine.points), (*rungs, *mine.rungs))
-            others = [rung for rung in rest if rung.estimate.model.form is not PRINTED]
-        rungs = (*own.rungs, *others)
-        apart = _apart(rungs, chosen, tried)
+            chosen = len(candidates) + choose(mine.candidates)
+            own = _Ladder(
+                (*own.models, *mine.models), (*own.points, *mine.points), (*candidates, *mine.candidates)
+            )
+            others = [candidate for candidate in rest if candidate.estimate.model.form is not RH01_FORM]
+        candidates = (*own.candidates, *others)
+        apart = _apart(candidates, chosen, tried)
     model, point = own.models[chosen], own.points[chosen]
     stack = climbed.stacks[model.form]
     ks = ks_std = np.zeros(3)
@@ -117,7 +119,7 @@ def fit_textured(
     covariance, fragility = _uncertainty(model, stack, point)
     if apart is not None:
         covariance = covariance + np.diag(apart[: len(point)] ** 2)
-    return TexturedFit(rungs, chosen, climbed.noise, covariance, fragility, ks, ks_std)
+    return TexturedFit(candidates, chosen, climbed.noise, covariance, fragility, ks, ks_std)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +128,7 @@ class _Ladder:
 
     models: tuple[TexturedModel, ...]
     points: tuple[Floats, ...]
-    rungs: tuple[Rung, ...]
+    candidates: tuple[Candidate, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +136,7 @@ class _Climbed:
     """Ladders of several forms on the same rows, weighed alike, and what was left of them taken for noise."""
 
     ladders: Mapping[LobeForm, _Ladder]
-    stacks: Mapping[LobeForm, Stack]
+    stacks: Mapping[LobeForm, TexelObservations]
     noise: NoiseModel
 
 
@@ -153,7 +155,7 @@ def _climb(
     noise = NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative)
     stacks, starts, costs = {}, {}, {}
     for form, rows in photos.items():
-        stacks[form], richest = Stack.of(rows, points, noise, form), textured_models(form)[-1]
+        stacks[form], richest = TexelObservations.of(rows, points, noise, form), textured_models(form)[-1]
         starts[form] = search_point(richest, stacks[form], near)
         costs[form] = cost_at(richest, stacks[form], starts[form])
     best = min(costs, key=lambda form: costs[form])
@@ -165,13 +167,13 @@ def _climb(
     judged = _judged(richest, stacks[best], count, starts[best])
     ladders = {}
     for form, stack in stacks.items():
-        models = LADDER if form is PRINTED else textured_models(form)
+        models = LADDER if form is RH01_FORM else textured_models(form)
         places = tuple(search_point(model, stack, starts[form]) for model in models)
-        rungs = []
+        candidates = []
         for model, point in zip(models, places, strict=True):
-            rungs.append(_rung(model, stack, count, point, judged))
+            candidates.append(_rung(model, stack, count, point, judged))
             on_step()
-        ladders[form] = _Ladder(models, places, tuple(rungs))
+        ladders[form] = _Ladder(models, places, tuple(candidates))
     return _Climbed(ladders, stacks, noise)
 
 
@@ -181,30 +183,30 @@ def _share(photos: Sequence[TexelRows], points: int) -> NDArray[np.bool_]:
     return np.asarray(np.random.default_rng(0).permutation(points) < count)
 
 
-def _others(reference: _Ladder, form: LobeForm, tried: _Climbed, points: int) -> list[Rung]:
+def _others(reference: _Ladder, form: LobeForm, tried: _Climbed, points: int) -> list[Candidate]:
     """Rungs of all forms but one, as they would be on all of so many points; the simple and the good first."""
-    own = tried.ladders[form].rungs[-1]
+    own = tried.ladders[form].candidates[-1]
     found = [
-        replace(beside(reference.rungs[-1], rung, own), parameters=_parameters(model, points))
+        replace(beside(reference.candidates[-1], candidate, own), parameters=_parameters(model, points))
         for other, ladder in tried.ladders.items()
         if other is not form
-        for model, rung in zip(ladder.models, ladder.rungs, strict=True)
+        for model, candidate in zip(ladder.models, ladder.candidates, strict=True)
         if model.specular
     ]
-    return sorted(found, key=lambda rung: (rung.parameters, rung.error))
+    return sorted(found, key=lambda candidate: (candidate.parameters, candidate.error))
 
 
-def _apart(rungs: Sequence[Rung], chosen: int, tried: _Climbed) -> Floats:
+def _apart(candidates: Sequence[Candidate], chosen: int, tried: _Climbed) -> Floats:
     """By how much other forms that explain as well put log sigma and log(mu - 1) elsewhere, (2,).
 
     On the points that forms were tried on, so that noise is in both alike.
     """
-    model, apart = rungs[chosen].estimate.model, np.zeros(2)
+    model, apart = candidates[chosen].estimate.model, np.zeros(2)
     if not model.specular:
         return apart
     here = _point_like(model, tried.ladders[model.form])
-    for rung, fits in zip(rungs, adequate(rungs), strict=True):
-        other = rung.estimate.model
+    for candidate, fits in zip(candidates, adequate(candidates), strict=True):
+        other = candidate.estimate.model
         if fits and other.specular and other.form is not model.form:
             there = _point_like(model, tried.ladders[other.form])
             both = min(len(here), len(there))
@@ -219,7 +221,9 @@ def _point_like(model: Model, ladder: _Ladder) -> Floats:
     return min(pairs, key=lambda pair: (pair[0].ks_varies != wanted[1], pair[0].fresnel != wanted[0]))[1]
 
 
-def _weighed(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> tuple[NoiseModel, Stack]:
+def _weighed(
+    model: TexturedModel, stack: TexelObservations, photos: int, point: Floats
+) -> tuple[NoiseModel, TexelObservations]:
     """The noise of a pixel, and the rows weighed by it, from what a fit leaves.
 
     Residuals are taken for larger by what each point's own numbers take up of them. Where paint changes within a pixel
@@ -243,7 +247,7 @@ def _weighed(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> 
     return noise, replace(stack, weight=weight / share, trust=trust)
 
 
-def _judged(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> NDArray[np.bool_]:
+def _judged(model: TexturedModel, stack: TexelObservations, photos: int, point: Floats) -> NDArray[np.bool_]:
     """Which rows (r,) the richest model predicts well enough from the other photographs to be judged by."""
     numbers = numbers_at(model, point)
     total = stack.sums(numbers)
@@ -261,7 +265,9 @@ def _judged(model: TexturedModel, stack: Stack, photos: int, point: Floats) -> N
     return judged
 
 
-def _rung(model: TexturedModel, stack: Stack, photos: int, point: Floats, judged: NDArray[np.bool_]) -> Rung:
+def _rung(
+    model: TexturedModel, stack: TexelObservations, photos: int, point: Floats, judged: NDArray[np.bool_]
+) -> Candidate:
     """A rung with its evidence: each photograph predicted from Kd and Ks that the others give.
 
     mu and sigma are those of all photographs: two numbers that one of them moves but little.
@@ -290,7 +296,7 @@ def _rung(model: TexturedModel, stack: Stack, photos: int, point: Floats, judged
     # A photograph that shares no points with others has no say.
     errors = np.where(np.isnan(errors), np.nanmean(errors), errors)
     estimate = Estimate(model, brdf, {}, float(values.cost.sum()))
-    return Rung(estimate, errors, energy, _parameters(model, int(seen.sum())))
+    return Candidate(estimate, errors, energy, _parameters(model, int(seen.sum())))
 
 
 def _parameters(model: TexturedModel, points: int) -> int:
@@ -299,7 +305,7 @@ def _parameters(model: TexturedModel, points: int) -> int:
     return 3 * points * (1 + model.ks_varies) + 3 * common + model.specular + model.fresnel
 
 
-def _uncertainty(model: TexturedModel, stack: Stack, point: Floats) -> tuple[Floats, Floats]:
+def _uncertainty(model: TexturedModel, stack: TexelObservations, point: Floats) -> tuple[Floats, Floats]:
     """Covariance (k, k) and fragility (k,) of the search's coordinates, as `uncertainty.uncertainty_of` has them.
 
     All points' own numbers are solved for anew as the coordinates move: what is left of the residuals' slopes is what

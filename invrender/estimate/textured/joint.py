@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
 from invrender.estimate.noise import NoiseModel, photo_weights
-from invrender.estimate.textured.sums import PointValues, Sums, products
+from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, products
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -124,12 +124,12 @@ def stacked(views: Sequence[PixelsOfPoints]) -> tuple[list[PixelsOfPoints], csr_
     return parts, whole
 
 
-def tiny_sums(views: Sequence[PixelsOfPoints], points: int, parents: Ints) -> Sums:
+def tiny_sums(views: Sequence[PixelsOfPoints], points: int, parents: Ints) -> TexelEquations:
     """Normal equations of each point, pixels being dealt to what they cover.
 
     parents : the point that each that is covered belongs to, -1 for none.
     """
-    total = Sums.zeros(points)
+    total = TexelEquations.zeros(points)
     # What belongs to no point goes to one more, which is left out.
     owners = np.where(parents >= 0, parents, points).astype(np.int32)
     for view in views:
@@ -138,7 +138,7 @@ def tiny_sums(views: Sequence[PixelsOfPoints], points: int, parents: Ints) -> Su
         added = np.concatenate([products(d, s, y, w), ones], axis=1)
         rows = (view.cover.data, owners[view.cover.indices], view.cover.indptr)
         dealt = (csr_array(rows, shape=(len(d), points + 1)).T @ added)[:points]
-        total = total + Sums.of(dealt[:, :18], (dealt[:, 18] >= _SEEN).astype(float))
+        total = total + TexelEquations.of(dealt[:, :18], (dealt[:, 18] >= _SEEN).astype(float))
     return total
 
 
@@ -146,7 +146,7 @@ def solve_joint(
     views: Sequence[PixelsOfPoints],
     cover: csr_array,
     grid: Grid,
-    tiny: Callable[[Sums], PointValues],
+    tiny: Callable[[TexelEquations], PointValues],
     noise: NoiseModel,
     rng: np.random.Generator,
 ) -> PointValues:
@@ -315,7 +315,7 @@ def _conjugate(system: _System, at: Singles, radiances: Iterable[Singles], near:
 def _values(
     views: Sequence[PixelsOfPoints],
     grid: Grid,
-    tiny: Callable[[Sums], PointValues],
+    tiny: Callable[[TexelEquations], PointValues],
     at: Singles,
     drawn: Singles,
     start: PointValues,

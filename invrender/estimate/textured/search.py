@@ -7,11 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.estimate.models import Model, bounds_of
 from invrender.estimate.search import models_of, searched, simplex
-from invrender.estimate.textured.stack import Numbers, Stack
-from invrender.estimate.textured.sums import PointValues, Sums, common_ks, solve_both, solve_kd
+from invrender.estimate.textured.texel_equations import (
+    PointValues,
+    TexelEquations,
+    common_ks,
+    solve_both,
+    solve_kd,
+)
+from invrender.estimate.textured.texel_observations import Numbers, TexelObservations
 
 Floats = NDArray[np.float64]
 
@@ -34,10 +40,10 @@ def textured_models(form: LobeForm) -> tuple[TexturedModel, ...]:
     return *even, replace(even[-1], name=f"{form.name}, Kd and Ks vary", ks_varies=True)
 
 
-LADDER = (TexturedModel("lambertian, Kd varies", specular=False, fresnel=False), *textured_models(PRINTED))
+LADDER = (TexturedModel("lambertian, Kd varies", specular=False, fresnel=False), *textured_models(RH01_FORM))
 
 
-def solved(model: TexturedModel, sums: Sums, ks: Floats | None = None) -> PointValues:
+def solved(model: TexturedModel, sums: TexelEquations, ks: Floats | None = None) -> PointValues:
     """Kd and Ks of points under a model; ks : (3,), where it doesn't vary, as found by others."""
     if model.ks_varies:
         return solve_both(sums)
@@ -52,7 +58,7 @@ def numbers_at(model: Model, point: Floats) -> Numbers:
     return (1 + float(np.exp(point[1])) if model.fresnel else None), sigma
 
 
-def search_point(model: TexturedModel, stack: Stack, near: Floats | None = None) -> Floats:
+def search_point(model: TexturedModel, stack: TexelObservations, near: Floats | None = None) -> Floats:
     """log sigma and log(mu - 1), as far as the model has them, at which the least is left; near : where to begin."""
     if not model.specular:
         return np.zeros(0)
@@ -65,6 +71,6 @@ def search_point(model: TexturedModel, stack: Stack, near: Floats | None = None)
     return simplex(cost, start, lower, upper, size=0.02, near=_NEAR)
 
 
-def cost_at(model: TexturedModel, stack: Stack, point: Floats) -> float:
+def cost_at(model: TexturedModel, stack: TexelObservations, point: Floats) -> float:
     """What the points leave unexplained there, each with the Kd and Ks that suit it best."""
     return float(solved(model, stack.sums(numbers_at(model, point))).cost.sum())

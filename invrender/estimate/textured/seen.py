@@ -12,7 +12,7 @@ from invrender.brdf.lobes import LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.clusters import tile_of
 from invrender.estimate.textured.observe import PointObservations
-from invrender.estimate.textured.stack import TexelRows
+from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.transport.columns import columns_of_forms
 from invrender.transport.predict import reflected
 from invrender.transport.transfer import LightElement

@@ -13,10 +13,10 @@ from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.clusters import structured_rms
-from invrender.estimate.conclusions import Solution, scaled, unless_misfit
 from invrender.estimate.identifiability import Scalar, assess_linear, assess_mu, assess_sigma, lighting_degree
 from invrender.estimate.noise import photo_weights
 from invrender.estimate.quantities import FittedLighting, Quantity
+from invrender.estimate.solution import Solution, scaled, unless_misfit
 from invrender.estimate.textured.fit import TexturedFit
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.estimate.uncertainty import NUMERICAL
@@ -49,19 +49,21 @@ def textured_solution(
     trusted = [np.sqrt(own.trust) * residual for own, residual in zip(weights, left, strict=True)]
     energy = np.sqrt(np.mean([np.mean(fields[label].radiance ** 2) for label in labels]))
     structured = structured_rms([fields[label] for label in labels], trusted) / float(energy)
-    rung = fit.rungs[fit.chosen]
+    candidate = fit.candidates[fit.chosen]
     kd, ks = textures.mean(textures.kd), textures.mean(textures.ks)
-    estimate = replace(rung.estimate, brdf=replace(fit.brdf, kd=kd, ks=ks))
-    rungs = tuple(replace(r, estimate=estimate) if k == fit.chosen else r for k, r in enumerate(fit.rungs))
+    estimate = replace(candidate.estimate, brdf=replace(fit.brdf, kd=kd, ks=ks))
+    candidates = tuple(
+        replace(r, estimate=estimate) if k == fit.chosen else r for k, r in enumerate(fit.candidates)
+    )
     quantities, names, std = _quantities(lightings, fit, textures, fields, estimate.brdf, structured, unsure)
     return Solution(
         estimate=estimate,
-        rungs=rungs,
+        candidates=candidates,
         chosen=fit.chosen,
         noise=fit.noise,
         weights=tuple(weights),
         structured=structured,
-        quantities=unless_misfit(quantities, rung.error),
+        quantities=unless_misfit(quantities, candidate.error),
         lightings=tuple(
             FittedLighting(lighting, np.zeros_like(lighting.irradiances), None, None)
             for lighting in lightings.values()

@@ -29,13 +29,13 @@ from invrender.estimate.interreflection import (
     settled,
 )
 from invrender.estimate.unknown_light import BlindSolution
-from invrender.estimate.unknown_light.price import hanging_together
+from invrender.estimate.unknown_light.cross_validation import cross_validate
+from invrender.estimate.unknown_light.identifiability import quantities_of
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import BlindFit, light_scale, predicted
-from invrender.estimate.unknown_light.rungs import cross_validate
-from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.source_evidence import design_effect
 from invrender.estimate.unknown_light.start import Search, thinned
 from invrender.estimate.unknown_light.state import BlindState
-from invrender.estimate.unknown_light.verdicts import quantities_of
 from invrender.transport.base import base_irradiance, sky_factors
 from invrender.transport.bounce import BRIGHTEST, Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
@@ -78,7 +78,7 @@ class Sent:
 
     def of(self, search: Search) -> list[Floats]:
         """Its radiance (n, 3) in each sight."""
-        return [self.radiance(sight.lighting, sight.field) for sight in search.sights]
+        return [self.radiance(design.lighting, design.field) for design in search.designs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def account_for_bounces(
     """
     numbers = [list(blind.lights).index(name) for name in lighting_of]
     search, plain = _refitted(blind, photos, numbers, parts.shadows)
-    radiance = [sight.radiance for sight in search.sights]
+    radiance = [design.radiance for design in search.designs]
     once = _sent(parts, plain, np.full(3, SUPPOSED))
     if rms(once.of(search)) < MATTERS * rms(radiance):
         return None
@@ -120,7 +120,7 @@ def account_for_bounces(
         if before is not None:
             earlier = [before.radiance(*pair) for pair in zip(numbers, photos, strict=True)]
             change = rms([new - old for new, old in zip(taken, earlier, strict=True)])
-            if change < _STEADY * better.rungs[better.chosen].error * rms(radiance):
+            if change < _STEADY * better.candidates[better.chosen].error * rms(radiance):
                 sent, taken = before, earlier
                 break
         corrected = [_less(photo, off) for photo, off in zip(photos, taken, strict=True)]
@@ -131,8 +131,13 @@ def account_for_bounces(
         if found.taken_off:
             trust = [own.trust for own in better.weights]
             shares = left_of([photo.radiance for photo in photos], trust, taken)
-            rungs = tuple(replace(rung, photo_errors=shares * rung.photo_errors) for rung in better.rungs)
-            return CorrectedSolution(_widened(replace(better, rungs=rungs), search, moved), found, sent)
+            candidates = tuple(
+                replace(candidate, photo_errors=shares * candidate.photo_errors)
+                for candidate in better.candidates
+            )
+            return CorrectedSolution(
+                _widened(replace(better, candidates=candidates), search, moved), found, sent
+            )
         search, plain = _refitted(blind, photos, numbers, parts.shadows)
     found, moved = _judged(search, plain, once, may_be=False)
     return CorrectedSolution(_widened(blind, search, moved), found, None)
@@ -143,7 +148,7 @@ def _refitted(
 ) -> tuple[Search, BlindFit]:
     """Some samples of photographs as they are, weighed as a solution has them, and its model fitted to these."""
     together = pools(photos, numbers)
-    sights = [
+    designs = [
         LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], blind.transfer, shadows)
         for pool in together
     ]
@@ -151,16 +156,16 @@ def _refitted(
         [np.concatenate([getattr(blind.weights[k], name) for k in pool]) for pool in together]
         for name in ("weight", "trust")
     )
-    search = Search(sights, weights, trust, light_scale(sights))
+    search = Search(designs, weights, trust, light_scale(designs))
     search = thinned(search, blind.l_max, _SAMPLES, _PER_LIGHTING)
-    return search, search.fit(blind.rungs[blind.chosen].fit.state, blind.l_max, _FEW)
+    return search, search.fit(blind.candidates[blind.chosen].fit.state, blind.l_max, _FEW)
 
 
 def _agreed(parts: ConcaveMesh, search: Search, plain: BlindFit) -> Sent | None:
     """What bounces by the fit without it, at the best albedo; None where it isn't worth three more numbers."""
     saved = _albedo(parts, search, plain)[1]
     numbers = search.numbers
-    noise = plain.cost / numbers * hanging_together(search, plain, search.lightings)
+    noise = plain.cost / numbers * design_effect(search, plain, search.lightings)
     if saved < 3 * _PER_ALBEDO * np.log(numbers) * noise:
         return None
 
@@ -170,7 +175,7 @@ def _agreed(parts: ConcaveMesh, search: Search, plain: BlindFit) -> Sent | None:
     def refit(less: list[Floats]) -> BlindFit:
         return _without(search, less).fit(plain.state, plain.l_max, _MORE)
 
-    agreed = settled(plain, predict, refit, [sight.radiance for sight in search.sights])
+    agreed = settled(plain, predict, refit, [design.radiance for design in search.designs])
     return None if agreed is None else _sent(parts, agreed[1], _albedo(parts, search, agreed[1])[0])
 
 
@@ -183,7 +188,7 @@ def _sent(parts: ConcaveMesh, fit: BlindFit, albedo: Floats) -> Sent:
 
 
 def _brdf(state: BlindState) -> Microfacet:
-    return Microfacet(1 - state.kappa, state.kappa, state.mu, state.sigma, state.form)
+    return Microfacet(1 - state.specular_share, state.specular_share, state.mu, state.sigma, state.form)
 
 
 def _irradiance(shadows: Shadows, state: BlindState, light: Floats) -> Floats:
@@ -213,12 +218,12 @@ def _albedo(parts: ConcaveMesh, search: Search, fit: BlindFit) -> tuple[Floats, 
         gram = np.zeros((ways.shape[1], ways.shape[1]))
         for number, whole in fit.grams.items():
             right = np.zeros((len(whole[c]), ways.shape[1]))
-            for k, sight in enumerate(search.sights):
-                if sight.lighting == number:
-                    columns = np.column_stack([sight.radiance[:, c], *(of[k][:, c] for of in shown)])
+            for k, design in enumerate(search.designs):
+                if design.lighting == number:
+                    columns = np.column_stack([design.radiance[:, c], *(of[k][:, c] for of in shown)])
                     weighted = search.weights[k][:, c, None] * columns
                     gram += columns.T @ weighted
-                    right += fit.rows[k].of_channel(state.kappa[c]).T @ weighted
+                    right += fit.rows[k].of_channel(state.specular_share[c]).T @ weighted
             gram -= right.T @ cho_solve(cho_factor(whole[c]), right)
         costs = np.einsum("ai,ij,aj->a", ways, gram, ways)
         best[c] = _ALBEDOS[costs.argmin()]
@@ -236,15 +241,15 @@ def _judged(
     less = sent.of(search)
     taken = _without(search, less)
     corrected = taken.fit(plain.state, plain.l_max, _MORE)
-    shown = [sight.radiance for sight in search.sights]
+    shown = [design.radiance for design in search.designs]
     asked, asked_std = asked_for(
-        [tiles_of(sight.photos) for sight in search.sights],
+        [tiles_of(design.photos) for design in search.designs],
         search.weights,
         _residuals(search, plain),
         _residuals(taken, corrected),
     )
     radiance, trust, off = (
-        [of for sight, own in zip(search.sights, each, strict=True) for of in sight.split(own)]
+        [of for design, own in zip(search.designs, each, strict=True) for of in design.split(own)]
         for each in (shown, search.trust, less)
     )
     error = float((cross_validate("", taken, corrected).photo_errors * left_of(radiance, trust, off)).mean())
@@ -269,10 +274,11 @@ def _judged(
 
 def _without(search: Search, less: Sequence[Floats]) -> Search:
     """The same with photographs whose radiance is lower by some (n, 3) in each sight."""
-    sights = [
-        replace(sight, field=_less(sight.field, off)) for sight, off in zip(search.sights, less, strict=True)
+    designs = [
+        replace(design, field=_less(design.field, off))
+        for design, off in zip(search.designs, less, strict=True)
     ]
-    return replace(search, sights=sights)
+    return replace(search, designs=designs)
 
 
 def _less(field: LightField, off: Floats) -> LightField:
@@ -281,15 +287,15 @@ def _less(field: LightField, off: Floats) -> LightField:
 
 def _residuals(search: Search, fit: BlindFit) -> list[Floats]:
     return [
-        sight.radiance - predicted(sight, fit, rows)
-        for sight, rows in zip(search.sights, fit.rows, strict=True)
+        design.radiance - predicted(design, fit, rows)
+        for design, rows in zip(search.designs, fit.rows, strict=True)
     ]
 
 
 def _moved(here: BlindState, there: BlindState) -> Floats:
     """By how much another state of the same model has each number elsewhere, (t,), as `BlindState.names` lists them."""
     numbers = [
-        np.array([*state.kappa, *(x for x in (state.mu, state.sigma) if x is not None)])
+        np.array([*state.specular_share, *(x for x in (state.mu, state.sigma) if x is not None)])
         for state in (here, there)
     ]
     of_brdf = numbers[1] - numbers[0] if here.sigma is not None else np.zeros(0)
@@ -300,7 +306,7 @@ def _moved(here: BlindState, there: BlindState) -> Floats:
 def _widened(blind: BlindSolution, search: Search, moved: tuple[Floats, dict[int, Floats]]) -> BlindSolution:
     """A solution whose standard deviations hold what isn't known of bounced light."""
     state, light = moved
-    fit, own = blind.rungs[blind.chosen].fit, blind.certainty
+    fit, own = blind.candidates[blind.chosen].fit, blind.certainty
     certainty = replace(
         own,
         covariance=own.covariance + np.diag(state**2),
@@ -319,7 +325,7 @@ def _widened(blind: BlindSolution, search: Search, moved: tuple[Floats, dict[int
     return replace(
         blind,
         lights=lights,
-        quantities=quantities_of(fit, certainty, search.sights),
+        quantities=quantities_of(fit, certainty, search.designs),
         covariance=certainty.covariance,
         certainty=certainty,
     )

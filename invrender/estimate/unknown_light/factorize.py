@@ -10,25 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
-from invrender.brdf.lobes import GGX_FORM, PRINTED
+from invrender.brdf.lobes import GGX_FORM, RH01_FORM
 from invrender.brdf.richer import COATED_HAZY
 from invrender.estimate.noise import NoiseModel, Weights
-from invrender.estimate.unknown_light.antipodes import Sides, likelier_sides
-from invrender.estimate.unknown_light.certainty import Certainty, certainty_of
+from invrender.estimate.unknown_light.alternatives import alternatives_of, with_alternatives
+from invrender.estimate.unknown_light.cross_validation import BlindCandidate, cross_validate, simplest
 from invrender.estimate.unknown_light.forms import MOST_FORMS, Formed, choose_form
+from invrender.estimate.unknown_light.identifiability import doubt_of, quantities_of
 from invrender.estimate.unknown_light.ladder import climb, confirm, model_name, neighbours, without_rows
-from invrender.estimate.unknown_light.lampcount import needed_lamps
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import BlindFit, light_scale, predicted
-from invrender.estimate.unknown_light.remarks import remarks
-from invrender.estimate.unknown_light.rivals import rivals_of, with_rivals
-from invrender.estimate.unknown_light.rungs import BlindRung, cross_validate, simplest
-from invrender.estimate.unknown_light.screen import find_among_nonsense, judged, noise_and_weights
-from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.robust_start import judged, noise_and_weights, robust_start
 from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSolution, BlindSources
+from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity, likelier_sides
+from invrender.estimate.unknown_light.source_count import needed_sources
 from invrender.estimate.unknown_light.sources import FoundSources
 from invrender.estimate.unknown_light.start import Region, Search, of_degree, thinned
 from invrender.estimate.unknown_light.state import BlindState
-from invrender.estimate.unknown_light.verdicts import doubt_of, quantities_of
+from invrender.estimate.unknown_light.uncertainty import BlindUncertainty, blind_uncertainty
+from invrender.estimate.unknown_light.warnings import remarks
 from invrender.transport.lobetable import TRANSFERS, Transfer
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import check_degree
@@ -80,39 +80,39 @@ def factorize_blind(
     with one_blas_thread():
         degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
         # Prepared for uniform light as yet: parts of the samples are, for more.
-        sights = [
+        designs = [
             LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows)
             for pool in together
         ]
-        search = _first_weights(sights, source_region)
+        search = _first_weights(designs, source_region)
         dark = degree == 0 or (ladder and orders[0] == 0)
         thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
         assumed = _assumed(photos)
         any_form = ladder and transfer == "exact"
-        form = COATED_HAZY[GGX_FORM] if any_form else PRINTED
-        kept, found, lamps = find_among_nonsense(thin, degree, dark, assumed, form)
-        strays, thin = kept is not thin, kept
+        form = COATED_HAZY[GGX_FORM] if any_form else RH01_FORM
+        kept, found, lamps = robust_start(thin, degree, dark, assumed, form)
+        outliers, thin = kept is not thin, kept
         formed = Formed(found, ())
         if any_form:
             formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
         found = formed.found
         # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
         few = thinned(search, degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
-        if strays:
+        if outliers:
             few = judged(few, found.fit, assumed)
         fit = few.fit(found.fit.state, degree)
         few, noise, weights = _weighed(few, fit)
         # What a lamp in the dark explains is judged again by the noise that was found.
-        state = fit.state if degree else needed_lamps(few, fit)
+        state = fit.state if degree else needed_sources(few, fit)
         fit = few.fit(state, degree)
         on_step()
-        rungs = [cross_validate(model_name(fit), few, fit)]
+        candidates = [cross_validate(model_name(fit), few, fit)]
         if ladder:
-            rungs = climb(few, thin, lamps, rungs[0], orders, formed.others, on_step)
-        rungs[0] = without_rows(rungs[0])
-        chosen = simplest(rungs)
-        pair = [chosen] if few.numbers == search.numbers else neighbours(rungs, chosen)
-        own, degree = rungs[chosen].fit, max(rungs[index].fit.l_max for index in pair)
+            candidates = climb(few, thin, lamps, candidates[0], orders, formed.others, on_step)
+        candidates[0] = without_rows(candidates[0])
+        chosen = simplest(candidates)
+        pair = [chosen] if few.numbers == search.numbers else neighbours(candidates, chosen)
+        own, degree = candidates[chosen].fit, max(candidates[index].fit.l_max for index in pair)
         if few.numbers == search.numbers:
             search = of_degree(few, degree)
         else:
@@ -120,19 +120,21 @@ def factorize_blind(
             del few, thin, kept, fit
             search = of_degree(search, degree, settled=True)
             search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
-        chosen = confirm(search, rungs, pair)
+        chosen = confirm(search, candidates, pair)
         on_step()
-        sides = likelier_sides(search, rungs[chosen].fit)
-        if sides is not None and sides.fit is not rungs[chosen].fit:
-            rungs[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
-        certainty = certainty_of(search, rungs[chosen].fit, found.split, sides)
-        certainty = with_rivals(certainty, rungs[chosen].fit, rivals_of(search, rungs[chosen], rungs))
+        sides = likelier_sides(search, candidates[chosen].fit)
+        if sides is not None and sides.fit is not candidates[chosen].fit:
+            candidates[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
+        certainty = blind_uncertainty(search, candidates[chosen].fit, found.split, sides)
+        certainty = with_alternatives(
+            certainty, candidates[chosen].fit, alternatives_of(search, candidates[chosen], candidates)
+        )
     # As they were given.
     back = np.argsort(np.concatenate(together))
-    rungs = [replace(rung, photo_errors=rung.photo_errors[back]) for rung in rungs]
-    by_photo = [of for sight, own in zip(search.sights, weights, strict=True) for of in _split(sight, own)]
+    candidates = [replace(candidate, photo_errors=candidate.photo_errors[back]) for candidate in candidates]
+    by_photo = [of for design, own in zip(search.designs, weights, strict=True) for of in _split(design, own)]
     weights = tuple(by_photo[k] for k in back)
-    return _solution(search, rungs, chosen, certainty, noise, weights, found, sides, names, transfer)
+    return _solution(search, candidates, chosen, certainty, noise, weights, found, sides, names, transfer)
 
 
 def blind_steps(orders: Sequence[int] = ORDERS) -> int:
@@ -191,12 +193,12 @@ def _check(
         )
 
 
-def _first_weights(sights: Sequence[LightingDesign], region: Region | None) -> Search:
-    assumed = _assumed([photo for sight in sights for photo in sight.photos])
-    fields = [sight.field for sight in sights]
+def _first_weights(designs: Sequence[LightingDesign], region: Region | None) -> Search:
+    assumed = _assumed([photo for design in designs for photo in design.photos])
+    fields = [design.field for design in designs]
     weights = [(field.weight * field.shares)[:, None] / assumed.variance(field.radiance) for field in fields]
     trust = [np.ones_like(field.radiance) for field in fields]
-    return Search(sights, weights, trust, light_scale(sights), region)
+    return Search(designs, weights, trust, light_scale(designs), region)
 
 
 def _assumed(photos: Sequence[LightField]) -> NoiseModel:
@@ -204,24 +206,26 @@ def _assumed(photos: Sequence[LightField]) -> NoiseModel:
     return NoiseModel(_FIRST_FLOOR * level, _FIRST_RELATIVE)
 
 
-def _split(sight: LightingDesign, weights: Weights) -> list[Weights]:
+def _split(design: LightingDesign, weights: Weights) -> list[Weights]:
     """Weights of a sight's samples, photograph by photograph."""
-    parts = zip(sight.split(weights.trust), sight.split(weights.weight), strict=True)
+    parts = zip(design.split(weights.trust), design.split(weights.weight), strict=True)
     return [Weights(*pair) for pair in parts]
 
 
 def _weighed(search: Search, fit: BlindFit) -> tuple[Search, NoiseModel, tuple[Weights, ...]]:
     """The same search with weights from the noise that a fit's residuals show."""
-    predictions = [predicted(sight, fit, rows) for sight, rows in zip(search.sights, fit.rows, strict=True)]
-    residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
-    brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
+    predictions = [
+        predicted(design, fit, rows) for design, rows in zip(search.designs, fit.rows, strict=True)
+    ]
+    residuals = [s.radiance - p for s, p in zip(search.designs, predictions, strict=True)]
+    brightness = [s.brightness(p) for s, p in zip(search.designs, predictions, strict=True)]
     weights, counted_trust = [], []
     noise, judged_by = noise_and_weights(search, fit, brightness, residuals)
-    for sight, found in zip(search.sights, judged_by, strict=True):
-        sources = fit.state.under(sight.lighting).directions
-        counted = (sight.field.weight * sight.field.shares * _off_terminators(sight, sources))[:, None]
+    for design, found in zip(search.designs, judged_by, strict=True):
+        sources = fit.state.under(design.lighting).directions
+        counted = (design.field.weight * design.field.shares * _off_terminators(design, sources))[:, None]
         if fit.state.sigma is not None:
-            counted = counted * np.where(sight.off_edges(fit.state.sigma), 1, _AT_EDGES)[:, None]
+            counted = counted * np.where(design.off_edges(fit.state.sigma), 1, _AT_EDGES)[:, None]
         weights.append(Weights(found.trust, found.weight * counted))
         counted_trust.append(found.trust * counted)
     return (
@@ -231,40 +235,40 @@ def _weighed(search: Search, fit: BlindFit) -> tuple[Search, NoiseModel, tuple[W
     )
 
 
-def _off_terminators(sight: LightingDesign, directions: Floats) -> NDArray[np.bool_]:
+def _off_terminators(design: LightingDesign, directions: Floats) -> NDArray[np.bool_]:
     """Which samples (n,) are clear of the sources' horizons and of the borders of the shadows that they cast."""
-    field = sight.field
-    numbered = replace(field, rows=np.arange(len(field)), sources_visible=sight.free(directions))
+    field = design.field
+    numbered = replace(field, rows=np.arange(len(field)), sources_visible=design.free(directions))
     clear = np.isin(numbered.rows, off_terminators(numbered, directions).rows)
-    return clear & sight.off_borders(directions)
+    return clear & design.off_borders(directions)
 
 
 def _solution(
     search: Search,
-    rungs: Sequence[BlindRung],
+    candidates: Sequence[BlindCandidate],
     chosen: int,
-    certainty: Certainty,
+    certainty: BlindUncertainty,
     noise: NoiseModel,
     weights: tuple[Weights, ...],
     found: FoundSources,
-    sides: Sides | None,
+    sides: SourceAmbiguity | None,
     names: Sequence[str],
     transfer: Transfer,
 ) -> BlindSolution:
-    fit = rungs[chosen].fit
+    fit = candidates[chosen].fit
     return BlindSolution(
-        model=rungs[chosen].name,
-        brdf_share=fit.state.kappa,
+        model=candidates[chosen].name,
+        brdf_share=fit.state.specular_share,
         mu=fit.state.mu,
         sigma=fit.state.sigma,
         form=fit.state.form,
         lights={
             name: _light(search.only(number), fit, certainty, number) for number, name in enumerate(names)
         },
-        quantities=quantities_of(fit, certainty, search.sights),
+        quantities=quantities_of(fit, certainty, search.designs),
         covariance=certainty.covariance,
         covariance_names=_covariance_names(fit.state, names),
-        rungs=tuple(rungs),
+        candidates=tuple(candidates),
         chosen=chosen,
         noise=noise,
         weights=weights,
@@ -275,7 +279,7 @@ def _solution(
     )
 
 
-def _light(search: Search, fit: BlindFit, certainty: Certainty, number: int) -> BlindLight:
+def _light(search: Search, fit: BlindFit, certainty: BlindUncertainty, number: int) -> BlindLight:
     size, light, std = (fit.l_max + 1) ** 2, fit.light[number], certainty.light_std[number]
     count = len(fit.state.directions)
     turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
@@ -284,7 +288,7 @@ def _light(search: Search, fit: BlindFit, certainty: Certainty, number: int) -> 
         fit.state.directions[own], light[size:], std[size:], np.degrees(turns[own].max(axis=1, initial=0))
     )
     shares = certainty.degree_shares[number]
-    degree, doubt = doubt_of(fit, shares, [sight.field for sight in search.sights])
+    degree, doubt = doubt_of(fit, shares, [design.field for design in search.designs])
     return BlindLight(light[:size], std[:size], sources, shares, degree, doubt)
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from invrender.brdf.lobes import FORMS, GGX_FORM, PLASTICS, PRINTED, UNCORRELATED, LobeForm, Smith
+from invrender.brdf.lobes import FORMS, GGX_FORM, PLASTICS, RH01_FORM, UNCORRELATED, LobeForm, Smith
 from invrender.brdf.richer import extended
 from invrender.estimate.evidence import CLEARLY_WORSE
-from invrender.estimate.unknown_light.lampcount import brightest_each, is_endless
+from invrender.estimate.unknown_light.cross_validation import BlindCandidate, as_good, cross_validate
 from invrender.estimate.unknown_light.projection import BlindFit
-from invrender.estimate.unknown_light.rungs import BlindRung, as_good, cross_validate
+from invrender.estimate.unknown_light.source_count import brightest_each, is_endless
 from invrender.estimate.unknown_light.sources import FoundSources, examined, find_sources, off_borders
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import BlindState
@@ -44,7 +44,7 @@ def choose_form(search: Search, found: FoundSources, l_max: int) -> Formed:
     """
     whole, search = search, off_borders(search, found.fit.state)
     own = found.fit if search is whole else search.fit(found.fit.state, l_max)
-    rungs: dict[LobeForm, BlindRung] = {}
+    candidates: dict[LobeForm, BlindCandidate] = {}
 
     def trying(forms: Iterable[LobeForm], start: BlindFit) -> None:
         fits = {
@@ -58,43 +58,48 @@ def choose_form(search: Search, found: FoundSources, l_max: int) -> Formed:
             near = l_max > 0 or fit.cost < _NEAR * least
             if near and not l_max and fit is not start:
                 fit = search.fit(fit.state, l_max, _IN_THE_DARK)
-            if form is PRINTED or (near and not is_endless(fit.state)):
-                rungs[form] = cross_validate(form.name, search, fit)
+            if form is RH01_FORM or (near and not is_endless(fit.state)):
+                candidates[form] = cross_validate(form.name, search, fit)
 
     trying(FIRST_FORMS, own)
-    if not as_good(rungs[PRINTED], min(rungs.values(), key=_deviance)) and any(
-        isinstance(f, Smith) for f in rungs
+    if not as_good(candidates[RH01_FORM], min(candidates.values(), key=_deviance)) and any(
+        isinstance(f, Smith) for f in candidates
     ):
         facets = min(
-            (form for form in rungs if isinstance(form, Smith)), key=lambda form: _deviance(rungs[form])
+            (form for form in candidates if isinstance(form, Smith)),
+            key=lambda form: _deviance(candidates[form]),
         )
         # Those that hold it must not be better for having gone on for longer.
-        trying([facets], rungs[facets].fit)
+        trying([facets], candidates[facets].fit)
         # Beside lamps alone there is no light that could take up what a coat or a haze explains.
-        trying([UNCORRELATED[facets], *(() if l_max else extended(facets))], rungs[facets].fit)
-    chosen = _simplest(rungs)
-    others = tuple(rung.fit.state for form, rung in rungs.items() if form is not chosen)
+        trying([UNCORRELATED[facets], *(() if l_max else extended(facets))], candidates[facets].fit)
+    chosen = _simplest(candidates)
+    others = tuple(candidate.fit.state for form, candidate in candidates.items() if form is not chosen)
     if chosen is not own.state.form.family and not l_max:
         # Lamps in the dark were counted whatever the form is: those that were found stay.
-        found = FoundSources(whole.fit(rungs[chosen].fit.state, l_max, _FEW), None)
+        found = FoundSources(whole.fit(candidates[chosen].fit.state, l_max, _FEW), None)
     elif chosen is not own.state.form.family:
-        found = examined(whole, find_sources(whole, brightest_each(rungs[chosen].fit), l_max))
+        found = examined(whole, find_sources(whole, brightest_each(candidates[chosen].fit), l_max))
     return Formed(found, others)
 
 
-def _simplest(rungs: Mapping[LobeForm, BlindRung]) -> LobeForm:
+def _simplest(candidates: Mapping[LobeForm, BlindCandidate]) -> LobeForm:
     """RH01's form if it is as good as the best, or this; light and viewer hidden apart if it is worse than that by a
     standard error; one with more numbers if it is clearly worse."""
-    best = min((form for form in FIRST_FORMS if form in rungs), key=lambda form: _deviance(rungs[form]))
-    chosen = PRINTED if as_good(rungs[PRINTED], rungs[best]) else best
-    for apart in set(rungs) & set(UNCORRELATED.values()):
-        chosen = chosen if as_good(rungs[chosen], rungs[apart]) else apart
-    richer = sorted((form for form in rungs if form.numbers), key=lambda form: rungs[form].parameters)
+    best = min(
+        (form for form in FIRST_FORMS if form in candidates), key=lambda form: _deviance(candidates[form])
+    )
+    chosen = RH01_FORM if as_good(candidates[RH01_FORM], candidates[best]) else best
+    for apart in set(candidates) & set(UNCORRELATED.values()):
+        chosen = chosen if as_good(candidates[chosen], candidates[apart]) else apart
+    richer = sorted(
+        (form for form in candidates if form.numbers), key=lambda form: candidates[form].parameters
+    )
     for form in richer:
-        if not as_good(rungs[chosen], rungs[form], CLEARLY_WORSE):
+        if not as_good(candidates[chosen], candidates[form], CLEARLY_WORSE):
             chosen = form
     return chosen
 
 
-def _deviance(rung: BlindRung) -> float:
-    return float(rung.deviance.mean())
+def _deviance(candidate: BlindCandidate) -> float:
+    return float(candidate.deviance.mean())

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from invrender.estimate.unknown_light.price import bright
+from invrender.estimate.unknown_light.cross_validation import BlindCandidate, cross_validate, simplest
 from invrender.estimate.unknown_light.projection import BlindFit
-from invrender.estimate.unknown_light.rungs import BlindRung, cross_validate, simplest
-from invrender.estimate.unknown_light.sources import Lamps, find_sources, sources_of_diffuse
+from invrender.estimate.unknown_light.source_evidence import bright
+from invrender.estimate.unknown_light.sources import SourceStarts, find_sources, sources_of_diffuse
 from invrender.estimate.unknown_light.start import Search, forget_rows, of_degree
 from invrender.estimate.unknown_light.state import FIRST_MU, BlindState
 
@@ -19,18 +19,18 @@ _ENOUGH = 8
 def climb(
     search: Search,
     thin: Search,
-    lamps: Lamps | None,
-    first: BlindRung,
+    lamps: SourceStarts | None,
+    first: BlindCandidate,
     orders: Sequence[int],
     others: Sequence[BlindState],
     on_step: Callable[[], None],
-) -> list[BlindRung]:
+) -> list[BlindCandidate]:
     """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
 
     Orders above the first rung's are tried one after the other, as long as it takes the last. others : states with
     lobes of other forms, as good as their best.
     """
-    rungs, fit = [first], first.fit
+    candidates, fit = [first], first.fit
     prepared = {0: of_degree(search, 0), fit.l_max: search}
 
     def add(state: BlindState, l_max: int, fitted: bool = False) -> None:
@@ -43,15 +43,15 @@ def climb(
                 # Rows that are kept for the next step of a search take up more than all else.
                 forget_rows(other)
         tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max, _ENOUGH))
-        rungs.append(without_rows(cross_validate(model_name(tried), own, tried)))
+        candidates.append(without_rows(cross_validate(model_name(tried), own, tried)))
         on_step()
 
     for order in orders:
         if order < fit.l_max and (order or lamps is not None):
             add(fit.state, order)
     for order in orders:
-        if order > fit.l_max and _takes_the_highest(rungs):
-            state = rungs[simplest(rungs)].fit.state
+        if order > fit.l_max and _takes_the_highest(candidates):
+            state = candidates[simplest(candidates)].fit.state
             # Beside finer light lamps show that coarser light took up.
             finer = find_sources(of_degree(thin, order), state, order).state
             add(finer if len(finer.directions) > len(state.directions) else state, order)
@@ -59,7 +59,7 @@ def climb(
         if fit.l_max:
             add(lamps.glossy.state.with_form(fit.state.form), 0)
         add(lamps.diffuse.state, 0)
-    best = rungs[simplest(rungs)].fit
+    best = candidates[simplest(candidates)].fit
     if best.state.sigma is not None and best.state.form.has_fresnel:
         bare = best.state.mu is None
         add(replace(best.state, mu=FIRST_MU) if bare else best.state.without_fresnel(), best.l_max)
@@ -71,45 +71,45 @@ def climb(
         weakest = int(best.irradiances.sum(axis=1).argmin())
         add(best.state.without_source(weakest), best.l_max)
     # What a purely diffuse body would need of light is another matter: its sources are looked for anew.
-    diffuse, glossy = sources_of_diffuse(thin, fit.l_max, lamps), len(rungs)
-    for order in sorted({min(2, orders[-1]), *(rung.fit.l_max for rung in rungs)} - {0}):
-        if len(rungs) == glossy or _takes_the_highest(rungs[glossy:]):
+    diffuse, glossy = sources_of_diffuse(thin, fit.l_max, lamps), len(candidates)
+    for order in sorted({min(2, orders[-1]), *(candidate.fit.l_max for candidate in candidates)} - {0}):
+        if len(candidates) == glossy or _takes_the_highest(candidates[glossy:]):
             add(diffuse, order)
-    return rungs
+    return candidates
 
 
-def _takes_the_highest(rungs: Sequence[BlindRung]) -> bool:
+def _takes_the_highest(candidates: Sequence[BlindCandidate]) -> bool:
     """Whether no light of a lower degree than the highest that was tried suffices."""
-    return rungs[simplest(rungs)].fit.l_max == max(rung.fit.l_max for rung in rungs)
+    return candidates[simplest(candidates)].fit.l_max == max(candidate.fit.l_max for candidate in candidates)
 
 
-def neighbours(rungs: Sequence[BlindRung], chosen: int) -> list[int]:
+def neighbours(candidates: Sequence[BlindCandidate], chosen: int) -> list[int]:
     """The chosen rung and, if there is one, that of the same model with the next richer lighting."""
-    own = rungs[chosen].fit
+    own = candidates[chosen].fit
     richer = [
         index
-        for index, rung in enumerate(rungs)
-        if rung.fit.l_max > own.l_max
-        and rung.fit.state.names == own.state.names
-        and rung.fit.state.form.family is own.state.form.family
+        for index, candidate in enumerate(candidates)
+        if candidate.fit.l_max > own.l_max
+        and candidate.fit.state.names == own.state.names
+        and candidate.fit.state.form.family is own.state.form.family
     ]
-    return [chosen, *sorted(richer, key=lambda index: rungs[index].fit.l_max)[:1]]
+    return [chosen, *sorted(richer, key=lambda index: candidates[index].fit.l_max)[:1]]
 
 
-def confirm(search: Search, rungs: list[BlindRung], pair: Sequence[int]) -> int:
+def confirm(search: Search, candidates: list[BlindCandidate], pair: Sequence[int]) -> int:
     """Fit some rungs to all samples, in place; the simplest of them that suffices, which alone keeps its rows."""
     for index in pair:
-        fit = search.fit(rungs[index].fit.state, rungs[index].fit.l_max)
-        rungs[index] = cross_validate(model_name(fit), search, fit)
-    chosen = pair[simplest([rungs[index] for index in pair])]
+        fit = search.fit(candidates[index].fit.state, candidates[index].fit.l_max)
+        candidates[index] = cross_validate(model_name(fit), search, fit)
+    chosen = pair[simplest([candidates[index] for index in pair])]
     for index in pair:
-        rungs[index] = rungs[index] if index == chosen else without_rows(rungs[index])
+        candidates[index] = candidates[index] if index == chosen else without_rows(candidates[index])
     return chosen
 
 
-def without_rows(rung: BlindRung) -> BlindRung:
+def without_rows(candidate: BlindCandidate) -> BlindCandidate:
     """The rung without its fit's rows, which take up far more than all else together."""
-    return replace(rung, fit=replace(rung.fit, rows=()))
+    return replace(candidate, fit=replace(candidate.fit, rows=()))
 
 
 def model_name(fit: BlindFit) -> str:

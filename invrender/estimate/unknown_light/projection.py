@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from capture.parallel import parallel_map
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import LightingRows, rows_of, slopes_of
-from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.state import BlindState
 
 Floats = NDArray[np.float64]
@@ -79,21 +79,21 @@ def prior_precision(scale: Floats, l_max: int, sources: int) -> Floats:
     return np.asarray(1 / np.maximum(scale[:, None] * std, 1e-300) ** 2)
 
 
-def light_scale(sights: Sequence[LightingDesign]) -> dict[int, Floats]:
+def light_scale(designs: Sequence[LightingDesign]) -> dict[int, Floats]:
     """An upper estimate (3,) of each lighting's coefficient of degree 0, in the gauge Kd + Ks = 1.
 
     Uniform light L sends at least L to the camera (a mirror would; diffuse bodies send pi L).
     """
     means: dict[int, list[Floats]] = {}
-    for sight in sights:
-        means.setdefault(sight.lighting, []).extend(
-            np.abs(photo.radiance).mean(axis=0) for photo in sight.photos
+    for design in designs:
+        means.setdefault(design.lighting, []).extend(
+            np.abs(photo.radiance).mean(axis=0) for photo in design.photos
         )
     return {lighting: np.sqrt(4 * np.pi) * np.max(of, axis=0) for lighting, of in means.items()}
 
 
 def solve_lighting(
-    sights: Sequence[LightingDesign],
+    designs: Sequence[LightingDesign],
     weights: Sequence[Floats],
     scales: Mapping[int, Floats],
     state: BlindState,
@@ -102,22 +102,22 @@ def solve_lighting(
     """The best lightings at a state; weights : (n, 3) per sight, inverse variances."""
 
     def equations(pair: tuple[LightingDesign, Floats]) -> tuple[LightingRows, Floats, Floats, float]:
-        sight, weight = pair
-        rows = rows_of(sight, state.under(sight.lighting), l_max)
+        design, weight = pair
+        rows = rows_of(design, state.under(design.lighting), l_max)
         gram, right = [], []
         for c in range(3):
             root = np.sqrt(weight[:, c])
-            whitened = rows.of_channel(state.kappa[c]) * root[:, None]
+            whitened = rows.of_channel(state.specular_share[c]) * root[:, None]
             gram.append(whitened.T @ whitened)
-            right.append(whitened.T @ (root * sight.radiance[:, c]))
-        return rows, np.array(gram), np.array(right), float((weight * sight.radiance**2).sum())
+            right.append(whitened.T @ (root * design.radiance[:, c]))
+        return rows, np.array(gram), np.array(right), float((weight * design.radiance**2).sum())
 
     rows, grams, rights, energies = zip(
-        *parallel_map(equations, zip(sights, weights, strict=True)), strict=True
+        *parallel_map(equations, zip(designs, weights, strict=True)), strict=True
     )
     lights, costs, full = {}, {}, {}
-    for lighting in dict.fromkeys(sight.lighting for sight in sights):
-        mine = [k for k, sight in enumerate(sights) if sight.lighting == lighting]
+    for lighting in dict.fromkeys(design.lighting for design in designs):
+        mine = [k for k, design in enumerate(designs) if design.lighting == lighting]
         gram, right = sum(grams[k] for k in mine), sum(rights[k] for k in mine)
         prior = prior_precision(scales[lighting], l_max, int((state.owners == lighting).sum()))
         full[lighting] = gram = gram + np.einsum("cp,pq->cpq", prior, np.eye(prior.shape[1]))
@@ -193,44 +193,44 @@ class SharedEquations:
         return result
 
 
-def joint_rows(sight: LightingDesign, fit: BlindFit, rows: LightingRows) -> tuple[Floats, Floats]:
+def joint_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> tuple[Floats, Floats]:
     """Jacobian of a sight's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
-    lit = np.stack([rows.of_channel(kappa) for kappa in fit.state.kappa])
-    return lit, _shared_rows(sight, fit, rows)
+    lit = np.stack([rows.of_channel(specular_share) for specular_share in fit.state.specular_share])
+    return lit, _shared_rows(design, fit, rows)
 
 
-def _shared_rows(sight: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
+def _shared_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
     state = fit.state
-    slopes = slopes_of(sight, state.under(sight.lighting), rows, fit.light[sight.lighting])
-    shared = np.zeros((3, len(sight.field), len(state.names)))
+    slopes = slopes_of(design, state.under(design.lighting), rows, fit.light[design.lighting])
+    shared = np.zeros((3, len(design.field), len(state.names)))
     for c in range(3):
-        shared[c][:, state.own(c, sight.lighting)] = slopes[:, c]
+        shared[c][:, state.own(c, design.lighting)] = slopes[:, c]
     return shared
 
 
-def predicted(sight: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
+def predicted(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
     """Radiance (n, 3) of a sight's rows."""
-    return rows.radiance(fit.state.kappa, fit.light[sight.lighting])
+    return rows.radiance(fit.state.specular_share, fit.light[design.lighting])
 
 
-def _border(sights: Sequence[LightingDesign], weights: Sequence[Floats], fit: BlindFit) -> SharedEquations:
+def _border(designs: Sequence[LightingDesign], weights: Sequence[Floats], fit: BlindFit) -> SharedEquations:
     """Kaufman's equations at a fit whose lightings are optimal."""
 
     def equations(item: tuple[LightingDesign, Floats, LightingRows]) -> tuple[Floats, Floats, Floats]:
-        sight, weight, rows = item
-        residual = sight.radiance - predicted(sight, fit, rows)
-        shared = _shared_rows(sight, fit, rows)
+        design, weight, rows = item
+        residual = design.radiance - predicted(design, fit, rows)
+        shared = _shared_rows(design, fit, rows)
         weighted = shared * weight.T[:, :, None]
         return (
-            rows.sums(fit.state.kappa, weighted),
+            rows.sums(fit.state.specular_share, weighted),
             np.einsum("cnt,cnu->tu", shared, weighted, optimize=True),
             np.einsum("cnt,nc->t", weighted, residual),
         )
 
-    parts = list(parallel_map(equations, zip(sights, weights, fit.rows, strict=True)))
+    parts = list(parallel_map(equations, zip(designs, weights, fit.rows, strict=True)))
     arrows = {}
     for lighting, gram in fit.grams.items():
-        mine = [part for sight, part in zip(sights, parts, strict=True) if sight.lighting == lighting]
+        mine = [part for design, part in zip(designs, parts, strict=True) if design.lighting == lighting]
         borders, corners, rights = zip(*mine, strict=True)
         none = np.zeros(fit.light[lighting].T.shape)
         arrows[lighting] = Arrow(gram, sum(borders), sum(corners), none, sum(rights))
@@ -238,7 +238,7 @@ def _border(sights: Sequence[LightingDesign], weights: Sequence[Floats], fit: Bl
 
 
 def refine(
-    sights: Sequence[LightingDesign],
+    designs: Sequence[LightingDesign],
     weights: Sequence[Floats],
     scales: Mapping[int, Floats],
     state: BlindState,
@@ -246,13 +246,13 @@ def refine(
     iterations: int = ITERATIONS,
 ) -> BlindFit:
     """The best state near a given one, with its lightings."""
-    fit = solve_lighting(sights, weights, scales, state, l_max)
+    fit = solve_lighting(designs, weights, scales, state, l_max)
     if not state.names:
         return fit
     damping = _FIRST_DAMPING
     count = sum(weight.size for weight in weights)
     for _ in range(iterations):
-        equations = _border(sights, weights, fit)
+        equations = _border(designs, weights, fit)
         free = ~fit.state.stuck(equations.right)
         noise = max(fit.cost / count, 1)
         if equations.step(free) @ equations.right < _CONVERGED * noise:
@@ -263,7 +263,7 @@ def refine(
             # A mesh's shadows may spoil what any step gains: one that promises nothing isn't tried.
             if promise < _CONVERGED:
                 return fit
-            tried = solve_lighting(sights, weights, scales, fit.state.moved(step), l_max)
+            tried = solve_lighting(designs, weights, scales, fit.state.moved(step), l_max)
             if tried.cost <= fit.cost or promise < _TOLD_APART:
                 break
             damping *= 10

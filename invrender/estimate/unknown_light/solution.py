@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import PRINTED, Angles, LobeForm, part_width
+from invrender.brdf.lobes import RH01_FORM, Angles, LobeForm, part_width
 from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import Quantity
-from invrender.estimate.unknown_light.certainty import Certainty
-from invrender.estimate.unknown_light.rungs import BlindRung
+from invrender.estimate.unknown_light.cross_validation import BlindCandidate
 from invrender.estimate.unknown_light.state import BlindState
-from invrender.transport.base import let_through, sky_factors
+from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
+from invrender.transport.base import interface_transmittance, sky_factors
 from invrender.transport.formtable import form_radiance
 from invrender.transport.lobetable import Transfer, specular_radiance
 from invrender.transport.visibility import Shadows
@@ -78,7 +78,7 @@ class BlindSolution:
     model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks). mu, sigma : None where the model lacks
     them; sigma in radians. form : of the lobe. lights : by name, in the order in which photographs first name them.
     quantities : "kd_normalised", "ks_normalised", "mu", "sigma". covariance, covariance_names : of the shares, mu,
-    sigma and the sources' turns (radians). rungs, chosen : the ladder. noise, weights : as in `noise`, weights per
+    sigma and the sources' turns (radians). candidates, chosen : the ladder. noise, weights : as in `noise`, weights per
     photograph. transfer : of the lobe, that the fit went by.
     """
 
@@ -91,19 +91,19 @@ class BlindSolution:
     quantities: Mapping[str, Quantity]
     covariance: Floats
     covariance_names: tuple[str, ...]
-    rungs: tuple[BlindRung, ...]
+    candidates: tuple[BlindCandidate, ...]
     chosen: int
     noise: NoiseModel
     weights: tuple[Weights, ...]
     gauge: str
     warnings: tuple[str, ...]
-    certainty: Certainty
+    certainty: BlindUncertainty
     transfer: Transfer = "exact"
 
     @property
     def l_max(self) -> int:
         """Degree of the lightings."""
-        return self.rungs[self.chosen].fit.l_max
+        return self.candidates[self.chosen].fit.l_max
 
     @property
     def light(self) -> BlindLight:
@@ -134,7 +134,7 @@ def predict_parts(
     shadows: Shadows | None = None,
 ) -> tuple[Floats, Floats]:
     """`predict_blind` in two parts, (n, 3) each: what the base sends, and the lobe."""
-    state = solution.rungs[solution.chosen].fit.state
+    state = solution.candidates[solution.chosen].fit.state
     light = solution.light if light is None else light
     directions, strengths = light.sources.directions, light.sources.irradiances
     exitant = np.clip(np.einsum("nk,nk->n", field.normals, field.views), 0, 1)
@@ -147,8 +147,8 @@ def predict_parts(
         total -= shadows.hidden(field, light.coefficients)
         for k, direction in enumerate(directions):
             lit[:, k] = shadows.lit(field, direction)
-    total += (cosines * let_through(state.form, state.mu, cosines) * lit) @ strengths
-    total *= let_through(state.form, state.mu, exitant)[:, None] * (1 - state.kappa)
+    total += (cosines * interface_transmittance(state.form, state.mu, cosines) * lit) @ strengths
+    total *= interface_transmittance(state.form, state.mu, exitant)[:, None] * (1 - state.specular_share)
     lobe = np.zeros_like(total)
     if state.sigma is not None:
         lobe = _reflected(state, field, light.coefficients, solution.transfer)
@@ -157,12 +157,14 @@ def predict_parts(
         for direction, strength, seen in zip(directions, strengths, lit.T, strict=True):
             angles = Angles.between(field.normals, direction, field.views)
             lobe += (state.form.reflected(angles, state.mu, state.sigma) * seen)[:, None] * strength
-    return np.asarray(field.mean_over_rays(total)), np.asarray(field.mean_over_rays(state.kappa * lobe))
+    return np.asarray(field.mean_over_rays(total)), np.asarray(
+        field.mean_over_rays(state.specular_share * lobe)
+    )
 
 
 def _reflected(state: BlindState, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
     """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
-    if state.form is not PRINTED:
+    if state.form is not RH01_FORM:
         return np.asarray(
             sum(
                 share

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import PRINTED, LobeForm
-from invrender.estimate.unknown_light.lampcount import fewest_lamps
-from invrender.estimate.unknown_light.price import bright, price
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.estimate.unknown_light.projection import BlindFit
+from invrender.estimate.unknown_light.source_count import fewest_sources
+from invrender.estimate.unknown_light.source_evidence import bright, source_penalty
 from invrender.estimate.unknown_light.start import (
     NOTHING,
     PEAK_WIDTH,
@@ -140,9 +140,11 @@ def off_borders(search: Search, state: BlindState) -> Search:
 
     Pixels there are neither lit nor dark; taken for whole ones they look like a second source, or another form of lobe.
     """
-    if all(sight.shadows is None for sight in search.sights):
+    if all(design.shadows is None for design in search.designs):
         return search
-    clear = [sight.off_borders(state.under(sight.lighting).directions)[:, None] for sight in search.sights]
+    clear = [
+        design.off_borders(state.under(design.lighting).directions)[:, None] for design in search.designs
+    ]
     weights = [weight * counts for weight, counts in zip(search.weights, clear, strict=True)]
     return replace(search, weights=weights)
 
@@ -165,7 +167,7 @@ def _second(search: Search, fit: BlindFit, lighting: int) -> Floats | None:
 def _worth_it(search: Search, fit: BlindFit, simpler: BlindFit, lighting: int) -> bool:
     """Whether a source of a lighting saves what its parameters cost; all are bright, and lie where they should."""
     own = fit.state.owners == lighting
-    saves = simpler.costs[lighting] - fit.costs[lighting] > price(search, fit, lighting)
+    saves = simpler.costs[lighting] - fit.costs[lighting] > source_penalty(search, fit, lighting)
     inside = search.region is None or bool(search.region.holds(fit.state.directions[own]).all())
     return bool(saves and inside and (fit.irradiances[own].sum(axis=1) > 0).all())
 
@@ -179,7 +181,7 @@ def likelier(search: Search, found: FoundSources, state: BlindState) -> FoundSou
 def _likelier(search: Search, first: BlindFit, second: BlindFit) -> BlindFit:
     """The one of two fits of one degree that explains more for its sources' price."""
     best = min(first, second, key=lambda fit: fit.cost)
-    prices = {lighting: price(search, best, lighting) for lighting in search.lightings}
+    prices = {lighting: source_penalty(search, best, lighting) for lighting in search.lightings}
     return min(first, second, key=lambda fit: fit.cost + sum(prices[k] for k in fit.state.owners.tolist()))
 
 
@@ -198,7 +200,7 @@ def _fresnel_again(search: Search, fit: BlindFit, mu: float | None) -> BlindFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Lamps:
+class SourceStarts:
     """Fits with nothing but lamps in the dark, and the same faint light from all sides: of degree 0."""
 
     glossy: BlindFit
@@ -206,8 +208,8 @@ class Lamps:
 
 
 def find_starts(
-    search: Search, l_max: int, in_the_dark: bool, form: LobeForm = PRINTED
-) -> tuple[FoundSources, Lamps | None]:
+    search: Search, l_max: int, in_the_dark: bool, form: LobeForm = RH01_FORM
+) -> tuple[FoundSources, SourceStarts | None]:
     """Sources beside light of degree l_max, as a body with a lobe shows them, and lamps in the dark if that may be it.
 
     Lamps alone are fitted to the search as prepared for degree 0: lobes take time with the degree that they are for.
@@ -216,9 +218,9 @@ def find_starts(
     """
     if not l_max:
         dark = of_degree(search, 0)
-        alone = fewest_lamps(dark, _diffuse_lamps(search), form)
+        alone = fewest_sources(dark, _diffuse_lamps(search), form)
         # Of two that are nearer to each other than the lobe is wide nothing tells in the dark.
-        return FoundSources(alone, None), Lamps(alone, dark.fit(alone.state.without_lobe(), 0))
+        return FoundSources(alone, None), SourceStarts(alone, dark.fit(alone.state.without_lobe(), 0))
     found = examined(search, find_sources(search, first_state(search, l_max), l_max))
     lamps = _lamps_alone(search, found.fit) if in_the_dark else None
     if lamps is None:
@@ -226,7 +228,7 @@ def find_starts(
     return likelier(search, found, lamps.glossy.state), lamps
 
 
-def _lamps_alone(search: Search, beside: BlindFit) -> Lamps | None:
+def _lamps_alone(search: Search, beside: BlindFit) -> SourceStarts | None:
     """Lamps in a dark room, those that were found beside light among them; None if they are no explanation.
 
     beside : the fit with light that they are measured against.
@@ -235,15 +237,15 @@ def _lamps_alone(search: Search, beside: BlindFit) -> Lamps | None:
     # Light of many degrees passes for a lamp or two; a lamp that only a lobe shows isn't found without one.
     starts = (first_state(dark, 0, diffuse.state), beside.state)
     glossy = min((dark.fit(start, 0, _FEW) for start in starts), key=lambda fit: fit.cost)
-    return Lamps(dark.fit(glossy.state, 0), diffuse) if glossy.cost < _NOT_DARK * beside.cost else None
+    return SourceStarts(dark.fit(glossy.state, 0), diffuse) if glossy.cost < _NOT_DARK * beside.cost else None
 
 
 def _diffuse_lamps(search: Search) -> BlindFit:
     """Lamps in the dark as a diffuse body shows them, looked for at the peaks of light of the search's degree."""
-    return find_sources(search, NOTHING, 0, peaks_at=search.sights[0].l_max)
+    return find_sources(search, NOTHING, 0, peaks_at=search.designs[0].l_max)
 
 
-def sources_of_diffuse(search: Search, l_max: int, lamps: Lamps | None) -> BlindState:
+def sources_of_diffuse(search: Search, l_max: int, lamps: SourceStarts | None) -> BlindState:
     """Sources beside light of degree l_max, as a diffuse body shows them; those of lamps where they are likelier."""
     if lamps is not None and not l_max:
         return lamps.diffuse.state

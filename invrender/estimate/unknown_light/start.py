@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.estimate.clusters import outstanding
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import ITERATIONS, BlindFit, refine, solve_lighting
-from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.state import FIRST_MU, BlindState
 from recon.harmonics.basis import degree_of, degrees, evaluate_harmonics, sphere_directions
 from recon.sampling.lightfield import LightField, pools
@@ -69,7 +69,7 @@ class Search:
     the prior goes by.
     """
 
-    sights: Sequence[LightingDesign]
+    designs: Sequence[LightingDesign]
     weights: Sequence[Floats]
     trust: Sequence[Floats]
     scales: Mapping[int, Floats]
@@ -78,7 +78,7 @@ class Search:
     @property
     def problem(self) -> tuple[Sequence[LightingDesign], Sequence[Floats], Mapping[int, Floats]]:
         """What the solvers take: sights, weights, and the lightings' scales."""
-        return self.sights, self.weights, self.scales
+        return self.designs, self.weights, self.scales
 
     @property
     def numbers(self) -> int:
@@ -91,9 +91,9 @@ class Search:
 
     def only(self, lighting: int) -> Search:
         """The same with the photographs under one lighting only."""
-        mine = [k for k, sight in enumerate(self.sights) if sight.lighting == lighting]
+        mine = [k for k, design in enumerate(self.designs) if design.lighting == lighting]
         return Search(
-            [self.sights[k] for k in mine],
+            [self.designs[k] for k in mine],
             [self.weights[k] for k in mine],
             [self.trust[k] for k in mine],
             {lighting: self.scales[lighting]},
@@ -116,7 +116,7 @@ def first_state(search: Search, l_max: int, known: BlindState = NOTHING) -> Blin
     """
     trials = []
     for sigma, share in product(_ROUGHNESSES, _SHARES):
-        bare = replace(known, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma)
+        bare = replace(known, specular_share=np.full(3, share), mu=FIRST_MU, sigma=sigma)
         state, cost = bare, 0.0
         for lighting in search.lightings:
             own = search.only(lighting)
@@ -136,7 +136,7 @@ def first_states(search: Search, lamps: BlindState) -> list[BlindState]:
     found = []
     for roughnesses in _IN_THE_DARK:
         trials = [
-            replace(lamps, kappa=np.full(3, share), mu=FIRST_MU, sigma=sigma).with_form(lamps.form)
+            replace(lamps, specular_share=np.full(3, share), mu=FIRST_MU, sigma=sigma).with_form(lamps.form)
             for sigma, share in product(roughnesses, _SHARES)
         ]
         found.append(min(trials, key=lambda state: search.at(state, 0).cost))
@@ -163,19 +163,19 @@ def light_peaks(light: Floats, region: Region | None) -> Floats:
 
 def of_degree(search: Search, l_max: int, settled: bool = False) -> Search:
     """The same, prepared for lighting of another degree; settled : as of `LightingDesign`."""
-    sights = [
-        sight
-        if (sight.l_max, sight.settled) == (l_max, settled)
-        else sight.like(sight.photos, l_max, settled)
-        for sight in search.sights
+    designs = [
+        design
+        if (design.l_max, design.settled) == (l_max, settled)
+        else design.like(design.photos, l_max, settled)
+        for design in search.designs
     ]
-    return replace(search, sights=sights)
+    return replace(search, designs=designs)
 
 
 def forget_rows(search: Search) -> None:
     """Leave the memory of rows that sights keep from step to step; they are made again when asked for."""
-    for sight in search.sights:
-        sight.forget_rows()
+    for design in search.designs:
+        design.forget_rows()
 
 
 def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
@@ -184,21 +184,21 @@ def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
     Of small highlights that the even choice would leave a few samples of, more are taken, up to a tenth of all: they
     tell most of lamps and of the lobe, and few that stand alone look like dust.
     """
-    total = sum(len(sight.field) for sight in search.sights)
+    total = sum(len(design.field) for design in search.designs)
     every = max(1, int(np.ceil(total / max(most, per_lighting * len(search.lightings)))))
-    if every == 1 and all(sight.l_max == l_max for sight in search.sights):
+    if every == 1 and all(design.l_max == l_max for design in search.designs):
         return search
-    owners = [sight for sight in search.sights for _ in sight.photos]
-    photos = [photo for sight in search.sights for photo in sight.photos]
+    owners = [design for design in search.designs for _ in design.photos]
+    photos = [photo for design in search.designs for photo in design.photos]
     keeps = [_evenly(photo, every, k) for k, photo in enumerate(photos)]
     photos = [photo.where(keep) for photo, keep in zip(photos, keeps, strict=True)]
     kept = np.concatenate(keeps)
     # Lightings come one after the other, and so do photographs in their pools.
-    together = pools(photos, [sight.lighting for sight in owners])
-    sights = [owners[pool[0]].like([photos[k] for k in pool], l_max) for pool in together]
-    ends = np.cumsum([len(sight.field) for sight in sights])[:-1]
+    together = pools(photos, [design.lighting for design in owners])
+    designs = [owners[pool[0]].like([photos[k] for k in pool], l_max) for pool in together]
+    ends = np.cumsum([len(design.field) for design in designs])[:-1]
     weights, trust = (np.split(np.concatenate(of)[kept], ends) for of in (search.weights, search.trust))
-    return replace(search, sights=sights, weights=weights, trust=trust)
+    return replace(search, designs=designs, weights=weights, trust=trust)
 
 
 def _evenly(photo: LightField, every: int, first: int) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.brdf.richer import NUMBER_RANGE
 from recon.mesh.tangents import tangents
@@ -27,16 +27,16 @@ _SHARES = (1e-3, 1 - 1e-3)
 class BlindState:
     """A BRDF up to its scale, and where the sources are.
 
-    kappa : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is diffuse, and
-    kappa zero. directions : (k, 3) unit, towards the sources. form : of the lobe. owners : (k,), the number of the
+    specular_share : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is
+    diffuse, and `specular_share` zero. directions : (k, 3) unit, towards the sources. form : of the lobe. owners : (k,), the number of the
     lighting that each source belongs to.
     """
 
-    kappa: Floats
+    specular_share: Floats
     mu: float | None
     sigma: float | None
     directions: Floats
-    form: LobeForm = PRINTED
+    form: LobeForm = RH01_FORM
     owners: Ints = field(default_factory=lambda: np.zeros(0, int))
 
     @property
@@ -77,9 +77,9 @@ class BlindState:
         by_name = dict(zip(self.names, np.clip(step, -limits, limits).tolist(), strict=True))
         form = self.form
         if self.sigma is None:
-            kappa, sigma = self.kappa, None
+            specular_share, sigma = self.specular_share, None
         else:
-            kappa = np.clip(self.kappa + [by_name[f"kappa {c}"] for c in "rgb"], *_SHARES)
+            specular_share = np.clip(self.specular_share + [by_name[f"kappa {c}"] for c in "rgb"], *_SHARES)
             sigma = float(np.clip(self.sigma * np.exp(by_name["sigma"]), *SIGMA_RANGE))
             form = form.with_numbers({name: self._number(name, by_name[name]) for name in form.numbers})
         mu = None if self.mu is None else float(np.clip(1 + (self.mu - 1) * np.exp(by_name["mu"]), *MU_RANGE))
@@ -88,7 +88,9 @@ class BlindState:
             for k, direction in enumerate(self.directions)
         ]
         directions = np.array(turned).reshape(-1, 3)
-        return replace(self, kappa=kappa, mu=mu, sigma=sigma, directions=directions, form=form)
+        return replace(
+            self, specular_share=specular_share, mu=mu, sigma=sigma, directions=directions, form=form
+        )
 
     def _number(self, name: str, step: float) -> float:
         """A number of the form after a step."""
@@ -99,7 +101,7 @@ class BlindState:
         """Which parameters are at an end of their range that they would leave, (t,)."""
         ends = {"mu": (self.mu, MU_RANGE), "sigma": (self.sigma, SIGMA_RANGE)}
         ends |= {name: (value, NUMBER_RANGE[name]) for name, value in self.form.numbers.items()}
-        ends |= {f"kappa {c}": (float(self.kappa[k]), _SHARES) for k, c in enumerate("rgb")}
+        ends |= {f"kappa {c}": (float(self.specular_share[k]), _SHARES) for k, c in enumerate("rgb")}
         found = []
         for name, slope in zip(self.names, gradient, strict=True):
             value, (low, high) = ends.get(name, (None, (0.0, 0.0)))

@@ -10,8 +10,8 @@ from capture.files.outfolder import result_files
 from capture.terminal import console, leave_cleanly_when_stopped
 from invrender.output.compare.lightings import LightPair, light_pairs
 from invrender.output.compare.page import write_page
-from invrender.output.compare.painted import over_same_part
 from invrender.output.compare.tables import comparison_notes, error_summary, light_text, texts
+from invrender.output.compare.textured import over_same_part
 from invrender.output.compare.verdicts import Row, number_rows, verdict
 from invrender.result.saved import read_result
 from invrender.result.side import Side, result_side

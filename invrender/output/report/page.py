@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, PRINTED, UNCORRELATED
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import COATED, COATED_HAZY, HAZY, TABULATED
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.textured.layout import TexelLayout
@@ -58,7 +58,7 @@ _NAMES = {
 
 
 _FORMS = {
-    PRINTED: "microfacets as in RH01, Fresnel's factor at the exitant angle",
+    RH01_FORM: "microfacets as in RH01, Fresnel's factor at the exitant angle",
     BECKMANN: "microfacets that hide each other, Fresnel's factor at the half angle (Smith, Beckmann)",
     GGX_FORM: "long-tailed microfacets that hide each other, Fresnel's factor at the half angle (Smith, GGX)",
     PHONG: "Phong's lobe about the mirrored view",
@@ -143,7 +143,7 @@ class ReportWriter:
             result=result,
             model=result.model.estimate.model,
             form=_FORMS[result.brdf.form.family],
-            best=min(result.rungs, key=lambda rung: rung.error),
+            best=min(result.candidates, key=lambda candidate: candidate.error),
             parameters=_parameters(self._run),
             rows=rows,
             limit=self._limit,

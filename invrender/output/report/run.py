@@ -182,11 +182,11 @@ def _print_summary(result: Factorization) -> None:
 
 def _ladder(result: Factorization) -> str:
     """The models that were tried with their errors; of many those that matter."""
-    shown, rest = list(result.rungs), ""
+    shown, rest = list(result.candidates), ""
     if len(shown) > _MOST_MODELS:
-        shown = sorted(shown, key=lambda rung: rung.error)[: _MOST_MODELS - 1]
-        rest = f"; the other {len(result.rungs) - len(shown)} are in the report"
-    ladder = ", ".join(f"{rung.estimate.model.name} {rung.error:.2%}" for rung in shown)
+        shown = sorted(shown, key=lambda candidate: candidate.error)[: _MOST_MODELS - 1]
+        rest = f"; the other {len(result.candidates) - len(shown)} are in the report"
+    ladder = ", ".join(f"{candidate.estimate.model.name} {candidate.error:.2%}" for candidate in shown)
     return (
         f"Error of {'each model' if not rest else 'the best models'} on unseen photographs: {ladder}{rest}."
     )

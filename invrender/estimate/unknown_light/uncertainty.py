@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from invrender.brdf.richer import NUMBER_RANGE
 from invrender.estimate.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, sums_by, tiles_of
 from invrender.estimate.uncertainty import NUMERICAL, PRIOR_STD
-from invrender.estimate.unknown_light.antipodes import Sides
+from invrender.estimate.unknown_light.cross_validation import joint_equations
 from invrender.estimate.unknown_light.projection import (
     BlindFit,
     joint_rows,
@@ -23,9 +23,9 @@ from invrender.estimate.unknown_light.projection import (
     prior_precision,
     reduced,
 )
-from invrender.estimate.unknown_light.rungs import joint_equations
+from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity
+from invrender.estimate.unknown_light.source_width import source_widths
 from invrender.estimate.unknown_light.start import Search
-from invrender.estimate.unknown_light.widths import lamp_widths
 from invrender.theory.conditioning import Information
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ _SHARE_STD, _TURN_STD = 1 / np.sqrt(12), 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Certainty:
+class BlindUncertainty:
     """Standard deviations of a fit.
 
     covariance : (t, t), of kappa, mu, sigma (radians) and the sources' turns (radians), as `State.names` lists them.
@@ -56,20 +56,20 @@ class Certainty:
     other_mu: Mapping[str, float] = field(default_factory=dict)
 
 
-def certainty_of(
-    search: Search, fit: BlindFit, split: BlindFit | None = None, sides: Sides | None = None
-) -> Certainty:
+def blind_uncertainty(
+    search: Search, fit: BlindFit, split: BlindFit | None = None, sides: SourceAmbiguity | None = None
+) -> BlindUncertainty:
     """Certainty at a fit, which must be the best of its model, and what else its standard deviations must hold.
 
     split : the fit with one of the sources as two, if that explains more. sides : on which of two its lamps may be.
     """
     certainty = _with_widths(_of_noise(search, fit), search, fit)
     certainty = _with_sides(_with_split(certainty, fit, split), sides)
-    fields = [photo for sight in search.sights for photo in sight.photos]
+    fields = [photo for design in search.designs for photo in design.photos]
     left = [
         photo
-        for sight, trust, rows in zip(search.sights, search.trust, fit.rows, strict=True)
-        for photo in sight.split(np.sqrt(trust) * (sight.radiance - predicted(sight, fit, rows)))
+        for design, trust, rows in zip(search.designs, search.trust, fit.rows, strict=True)
+        for photo in design.split(np.sqrt(trust) * (design.radiance - predicted(design, fit, rows)))
     ]
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     # In clean sets nothing of it is left.
@@ -93,18 +93,20 @@ def _lobe_misfit(search: Search, fit: BlindFit) -> float:
         return 0.0
     parts = []
     size = (fit.l_max + 1) ** 2
-    for sight, weight, trust, rows in zip(search.sights, search.weights, search.trust, fit.rows, strict=True):
-        sent = fit.light[sight.lighting][size:]
-        radiance = predicted(sight, fit, rows)
-        lobes = fit.state.kappa * (rows.lamps_specular @ sent)
-        parts.append((lobes, radiance, sight.radiance - radiance, trust, weight))
+    for design, weight, trust, rows in zip(
+        search.designs, search.weights, search.trust, fit.rows, strict=True
+    ):
+        sent = fit.light[design.lighting][size:]
+        radiance = predicted(design, fit, rows)
+        lobes = fit.state.specular_share * (rows.lamps_specular @ sent)
+        parts.append((lobes, radiance, design.radiance - radiance, trust, weight))
     return lobe_misfit(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _with_widths(certainty: Certainty, search: Search, fit: BlindFit) -> Certainty:
+def _with_widths(certainty: BlindUncertainty, search: Search, fit: BlindFit) -> BlindUncertainty:
     """Standard deviations that hold by how much lamps as wide as they look put all else elsewhere."""
     precision = (fit.state.scales() / [_prior_std(name) for name in fit.state.names]) ** 2
-    widths = lamp_widths(search, fit, precision, _noise(search, fit))
+    widths = source_widths(search, fit, precision, _noise(search, fit))
     return replace(
         certainty,
         covariance=certainty.covariance + np.diag(widths.moved**2),
@@ -113,13 +115,15 @@ def _with_widths(certainty: Certainty, search: Search, fit: BlindFit) -> Certain
     )
 
 
-def _with_split(certainty: Certainty, fit: BlindFit, split: BlindFit | None) -> Certainty:
+def _with_split(certainty: BlindUncertainty, fit: BlindFit, split: BlindFit | None) -> BlindUncertainty:
     """Standard deviations that hold by how much two sources instead of one put the BRDF and that source elsewhere."""
     if split is None or split.state.names[: len(fit.state.names)] != fit.state.names:
         return certainty
     state, other, kept = fit.state, split.state, len(fit.state.directions)
     ends = [
-        np.array([*of.kappa, *(x for x in (of.mu, of.sigma) if x is not None), *of.form.numbers.values()])
+        np.array(
+            [*of.specular_share, *(x for x in (of.mu, of.sigma) if x is not None), *of.form.numbers.values()]
+        )
         for of in (state, other)
     ]
     off = np.concatenate([ends[1] - ends[0], np.zeros(2 * kept)])
@@ -132,7 +136,7 @@ def _with_split(certainty: Certainty, fit: BlindFit, split: BlindFit | None) -> 
     return replace(certainty, covariance=certainty.covariance + np.diag(off**2))
 
 
-def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
+def _with_sides(certainty: BlindUncertainty, sides: SourceAmbiguity | None) -> BlindUncertainty:
     """Standard deviations that hold by how much lamps that may be at their antipodes are elsewhere there."""
     if sides is None:
         return certainty
@@ -142,7 +146,7 @@ def _with_sides(certainty: Certainty, sides: Sides | None) -> Certainty:
     return replace(certainty, covariance=certainty.covariance + np.diag(off**2), light_std=light_std)
 
 
-def _of_noise(search: Search, fit: BlindFit) -> Certainty:
+def _of_noise(search: Search, fit: BlindFit) -> BlindUncertainty:
     joint = joint_equations(search, fit)
     equations = reduced(joint.whole)
     scales, noise = fit.state.scales(), _noise(search, fit)
@@ -159,7 +163,7 @@ def _of_noise(search: Search, fit: BlindFit) -> Certainty:
         light_std[lighting], shares[lighting] = _of_light(
             gram, leverage, prior, noise, covariance, wider[lighting], fit.l_max
         )
-    return Certainty(
+    return BlindUncertainty(
         covariance * np.outer(scales, scales),
         light_std,
         fragility * np.abs(scales),
@@ -213,15 +217,15 @@ def _sandwich(
     t = len(independent)
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
-    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
-        radiance = predicted(sight, fit, rows)
-        residual = sight.radiance - radiance
-        lit, shared = joint_rows(sight, fit, rows)
+    for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
+        radiance = predicted(design, fit, rows)
+        residual = design.radiance - radiance
+        lit, shared = joint_rows(design, fit, rows)
         # What of a parameter's effect the lighting can't undo.
-        own = (shared - lit @ leverage[sight.lighting]) * weight.T[:, :, None]
+        own = (shared - lit @ leverage[design.lighting]) * weight.T[:, :, None]
         scores = np.hstack([np.einsum("cnt,nc->nt", own, part) for part in (residual, radiance)])
-        by_tile += list(sums_by(tiles_of(sight.photos), scores).values())
-        for patch, score in sums_by(patch_of(sight.field), scores).items():
+        by_tile += list(sums_by(tiles_of(design.photos), scores).values())
+        for patch, score in sums_by(patch_of(design.field), scores).items():
             by_patch[patch] = by_patch.get(patch, 0) + score
     ratio, fragility = np.ones(t), np.zeros(t)
     for clusters in (np.array(by_tile), np.array(list(by_patch.values()))):
@@ -239,17 +243,17 @@ def _wider_light(search: Search, fit: BlindFit, noise: float) -> dict[int, Float
     inverses = {lighting: np.linalg.inv(gram) for lighting, gram in fit.grams.items()}
     by_tile: dict[int, list[Floats]] = {lighting: [] for lighting in inverses}
     by_patch: dict[int, dict[int, Floats]] = {lighting: {} for lighting in inverses}
-    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
-        left = weight * (sight.radiance - predicted(sight, fit, rows))
+    for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
+        left = weight * (design.radiance - predicted(design, fit, rows))
         scores = np.hstack(
             [
-                (rows.of_channel(kappa) * left[:, c, None]) @ inverses[sight.lighting][c]
-                for c, kappa in enumerate(fit.state.kappa)
+                (rows.of_channel(specular_share) * left[:, c, None]) @ inverses[design.lighting][c]
+                for c, specular_share in enumerate(fit.state.specular_share)
             ]
         )
-        by_tile[sight.lighting] += list(sums_by(tiles_of(sight.photos), scores).values())
-        patches = by_patch[sight.lighting]
-        for patch, score in sums_by(patch_of(sight.field), scores).items():
+        by_tile[design.lighting] += list(sums_by(tiles_of(design.photos), scores).values())
+        patches = by_patch[design.lighting]
+        for patch, score in sums_by(patch_of(design.field), scores).items():
             patches[patch] = patches.get(patch, 0) + score
     wider = {}
     for lighting, inverse in inverses.items():

@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 _PAINT = 100.0
 
 
-def less_in_common(place: NDArray[np.int64]) -> csr_array:
+def albedo_whitening(place: NDArray[np.int64]) -> csr_array:
     """The matrix (n, n) that leaves of samples what of them is as certain as their own noise.
 
     place : (n,), the number of the place that each shows. Its square is the inverse covariance of samples whose noise

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from capture.wording import some_of
-from invrender.estimate.unknown_light.antipodes import Sides
-from invrender.estimate.unknown_light.certainty import Certainty
+from invrender.estimate.unknown_light.cross_validation import photo_counts
 from invrender.estimate.unknown_light.projection import BlindFit
-from invrender.estimate.unknown_light.rungs import photo_counts
+from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity
 from invrender.estimate.unknown_light.sources import FoundSources
 from invrender.estimate.unknown_light.start import Search
+from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
 
 # Of highlights, what may be left unexplained before it is told.
 _NOTABLE_MISFIT = 0.05
@@ -27,8 +27,8 @@ def remarks(
     search: Search,
     fit: BlindFit,
     found: FoundSources,
-    certainty: Certainty,
-    sides: Sides | None,
+    certainty: BlindUncertainty,
+    sides: SourceAmbiguity | None,
     names: Sequence[str],
 ) -> tuple[str, ...]:
     """Warnings, each of them with what would help; names : of the lightings."""
@@ -57,7 +57,7 @@ def _of_split(found: FoundSources, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def _of_sides(sides: Sides | None, names: Sequence[str]) -> tuple[str, ...]:
+def _of_sides(sides: SourceAmbiguity | None, names: Sequence[str]) -> tuple[str, ...]:
     if sides is None:
         return ()
     state, warnings = sides.fit.state, []
@@ -72,7 +72,7 @@ def _of_sides(sides: Sides | None, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def _of_widths(certainty: Certainty, fit: BlindFit, names: Sequence[str]) -> tuple[str, ...]:
+def _of_widths(certainty: BlindUncertainty, fit: BlindFit, names: Sequence[str]) -> tuple[str, ...]:
     warnings = []
     wide = np.flatnonzero(certainty.radii)
     if len(wide) > _FEW:
@@ -98,7 +98,7 @@ def _of_widths(certainty: Certainty, fit: BlindFit, names: Sequence[str]) -> tup
     return tuple(warnings)
 
 
-def _of_rivals(certainty: Certainty, fit: BlindFit) -> tuple[str, ...]:
+def _of_rivals(certainty: BlindUncertainty, fit: BlindFit) -> tuple[str, ...]:
     if not certainty.other_mu or fit.state.mu is None:
         return ()
     others = " and ".join(f"{name} ({mu:.3f})" for name, mu in certainty.other_mu.items())
@@ -110,7 +110,7 @@ def _of_rivals(certainty: Certainty, fit: BlindFit) -> tuple[str, ...]:
 
 def _of_lonely(search: Search, fit: BlindFit, names: Sequence[str]) -> tuple[str, ...]:
     """A warning where lightings of more than uniform light have one photograph each."""
-    counts = photo_counts(search.sights)
+    counts = photo_counts(search.designs)
     lonely = [repr(names[number]) for number in sorted(counts) if counts[number] == 1]
     if not lonely or not fit.l_max:
         return ()

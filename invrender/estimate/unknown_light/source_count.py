@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from invrender.brdf.lobes import GGX_FORM, Angles, LobeForm
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.clusters import tiles_of
-from invrender.estimate.unknown_light.price import PER_SOURCE, bright
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import BlindFit, predicted
 from invrender.estimate.unknown_light.rows import source_rows
-from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.source_evidence import PER_SOURCE, bright
 from invrender.estimate.unknown_light.start import NOTHING, PEAK_WIDTH, Search, first_states
 from invrender.estimate.unknown_light.state import BlindState, turns
 from recon.sampling.highlights import small_highlights
@@ -44,7 +44,7 @@ _SOUGHT = 2.0
 _SAME, _CUT, _SAME_WIDTH = 1e-9, 1e-9, 1e-3
 
 
-def fewest_lamps(search: Search, diffuse: BlindFit, form: LobeForm) -> BlindFit:
+def fewest_sources(search: Search, diffuse: BlindFit, form: LobeForm) -> BlindFit:
     """The best fit of lamps in the dark, with no lamp that another reflectance makes needless.
 
     search : prepared for light of degree 0. diffuse : lamps as a Lambertian body shows them, which are candidates.
@@ -52,7 +52,7 @@ def fewest_lamps(search: Search, diffuse: BlindFit, form: LobeForm) -> BlindFit:
     """
     fit = _best_start(search, _towards_highlights(search, brightest_each(diffuse)).with_form(form))
     for _ in range(_ROUNDS):
-        needed = needed_lamps(search, fit, _at_highlights(search, fit, diffuse.state))
+        needed = needed_sources(search, fit, _at_highlights(search, fit, diffuse.state))
         if _same_lamps(needed, fit.state):
             break
         fit = bright(search, search.fit(needed, 0, _ITERATIONS))
@@ -77,12 +77,12 @@ def _at_highlights(search: Search, fit: BlindFit, state: BlindState) -> BlindSta
     """A state with lamps beside its own: those that would mirror what a fit leaves of highlights, the brightest few."""
     ways: dict[int, list[Floats]] = {lighting: [] for lighting in search.lightings}
     heights: dict[int, list[Floats]] = {lighting: [] for lighting in search.lightings}
-    for sight, rows in zip(search.sights, fit.rows, strict=True):
-        residuals = sight.split((sight.radiance - predicted(sight, fit, rows)).sum(axis=1))
-        for photo, residual in zip(sight.photos, residuals, strict=True):
+    for design, rows in zip(search.designs, fit.rows, strict=True):
+        residuals = design.split((design.radiance - predicted(design, fit, rows)).sum(axis=1))
+        for photo, residual in zip(design.photos, residuals, strict=True):
             high = residual > _OUTSTANDING * 1.4826 * np.median(np.abs(residual))
-            ways[sight.lighting].append(_mirrored(photo, high))
-            heights[sight.lighting].append(residual[high])
+            ways[design.lighting].append(_mirrored(photo, high))
+            heights[design.lighting].append(residual[high])
     for lighting in search.lightings:
         order = np.argsort(-np.concatenate(heights[lighting]))
         found = np.concatenate(ways[lighting])[order]
@@ -98,7 +98,7 @@ def _towards_highlights(search: Search, lamps: BlindState) -> BlindState:
     """Lamps turned to where the small highlight nearest to what they would mirror has them: shading tells less."""
     directions = lamps.directions.copy()
     for k, (direction, lighting) in enumerate(zip(lamps.directions, lamps.owners.tolist(), strict=True)):
-        photos = [photo for sight in search.only(lighting).sights for photo in sight.photos]
+        photos = [photo for design in search.only(lighting).designs for photo in design.photos]
         found = [(photo, small_highlights(photo.rows, photo.columns, photo.radiance)) for photo in photos]
         ways = np.concatenate([_mirrored(photo, bright) for photo, bright in found])
         brightness = np.concatenate([photo.radiance[bright].sum(axis=1) for photo, bright in found])
@@ -135,7 +135,7 @@ def _same_lamps(one: BlindState, other: BlindState) -> bool:
     return bool((ways.max(axis=1, initial=-1) > 1 - _SAME).all())
 
 
-def needed_lamps(search: Search, fit: BlindFit, candidates: BlindState = NOTHING) -> BlindState:
+def needed_sources(search: Search, fit: BlindFit, proposed: BlindState = NOTHING) -> BlindState:
     """A fit's state with the brightest lamp of each lighting, and those others that no reflectance makes needless.
 
     candidates : lamps beside the fit's own that may be needed.
@@ -143,7 +143,7 @@ def needed_lamps(search: Search, fit: BlindFit, candidates: BlindState = NOTHING
     state = fit.state
     result = state.without_source(np.arange(len(state.directions)))
     for lighting in search.lightings:
-        ways = np.vstack([_brightest_first(fit, lighting), candidates.under(lighting).directions])
+        ways = np.vstack([_brightest_first(fit, lighting), proposed.under(lighting).directions])
         if len(ways):
             # Of two that share a highlight one may repair the other's: half-angles are half of directions' angles.
             ways = _apart(ways, 2 * _highlight_width(state))
@@ -170,10 +170,10 @@ def _needed(search: Search, state: BlindState, directions: Floats) -> list[int]:
     while rest:
         away = _off_highlights(search, directions[kept], width)
         left = _left(away, known, plain[:, :, :0])
-        price = _price(away, *_left(away, known, plain[:, :, rest]))
+        source_penalty = _price(away, *_left(away, known, plain[:, :, rest]))
         saved = [left[0] - _left(away, known, plain[:, :, [k]])[0] for k in rest]
         best = int(np.argmax(saved))
-        if saved[best] < price:
+        if saved[best] < source_penalty:
             break
         kept.append(rest.pop(best))
         known = np.hstack([known, _any_reflectance(search, directions[kept[-1]])])
@@ -188,9 +188,9 @@ def _highlight_width(state: BlindState) -> float:
 def _off_highlights(search: Search, directions: Floats, width: float) -> Search:
     """The same without samples whose normal is nearer than a width, radians, to the one that mirrors a lamp."""
     weights = []
-    for sight, weight in zip(search.sights, search.weights, strict=True):
-        angles = Angles.between(sight.field.normals[:, None], directions, sight.field.views[:, None])
-        near = sight.field.mean_over_rays((angles.theta_h < width).any(axis=1).astype(float))
+    for design, weight in zip(search.designs, search.weights, strict=True):
+        angles = Angles.between(design.field.normals[:, None], directions, design.field.views[:, None])
+        near = design.field.mean_over_rays((angles.theta_h < width).any(axis=1).astype(float))
         weights.append(weight * (near == 0)[:, None])
     return replace(search, weights=weights)
 
@@ -202,27 +202,32 @@ def _any_reflectance(search: Search, direction: Floats) -> Floats:
     """
     ways = np.vstack([direction[None], *(turns(direction[None], angle)[0] for angle in (_BESIDE, -_BESIDE))])
     found = []
-    for sight in search.sights:
-        columns = np.hstack([_columns(sight, way) for way in ways])
-        found.append(np.hstack([sight.within(sight.diffuse[:, :1]), sight.within(columns)]))
+    for design in search.designs:
+        columns = np.hstack([_columns(design, way) for way in ways])
+        found.append(np.hstack([design.within(design.diffuse[:, :1]), design.within(columns)]))
     return np.vstack(found)
 
 
 def _plain(search: Search, state: BlindState, directions: Floats) -> Floats:
     """Columns (3, n, k) of lamps in directions (k, 3) as a state's BRDF reflects them, channel by channel."""
     lamps = replace(state, directions=directions, owners=np.zeros(len(directions), int))
-    rows = [source_rows(sight, lamps) for sight in search.sights]
-    return np.array([np.vstack([own.of_channel(kappa) for own in rows]) for kappa in state.kappa])
+    rows = [source_rows(design, lamps) for design in search.designs]
+    return np.array(
+        [
+            np.vstack([own.of_channel(specular_share) for own in rows])
+            for specular_share in state.specular_share
+        ]
+    )
 
 
-def _columns(sight: LightingDesign, direction: Floats) -> Floats:
+def _columns(design: LightingDesign, direction: Floats) -> Floats:
     """Columns (n, q) of a lamp: reciprocal polynomials in both cosines, times that of incidence; and lobes."""
-    angles = Angles.between(sight.field.normals, direction, sight.field.views)
+    angles = Angles.between(design.field.normals, direction, design.field.views)
     cos_i, cos_o = (np.clip(cos, 0, 1) for cos in (angles.cos_i, angles.cos_o))
     base = [cos_i, cos_i * (cos_i + cos_o), cos_i * cos_i * cos_o, cos_i * (cos_i**2 + cos_o**2)]
     lobes = [GGX_FORM.shape(angles, float(width)) for width in _WIDTHS]
-    lit = sight.free(direction[None])[:, 0]
-    return np.asarray(sight.field.mean_over_rays(np.stack([*base, *lobes], axis=-1) * lit[:, None]))
+    lit = design.free(direction[None])[:, 0]
+    return np.asarray(design.field.mean_over_rays(np.stack([*base, *lobes], axis=-1) * lit[:, None]))
 
 
 def _left(search: Search, shared: Floats, own: Floats) -> tuple[float, float, int]:
@@ -230,7 +235,7 @@ def _left(search: Search, shared: Floats, own: Floats) -> tuple[float, float, in
 
     Also how many of the residuals count as one witness, and how many numbers were fitted.
     """
-    radiance = np.vstack([sight.radiance for sight in search.sights])
+    radiance = np.vstack([design.radiance for design in search.designs])
     root = np.sqrt(np.vstack(search.weights))
     left = np.empty_like(radiance)
     for c in range(3):
@@ -238,7 +243,7 @@ def _left(search: Search, shared: Floats, own: Floats) -> tuple[float, float, in
         target = radiance[:, c] * root[:, c]
         left[:, c] = target - whitened @ np.linalg.lstsq(whitened, target, rcond=_CUT)[0]
     total = float((left**2).sum())
-    tiles = tiles_of([photo for sight in search.sights for photo in sight.photos])
+    tiles = tiles_of([photo for design in search.designs for photo in design.photos])
     together = float((np.bincount(tiles, left.sum(axis=1)) ** 2).sum()) / max(total, 1e-300)
     return total, max(together, 1.0), 3 * (shared.shape[1] + own.shape[2])
 

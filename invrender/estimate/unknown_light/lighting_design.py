@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import PRINTED, LobeForm, part_width
-from invrender.estimate.unknown_light.places import less_in_common
+from invrender.brdf.lobes import RH01_FORM, LobeForm, part_width
+from invrender.estimate.unknown_light.albedo_whitening import albedo_whitening
+from invrender.estimate.unknown_light.derivatives import STEP, denser, fresnel_with_slope, further
 from invrender.estimate.unknown_light.state import BlindState
-from invrender.estimate.unknown_light.steps import STEP, denser, fresnel_with_slope, further
 from invrender.theory.operator import irradiance_operator
-from invrender.transport.base import let_through, sky_factors
+from invrender.transport.base import interface_transmittance, sky_factors
 from invrender.transport.formtable import mean_form_rows
 from invrender.transport.lobetable import Transfer, lobe_table, mean_lobe_rows, specular_rows
 from invrender.transport.visibility import Shadows
@@ -124,7 +124,7 @@ class LightingDesign:
     @cached_property
     def _less_in_common(self) -> csr_array:
         assert self.field.place is not None
-        return less_in_common(self.field.place)
+        return albedo_whitening(self.field.place)
 
     def forget_rows(self) -> None:
         """Leave the memory of rows that are kept from step to step."""
@@ -158,7 +158,7 @@ class LightingDesign:
         size = (l_max + 1) ** 2
         if not state.form.interface and state.form.coat is None:
             return self.diffuse[:, :size]
-        out = let_through(state.form, state.mu, self.exitant)
+        out = interface_transmittance(state.form, state.mu, self.exitant)
         factors = sky_factors(state.form, state.mu, l_max)
         mean = self.field.mean_over_rays
         clear = mean(self._harmonics[:, :size], out) * factors
@@ -169,7 +169,7 @@ class LightingDesign:
         if not state.form.interface or state.mu is None:
             return np.zeros((len(self.field), light.shape[1]))
         l_max, mus = degree_of(len(light)), (state.mu, denser(state.mu))
-        out, more = (let_through(state.form, mu, self.exitant)[:, None] for mu in mus)
+        out, more = (interface_transmittance(state.form, mu, self.exitant)[:, None] for mu in mus)
         factors, further = (sky_factors(state.form, mu, l_max)[:, None] for mu in mus)
         both = np.hstack([factors * light, (further - factors) / STEP * light]).astype(np.float32)
         falling, change = np.hsplit((self._harmonics[:, : len(light)] @ both).astype(float), 2)
@@ -215,7 +215,7 @@ class LightingDesign:
     def _between(self, state: BlindState) -> bool:
         """Whether rows are interpolated between two roughnesses, which takes four of each ray."""
         large = 4 * len(self.cos) * (self.l_max + 1) ** 2 > _MOST_NUMBERS
-        return state.form is PRINTED and not ((self.settled or large) and self.transfer == "exact")
+        return state.form is RH01_FORM and not ((self.settled or large) and self.transfer == "exact")
 
     def lobe_slopes(self, state: BlindState, light: Floats) -> tuple[Floats, Floats]:
         """Derivatives (n, c) of what samples see of lighting ((l_max + 1)^2, c) by log sigma and by log(mu - 1)."""
@@ -293,7 +293,7 @@ class LightingDesign:
         self._nodes.clear()
         lobe = state.form.lobe
         seen = np.ones(1) if self.shadows is None else self.field.reflected_visible
-        if lobe is PRINTED:
+        if lobe is RH01_FORM:
             lobes = self._printed_near(l_max, state.mu, width, seen)
         else:
             lobes = mean_form_rows(self.field, l_max, lobe, state.mu, width, seen)

@@ -96,7 +96,7 @@ class Followed:
     radiance of Ks = 1, of rays. trust : (r,), 0 to 1.
     """
 
-    sight: PoseTarget
+    target: PoseTarget
     picture: RadianceSpline
     points: Ints
     rays: LightField
@@ -110,9 +110,9 @@ class Followed:
 
     def shown(self, change: Floats) -> ShownPoints:
         """What the photograph shows of the points after a change (6,) of its pose."""
-        sight, at, camera = self.sight, self.rays.positions, self.sight.at(change)
+        target, at, camera = self.target, self.rays.positions, self.target.at(change)
         pixels = camera.project(at) - 0.5
-        along = _along(camera, at, self.ways, _STEP_PX / sight.px_per_metre)
+        along = _along(camera, at, self.ways, _STEP_PX / target.px_per_metre)
         uphill = np.stack(
             [self.picture.at(pixels + way) - self.picture.at(pixels - way) for way in np.eye(2) / 2], axis=-1
         )
@@ -122,7 +122,7 @@ class Followed:
             radiance=self.picture.at(pixels),
             specular=specular,
             gradient=np.einsum("rcp,rpw->rcw", uphill, along),
-            moves=np.asarray(np.linalg.solve(along, sight.motion(change, at)), float),
+            moves=np.asarray(np.linalg.solve(along, target.motion(change, at)), float),
             highlight=self.lobe.ks[:, None] * slopes,
             blocks=whole[:, 1] * 100_000 + whole[:, 0],
         )
@@ -150,7 +150,7 @@ class Followed:
         return self.reflected(self.rays)
 
     def _views(self, change: Floats) -> Floats:
-        return self.sight.at(change).views(self.rays.positions)
+        return self.target.at(change).views(self.rays.positions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ class ShownPoints:
 
 
 def followed_in(
-    sight: PoseTarget,
+    target: PoseTarget,
     image: RadianceImage,
     now: Camera,
     field: LightField,
@@ -185,10 +185,10 @@ def followed_in(
     """
     usable = np.zeros(image.saturated.shape, bool)
     usable[field.rows, field.columns] = True
-    seen = observe(sight.body, now, field, points)
+    seen = observe(target.body, now, field, points)
     places = now.project(points.positions[seen.points])
-    rays, hit = samples_around(sight.body, now, image, places, across=False)
-    around, whole = samples_around(sight.body, now, image, places[hit])
+    rays, hit = samples_around(target.body, now, image, places, across=False)
+    around, whole = samples_around(target.body, now, image, places[hit])
     chosen = np.flatnonzero(hit)[whole]
     rays = rays.where(whole)
     # Where the surface bends, a pixel's mean lies beside what its middle shows: looked for as much to the other side.
@@ -196,16 +196,16 @@ def followed_in(
     beside -= (beside * rays.normals).sum(axis=1, keepdims=True) * rays.normals
     diffuse, specular = transfers(around)
     ways = tangents(points.normals[seen.points[chosen]])
-    along = _along(now, points.positions[seen.points[chosen]], ways, _STEP_PX / sight.px_per_metre)
+    along = _along(now, points.positions[seen.points[chosen]], ways, _STEP_PX / target.px_per_metre)
     return Followed(
-        sight=sight,
+        target=target,
         picture=RadianceSpline.of(image.radiance, usable),
         points=seen.points[chosen],
         rays=replace(rays, positions=rays.positions - beside),
         diffuse=diffuse,
         specular=specular,
         ways=ways,
-        expected=np.einsum("rcp,rpw->rcw", _uphill(sight, field, places[chosen]), along),
+        expected=np.einsum("rcp,rpw->rcw", _uphill(target, field, places[chosen]), along),
         reflected=lambda rays: transfers(rays)[1],
         lobe=lobe,
         trust=np.maximum(seen.at_points(field.weight)[chosen], 0.01),
@@ -219,9 +219,9 @@ def _along(camera: Camera, positions: Floats, ways: Floats, step: float) -> Floa
     return np.stack([(end - start) / step for end in ends], axis=-1)
 
 
-def _uphill(sight: PoseTarget, field: LightField, places: Floats) -> Floats:
+def _uphill(target: PoseTarget, field: LightField, places: Floats) -> Floats:
     """Gradient (r, 3, 2) of the picture as it is predicted, at places (r, 2), pixels; NaN where that isn't known."""
-    height, width = sight.camera.height, sight.camera.width
+    height, width = target.camera.height, target.camera.width
     around = np.zeros((height, width), bool)
     columns, rows = np.floor(places - 0.5).astype(np.int64).T
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -229,7 +229,7 @@ def _uphill(sight: PoseTarget, field: LightField, places: Floats) -> Floats:
     around = binary_dilation(around, structure=generate_binary_structure(2, 1))
     near = field.where(around[field.rows, field.columns])
     picture = np.full((height, width, 3), np.nan)
-    picture[near.rows, near.columns] = sight.radiance(near)
+    picture[near.rows, near.columns] = target.radiance(near)
     at = places[:, ::-1].T - 0.5
     slopes = [
         [map_coordinates(way, at, order=1, cval=np.nan) for way in np.gradient(channel)[::-1]]

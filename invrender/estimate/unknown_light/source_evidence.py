@@ -15,21 +15,21 @@ from invrender.estimate.unknown_light.start import Search
 PER_SOURCE = 5
 
 
-def price(search: Search, fit: BlindFit, lighting: int) -> float:
+def source_penalty(search: Search, fit: BlindFit, lighting: int) -> float:
     """Squared residuals that a source of a lighting must save."""
     numbers = search.only(lighting).numbers
-    noise = max(fit.costs[lighting] / numbers, 1e-300) * hanging_together(search, fit, [lighting])
+    noise = max(fit.costs[lighting] / numbers, 1e-300) * design_effect(search, fit, [lighting])
     return float(PER_SOURCE * np.log(numbers) * noise)
 
 
-def hanging_together(search: Search, fit: BlindFit, lightings: Collection[int]) -> float:
+def design_effect(search: Search, fit: BlindFit, lightings: Collection[int]) -> float:
     """How many residuals count as one witness, at least 1: those that hang together over tiles of a photograph."""
     residuals, together = 0.0, 0.0
-    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
-        if sight.lighting in lightings:
-            left = np.sqrt(weight) * (sight.radiance - predicted(sight, fit, rows))
+    for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
+        if design.lighting in lightings:
+            left = np.sqrt(weight) * (design.radiance - predicted(design, fit, rows))
             residuals += float((left**2).sum())
-            together += float((np.bincount(tiles_of(sight.photos), left.sum(axis=1)) ** 2).sum())
+            together += float((np.bincount(tiles_of(design.photos), left.sum(axis=1)) ** 2).sum())
     return max(together / max(residuals, 1e-300), 1.0)
 
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.unknown_light.price import hanging_together
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import Arrow, BlindFit, joint_rows, predicted, reduced
 from invrender.estimate.unknown_light.rows import rows_of
-from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.source_evidence import design_effect
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import turn
 
@@ -29,7 +29,7 @@ _SEEN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Widths:
+class SourceWidths:
     """How wide lamps look, and what this would change.
 
     radii : (j,) radians, of discs of even radiance; 0 of lamps that may be points. moved : (t,), change of what was
@@ -41,7 +41,7 @@ class Widths:
     light_moved: Mapping[int, Floats]
 
 
-def lamp_widths(search: Search, fit: BlindFit, precision: Floats, noise: float) -> Widths:
+def source_widths(search: Search, fit: BlindFit, precision: Floats, noise: float) -> SourceWidths:
     """How wide the lamps look from a fit that has them as points, by one Gauss-Newton step over all unknowns.
 
     precision : (t,), what is known beforehand of the nonlinear parameters. noise : variance in units of the weights'.
@@ -51,7 +51,7 @@ def lamp_widths(search: Search, fit: BlindFit, precision: Floats, noise: float) 
     light_moved = {lighting: np.zeros_like(light) for lighting, light in fit.light.items()}
     equations = reduced(_equations(search, fit)) if count else None
     # What a model of the light or of the material lacks looks like a width, too.
-    witnesses = hanging_together(search, fit, search.lightings)
+    witnesses = design_effect(search, fit, search.lightings)
     wide = np.arange(count)
     while equations is not None and len(wide):
         free = np.concatenate([np.arange(t), t + wide])
@@ -68,43 +68,43 @@ def lamp_widths(search: Search, fit: BlindFit, precision: Floats, noise: float) 
             light_moved = {k: -(by[:, :, free] @ step).T for k, by in equations.leverage.items()}
             break
         wide = wide[seen]
-    return Widths(radii, moved * fit.state.scales(), light_moved)
+    return SourceWidths(radii, moved * fit.state.scales(), light_moved)
 
 
 def _equations(search: Search, fit: BlindFit) -> dict[int, Arrow]:
     """Joint normal equations, the squared radii after all other shared parameters."""
     arrows: dict[int, Arrow] = {}
-    for sight, weight, rows in zip(search.sights, search.weights, fit.rows, strict=True):
-        lit, shared = joint_rows(sight, fit, rows)
-        shared = np.concatenate([shared, _columns(sight, fit)], axis=-1)
+    for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
+        lit, shared = joint_rows(design, fit, rows)
+        shared = np.concatenate([shared, _columns(design, fit)], axis=-1)
         weighted = shared * weight.T[:, :, None]
-        residual = sight.radiance - predicted(sight, fit, rows)
+        residual = design.radiance - predicted(design, fit, rows)
         arrow = Arrow(
-            fit.grams[sight.lighting],
+            fit.grams[design.lighting],
             lit.transpose(0, 2, 1) @ weighted,
             np.einsum("cnt,cnu->tu", shared, weighted, optimize=True),
-            np.zeros(fit.light[sight.lighting].T.shape),
+            np.zeros(fit.light[design.lighting].T.shape),
             np.einsum("cnt,nc->t", weighted, residual),
         )
-        known = arrows.get(sight.lighting)
-        arrows[sight.lighting] = arrow if known is None else replace(known + arrow, gram=known.gram)
+        known = arrows.get(design.lighting)
+        arrows[design.lighting] = arrow if known is None else replace(known + arrow, gram=known.gram)
     return arrows
 
 
-def _columns(sight: LightingDesign, fit: BlindFit) -> Floats:
+def _columns(design: LightingDesign, fit: BlindFit) -> Floats:
     """Derivatives (3, n, j) of a photograph's radiance by the squared radii (radians^2) of all sources."""
-    state = fit.state.under(sight.lighting)
-    columns = np.zeros((3, len(sight.field), len(fit.state.directions)))
+    state = fit.state.under(design.lighting)
+    columns = np.zeros((3, len(design.field), len(fit.state.directions)))
     if not len(state.directions):
         return columns
 
     def lit(way: Floats) -> Floats:
         directions = np.array([turn(direction, *way) for direction in state.directions])
-        rows = rows_of(sight, replace(state, directions=directions), 0)
-        return np.stack([rows.of_channel(kappa)[:, 1:] for kappa in state.kappa])
+        rows = rows_of(design, replace(state, directions=directions), 0)
+        return np.stack([rows.of_channel(specular_share)[:, 1:] for specular_share in state.specular_share])
 
     around = [lit(_STEP * way) for way in (*np.eye(2), *-np.eye(2))]
     laplacian = (np.sum(around, axis=0) - 4 * lit(np.zeros(2))) / _STEP**2
-    irradiances = fit.light[sight.lighting][-len(state.directions) :]
-    columns[:, :, fit.state.owners == sight.lighting] = laplacian / 8 * irradiances.T[:, None, :]
+    irradiances = fit.light[design.lighting][-len(state.directions) :]
+    columns[:, :, fit.state.owners == design.lighting] = laplacian / 8 * irradiances.T[:, None, :]
     return columns

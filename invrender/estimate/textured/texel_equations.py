@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class TexelEquations:
     """Weighted normal equations of n points, (n, 3) each but for `count` (n,), the observations."""
 
     dd: Floats
@@ -27,21 +27,21 @@ class Sums:
     count: Floats
 
     @classmethod
-    def of(cls, added: Floats, count: Floats) -> Sums:
+    def of(cls, added: Floats, count: Floats) -> TexelEquations:
         """Equations from sums (n, 18) over each point's `products`, and how many observations these are of, (n,)."""
         dd, ds, ss, dy, sy, yy = np.split(added, 6, axis=1)
         return cls(dd, ds, ss, dy, sy, yy, count)
 
     @classmethod
-    def zeros(cls, points: int) -> Sums:
+    def zeros(cls, points: int) -> TexelEquations:
         dd, ds, ss, dy, sy, yy = np.zeros((6, points, 3))
         return cls(dd, ds, ss, dy, sy, yy, np.zeros(points))
 
-    def __add__(self, other: Sums) -> Sums:
-        return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+    def __add__(self, other: TexelEquations) -> TexelEquations:
+        return TexelEquations(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
-    def __sub__(self, other: Sums) -> Sums:
-        return Sums(*(getattr(self, f.name) - getattr(other, f.name) for f in fields(self)))
+    def __sub__(self, other: TexelEquations) -> TexelEquations:
+        return TexelEquations(*(getattr(self, f.name) - getattr(other, f.name) for f in fields(self)))
 
 
 def products(
@@ -67,7 +67,7 @@ class PointValues:
     freedom: Floats
 
 
-def solve_both(sums: Sums) -> PointValues:
+def solve_both(sums: TexelEquations) -> PointValues:
     """Kd and Ks of each point, neither below zero."""
     determinant = sums.dd * sums.ss - sums.ds**2
     # Transfers that are the same up to a factor, to single precision, don't tell Kd from Ks.
@@ -85,7 +85,7 @@ def solve_both(sums: Sums) -> PointValues:
     return PointValues(kd, ks, kd_std, ks_std, _cost(sums, kd, ks), sums.count - 2)
 
 
-def solve_kd(sums: Sums, ks: Floats) -> PointValues:
+def solve_kd(sums: TexelEquations, ks: Floats) -> PointValues:
     """Kd of each point, not below zero, where Ks is that of the whole object, (3,)."""
     kd = np.maximum(_ratio(sums.dy - ks * sums.ds, sums.dd), 0)
     everywhere = np.broadcast_to(ks, kd.shape)
@@ -93,7 +93,7 @@ def solve_kd(sums: Sums, ks: Floats) -> PointValues:
     return PointValues(kd, everywhere, std, np.zeros_like(kd), _cost(sums, kd, everywhere), sums.count - 1)
 
 
-def common_ks(sums: Sums) -> tuple[Floats, Floats]:
+def common_ks(sums: TexelEquations) -> tuple[Floats, Floats]:
     """The Ks (3,) that all points share best, each having a Kd of its own, and its standard deviation."""
     gram = (sums.ss - _ratio(sums.ds**2, sums.dd)).sum(axis=0)
     right = (sums.sy - _ratio(sums.ds * sums.dy, sums.dd)).sum(axis=0)
@@ -102,7 +102,7 @@ def common_ks(sums: Sums) -> tuple[Floats, Floats]:
     return np.maximum(ks, 0), np.sqrt(np.where(known, 1 / np.where(known, gram, 1), np.inf))
 
 
-def _cost(sums: Sums, kd: Floats, ks: Floats) -> Floats:
+def _cost(sums: TexelEquations, kd: Floats, ks: Floats) -> Floats:
     square = kd**2 * sums.dd + 2 * kd * ks * sums.ds + ks**2 * sums.ss
     return np.maximum(sums.yy - 2 * (kd * sums.dy + ks * sums.sy) + square, 0)
 

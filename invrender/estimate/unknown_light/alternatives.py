@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.lobes import UNCORRELATED
-from invrender.estimate.unknown_light.certainty import Certainty
+from invrender.estimate.unknown_light.cross_validation import BlindCandidate, as_good, cross_validate
 from invrender.estimate.unknown_light.projection import BlindFit
-from invrender.estimate.unknown_light.rungs import BlindRung, as_good, cross_validate
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import BlindState
+from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
 from recon.mesh.tangents import tangents
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,9 @@ _PROMISING = 1.1
 _ITERATIONS = 4
 
 
-def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> tuple[BlindFit, ...]:
+def alternatives_of(
+    search: Search, chosen: BlindCandidate, tried: Sequence[BlindCandidate]
+) -> tuple[BlindFit, ...]:
     """Fits with lobes of other forms that predict samples as well, as on the ladder; without their rows.
 
     chosen : fitted to all samples of the search. tried : the ladder, from whose fits of other forms they start.
@@ -40,23 +42,23 @@ def rivals_of(search: Search, chosen: BlindRung, tried: Sequence[BlindRung]) -> 
     # The same with what hides light and viewer hidden together or apart starts at the chosen one itself.
     like = {**UNCORRELATED, **{apart: form for form, apart in UNCORRELATED.items()}}.get(own.form)
     starts = [
-        _instead(own, rung.fit.state)
-        for rung in tried
-        if rung.fit.state.sigma is not None
+        _instead(own, candidate.fit.state)
+        for candidate in tried
+        if candidate.fit.state.sigma is not None
         # One with more numbers is as good by these alone.
-        and rung.parameters <= chosen.parameters
-        and rung.fit.state.form.family is not own.form.family
-        and rung.fit.state.form is not like
-        and rung.error < _PROMISING * error
+        and candidate.parameters <= chosen.parameters
+        and candidate.fit.state.form.family is not own.form.family
+        and candidate.fit.state.form is not like
+        and candidate.error < _PROMISING * error
     ]
     starts += [] if like is None else [own.with_form(like)]
-    rungs = [chosen]
+    candidates = [chosen]
     for start in starts:
         fit = search.fit(start, chosen.fit.l_max, _ITERATIONS)
-        rung = cross_validate(fit.state.form.name, search, fit)
-        rungs.append(replace(rung, fit=replace(fit, rows=())))
-    best = min(rungs, key=lambda rung: rung.deviance.mean())
-    return tuple(rung.fit for rung in rungs[1:] if as_good(rung, best))
+        candidate = cross_validate(fit.state.form.name, search, fit)
+        candidates.append(replace(candidate, fit=replace(fit, rows=())))
+    best = min(candidates, key=lambda candidate: candidate.deviance.mean())
+    return tuple(candidate.fit for candidate in candidates[1:] if as_good(candidate, best))
 
 
 def _instead(own: BlindState, other: BlindState) -> BlindState:
@@ -65,7 +67,9 @@ def _instead(own: BlindState, other: BlindState) -> BlindState:
     return replace(other, directions=own.directions, owners=own.owners)
 
 
-def with_rivals(certainty: Certainty, fit: BlindFit, rivals: Sequence[BlindFit]) -> Certainty:
+def with_alternatives(
+    certainty: BlindUncertainty, fit: BlindFit, rivals: Sequence[BlindFit]
+) -> BlindUncertainty:
     """Standard deviations that hold by how much rivals put each number and the light elsewhere."""
     names = fit.state.names
     std = dict(zip(names, np.sqrt(np.diag(certainty.covariance)), strict=True))
@@ -89,7 +93,7 @@ def _moved(own: BlindState, rival: BlindState) -> dict[str, float]:
     """By how much another state has the numbers elsewhere that both have, by the names of `BlindState.names`."""
     moved = {
         f"kappa {c}": float(there - here)
-        for c, here, there in zip("rgb", own.kappa, rival.kappa, strict=True)
+        for c, here, there in zip("rgb", own.specular_share, rival.specular_share, strict=True)
     }
     moved["sigma"] = rival.roughness - own.roughness
     numbers = own.form.numbers

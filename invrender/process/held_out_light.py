@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.manifest import LightingTable
 from capture.photoset import PhotoSet
-from invrender.estimate.conclusions import Solution
 from invrender.estimate.evidence import fit_strengths
 from invrender.estimate.quantities import FittedLighting
+from invrender.estimate.solution import Solution
 from invrender.transport.columns import photo_columns
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
@@ -30,7 +30,7 @@ _UP_TO_SCALE = "known up to its scale"
 
 
 @dataclass(frozen=True, eq=False)
-class NewLight:
+class HeldOutLight:
     """A known lighting that only held-out photographs are under.
 
     lighting : as the set gives it. elements : its parts, all of free strength.
@@ -68,7 +68,7 @@ def scored_lighting(
     return FittedLighting(fitted, std, ambient, ambient_std, up_to_scale=scaled)
 
 
-def new_lights(photoset: PhotoSet) -> Mapping[str, NewLight]:
+def held_out_lights(photoset: PhotoSet) -> Mapping[str, HeldOutLight]:
     """The known lightings beside the unknown ones of a set, by name; ValueError where a photograph under one is fitted.
 
     None where all are known: who asks for the light of such a set doesn't want to be told.
@@ -93,7 +93,7 @@ def new_lights(photoset: PhotoSet) -> Mapping[str, NewLight]:
             replace(element, name=_UP_TO_SCALE) if element.name == "known" else element
             for element in light_elements(lighting)
         ]
-        found[table.name] = NewLight(lighting, tuple(elements))
+        found[table.name] = HeldOutLight(lighting, tuple(elements))
     return found
 
 

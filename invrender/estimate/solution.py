@@ -14,7 +14,7 @@ from invrender.brdf.lobes import PHONG, LobeForm, phong_exponent
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import core
 from invrender.estimate.clusters import structured_rms
-from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Rung, adequate, misfit_reason, outlying
+from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Candidate, adequate, misfit_reason, outlying
 from invrender.estimate.explanation import Explanation, explain, refitted
 from invrender.estimate.identifiability import (
     UNIFORM_LIGHT,
@@ -46,7 +46,7 @@ class Solution:
     """
 
     estimate: Estimate
-    rungs: tuple[Rung, ...]
+    candidates: tuple[Candidate, ...]
     chosen: int
     noise: NoiseModel
     weights: tuple[Weights, ...]
@@ -69,10 +69,10 @@ def factorize(
     photos : columns of RH01's form. A first fit with equal weights shows the noise; the next weigh each sample by its
     inverse variance. `on_step` is called `explanation.EXPLANATION_STEPS` times at most.
     """
-    return conclude(explain(photos, lightings, on_step), lightings)
+    return solution_of(explain(photos, lightings, on_step), lightings)
 
 
-def conclude(
+def solution_of(
     known: Explanation,
     lightings: Sequence[Lighting],
     doubts: Sequence[Sequence[Floats]] = (),
@@ -84,29 +84,29 @@ def conclude(
     if that is off by one standard deviation. instead : the BRDF as each fault that was found puts it.
     """
     chosen, weights, photos = known.chosen, known.weights, known.photos
-    measured = _measure(known.rungs[chosen], photos, weights)
+    measured = _measure(known.candidates[chosen], photos, weights)
     report, values, fragility = measured.report, measured.values, measured.fragility
     covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
     if "sigma" in report.places:
         place = report.places["sigma"].start
         covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
     others = [refitted(known, doubt) for doubt in doubts]
-    others += [replace(known.rungs[chosen].estimate, brdf=brdf) for brdf in instead]
+    others += [replace(known.candidates[chosen].estimate, brdf=brdf) for brdf in instead]
     for other in others:
         moved = _reported(known, other) - values
         covariance += np.outer(moved, moved)
     std = np.sqrt(np.diag(covariance))
-    form = known.rungs[chosen].estimate.model.form
+    form = known.candidates[chosen].estimate.model.form
     quantities = _quantities(form, report, values, std, fragility, photos, lightings)
     brdf_size = report.places["strengths"].start
     return Solution(
-        estimate=known.rungs[chosen].estimate,
-        rungs=known.rungs,
+        estimate=known.candidates[chosen].estimate,
+        candidates=known.candidates,
         chosen=chosen,
         noise=known.noise,
         weights=weights,
         structured=measured.structured,
-        quantities=unless_misfit(quantities, known.rungs[chosen].error),
+        quantities=unless_misfit(quantities, known.candidates[chosen].error),
         lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
         covariance=covariance[:brdf_size, :brdf_size],
         covariance_names=report.names,
@@ -136,34 +136,36 @@ class _Measured:
     structured: float
 
 
-def _measure(rung: Rung, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> _Measured:
+def _measure(candidate: Candidate, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> _Measured:
     elements = {photo.lighting: photo.elements for photo in photos}
-    parameters = pack(rung.estimate, elements)
+    parameters = pack(candidate.estimate, elements)
     report = Report(parameters, _has_known(photos))
-    structured = _structured(photos, weights, rung)
-    found = uncertainty_of(report, parameters, rung.estimate, photos, [w.weight for w in weights])
+    structured = _structured(photos, weights, candidate)
+    found = uncertainty_of(report, parameters, candidate.estimate, photos, [w.weight for w in weights])
     values = report(parameters.vector)
     # What our own quadratures leave, propagated.
     own = np.hypot(NUMERICAL * found.fragility, FINEST * report.scale(values))
     # What a wrong model, light or pose does differs between photographs, and shows when some are left out.
-    apart = _between_photographs(rung, report, elements)
+    apart = _between_photographs(candidate, report, elements)
     variance = np.diag(found.covariance)
     own = np.hypot(
-        own, np.sqrt(np.where(apart > _beyond_chance(len(rung.folds)) * variance, apart - variance, 0))
+        own, np.sqrt(np.where(apart > _beyond_chance(len(candidate.folds)) * variance, apart - variance, 0))
     )
-    if rung.estimate.model.neutral:
+    if candidate.estimate.model.neutral:
         # One number has one error bar.
         own[report.places["ks"]] = own[report.places["ks"]].max()
     return _Measured(report, values, found.covariance + np.diag(own**2), found.fragility, structured)
 
 
-def _between_photographs(rung: Rung, report: Report, elements: Mapping[str, Sequence[str]]) -> Floats:
+def _between_photographs(
+    candidate: Candidate, report: Report, elements: Mapping[str, Sequence[str]]
+) -> Floats:
     """Variances of reported numbers by the jackknife over photographs [Efron 1982, eq. 3.8]; 0 where folds say nothing.
 
     A fold that lacks a lighting altogether has no strength of it, and says nothing.
     """
     free = {name: own for name, own in elements.items() if any(element != "known" for element in own)}
-    whole = [fold for fold in rung.folds if free.keys() <= fold.strengths.keys()]
+    whole = [fold for fold in candidate.folds if free.keys() <= fold.strengths.keys()]
     if len(whole) < 2:
         return np.zeros(len(report(report.parameters.vector)))
     values = np.array([report(pack(fold, free).vector) for fold in whole])
@@ -182,15 +184,17 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
     The photographs don't speak against those models either: what they say belongs into the error bar. Either may be
     the true one: then the number is off by nothing or by all that they differ, RMS by 1 / sqrt(2) of it.
     """
-    model = known.rungs[known.chosen].estimate.model
+    model = known.candidates[known.chosen].estimate.model
     apart = np.zeros(len(chosen.values))
-    for rung, fits in list(zip(known.rungs, adequate(known.rungs), strict=True))[known.chosen + 1 :]:
-        other = rung.estimate.model
+    for candidate, fits in list(zip(known.candidates, adequate(known.candidates), strict=True))[
+        known.chosen + 1 :
+    ]:
+        other = candidate.estimate.model
         if not fits or not other.specular:
             continue
         here, doubt = chosen, 1.0
         if other.form is model.form:
-            there = _measure(rung, known.photos, known.weights)
+            there = _measure(candidate, known.photos, known.weights)
         else:
             # Both on the share of samples that the other form was tried on, so that noise is in both alike.
             trial = known.trials[other.form]
@@ -230,14 +234,14 @@ def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
     return np.ones(1)
 
 
-def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], rung: Rung) -> float:
+def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], candidate: Candidate) -> float:
     """That part of the residuals which isn't noise, relative to the radiance (RMS both).
 
     Photographs that stand out as wrong are left aside: they count for next to nothing in the fit as well.
     """
     fields, residuals, energy = [], [], []
-    predictions = predict_photos(photos, rung.estimate.brdf, rung.estimate.strengths)
-    wrong = outlying(rung.photo_errors)
+    predictions = predict_photos(photos, candidate.estimate.brdf, candidate.estimate.strengths)
+    wrong = outlying(candidate.photo_errors)
     for photo, own, predicted, skipped in zip(photos, weights, predictions, wrong, strict=True):
         if not skipped:
             fields.append(photo.field)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
-from invrender.estimate.conclusions import Solution
 from invrender.estimate.quantities import FittedLighting, Quantity
+from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import SurfacePoints, scattered
 from invrender.estimate.textured.observe import observe, points_for
 from invrender.estimate.unknown_light import (
@@ -28,9 +28,9 @@ from invrender.estimate.unknown_light import (
     predict_parts,
 )
 from invrender.observation.clock import Clock
-from invrender.observation.reading import usable_pixels
-from invrender.observation.specimen import Specimen
-from invrender.process.newlight import used_tables
+from invrender.observation.geometry import SceneGeometry
+from invrender.observation.samples import usable_pixels
+from invrender.process.held_out_light import used_tables
 from invrender.process.solved import Solved
 from invrender.process.textured import Recovered, solve_textured
 from invrender.process.unknown_light import orders_of, recovered_lighting
@@ -62,37 +62,37 @@ _MATTE = (
 )
 
 
-def solve_unknown_paint(
-    photoset: PhotoSet, specimen: Specimen, samples: int, clock: Clock, track: Track
+def solve_unknown_texture(
+    photoset: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track
 ) -> Solved:
     """Recover Kd and Ks over a mesh, up to a scale per channel, and all of the lightings on it.
 
     Raises ValueError for lightings that are given, and for objects without highlights, whose light nothing tells.
     """
-    assert isinstance(specimen.body, MeshBody)
+    assert isinstance(geometry.body, MeshBody)
     _check_unknown(photoset)
     orders = orders_of(photoset, ())
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     names = [photo.lighting for photo in fitted]
-    photos = _at_places(photoset, specimen, specimen.body, fitted, min(samples, _SAMPLES), clock, track)
+    photos = _at_places(photoset, geometry, geometry.body, fitted, min(samples, _SAMPLES), clock, track)
     with clock.on("invrender"):
         steps = iter(track(range(blind_steps(orders)), "Telling light from paint"))
         next(steps)
         blind = factorize_blind(
-            photos, names, orders, on_step=lambda: next(steps, None), shadows=specimen.shadows
+            photos, names, orders, on_step=lambda: next(steps, None), shadows=geometry.shadows
         )
         for _ in steps:
             pass
         if blind.sigma is None or min(_unsure_light(own).max() for own in blind.lights.values()) > _UNTOLD:
             unknown = " and ".join(f'"{name}"' for name in dict.fromkeys(names))
             raise ValueError(_MATTE.format(where=photoset.manifest, names=unknown))
-        lights = _scaled(blind, photos, names, specimen)
+        lights = _scaled(blind, photos, names, geometry)
     found = [recovered_lighting(name, light) for name, light in lights.items()]
     # What was recovered of a light is now given.
     given = {own.lighting.name: replace(own.lighting, recover_irradiance=False) for own in found}
     unsure = _unsure(blind, list(lights.values()), found)
     recovered = Recovered(given, unsure, lambda solution: _in_gauge(solution, blind, found))
-    solved = solve_textured(photoset, specimen, samples, clock, track, recovered)
+    solved = solve_textured(photoset, geometry, samples, clock, track, recovered)
     warnings = (*sentences(blind.warnings), *solved.result.warnings)
     return replace(solved, result=replace(solved.result, warnings=warnings))
 
@@ -109,7 +109,7 @@ def _check_unknown(photoset: PhotoSet) -> None:
 
 def _at_places(
     photoset: PhotoSet,
-    specimen: Specimen,
+    geometry: SceneGeometry,
     body: MeshBody,
     fitted: Sequence[Photo],
     samples: int,
@@ -121,7 +121,7 @@ def _at_places(
     points = scattered(body, count, np.random.default_rng(0))
 
     def read(photo: Photo) -> LightField:
-        field = usable_pixels(photoset, specimen.found, photo, NO_SOURCES, clock)
+        field = usable_pixels(photoset, geometry.found, photo, NO_SOURCES, clock)
         with clock.on("recon"):
             return _samples_at(field, body, photo, points)
 
@@ -150,11 +150,11 @@ def _samples_at(field: LightField, body: MeshBody, photo: Photo, points: Surface
 
 
 def _scaled(
-    blind: BlindSolution, photos: Sequence[LightField], names: Sequence[str], specimen: Specimen
+    blind: BlindSolution, photos: Sequence[LightField], names: Sequence[str], geometry: SceneGeometry
 ) -> dict[str, BlindLight]:
     """The lightings in which Kd, its mean weighted by what falls on it, and Ks add up to 1."""
     parts = [
-        predict_parts(blind, photo, blind.lights[name], specimen.shadows)
+        predict_parts(blind, photo, blind.lights[name], geometry.shadows)
         for photo, name in zip(photos, names, strict=True)
     ]
     left = sum((photo.radiance - lobe).sum(axis=0) for photo, (_, lobe) in zip(photos, parts, strict=True))

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from invrender.estimate.clusters import tile_of
 from invrender.estimate.evidence import MAX_FOLDS, relative_rms
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import Arrow, BlindFit, joint_rows, predicted, reduced
 from invrender.estimate.unknown_light.rows import LightingRows
-from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.start import Search
 from recon.sampling.lightfield import LightField
 
@@ -33,7 +33,7 @@ _TILE_FOLDS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class BlindRung:
+class BlindCandidate:
     """A model of the ladder with its evidence.
 
     photo_errors : (photos,), relative RMS of each photograph as predicted by fits that have not seen it (with few
@@ -56,56 +56,56 @@ class BlindRung:
         return float(self.photo_errors.mean())
 
 
-def simplest(rungs: Sequence[BlindRung]) -> int:
+def simplest(candidates: Sequence[BlindCandidate]) -> int:
     """The index of the rung with fewest parameters whose error is within one standard error of the best one's."""
-    best = min(rungs, key=lambda rung: rung.deviance.mean())
-    fitting = [index for index, rung in enumerate(rungs) if as_good(rung, best)]
-    return min(fitting, key=lambda index: rungs[index].parameters)
+    best = min(candidates, key=lambda candidate: candidate.deviance.mean())
+    fitting = [index for index, candidate in enumerate(candidates) if as_good(candidate, best)]
+    return min(fitting, key=lambda index: candidates[index].parameters)
 
 
-def as_good(rung: BlindRung, best: BlindRung, errors: float = 1.0) -> bool:
+def as_good(candidate: BlindCandidate, best: BlindCandidate, errors: float = 1.0) -> bool:
     """Whether a rung's error is within one standard error of another's, or so many.
 
     The standard error is that of the difference, group by group: what both find hard is no excuse for one.
     """
-    worse = rung.deviance - best.deviance
+    worse = candidate.deviance - best.deviance
     return bool(worse.mean() <= errors * worse.std(ddof=1) / np.sqrt(len(worse)))
 
 
-def cross_validate(name: str, search: Search, fit: BlindFit) -> BlindRung:
+def cross_validate(name: str, search: Search, fit: BlindFit) -> BlindCandidate:
     """The evidence for a fitted model."""
     joint = joint_equations(search, fit)
     free = ~fit.state.stuck(reduced(joint.whole).right)
-    residuals = [np.empty_like(sight.field.radiance) for sight in search.sights]
+    residuals = [np.empty_like(design.field.radiance) for design in search.designs]
     steps = {}
     for fold, parts in joint.folds.items():
         rest = reduced({k: arrow - parts[k] if k in parts else arrow for k, arrow in joint.whole.items()})
         step = rest.step(free)
         light_steps = {k: rest.alone[k] - np.einsum("cpt,t->cp", rest.leverage[k], step) for k in joint.whole}
         steps[fold] = (light_steps, step)
-    for sight, rows, of, residual in zip(search.sights, fit.rows, joint.fold_of, residuals, strict=True):
-        lit, shared = joint_rows(sight, fit, rows)
-        left = sight.radiance - predicted(sight, fit, rows)
+    for design, rows, of, residual in zip(search.designs, fit.rows, joint.fold_of, residuals, strict=True):
+        lit, shared = joint_rows(design, fit, rows)
+        left = design.radiance - predicted(design, fit, rows)
         for fold in np.unique(of):
             chosen, (light_steps, step) = of == fold, steps[int(fold)]
-            own = light_steps[sight.lighting]
+            own = light_steps[design.lighting]
             change = (lit[:, chosen] @ own[:, :, None])[:, :, 0] + shared[:, chosen] @ step
             residual[chosen] = left[chosen] - change.T
     errors = [
         relative_rms(*of_photo)
-        for residual, sight, trust in zip(residuals, search.sights, search.trust, strict=True)
-        for of_photo in zip(*map(sight.split, (residual, sight.field.radiance, trust)), strict=True)
+        for residual, design, trust in zip(residuals, search.designs, search.trust, strict=True)
+        for of_photo in zip(*map(design.split, (residual, design.field.radiance, trust)), strict=True)
     ]
     squares = [weight * residual**2 for weight, residual in zip(search.weights, residuals, strict=True)]
-    if left_out_whole(search.sights):
-        by_photo = zip(search.sights, squares, strict=True)
-        deviance = [square.mean() for sight, of in by_photo for square in sight.split(of)]
+    if left_out_whole(search.designs):
+        by_photo = zip(search.designs, squares, strict=True)
+        deviance = [square.mean() for design, of in by_photo for square in design.split(of)]
     else:
         deviance = [
             np.concatenate([s[of == fold] for s, of in zip(squares, joint.fold_of, strict=True)]).mean()
             for fold in joint.folds
         ]
-    return BlindRung(name, fit, np.array(errors), np.array(deviance))
+    return BlindCandidate(name, fit, np.array(errors), np.array(deviance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +122,12 @@ class Joint:
 
 def joint_equations(search: Search, fit: BlindFit) -> Joint:
     """Equations at a fit, fold by fold."""
-    fold_of = _folds(search.sights)
+    fold_of = _folds(search.designs)
 
     def of_sight(item: tuple[LightingDesign, Floats, LightingRows, Ints]) -> dict[int, Arrow]:
-        sight, weight, rows, fold = item
-        lit, shared = joint_rows(sight, fit, rows)
-        residual = sight.radiance - predicted(sight, fit, rows)
+        design, weight, rows, fold = item
+        lit, shared = joint_rows(design, fit, rows)
+        residual = design.radiance - predicted(design, fit, rows)
         return {
             int(k): _equations(
                 lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k]
@@ -137,11 +137,11 @@ def joint_equations(search: Search, fit: BlindFit) -> Joint:
 
     folds: dict[int, dict[int, Arrow]] = {}
     sums: dict[int, Arrow] = {}
-    found = parallel_map(of_sight, zip(search.sights, search.weights, fit.rows, fold_of, strict=True))
-    for sight, parts in zip(search.sights, found, strict=True):
+    found = parallel_map(of_sight, zip(search.designs, search.weights, fit.rows, fold_of, strict=True))
+    for design, parts in zip(search.designs, found, strict=True):
         for fold, part in parts.items():
-            _add(folds.setdefault(fold, {}), sight.lighting, part)
-            _add(sums, sight.lighting, part)
+            _add(folds.setdefault(fold, {}), design.lighting, part)
+            _add(sums, design.lighting, part)
     # The light is at its optimum, prior included: there its equations have nothing left to say.
     whole = {
         k: replace(arrow, gram=fit.grams[k], right=np.zeros_like(arrow.right)) for k, arrow in sums.items()
@@ -165,30 +165,30 @@ def _equations(lit: Floats, shared: Floats, weight: Floats, residual: Floats) ->
     )
 
 
-def left_out_whole(sights: Sequence[LightingDesign]) -> bool:
+def left_out_whole(designs: Sequence[LightingDesign]) -> bool:
     """Whether photographs are left out whole: each lighting has enough of them."""
-    return min(photo_counts(sights).values()) >= _ENOUGH_PHOTOS
+    return min(photo_counts(designs).values()) >= _ENOUGH_PHOTOS
 
 
-def photo_counts(sights: Sequence[LightingDesign]) -> Counter[int]:
+def photo_counts(designs: Sequence[LightingDesign]) -> Counter[int]:
     """How many photographs were taken under each lighting, by its number."""
-    return Counter(sight.lighting for sight in sights for _ in sight.photos)
+    return Counter(design.lighting for design in designs for _ in design.photos)
 
 
-def _folds(sights: Sequence[LightingDesign]) -> tuple[Ints, ...]:
-    if left_out_whole(sights):
+def _folds(designs: Sequence[LightingDesign]) -> tuple[Ints, ...]:
+    if left_out_whole(designs):
         # Numbered within each lighting, so that no fold takes all that shows one of them.
         seen: Counter[int] = Counter()
         folds = []
-        for sight in sights:
-            numbers = seen[sight.lighting] + np.arange(len(sight.photos))
-            folds.append(np.repeat(numbers % MAX_FOLDS, [len(photo) for photo in sight.photos]))
-            seen[sight.lighting] += len(sight.photos)
+        for design in designs:
+            numbers = seen[design.lighting] + np.arange(len(design.photos))
+            folds.append(np.repeat(numbers % MAX_FOLDS, [len(photo) for photo in design.photos]))
+            seen[design.lighting] += len(design.photos)
         return tuple(folds)
     number = count()
     return tuple(
-        np.concatenate([(_tiles(photo) + 3 * next(number)) % _TILE_FOLDS for photo in sight.photos])
-        for sight in sights
+        np.concatenate([(_tiles(photo) + 3 * next(number)) % _TILE_FOLDS for photo in design.photos])
+        for design in designs
     )
 
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from invrender.brdf.lobes import FORMS, PLASTICS, LobeForm
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import rows_of, slopes_of
-from invrender.estimate.unknown_light.sight import LightingDesign
 from invrender.estimate.unknown_light.state import BlindState
 
 DEGREE = 6
@@ -31,13 +31,15 @@ def test_slopes_are_differences_of_what_rows_yield(
     light = rng.normal(size=((DEGREE + 1) ** 2 + 2, 3))
 
     def radiance(state: BlindState) -> np.ndarray:
-        return rows_of(LightingDesign.of([field], DEGREE), state, DEGREE).radiance(state.kappa, light)
+        return rows_of(LightingDesign.of([field], DEGREE), state, DEGREE).radiance(
+            state.specular_share, light
+        )
 
     # At a horizon what a source does bends within the step.
     off = np.abs(field.normals @ TOWARDS.T).min(axis=1) > 2 * step
     off = field.mean_over_rays(off.astype(float)) == 1
-    sight = LightingDesign.of([field], DEGREE)
-    found = slopes_of(sight, state, rows_of(sight, state, DEGREE), light)
+    design = LightingDesign.of([field], DEGREE)
+    found = slopes_of(design, state, rows_of(design, state, DEGREE), light)
     for c in range(3):
         for k, place in enumerate(state.own(c, 0)):
             way = step * np.eye(len(state.names))[place]
@@ -53,9 +55,9 @@ def test_rows_near_those_that_were_computed_are_what_they_would_be(
 ) -> None:
     field, state = bench.sphere_field(40.0, 60), _state(form)
     near = state.moved(np.array([8e-4 if name in ("mu", "sigma") else 0.0 for name in state.names]))
-    sight = LightingDesign.of([field], DEGREE)
-    rows_of(sight, state, DEGREE)
-    found = rows_of(sight, near, DEGREE).per_specular
+    design = LightingDesign.of([field], DEGREE)
+    rows_of(design, state, DEGREE)
+    found = rows_of(design, near, DEGREE).per_specular
     fresh = rows_of(LightingDesign.of([field], DEGREE), near, DEGREE).per_specular
     far = rows_of(LightingDesign.of([field], DEGREE), state, DEGREE).per_specular
     # Half of the step's square, and single precision's sums.

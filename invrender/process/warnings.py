@@ -10,9 +10,9 @@ from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from capture.wording import some_of
 from invrender.diagnostics.named import NamedCause
-from invrender.estimate.conclusions import Solution
 from invrender.estimate.evidence import MISFIT_REMEDY, outlying
-from invrender.observation.specimen import Specimen
+from invrender.estimate.solution import Solution
+from invrender.observation.geometry import SceneGeometry
 from recon.mesh.bodies import SphereBody
 
 # Relative RMS on unseen photographs above which a warning is due; RH01 report 5 to 10% for real objects.
@@ -30,7 +30,7 @@ _NAMED = 8
 def find_warnings(
     photoset: PhotoSet,
     solution: Solution,
-    specimen: Specimen,
+    geometry: SceneGeometry,
     lightings: Mapping[str, Lighting],
     causes: Sequence[NamedCause] = (),
 ) -> tuple[str, ...]:
@@ -38,12 +38,12 @@ def find_warnings(
 
     causes : of what the solution leaves, the best supported first.
     """
-    warnings = [*specimen.warnings, *(cause.text for cause in causes)]
-    rung = solution.rungs[solution.chosen]
-    if rung.error > POOR:
+    warnings = [*geometry.warnings, *(cause.text for cause in causes)]
+    candidate = solution.candidates[solution.chosen]
+    if candidate.error > POOR:
         remedy = "see to its cause" if causes else MISFIT_REMEDY
         warnings.append(
-            f"No model explains these photographs well: {rung.error:.0%} of the radiance (RMS) is left on unseen"
+            f"No model explains these photographs well: {candidate.error:.0%} of the radiance (RMS) is left on unseen"
             f" photographs. Before using any number, {remedy}."
         )
     elif solution.structured > max(_STRUCTURED, 0.5 * solution.noise.relative):
@@ -53,21 +53,23 @@ def find_warnings(
             f" together over parts of the photographs.{unknown} The error bars hold what it moves between"
             " photographs, and between forms that explain as well."
         )
-    strays = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
-    if strays > _STRAYS:
+    outliers = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
+    if outliers > _STRAYS:
         warnings.append(
-            f"{strays:.1%} of the samples stray from the fit as noise does not, and count for less; look at the"
+            f"{outliers:.1%} of the samples stray from the fit as noise does not, and count for less; look at the"
             " difference pictures."
         )
     fitted = [photo for photo in photoset.photos if not photo.held_out]
-    usual = float(np.median(rung.photo_errors))
+    usual = float(np.median(candidate.photo_errors))
     worse = {
         photo.label: error
-        for photo, wrong, error in zip(fitted, outlying(rung.photo_errors), rung.photo_errors, strict=True)
+        for photo, wrong, error in zip(
+            fitted, outlying(candidate.photo_errors), candidate.photo_errors, strict=True
+        )
         if wrong
     }
     warnings += [] if not worse else [_far_worse(worse, usual)]
-    body = specimen.body
+    body = geometry.body
     outlines = body.sphere.residual_px if isinstance(body, SphereBody) else ()
     if max(outlines, default=0) > 0.6:
         warnings.append(

@@ -19,7 +19,7 @@ from recon.sampling.find import FoundBody, find_body
 
 
 @dataclass(frozen=True, eq=False)
-class Specimen:
+class SceneGeometry:
     """An object of a photo set.
 
     found : its shape, checked against the masks. shadows : of a mesh on itself; None of a sphere, which has none.
@@ -36,7 +36,7 @@ class Specimen:
         return self.found.body
 
 
-def find_specimen(photoset: PhotoSet, track: Track = silent, shadowing: bool = True) -> Specimen:
+def find_geometry(photoset: PhotoSet, track: Track = silent, shadowing: bool = True) -> SceneGeometry:
     """The object of a set; ValueError says what contradicts what.
 
     shadowing : False leaves a mesh's shadows on itself out, to show what they amount to.
@@ -52,7 +52,7 @@ def find_specimen(photoset: PhotoSet, track: Track = silent, shadowing: bool = T
         transfer, unkept = cached_transfer(found.mesh, mesh_file)
         warnings += [unkept] if unkept else []
         shadows = Shadows.of(found.body, transfer.rotated(photoset.mesh_to_world[:3, :3]))
-    return Specimen(found, shadows, _description(photoset, found), tuple(sentences(warnings)))
+    return SceneGeometry(found, shadows, _description(photoset, found), tuple(sentences(warnings)))
 
 
 def _description(photoset: PhotoSet, found: FoundBody) -> dict[str, Any]:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from invrender.estimate.identifiability import Scalar, assess_linear, assess_mu, assess_number, assess_sigma
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.reached import reached_share
-from invrender.estimate.unknown_light.certainty import Certainty
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import BlindFit
-from invrender.estimate.unknown_light.sight import LightingDesign
+from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
 from invrender.transport.columns import PhotoColumns
 from recon.harmonics.basis import degrees
 from recon.sampling.lightfield import LightField
@@ -46,22 +46,22 @@ def varying_degree(fit: BlindFit) -> int | None:
 
 
 def quantities_of(
-    fit: BlindFit, certainty: Certainty, sights: Sequence[LightingDesign]
+    fit: BlindFit, certainty: BlindUncertainty, designs: Sequence[LightingDesign]
 ) -> dict[str, Quantity]:
     """The reported numbers with their statuses."""
     state, names = fit.state, fit.state.names
     std = dict(zip(names, np.sqrt(np.diag(certainty.covariance)), strict=True))
     fragility = dict(zip(names, certainty.fragility, strict=True))
-    share = float(state.kappa.mean())
+    share = float(state.specular_share.mean())
     kappa_std = np.array([std.get(f"kappa {c}", 0.0) for c in "rgb"])
     found = {
-        "kd_normalised": assess_linear(1 - state.kappa, kappa_std, np.ones(3), "Kd"),
-        "ks_normalised": assess_linear(state.kappa, kappa_std, np.ones(3), "Ks"),
+        "kd_normalised": assess_linear(1 - state.specular_share, kappa_std, np.ones(3), "Kd"),
+        "ks_normalised": assess_linear(state.specular_share, kappa_std, np.ones(3), "Ks"),
     }
     if state.mu is not None:
         scalar = Scalar(state.mu, std["mu"], fragility["mu"])
         # Only the fields of the photographs are asked for.
-        found["mu"] = assess_mu(scalar, cast("Sequence[PhotoColumns]", sights), share)
+        found["mu"] = assess_mu(scalar, cast("Sequence[PhotoColumns]", designs), share)
     if state.sigma is not None:
         scalar = Scalar(state.sigma, std["sigma"], fragility["sigma"])
         found["sigma"] = assess_sigma(scalar, varying_degree(fit), share)

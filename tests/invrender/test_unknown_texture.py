@@ -20,7 +20,7 @@ from capture.files.imagefile import read_pixels
 from capture.photoset import load_photoset
 from invrender.estimate.textured.layout import TexelLayout
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
-from invrender.estimate.unknown_light.places import less_in_common
+from invrender.estimate.unknown_light.albedo_whitening import albedo_whitening
 from invrender.process.pipeline import process
 from recon.harmonics.basis import sphere_directions
 from recon.mesh.trianglemesh import write_mesh
@@ -80,7 +80,7 @@ def _factorized(photos: Sequence[LightField]) -> BlindSolution:
 
 def test_what_places_have_in_common_counts_as_little_as_its_covariance_says(rng: np.random.Generator) -> None:
     place = rng.integers(0, 5, 30)
-    root = less_in_common(place).toarray()
+    root = albedo_whitening(place).toarray()
     covariance = np.eye(30) + 100.0**2 * (place[:, None] == place)
     assert_allclose(root @ root @ covariance, np.eye(30), atol=1e-9)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from invrender.brdf.lobes import LobeForm
 from invrender.estimate.noise import NoiseModel
-from invrender.estimate.textured.sums import PointValues, Sums
+from invrender.estimate.textured.texel_equations import PointValues, TexelEquations
 from invrender.transport.columns import column_weights
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,7 @@ class TexelRows:
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
+class TexelObservations:
     """The rows of all photographs together, sorted by point.
 
     form : of the columns. points : (p,), those seen, of `size` in all; starts : (p,), their first rows. at, photo,
@@ -60,7 +60,9 @@ class Stack:
     share: Floats
 
     @classmethod
-    def of(cls, photos: Sequence[TexelRows], size: int, noise: NoiseModel, form: LobeForm) -> Stack:
+    def of(
+        cls, photos: Sequence[TexelRows], size: int, noise: NoiseModel, form: LobeForm
+    ) -> TexelObservations:
         photo = np.repeat(np.arange(len(photos)), [len(rows.points) for rows in photos])
         first = np.cumsum([0, *(rows.tiles.max(initial=-1) + 1 for rows in photos)])
         at = np.concatenate([rows.points for rows in photos])
@@ -102,7 +104,7 @@ class Stack:
         rows = len(self.at)
         return np.broadcast_to(values.reshape(-1, rows).T, (rows, 3)).astype(float)
 
-    def sums(self, numbers: Numbers, photo: int | None = None) -> Sums:
+    def sums(self, numbers: Numbers, photo: int | None = None) -> TexelEquations:
         """Normal equations of all points at mu and sigma, of all photographs or of one."""
         if photo is not None:
             return self._of_photo(photo).sums(numbers)
@@ -111,7 +113,7 @@ class Stack:
         with_s = np.concatenate([weighted * d, weighted * s, weighted * y], axis=1)
         ds, ss, sy = np.split(self._added(with_s), 3, axis=1)
         dd, dy, yy, count = self._without_s(d) if self.form.interface else self._of_lambertian
-        return Sums(dd, ds, ss, dy, sy, yy, count)
+        return TexelEquations(dd, ds, ss, dy, sy, yy, count)
 
     @cached_property
     def _of_lambertian(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -132,7 +134,7 @@ class Stack:
             total[self.points] = np.add.reduceat(values, self.starts)
         return total
 
-    def _of_photo(self, photo: int) -> Stack:
+    def _of_photo(self, photo: int) -> TexelObservations:
         own = self.photo == photo
         points, starts = np.unique(self.at[own], return_index=True)
         channels = len(self.columns) // len(self.at)

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
+class SourceAmbiguity:
     """A fit with each lamp on the likelier side, and what else may be.
 
     open : (k,) whether a source may as well be at its antipode. moved : of each lighting, by how much its numbers
@@ -33,13 +33,13 @@ class Sides:
     moved: Mapping[int, Floats]
 
 
-def likelier_sides(search: Search, fit: BlindFit) -> Sides | None:
+def likelier_sides(search: Search, fit: BlindFit) -> SourceAmbiguity | None:
     """Lamps on the sides that leave the rest of the light most even; None where the photographs tell their sides.
 
     They do where there is a lobe, where shadows are cast, and where nothing is beside the lamps but uniform light.
     """
     state = fit.state
-    shadowed = any(sight.shadows is not None for sight in search.sights)
+    shadowed = any(design.shadows is not None for design in search.designs)
     if state.sigma is not None or not len(state.directions) or not fit.l_max or shadowed:
         return None
     signs, undecided = np.ones(len(state.directions)), np.zeros(len(state.directions), bool)
@@ -52,7 +52,9 @@ def likelier_sides(search: Search, fit: BlindFit) -> Sides | None:
         fit = search.fit(turned, fit.l_max)
     other = np.where(undecided, -1, 1)[:, None] * fit.state.directions
     across = search.at(replace(fit.state, directions=other), fit.l_max)
-    return Sides(fit, undecided, {k: np.abs(across.light[k] - light) for k, light in fit.light.items()})
+    return SourceAmbiguity(
+        fit, undecided, {k: np.abs(across.light[k] - light) for k, light in fit.light.items()}
+    )
 
 
 def _signs(directions: Floats, light: Floats, l_max: int) -> tuple[Floats, NDArray[np.bool_]]:

@@ -15,19 +15,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import PRINTED, LobeForm
+from invrender.brdf.lobes import RH01_FORM, LobeForm
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.noise import NoiseModel, Weights, fit_noise, photo_weights, with_misfit
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import BlindFit, predicted
 from invrender.estimate.unknown_light.rows import rows_of, source_rows
-from invrender.estimate.unknown_light.sight import LightingDesign
-from invrender.estimate.unknown_light.sources import FoundSources, Lamps, find_starts, likelier
+from invrender.estimate.unknown_light.sources import FoundSources, SourceStarts, find_starts, likelier
 from invrender.estimate.unknown_light.start import NOTHING, Search
 from invrender.estimate.weighing import FLANKS
 
 Floats = NDArray[np.float64]
 
-_MIDDLING = replace(NOTHING, kappa=np.full(3, 0.3), mu=1.5, sigma=0.15)
+_MIDDLING = replace(NOTHING, specular_share=np.full(3, 0.3), mu=1.5, sigma=0.15)
 _ROUNDS = 8
 # Share of a photograph's samples that are darker than what counts as its brightness: a lamp may leave most unlit.
 _LEVEL = 0.8
@@ -44,16 +44,16 @@ _FAINT, _STRAYS = 0.1, 6.0
 _FEW, _GROSS, _HALF, _MOST_JUDGEMENTS = 0.003, 0.01, 0.5, 8
 
 
-def find_among_nonsense(
+def robust_start(
     search: Search,
     l_max: int,
     in_the_dark: bool,
     noise: NoiseModel,
-    form: LobeForm = PRINTED,
-) -> tuple[Search, FoundSources, Lamps | None]:
+    form: LobeForm = RH01_FORM,
+) -> tuple[Search, FoundSources, SourceStarts | None]:
     """`sources.find_starts` with the samples that it was left with: the same, unless some stray; then these count for
     little, and the rest is weighed by an assumed noise."""
-    first, trust = _middling(search, l_max or search.sights[0].l_max)
+    first, trust = _middling(search, l_max or search.designs[0].l_max)
     if _distrusted(trust, _GROSS) < _FEW:
         return search, *find_starts(search, l_max, in_the_dark, form)
     search = _by_own_noise(search, first)
@@ -72,12 +72,14 @@ def judged(search: Search, fit: BlindFit, noise: NoiseModel) -> Search:
     """Samples as a fit to some of them judges them, weighed by a noise that is not the fit's own."""
     brightness, found = _found_by(search, fit)
     weights, trust = [], []
-    for sight, prediction, own in zip(search.sights, brightness, found, strict=True):
+    for design, prediction, own in zip(search.designs, brightness, found, strict=True):
         # Far from the prediction a sample's own brightness tells nothing of its noise.
         low, high = np.sort([_NEAR * prediction, prediction / _NEAR], axis=0)
-        level = np.clip(sight.field.radiance, low, high)
+        level = np.clip(design.field.radiance, low, high)
         trust.append(own.trust)
-        weights.append(own.trust * (sight.field.weight * sight.field.shares)[:, None] / noise.variance(level))
+        weights.append(
+            own.trust * (design.field.weight * design.field.shares)[:, None] / noise.variance(level)
+        )
     return replace(search, weights=weights, trust=trust)
 
 
@@ -85,8 +87,8 @@ def _by_own_noise(search: Search, fit: BlindFit) -> Search:
     """Samples as a fit judges them, weighed by what it leaves of most: so what strays doesn't outweigh all else."""
     found = _found_by(search, fit)[1]
     weights = [
-        own.weight * (sight.field.weight * sight.field.shares)[:, None]
-        for sight, own in zip(search.sights, found, strict=True)
+        own.weight * (design.field.weight * design.field.shares)[:, None]
+        for design, own in zip(search.designs, found, strict=True)
     ]
     return replace(search, weights=weights, trust=[own.trust for own in found])
 
@@ -94,11 +96,11 @@ def _by_own_noise(search: Search, fit: BlindFit) -> Search:
 def _found_by(search: Search, fit: BlindFit) -> tuple[list[Floats], list[Weights]]:
     """Radiance by which the noise of samples is judged under a fit, and the weights that its residuals give them."""
     predictions = [
-        predicted(sight, fit, rows_of(sight, fit.state.under(sight.lighting), fit.l_max))
-        for sight in search.sights
+        predicted(design, fit, rows_of(design, fit.state.under(design.lighting), fit.l_max))
+        for design in search.designs
     ]
-    residuals = [s.radiance - p for s, p in zip(search.sights, predictions, strict=True)]
-    brightness = [s.brightness(p) for s, p in zip(search.sights, predictions, strict=True)]
+    residuals = [s.radiance - p for s, p in zip(search.designs, predictions, strict=True)]
+    brightness = [s.brightness(p) for s, p in zip(search.designs, predictions, strict=True)]
     return brightness, noise_and_weights(search, fit, brightness, residuals)[1]
 
 
@@ -112,20 +114,20 @@ def noise_and_weights(
     """
     noise, highlights = fit_noise(predictions, residuals), [np.zeros_like(of) for of in residuals]
     if not fit.l_max:
-        highlights = [highlight_of(sight, fit) for sight in search.sights]
+        highlights = [highlight_of(design, fit) for design in search.designs]
         noise = misfit_noise(search, noise, predictions, highlights, residuals)
     return noise, weights_of(search, noise, predictions, residuals, highlights)
 
 
-def highlight_of(sight: LightingDesign, fit: BlindFit) -> Floats:
+def highlight_of(design: LightingDesign, fit: BlindFit) -> Floats:
     """Radiance (n, 3) of the lobes of sources, or of ones a few times as wide where that is more (`lobe_reach`)."""
-    state = fit.state.under(sight.lighting)
+    state = fit.state.under(design.lighting)
     if state.sigma is None or not len(state.directions):
-        return np.zeros_like(sight.radiance)
-    sent = fit.light[sight.lighting][(fit.l_max + 1) ** 2 :]
+        return np.zeros_like(design.radiance)
+    sent = fit.light[design.lighting][(fit.l_max + 1) ** 2 :]
     wide = replace(state, sigma=min(FLANKS * state.sigma, SIGMA_RANGE[1]))
-    reach = [source_rows(sight, each).lamps_specular @ sent for each in (state, wide)]
-    return np.asarray(state.kappa * np.maximum(*reach))
+    reach = [source_rows(design, each).lamps_specular @ sent for each in (state, wide)]
+    return np.asarray(state.specular_share * np.maximum(*reach))
 
 
 def misfit_noise(
@@ -137,9 +139,9 @@ def misfit_noise(
 ) -> NoiseModel:
     """`noise.with_misfit` but for what strays from most of a highlight; all (n, 3) per sight."""
     parts = []
-    for sight, *of in zip(search.sights, predictions, highlights, residuals, strict=True):
+    for design, *of in zip(search.designs, predictions, highlights, residuals, strict=True):
         for prediction, highlight, residual, share in zip(
-            *map(sight.split, (*of, sight.field.shares)), strict=True
+            *map(design.split, (*of, design.field.shares)), strict=True
         ):
             parts.append((prediction, highlight, _usual(highlight, residual), share))
     return with_misfit(noise, *(list(of) for of in zip(*parts, strict=True)))
@@ -163,8 +165,8 @@ def weights_of(
 ) -> list[Weights]:
     """`noise.photo_weights` of each sight's samples, photograph by photograph."""
     weights = []
-    for sight, *parts in zip(search.sights, predictions, residuals, highlights, strict=True):
-        own = [photo_weights(noise, *of) for of in zip(*map(sight.split, parts), strict=True)]
+    for design, *parts in zip(search.designs, predictions, residuals, highlights, strict=True):
+        own = [photo_weights(noise, *of) for of in zip(*map(design.split, parts), strict=True)]
         weights.append(
             Weights(np.concatenate([w.trust for w in own]), np.concatenate([w.weight for w in own]))
         )
@@ -173,22 +175,22 @@ def weights_of(
 
 def _middling(search: Search, l_max: int) -> tuple[BlindFit, list[Floats]]:
     """A middling BRDF and the light that suits it, and how far its samples are near it."""
-    levels = [_levels(sight) for sight in search.sights]
+    levels = [_levels(design) for design in search.designs]
     trust, fits = list(search.trust), []
     for _ in range(_ROUNDS):
         even = [own / level**2 for own, level in zip(trust, levels, strict=True)]
         fits.append(replace(search, weights=even).at(_MIDDLING, l_max))
         trust = [
-            _near(sight.radiance, predicted(sight, fits[-1], rows), level)
-            for sight, rows, level in zip(search.sights, fits[-1].rows, levels, strict=True)
+            _near(design.radiance, predicted(design, fits[-1], rows), level)
+            for design, rows, level in zip(search.designs, fits[-1].rows, levels, strict=True)
         ]
     return fits[-1], trust
 
 
-def _levels(sight: LightingDesign) -> Floats:
+def _levels(design: LightingDesign) -> Floats:
     """Brightness (n, 1) of each sample's photograph."""
-    levels = [np.quantile(np.abs(photo.radiance), _LEVEL) + 1e-300 for photo in sight.photos]
-    return np.repeat(levels, [len(photo) for photo in sight.photos])[:, None]
+    levels = [np.quantile(np.abs(photo.radiance), _LEVEL) + 1e-300 for photo in design.photos]
+    return np.repeat(levels, [len(photo) for photo in design.photos])[:, None]
 
 
 def _near(radiance: Floats, prediction: Floats, level: Floats) -> Floats:

@@ -28,7 +28,7 @@ _MANY, _TRIED = 100_000, 400
 
 
 @dataclass(frozen=True, eq=False)
-class ManyPixels:
+class CachedShader:
     """Pictures of an object of one BRDF under lightings, by name, whose elements have known strengths.
 
     fields : some samples of each lighting. photos : how many pictures there will be under each. tolerance : relative
