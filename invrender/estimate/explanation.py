@@ -36,8 +36,8 @@ class Explanation:
     """The ladder of models and what it was climbed with.
 
     candidates, chosen : all models that were tried, the simple ones first, and the index of the chosen one. photos,
-    weights, noise : columns of the chosen form, what their samples count for, and why. trials : each form's on a share of the
-    samples; none where no specular part is needed.
+    weights, noise : columns of the chosen form, what their samples count for, and why. trials : each form's on a share
+    of the samples; none where no specular part is needed.
     """
 
     candidates: tuple[Candidate, ...]

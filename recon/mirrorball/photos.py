@@ -22,7 +22,7 @@ from capture.terminal import track
 from recon.mirrorball.bracket import view_bracket
 from recon.mirrorball.figure import panel
 from recon.mirrorball.light import ball_lighting
-from recon.mirrorball.result import Reading
+from recon.mirrorball.result import BallShot, Reading
 from recon.mirrorball.view import BallView
 from recon.sphere.circle import Disk
 
@@ -36,21 +36,6 @@ class PosesTable(Table):
     """What --poses holds."""
 
     world_to_camera: tuple[Matrix4, ...]
-
-
-@dataclass(frozen=True)
-class BallShot:
-    """One view as files: a photograph or a bracket, and where the ball is in it."""
-
-    photos: tuple[Path, ...]
-    mask: Path | None
-    disk: Disk | None
-    background: Path | None
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """All files that it is read from."""
-        return (*self.photos, *(path for path in (self.mask, self.background) if path is not None))
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from capture.terminal import console
 from recon.mirrorball.figure import ViewPanel, ball_figure
 from recon.mirrorball.light import BallLighting, lighting_of_ball
 from recon.mirrorball.view import BallSource, BallView
+from recon.sphere.circle import Disk
 
 if TYPE_CHECKING:
-    from recon.mirrorball.photos import BallShot
     from recon.mirrorball.register import Turn
 
 OWN_FILES = ("lighting.json", "lighting.toml", "mirrorball.png", "*.exr")
@@ -27,6 +27,21 @@ _FRAME = "x right, y up, z towards the camera"
 _MERGED = "lighting"
 # Share of all directions that may be saturated, sources apart, before it is worth a word.
 _NOTABLE_CLIPPING = 0.001
+
+
+@dataclass(frozen=True)
+class BallShot:
+    """One view as files: a photograph or a bracket, and where the ball is in it."""
+
+    photos: tuple[Path, ...]
+    mask: Path | None
+    disk: Disk | None
+    background: Path | None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that it is read from."""
+        return (*self.photos, *(path for path in (self.mask, self.background) if path is not None))
 
 
 @dataclass(frozen=True, eq=False)

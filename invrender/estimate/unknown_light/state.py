@@ -28,8 +28,8 @@ class BlindState:
     """A BRDF up to its scale, and where the sources are.
 
     specular_share : (3,) Ks / (Kd + Ks), RGB. mu : None without Fresnel factor. sigma : radians; None where all is
-    diffuse, and `specular_share` zero. directions : (k, 3) unit, towards the sources. form : of the lobe. owners : (k,), the number of the
-    lighting that each source belongs to.
+    diffuse, and `specular_share` zero. directions : (k, 3) unit, towards the sources. form : of the lobe. owners :
+    (k,), the number of the lighting that each source belongs to.
     """
 
     specular_share: Floats

@@ -1,0 +1,104 @@
+"""The house: packages import one way, a name has one meaning, and what computes doesn't know what prints."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("capture", "recon", "invrender", "synthetic", "lightfactor")
+
+
+def module_name(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+TREES = {
+    module_name(path): ast.parse(path.read_text())
+    for name in PACKAGES
+    for path in (ROOT / name).rglob("*.py")
+}
+
+
+def imported(tree: ast.Module) -> set[str]:
+    """Modules of ours that a module imports, wherever in it."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {
+                full if (full := f"{node.module}.{name.name}") in TREES else node.module
+                for name in node.names
+            }
+        elif isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+    return {name for name in found if name in TREES}
+
+
+def package(module: str) -> str:
+    """The room of a module: a package of `invrender` or `recon`, or one of the others as a whole."""
+    parts = module.split(".")
+    return ".".join(parts[:2]) if parts[0] in ("invrender", "recon") else parts[0]
+
+
+IMPORTS = {module: imported(tree) for module, tree in TREES.items()}
+
+
+def test_packages_import_one_way() -> None:
+    rooms = defaultdict(set)
+    for module, targets in IMPORTS.items():
+        rooms[package(module)] |= {package(target) for target in targets} - {package(module)}
+    assert len(rooms) > 20
+    TopologicalSorter(rooms).prepare()  # CycleError names the circle
+
+
+def test_modules_import_without_circles() -> None:
+    # A package's own __init__ hands names on; who imports them goes through it.
+    TopologicalSorter(
+        {module: {target for target in targets if target != module} for module, targets in IMPORTS.items()}
+    ).prepare()
+
+
+@pytest.mark.parametrize(
+    ("below", "above"),
+    [
+        ("capture", ("recon", "invrender", "synthetic", "lightfactor")),
+        ("recon", ("invrender", "synthetic", "lightfactor")),
+        ("synthetic", ("invrender", "lightfactor")),
+        ("invrender.estimate", ("invrender.output", "invrender.commands", "invrender.process")),
+        ("invrender.process", ("invrender.output", "invrender.commands")),
+        ("invrender.theory", ("invrender.estimate", "invrender.transport")),
+    ],
+)
+def test_what_is_below_does_not_know_what_is_above(below: str, above: tuple[str, ...]) -> None:
+    wrong = [
+        (module, target)
+        for module, targets in IMPORTS.items()
+        if module.startswith(below)
+        for target in targets
+        if target.startswith(above)
+    ]
+    assert not wrong
+
+
+def test_only_the_program_imports_commands() -> None:
+    wrong = [
+        (module, target)
+        for module, targets in IMPORTS.items()
+        for target in targets
+        if ".commands." in target and ".commands" not in module and module != "lightfactor.cli"
+    ]
+    assert not wrong
+
+
+def test_a_public_class_is_defined_once() -> None:
+    homes = defaultdict(list)
+    for module, tree in TREES.items():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes[node.name].append(module)
+    assert len(homes) > 300
+    assert not {name: modules for name, modules in homes.items() if len(modules) > 1}
