@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from capture.photoset import load_photoset
 from capture.srgb import linear_to_srgb
-from invrender.process.pipeline import Prediction, process
+from invrender.process.pipeline import process
+from invrender.process.run import Prediction
 from synthetic.run import run_synth
 
 SCENE = "rh01-cat"

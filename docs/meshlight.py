@@ -20,7 +20,8 @@ from capture.manifest import LightingTable
 from capture.photoset import load_photoset
 from capture.srgb import linear_to_srgb
 from invrender.output.compare.lightings import first_coefficients
-from invrender.process.pipeline import Prediction, process
+from invrender.process.pipeline import process
+from invrender.process.run import Prediction
 from invrender.result.document import result_document
 from invrender.result.factorization import Factorization
 from invrender.result.truth import truth_side

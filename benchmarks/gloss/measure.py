@@ -15,7 +15,8 @@ from benchmarks.gloss.peers import ball_pixels
 from benchmarks.gloss.photosets import Lamps, write_photoset
 from capture.photoset import load_photoset
 from invrender.estimate.evidence import picture_error
-from invrender.process.pipeline import Run, process
+from invrender.process.pipeline import process
+from invrender.process.run import Run
 
 Floats = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from invrender.observation.geometry import SceneGeometry, find_geometry
 from invrender.observation.samples import read_samples
 from invrender.process.known_light import solve_known_light
 from invrender.process.pipeline import DEFAULT_SAMPLES
-from invrender.process.solved import Solved
+from invrender.process.run import Run
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.transport.lobetable import TRANSFERS, Transfer
 from invrender.transport.predict import predict
@@ -136,9 +136,9 @@ def untold(
     return _found(cat, solve_unknown_light(cat.unknown, geometry, samples, Clock(), silent, factorize))
 
 
-def _found(cat: CatPhotos, solved: Solved) -> Found:
-    brdf = solved.result.brdf
-    return Found(_share(brdf), brdf.mu, brdf.sigma, lambda field: solved.radiance(cat.unseen, field))
+def _found(cat: CatPhotos, run: Run) -> Found:
+    brdf = run.result.brdf
+    return Found(_share(brdf), brdf.mu, brdf.sigma, lambda field: run.radiance(cat.unseen, field))
 
 
 def _share(brdf: Fitted) -> float:

@@ -17,7 +17,7 @@ from invrender.inverse_lighting.figure import draw_map, white_level
 from invrender.inverse_lighting.maps import coefficient_map, true_light
 from invrender.output.report.pictures import difference_picture, tone_mapped
 from invrender.output.report.pictures import white_level as white_of_photo
-from invrender.process.pipeline import Prediction
+from invrender.process.run import Prediction
 from invrender.result.factorization import Factorization
 from recon.harmonics.basis import degree_of, to_degree
 

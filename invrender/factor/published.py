@@ -24,7 +24,7 @@ from invrender.estimate.unknown_light.solution import GAUGE
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
-from invrender.process.solved import Solved, factorization
+from invrender.process.run import Run, factorization
 from invrender.process.warnings import find_warnings
 from recon.harmonics.latlong import synthesise_latlong
 from recon.sampling.lightfield import LightField
@@ -45,7 +45,7 @@ def solve_as_published(
     clock: Clock,
     track: Track,
     region: Region | None,
-) -> Solved:
+) -> Run:
     """Light and BRDF of a sphere by RH01's procedure; weights and noise are of its residuals, for reports only."""
     fields, left_out = read_samples(photoset, geometry.found, {}, samples, clock, track)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
@@ -61,7 +61,15 @@ def solve_as_published(
     def radiance(_: Photo, field: LightField) -> Floats:
         return found.radiance(field)
 
-    return Solved(result, fields, residuals, radiance)
+    return Run(
+        photoset,
+        geometry,
+        result,
+        fields,
+        residuals,
+        radiance,
+        lambda photo, field, binning: radiance(photo, field),
+    )
 
 
 def _unseen(fields: Sequence[LightField], region: Region | None) -> Floats:

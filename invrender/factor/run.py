@@ -18,7 +18,7 @@ from invrender.factor.figure import ShownPhoto, factor_figure
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
 from invrender.output.report.run import PICTURES, RESULT_FILES, write_fit, write_pictures
-from invrender.process.pipeline import Run
+from invrender.process.run import Run
 from invrender.result.document import identifiability
 from invrender.result.factorization import Factorization
 from invrender.wording import with_error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 
 from capture.parallel import one_blas_thread
@@ -13,7 +14,7 @@ from invrender.factor.choices import FactorChoices
 from invrender.factor.published import solve_as_published
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
-from invrender.process.pipeline import Run
+from invrender.process.run import Run
 from invrender.process.unknown_light import solve_unknown_light
 
 
@@ -26,9 +27,9 @@ def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) ->
             geometry = find_geometry(photoset, track)
         given = (photoset, geometry, choices.samples, clock, track)
         if choices.published:
-            solved = solve_as_published(*given, choices.region)
+            run = solve_as_published(*given, choices.region)
         else:
-            solved = solve_unknown_light(
+            run = solve_unknown_light(
                 *given,
                 partial(
                     factorize_blind,
@@ -38,7 +39,7 @@ def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) ->
                     transfer=choices.transfer,
                 ),
             )
-    return Run(photoset, geometry, solved, {**clock.seconds, "total": time.perf_counter() - begun})
+    return replace(run, seconds={**clock.seconds, "total": time.perf_counter() - begun})
 
 
 def _check_scope(photoset: PhotoSet) -> None:

@@ -26,7 +26,7 @@ from invrender.observation.samples import read_samples
 from invrender.observation.sphere_place import place_changes
 from invrender.process.held_out_light import scored_lighting, used_tables
 from invrender.process.leverage import importances
-from invrender.process.solved import Solved, factorization
+from invrender.process.run import Run, factorization
 from invrender.process.warnings import POOR, find_warnings
 from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.cached_shader import CachedShader
@@ -46,7 +46,7 @@ _PLACED_WELL = 8e-4
 
 def solve_known_light(
     photoset: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track
-) -> Solved:
+) -> Run:
     """Recover the BRDF of an object, and what of its lighting is free."""
     with clock.on("recon"):
         lightings = _used_lightings(photoset)
@@ -132,11 +132,11 @@ def solve_known_light(
         _PICTURES_OFF * (result.rms(held_out=False) or 0.0),
     )
 
-    def pictured(photo: Photo, field: LightField) -> NDArray[np.float64]:
+    def pictured(photo: Photo, field: LightField, binning: int) -> NDArray[np.float64]:
         shown = many.radiance(photo.lighting, strengths[photo.label], field)
         return with_bounces(photo, field, shown)
 
-    return Solved(result, fields, residuals, radiance, pictured=pictured)
+    return Run(photoset, geometry, result, fields, residuals, radiance, pictured)
 
 
 def _columns(

@@ -36,7 +36,7 @@ from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import usable_pixels
-from invrender.process.solved import Solved, factorization
+from invrender.process.run import TexturedRun, factorization
 from invrender.process.warnings import find_warnings
 from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.predict import predict
@@ -110,7 +110,7 @@ def solve_textured(
     clock: Clock,
     track: Track,
     recovered: Recovered | None = None,
-) -> Solved:
+) -> TexturedRun:
     """Recover Kd and Ks over a mesh, and the mu and sigma that they share, under light that is known.
 
     samples : about how many observations of points enter the search for mu and sigma; also, about how many pixels of
@@ -164,6 +164,11 @@ def solve_textured(
         bounced = bench.bounced.get(photo.lighting)
         return shade(own, element, field, geometry.shadows, reflected=light, bounced=bounced)[0]
 
+    def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
+        # Paint is the mean around each ray, across which light varies little. It may be as fine as the photograph's own
+        # pixels: a ray to each across, and one more.
+        return shaded(photo, field, *textures.around(bench.body, photo.camera, field, binning + 1))
+
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure)
     if recovered is not None:
@@ -176,7 +181,9 @@ def solve_textured(
     result = replace(
         result, textures=textures, interreflection=None if accounted is None else accounted.found
     )
-    return Solved(result, fields, residuals, radiance, transfers, shaded)
+    return TexturedRun(
+        photoset, geometry, result, fields, residuals, radiance, pictured, transfers=transfers, shaded=shaded
+    )
 
 
 def _check_any(photoset: PhotoSet, textures: FittedTextures) -> None:

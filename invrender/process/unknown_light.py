@@ -37,7 +37,7 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
 from invrender.process.held_out_light import HeldOutLight, held_out_lights, scored_lighting, used_tables
-from invrender.process.solved import Solved, factorization
+from invrender.process.run import Run, factorization
 from invrender.process.warnings import find_warnings
 from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.predict import predict
@@ -72,7 +72,7 @@ def solve_unknown_light(
     clock: Clock,
     track: Track,
     factorize: Callable[..., BlindSolution] | None = None,
-) -> Solved:
+) -> Run:
     """Recover the BRDF of an object, up to a scale per channel, and all of the lightings on it.
 
     factorize : `factorize_blind` with some of its options chosen; if None, as the set has it.
@@ -148,7 +148,15 @@ def solve_unknown_light(
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
     result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored)
     result = replace(result, causes=causes, interreflection=None if bounces is None else bounces.found)
-    return Solved(result, fields, residuals, radiance)
+    return Run(
+        photoset,
+        geometry,
+        result,
+        fields,
+        residuals,
+        radiance,
+        lambda photo, field, binning: radiance(photo, field),
+    )
 
 
 def _under(

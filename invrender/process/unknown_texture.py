@@ -31,7 +31,7 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import usable_pixels
 from invrender.process.held_out_light import used_tables
-from invrender.process.solved import Solved
+from invrender.process.run import TexturedRun
 from invrender.process.textured import Recovered, solve_textured
 from invrender.process.unknown_light import orders_of, recovered_lighting
 from invrender.theory.operator import irradiance_operator
@@ -64,7 +64,7 @@ _MATTE = (
 
 def solve_unknown_texture(
     photoset: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track
-) -> Solved:
+) -> TexturedRun:
     """Recover Kd and Ks over a mesh, up to a scale per channel, and all of the lightings on it.
 
     Raises ValueError for lightings that are given, and for objects without highlights, whose light nothing tells.
@@ -92,9 +92,9 @@ def solve_unknown_texture(
     given = {own.lighting.name: replace(own.lighting, recover_irradiance=False) for own in found}
     unsure = _unsure(blind, list(lights.values()), found)
     recovered = Recovered(given, unsure, lambda solution: _in_gauge(solution, blind, found))
-    solved = solve_textured(photoset, geometry, samples, clock, track, recovered)
-    warnings = (*sentences(blind.warnings), *solved.result.warnings)
-    return replace(solved, result=replace(solved.result, warnings=warnings))
+    run = solve_textured(photoset, geometry, samples, clock, track, recovered)
+    warnings = (*sentences(blind.warnings), *run.result.warnings)
+    return replace(run, result=replace(run.result, warnings=warnings))
 
 
 def _check_unknown(photoset: PhotoSet) -> None:

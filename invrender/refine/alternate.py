@@ -21,7 +21,8 @@ from capture.progress import Track, silent
 from capture.radiance import RadianceImage
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.layout import SurfacePoints
-from invrender.process.pipeline import Run, process
+from invrender.process.pipeline import process
+from invrender.process.run import Run, TexturedRun
 from invrender.refine.photometric import PoseTarget, RefinedPose, refine_pose
 from invrender.refine.posechange import LoosePose
 from invrender.refine.rim import outline_in
@@ -142,17 +143,17 @@ def _looked_at(
         rows=field.rows[chosen],
         columns=field.columns[chosen],
         observed=field.radiance[chosen],
-        radiance=lambda field: run.solved.radiance(photo, field),
+        radiance=lambda field: run.radiance(photo, field),
         noise=NoiseModel(run.result.noise_floor / binning, run.result.noise_relative / binning),
         outline=outline_in(camera, mask),
     )
     if points is None or not followed:
         return target, None
-    textures, transfers = run.result.textures, run.solved.transfers
+    assert isinstance(run, TexturedRun)
+    textures = run.result.textures
     assert textures is not None
-    assert transfers is not None
     lobe = Lobe(run.result.brdf.ks, textures.ks_varies)
-    return target, followed_in(target, image, now, field, points, partial(transfers, photo), lobe)
+    return target, followed_in(target, image, now, field, points, partial(run.transfers, photo), lobe)
 
 
 def _decoded(

@@ -13,7 +13,8 @@ import pytest
 
 from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import load_photoset
-from invrender.process.pipeline import Run, process
+from invrender.process.pipeline import process
+from invrender.process.run import Run
 from invrender.result.document import identifiability
 from invrender.result.factorization import Factorization
 from synthetic.scenes.build import read_staging

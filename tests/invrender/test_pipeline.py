@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture.photoset import load_photoset
-from invrender.process import pipeline
+from invrender.process import run as solved
 from invrender.process.pipeline import process
 from invrender.result.document import result_document
 from invrender.result.factorization import Factorization
@@ -31,7 +31,7 @@ def test_large_photographs_are_predicted_in_means_over_several_pixels(
     assert run.binning == 1
     fine = next(run.predictions())
     top, left, bottom, right = body_window(run.geometry.body, fine.photo.camera)
-    monkeypatch.setattr(pipeline, "_PREDICTED", (bottom - top) * (right - left) / 9)
+    monkeypatch.setattr(solved, "_PREDICTED", (bottom - top) * (right - left) / 9)
     large = process(load_photoset(lamp_set), samples=2000)
     assert large.binning == 3
     coarse = next(large.predictions())

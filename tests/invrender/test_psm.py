@@ -14,7 +14,8 @@ from capture.photoset import load_photoset
 from invrender.estimate.evidence import fit_strengths, relative_rms
 from invrender.estimate.search import fit
 from invrender.estimate.statistics import by_lighting, photo_statistics
-from invrender.process.pipeline import Run, process
+from invrender.process.pipeline import process
+from invrender.process.run import Run
 from invrender.transport.columns import PhotoColumns, photo_columns
 from invrender.transport.predict import predict_columns
 from invrender.transport.transfer import light_elements

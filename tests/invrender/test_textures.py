@@ -29,8 +29,8 @@ from invrender.estimate.textured.texel_observations import TexelObservations, Te
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.output.export.shape import tessellated
 from invrender.output.report.run import run_process
-from invrender.process import pipeline
-from invrender.process.pipeline import Run
+from invrender.process import run as solved
+from invrender.process.run import Run, TexturedRun
 from invrender.transport.base import base_columns
 from invrender.transport.columns import specular_weights
 from invrender.transport.transfer import LightElement
@@ -364,7 +364,7 @@ def test_paint_in_larger_pixels_is_the_mean_of_what_smaller_ones_show(
 ) -> None:
     run = painted[0]
     fine = next(run.predictions())
-    monkeypatch.setattr(pipeline, "_PREDICTED", 1000)
+    monkeypatch.setattr(solved, "_PREDICTED", 1000)
     larger = replace(run)
     assert (run.binning, larger.binning) == (1, 2)
 
@@ -378,11 +378,10 @@ def test_paint_in_larger_pixels_is_the_mean_of_what_smaller_ones_show(
     assert off < 0.02
     # Light looked up in prepared maps is that of the integrals; 0.5% of the lobe, says `invrender.transport.reflected`.
     photo, field = fine.photo, run.fields[fine.photo.label]
-    assert run.solved.transfers is not None
-    assert run.solved.shaded is not None
+    assert isinstance(run, TexturedRun)
     kd, ks = (np.full((len(field.normals), 3), value) for value in (0.1, 0.1))
-    diffuse, specular = run.solved.transfers(photo, field)
-    lobe_off = run.solved.shaded(photo, field, kd, ks) - 0.1 * diffuse - 0.1 * specular
+    diffuse, specular = run.transfers(photo, field)
+    lobe_off = run.shaded(photo, field, kd, ks) - 0.1 * diffuse - 0.1 * specular
     assert np.sqrt((lobe_off**2).mean()) < 0.005 * np.sqrt(((0.1 * specular) ** 2).mean())
 
 

@@ -123,7 +123,7 @@ def check_paint_and_light(
     folder: Path, samples: int, paint: np.ndarray, truth: dict[str, float], off_by: float
 ) -> None:
     """Recover all of a set and compare it with the truth; paint (h, w, 3), Kd over u and v, to that share (RMS)."""
-    result = process(load_photoset(folder), samples=samples).solved.result
+    result = process(load_photoset(folder), samples=samples).result
     assert result.textures is not None
     for name in ("mu", "sigma"):
         found = result.quantities[name]

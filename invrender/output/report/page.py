@@ -27,7 +27,7 @@ from invrender.output.report.pictures import (
     tone_mapped,
     white_level,
 )
-from invrender.process.pipeline import Prediction, Run
+from invrender.process.run import Prediction, Run
 from invrender.result.document import errors_in_words, identifiability
 from invrender.wording import with_error
 
@@ -155,7 +155,7 @@ class ReportWriter:
             errors=errors_in_words(document["fit"]),
             causes=[(cause, figure_url(cause_figure(cause))) for cause in result.causes],
             figures={
-                "residual": figure_url(residual_figure(self._run.fields, self._run.solved.residuals)),
+                "residual": figure_url(residual_figure(self._run.fields, self._run.residuals)),
                 "photos": figure_url(photo_error_figure(scores)),
                 "lighting": figure_url(lighting_figure(result.lightings)),
                 "texture": figure_url(texture_figure(textures)) if textures and mapped else None,

@@ -18,7 +18,8 @@ from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.textured.textures import TEXTURE_FILES
 from invrender.output.report.page import ReportWriter
-from invrender.process.pipeline import DEFAULT_SAMPLES, Prediction, Run, process
+from invrender.process.pipeline import DEFAULT_SAMPLES, process
+from invrender.process.run import Prediction, Run
 from invrender.result.document import (
     errors_in_words,
     identifiability,
