@@ -98,6 +98,18 @@ class Richer(LobeForm):
         return self._of.fresnel_cosine(angles)
 
 
+def facet_density(form: LobeForm, theta: Floats, sigma: float) -> Floats:
+    """The distribution of normals D (n,), 1/sr, of a form of facets at half angles theta (n,), radians.
+
+    Raises ValueError for a form without facets.
+    """
+    own = form.lobe
+    if not isinstance(own, Smith):
+        raise ValueError(f"{form.name} has no distribution of normals; give a form of facets")
+    parts = [share * own.density(theta, part_width(factor, sigma)) for share, factor in form.parts]
+    return np.asarray(sum(parts))
+
+
 def core(form: LobeForm, sigma: float, lobe: LobeForm) -> tuple[float, float]:
     """The core of a form of facets: the single lobe of a kind as high as the form's, and as wide at half its height.
 
@@ -108,10 +120,7 @@ def core(form: LobeForm, sigma: float, lobe: LobeForm) -> tuple[float, float]:
         return 1.0, 1.0
 
     def density(theta: float) -> float:
-        parts = [
-            share * own.density(np.array(theta), part_width(factor, sigma)) for share, factor in form.parts
-        ]
-        return float(np.sum(parts))
+        return float(np.sum(facet_density(form, np.array(theta), sigma)))
 
     def half_width(of: Callable[[float], float]) -> float:
         return float(brentq(lambda theta: of(theta) - of(0.0) / 2, 0.0, np.pi / 2))

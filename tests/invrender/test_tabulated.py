@@ -7,11 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import nnls
 
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles, LobeForm
 from invrender.brdf.microfacet import Microfacet
-from invrender.brdf.richer import HAZY, TABULATED, core, tabulated
+from invrender.brdf.richer import HAZY, TABULATED, core, facet_density, tabulated
 from invrender.estimate.explanation import explain
 from invrender.estimate.solution import solution_of
+from invrender.output.report.pictures import normals_figure
 
 ANGLES = np.linspace(0, 180, 8)
 
@@ -97,3 +98,18 @@ def test_what_no_formula_has_is_tabulated(bench) -> None:
         brdf.ks[0] * brdf.form.shape(angles, brdf.sigma) for brdf in (solution.estimate.brdf, truth)
     )
     assert np.abs(found - true).max() < 0.05 * true.max()
+    figure = normals_figure(solution.candidates, solution.chosen)
+    assert figure is not None
+    lines = figure.axes[0].lines
+    assert [line.get_linestyle() for line in lines].count("--") == 1
+    assert len(lines) == 2
+    assert normals_figure(solution.candidates[:1], 0) is None
+
+
+@pytest.mark.parametrize("form", [GGX_FORM, BECKMANN, HAZY[GGX_FORM], TABULATED[BECKMANN]])
+def test_facets_cover_the_surface_once(form: LobeForm) -> None:
+    # Of any distribution of normals the projected area is that of the surface [Walter et al. 2007, eq. 4].
+    theta = np.linspace(0, np.pi / 2, 20_001)
+    integrand = facet_density(form, theta, 0.05) * np.cos(theta) * 2 * np.pi * np.sin(theta)
+    # Gaussian slopes of the widest part reach the horizon; trapezoids of a ten-thousandth of a radian.
+    assert np.trapezoid(integrand, theta) == pytest.approx(1, abs=2e-4)

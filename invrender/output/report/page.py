@@ -20,6 +20,7 @@ from invrender.output.report.pictures import (
     figure_url,
     image_url,
     lighting_figure,
+    normals_figure,
     photo_error_figure,
     residual_figure,
     shrunk,
@@ -138,6 +139,7 @@ class ReportWriter:
             trim_blocks=True,
             lstrip_blocks=True,
         )
+        normals = normals_figure(result.candidates, result.chosen)
         page = environment.get_template("report.html.jinja").render(
             document=document,
             result=result,
@@ -158,6 +160,7 @@ class ReportWriter:
                 "residual": figure_url(residual_figure(self._run.fields, self._run.residuals)),
                 "photos": figure_url(photo_error_figure(scores)),
                 "lighting": figure_url(lighting_figure(result.lightings)),
+                "normals": None if normals is None else figure_url(normals),
                 "texture": figure_url(texture_figure(textures)) if textures and mapped else None,
             },
         )

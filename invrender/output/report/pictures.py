@@ -14,6 +14,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from capture.srgb import linear_to_srgb
+from invrender.brdf.lobes import Smith
+from invrender.brdf.richer import SHARES_BEYOND, facet_density
+from invrender.estimate.evidence import Candidate
 from invrender.estimate.quantities import FittedLighting, PhotoScore
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.result.document import lighting_map
@@ -26,6 +29,8 @@ _PICTURE_PX = 640
 _INK, _ACCENT, _SOFT = "#24292f", "#0b6bcb", "#b9c4d0"
 # Lightings of nothing but sources that have a panel each.
 _FEW_PLAIN = 4
+# Widths of the widest lobe up to which distributions of normals are drawn.
+_WIDTHS = 6.0
 # Of texels that the photographs leave open, 8 bits: neither black, which is paint, nor of a colour scale.
 _UNKNOWN = 200
 
@@ -167,6 +172,42 @@ def _angles(directions: Floats) -> tuple[Floats, Floats]:
     """Azimuth and polar angle (k,) of directions (k, 3), degrees."""
     x, y, z = directions.T
     return np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arccos(np.clip(z, -1, 1)))
+
+
+def normals_figure(candidates: Sequence[Candidate], chosen: int) -> Figure | None:
+    """Distributions of normals without a formula beside the best with one; None where no such table was tried."""
+    facets = [
+        (k, brdf)
+        for k, brdf in enumerate(candidate.estimate.brdf for candidate in candidates)
+        if brdf.sigma is not None and isinstance(brdf.form.lobe, Smith)
+    ]
+    tables = [pair for pair in facets if SHARES_BEYOND[0] in pair[1].form.numbers]
+    formulas = [pair for pair in facets if pair not in tables]
+    if not tables or not formulas:
+        return None
+    shown = {min(group, key=lambda pair: candidates[pair[0]].error)[0] for group in (tables, formulas)}
+    shown |= {k for k, _ in facets if k == chosen}
+    widest = max(brdf.sigma or 0.0 for k, brdf in facets if k in shown)
+    theta = np.linspace(0, min(_WIDTHS * widest, np.pi / 2), 300)
+    figure = Figure(figsize=(6, 3.2), layout="constrained")
+    axes = figure.add_subplot()
+    highest = 0.0
+    for k, brdf in facets:
+        if k in shown:
+            density = facet_density(brdf.form, theta, brdf.sigma or 0.0)
+            highest = max(highest, float(density.max()))
+            dashed = SHARES_BEYOND[0] in brdf.form.numbers
+            label = f"{brdf.form.name}, {candidates[k].error:.2%}{' (chosen)' if k == chosen else ''}"
+            axes.plot(np.degrees(theta), density, "--" if dashed else "-", label=label)
+    axes.set(
+        yscale="log",
+        ylim=(highest * 1e-4, highest * 2),
+        xlabel="half angle (degrees)",
+        ylabel="distribution of normals D (1/sr)",
+    )
+    axes.legend(fontsize="small", title="form, error on unseen photographs", title_fontsize="small")
+    _plain(axes)
+    return figure
 
 
 def texture_figure(textures: FittedTextures) -> Figure:
