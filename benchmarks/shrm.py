@@ -31,7 +31,8 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.overangles import HEIGHT, LEFT_OUT, compiled, light_map, map_pixels
 from capture.lighting import latlong_directions
-from invrender.brdf.lobes import RH01_FORM, Angles
+from invrender.brdf.form import Angles
+from invrender.brdf.lobes import RH01_FORM
 from invrender.prefilter.reflectionmap import ReflectionMap, lobe_coefficients, reflection_map
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import RH01_FORM
 
 Floats = NDArray[np.float64]
 

@@ -21,17 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from invrender.brdf.lobes import (
-    BECKMANN,
-    GGX_FORM,
-    PLASTICS,
-    UNCORRELATED,
-    Angles,
-    LobeForm,
-    Numbers,
-    Smith,
-    part_width,
-)
+from invrender.brdf.form import Angles, LobeForm, Numbers, part_width
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, UNCORRELATED
+from invrender.brdf.smith import Smith
 
 Floats = NDArray[np.float64]
 
@@ -63,9 +55,14 @@ class Richer(LobeForm):
         coat = numbers.get("coat")
         self._of, self._family, self.numbers = of, family or self, MappingProxyType(dict(numbers))
         self.interface, self.coat = of.interface, coat
-        coated = "" if coat is None else " on a coated base"
-        lobes = " with haze" if "haze" in numbers else " tabulated" if "beyond" in numbers else ""
+        coated, base = ("", "") if coat is None else (" on a coated base", ", above a coated base")
+        lobes, normals = "", ""
+        if "haze" in numbers:
+            lobes, normals = " with haze", ", with a haze around the core"
+        elif "beyond" in numbers:
+            lobes, normals = " tabulated", "; normals tabulated: a sum of lobes, no formula"
         self.name = f"{of.name}{coated}{lobes}"
+        self.description = f"{of.description}{base}{normals}"
         self.parts = tuple((float(share), float(factor)) for share, factor in self.parts_at(numbers))
 
     @property

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import Angles
+from invrender.brdf.form import Angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders
 from invrender.transport.predict import reflected

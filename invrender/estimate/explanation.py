@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from invrender.brdf.lobes import RH01_FORM, UNCORRELATED, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
 from invrender.estimate.evidence import Candidate, choose, climb_ladder
 from invrender.estimate.forms import Elements, FormTrial, beside, columns_of, try_forms
 from invrender.estimate.linear import recovers_light

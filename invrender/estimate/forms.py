@@ -14,8 +14,10 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import RH01_FORM, UNCORRELATED, LobeForm, Smith
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import Richer, extended, tabulated
+from invrender.brdf.smith import Smith
 from invrender.estimate.evidence import Candidate, climb_ladder, patches_of
 from invrender.estimate.models import Model
 from invrender.estimate.noise import Weights

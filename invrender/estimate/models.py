@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.brdf.richer import FIRST_NUMBER, NUMBER_RANGE, SHARES_BEYOND
 from invrender.estimate.linear import LinearPart, reduce_statistics, solve_linear

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM
 from invrender.brdf.richer import FIRST_NUMBER, SHARES_BEYOND
 from invrender.estimate.models import Estimate, Model, bounds_of, coordinates, estimates, solved
 from invrender.estimate.newton import SMALL, gauss_newton

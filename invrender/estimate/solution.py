@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from capture.lighting import Lighting
-from invrender.brdf.lobes import PHONG, LobeForm, phong_exponent
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import PHONG
 from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.phong import phong_exponent
 from invrender.brdf.richer import core
 from invrender.estimate.clusters import structured_rms
 from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Candidate, adequate, misfit_reason, outlying

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import LobeForm
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.brdf.richer import NUMBER_RANGE
 from invrender.estimate.clusters import patch_of, sums_by, tiles_of

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.result.saved import RESULT_NAME, saved_form
 from invrender.result.truth import TRUTH_NAME, is_truth, truth_side

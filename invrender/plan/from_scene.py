@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from invrender.brdf.lobes import phong_sigma
 from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.phong import phong_sigma
 from invrender.plan.experiment import Experiment, PlannedLight, PlannedView
 from recon.mesh.bodies import MeshBody, SphereBody
 from recon.mesh.shape import placed

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from capture.progress import silent
-from invrender.brdf.lobes import GGX_FORM, Angles
+from invrender.brdf.form import Angles
+from invrender.brdf.lobes import GGX_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.linear import symmetric_pinv
 from invrender.estimate.noise import NoiseModel

@@ -18,7 +18,8 @@ from capture.lighting import Lighting
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.forms import together
 from invrender.estimate.solution import Solution

@@ -17,7 +17,8 @@ from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
 from capture.files.tables import Table
 from capture.lighting import Lighting, check_latlong
-from invrender.brdf.lobes import FORMS, PLASTICS, RH01_FORM, UNCORRELATED, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import FORMS, PLASTICS, RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import RICHER
 
 RESULT_NAME = "result.json"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from invrender.brdf.lobes import LobeForm
+from invrender.brdf.form import LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.result.reflectance import reflectance
 from invrender.result.saved import SavedQuantity, SavedResult

@@ -13,8 +13,10 @@ from pydantic import ConfigDict
 from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.lighting import Lighting, read_latlong
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM, LobeForm, phong_sigma
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.phong import phong_sigma
 from invrender.result.side import Number, Side, SideLighting, TruePaint
 
 Floats = NDArray[np.float64]

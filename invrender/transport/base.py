@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import eval_legendre
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE, fresnel_reflectance
-from invrender.brdf.lobes import LobeForm
 from invrender.theory.refinement import interval_rule
 from invrender.transport.transfer import LightElement, diffuse_transfer
 from invrender.transport.visibility import RayVisibility, seen_diffuse

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
+from invrender.brdf.form import LobeForm, Numbers, part_width
 from invrender.brdf.fresnel import FresnelBasis
-from invrender.brdf.lobes import RH01_FORM, LobeForm, Numbers, part_width
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import sigma_nodes, sigma_weights
 from invrender.transport.base import base_columns, base_size, base_weights
 from invrender.transport.form_transfer import FresnelFunctions, OneIndex, forms_transfer

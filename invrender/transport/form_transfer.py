@@ -18,8 +18,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import Angles, LobeForm, part_width
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import RH01_FORM, Angles, LobeForm, Smith, part_width, phong_exponent
+from invrender.brdf.lobes import RH01_FORM
+from invrender.brdf.phong import phong_exponent
+from invrender.brdf.smith import Smith
 from invrender.transport.half_vectors import (
     PreparedMap,
     RayFrames,

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
+from invrender.brdf.form import Angles, LobeForm
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import Angles, LobeForm
 from invrender.transport.lobetable import (
     exitant_angles,
     half_vectors,

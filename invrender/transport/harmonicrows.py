@@ -15,8 +15,9 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from invrender.brdf.form import Angles, LobeForm
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import RH01_FORM, Angles, LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import microfacet_gaussian, microfacet_transfer

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.transport.form_transfer import form_transfer
 from invrender.transport.transfer import LightElement, specular_transfer
 

@@ -26,7 +26,7 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse import csr_array
 
 from capture.lighting import latlong_directions, latlong_pixels
-from invrender.brdf.lobes import Angles, LobeForm
+from invrender.brdf.form import Angles, LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.prefilter.energy import power_per_degree
 from invrender.prefilter.reflectionmap import mirrored_coefficients, reflected_terms

@@ -23,7 +23,8 @@ from capture.files.documents import file_hash
 from capture.files.imagefile import read_pixels, write_exr
 from capture.lighting import latlong_directions
 from capture.srgb import srgb_to_linear
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
+from invrender.brdf.form import Angles
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.directions import direction_pairs
 from invrender.output.export.gltf_target import GLTF

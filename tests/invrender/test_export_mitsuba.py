@@ -15,7 +15,8 @@ from numpy.testing import assert_allclose
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.lighting import Lighting
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
+from invrender.brdf.form import Angles
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.mapping import Mapping, map_brdf
 from invrender.output.export.material import ExportedBRDF

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, UNCORRELATED, Angles, LobeForm
+from invrender.brdf.form import Angles, LobeForm
+from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, UNCORRELATED
 from invrender.brdf.microfacet import Microfacet
 from invrender.transport.columns import all_columns, columns_of_forms, photo_columns
 from invrender.transport.form_transfer import OneIndex, form_transfer

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, RH01_FORM, LobeForm, phong_exponent
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, RH01_FORM
+from invrender.brdf.phong import phong_exponent
 from invrender.theory.operator import view_frames
 from invrender.transport.formtable import form_radiance, form_rows
 from invrender.transport.lobetable import specular_rows

@@ -11,7 +11,8 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 from numpy.testing import assert_allclose
 
-from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PLASTICS, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PLASTICS
 from invrender.brdf.microfacet import Microfacet
 from invrender.theory.specialcases import microfacet_transfer
 from invrender.transport.harmonicrows import lobe_blur, photo_rows

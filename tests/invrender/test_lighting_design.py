@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.brdf.lobes import FORMS, PLASTICS, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import FORMS, PLASTICS
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import rows_of, slopes_of
 from invrender.estimate.unknown_light.state import BlindState

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PHONG, RH01_FORM, Angles, LobeForm, phong_exponent
+from invrender.brdf.form import Angles, LobeForm
+from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PHONG, RH01_FORM
+from invrender.brdf.phong import phong_exponent
 from recon.harmonics.basis import sphere_directions
 from synthetic.materials import facets
 from synthetic.materials.material import Material

@@ -9,7 +9,8 @@ import pytest
 
 from capture.camera import Camera
 from capture.lighting import Lighting
-from invrender.brdf.lobes import FORMS, Angles
+from invrender.brdf.form import Angles
+from invrender.brdf.lobes import FORMS
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.render import picture
 from invrender.output.render.light import light_element

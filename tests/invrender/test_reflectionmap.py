@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions
-from invrender.brdf.lobes import GGX_FORM, RH01_FORM, Angles, LobeForm
+from invrender.brdf.form import Angles, LobeForm
+from invrender.brdf.lobes import GGX_FORM, RH01_FORM
 from invrender.prefilter.reflectionmap import (
     lobe_coefficients,
     lobe_orders,

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles
+from invrender.brdf.form import Angles
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import COATED_HAZY, HAZY, RICHER
 from invrender.estimate.explanation import explain

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from invrender.brdf.lobes import GGX_FORM, PLASTICS, Angles
+from invrender.brdf.form import Angles
+from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.estimate.unknown_light import factorize_blind
 from invrender.transport.base import base_share
 from recon.sampling.lightfield import LightField

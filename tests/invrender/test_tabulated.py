@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import nnls
 
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS, Angles, LobeForm
+from invrender.brdf.form import Angles, LobeForm
+from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import HAZY, TABULATED, core, facet_density, tabulated
 from invrender.estimate.explanation import explain

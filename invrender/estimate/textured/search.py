@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.models import Model, bounds_of
 from invrender.estimate.search import models_of, searched, simplex
 from invrender.estimate.textured.texel_equations import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import LobeForm
+from invrender.brdf.form import LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.clusters import tile_of
 from invrender.estimate.textured.observe import PointObservations

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import LobeForm
+from invrender.brdf.form import LobeForm
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.texel_equations import PointValues, TexelEquations
 from invrender.transport.columns import column_weights

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import LobeForm
 
 Floats = NDArray[np.float64]
 

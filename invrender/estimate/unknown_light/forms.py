@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from invrender.brdf.lobes import FORMS, GGX_FORM, PLASTICS, RH01_FORM, UNCORRELATED, LobeForm, Smith
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import FORMS, GGX_FORM, PLASTICS, RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import extended
+from invrender.brdf.smith import Smith
 from invrender.estimate.evidence import CLEARLY_WORSE
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate, as_good, cross_validate
 from invrender.estimate.unknown_light.projection import BlindFit

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from invrender.brdf.form import LobeForm, part_width
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import RH01_FORM, LobeForm, part_width
+from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.unknown_light.albedo_whitening import albedo_whitening
 from invrender.estimate.unknown_light.derivatives import STEP, denser, fresnel_with_slope, further
 from invrender.estimate.unknown_light.state import BlindState

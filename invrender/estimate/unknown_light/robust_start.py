@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.form import LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.noise import NoiseModel, Weights, fit_noise, photo_weights, with_misfit
 from invrender.estimate.unknown_light.lighting_design import LightingDesign

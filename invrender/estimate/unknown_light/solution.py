@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import Angles, LobeForm, part_width
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import RH01_FORM, Angles, LobeForm, part_width
+from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate

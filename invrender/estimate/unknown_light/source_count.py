@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import GGX_FORM, Angles, LobeForm
+from invrender.brdf.form import Angles, LobeForm
+from invrender.brdf.lobes import GGX_FORM
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.clusters import tiles_of
 from invrender.estimate.unknown_light.lighting_design import LightingDesign

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_count import fewest_sources
 from invrender.estimate.unknown_light.source_evidence import bright, source_penalty

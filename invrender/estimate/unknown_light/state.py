@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.lobes import RH01_FORM, LobeForm
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.brdf.richer import NUMBER_RANGE
 from recon.mesh.tangents import tangents

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import Angles
+from invrender.brdf.form import Angles
 from invrender.theory.refinement import interval_rule
 from recon.sampling.draw import MIN_COS_EXITANT
 

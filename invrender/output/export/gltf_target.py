@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import Angles
 from invrender.brdf.fresnel import fresnel_reflectance
-from invrender.brdf.lobes import GGX_FORM, Angles
+from invrender.brdf.lobes import GGX_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.target import LEAST_ALPHA, Numbers, Target
 

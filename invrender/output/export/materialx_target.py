@@ -11,8 +11,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import Angles
 from invrender.brdf.fresnel import fresnel_reflectance
-from invrender.brdf.lobes import GGX_FORM, Angles
+from invrender.brdf.lobes import GGX_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.directions import pairs_at
 from invrender.output.export.target import LEAST_ALPHA, Numbers, Target

@@ -9,9 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import Angles
 from invrender.brdf.fresnel import fresnel_reflectance
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, Angles, Smith
+from invrender.brdf.lobes import BECKMANN, GGX_FORM
 from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.smith import Smith
 from invrender.output.export.rough_interface import passed_and_kept
 from invrender.output.export.target import LEAST_ALPHA, Numbers, Target
 

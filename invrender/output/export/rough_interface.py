@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.fresnel import fresnel_reflectance
-from invrender.brdf.lobes import Smith
+from invrender.brdf.smith import Smith
 from invrender.output.export.directions import facet_directions
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.lobes import Angles
+from invrender.brdf.form import Angles
 from invrender.brdf.microfacet import Microfacet
 
 Floats = NDArray[np.float64]

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM, UNCORRELATED
-from invrender.brdf.richer import COATED, COATED_HAZY, HAZY, TABULATED
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.textured.layout import TexelLayout
 from invrender.output.report.causefigure import cause_figure
@@ -55,32 +53,6 @@ _NAMES = {
     "albedo": ("albedo", "π K<sub>d</sub>"),
     "kd_normalised": ("K<sub>d</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),
     "ks_normalised": ("K<sub>s</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),
-}
-
-
-_FORMS = {
-    RH01_FORM: "microfacets as in RH01, Fresnel's factor at the exitant angle",
-    BECKMANN: "microfacets that hide each other, Fresnel's factor at the half angle (Smith, Beckmann)",
-    GGX_FORM: "long-tailed microfacets that hide each other, Fresnel's factor at the half angle (Smith, GGX)",
-    PHONG: "Phong's lobe about the mirrored view",
-}
-_FORMS |= {
-    plastic: f"{_FORMS[lobe]}, above a diffuse base under a smooth interface, as of plastic"
-    for lobe, plastic in PLASTICS.items()
-}
-_FORMS |= {
-    apart: f"{_FORMS[form]}; what hides the light and what hides the viewer are taken for independent"
-    for form, apart in UNCORRELATED.items()
-}
-_FORMS |= {coated: f"{_FORMS[form]}, above a coated base" for form, coated in COATED.items()}
-_FORMS |= {
-    hazy: f"{_FORMS[form]}, with a haze around the core"
-    for richer in (HAZY, {COATED[form]: both for form, both in COATED_HAZY.items()})
-    for form, hazy in richer.items()
-}
-_FORMS |= {
-    table: f"{_FORMS[form if form.interface else COATED[form]]}; normals tabulated: a sum of lobes, no formula"
-    for form, table in TABULATED.items()
 }
 
 
@@ -144,7 +116,7 @@ class ReportWriter:
             document=document,
             result=result,
             model=result.model.estimate.model,
-            form=_FORMS[result.brdf.form.family],
+            form=result.brdf.form.description,
             best=min(result.candidates, key=lambda candidate: candidate.error),
             parameters=_parameters(self._run),
             rows=rows,

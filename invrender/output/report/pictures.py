@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from capture.srgb import linear_to_srgb
-from invrender.brdf.lobes import Smith
 from invrender.brdf.richer import SHARES_BEYOND, facet_density
+from invrender.brdf.smith import Smith
 from invrender.estimate.evidence import Candidate
 from invrender.estimate.quantities import FittedLighting, PhotoScore
 from invrender.estimate.textured.textures import FittedTextures

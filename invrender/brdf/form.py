@@ -1,0 +1,114 @@
+"""What a specular lobe is: a form of the specular part, per unit of Ks.
+
+    rho = Kd + Ks F W     F the Fresnel factor relative to normal incidence, W the form's own shape
+
+Forms are functions of four angles, and the width of each is sigma in radians: at normal incidence, to the first order
+in sigma^2 and theta_h^2, they are the same exp(-(theta_h / sigma)^2) / (4 pi sigma^2), so that one sigma means one
+width of the highlight.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.fresnel import normalised_fresnel
+
+Floats = NDArray[np.float64]
+# A form's own, by name, one or (f,) each.
+Numbers = Mapping[str, float | Floats]
+
+_WIDEST_HAZE = 0.3
+# Below, the half-angle's tangent and the secants of grazing light lose all digits.
+LEAST_COS = 1e-6
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    # Half again as fast as sums of products.
+    return np.asarray(np.einsum("...k,...k->...", a, b))
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """Pairs of directions above the surface, arrays of one shape: theta_h, radians, of the half vector to the normal;
+    cosines of incidence, exitance and of half the angle between the two directions (theta_d)."""
+
+    theta_h: Floats
+    cos_i: Floats
+    cos_o: Floats
+    cos_d: Floats
+
+    @classmethod
+    def between(cls, normals: Floats, wi: Floats, wo: Floats) -> Angles:
+        """Angles of unit vectors (..., 3), broadcast."""
+        half = wi + wo
+        along = _dot(half, normals)
+        # Not by arccos, which loses half the digits where the lobe peaks.
+        beside = half - along[..., None] * normals
+        theta_h = np.arctan2(np.sqrt(_dot(beside, beside)), along)
+        return cls(theta_h, _dot(normals, wi), _dot(normals, wo), np.sqrt(_dot(half, half)) / 2)
+
+
+class LobeForm:
+    """A form of the specular part, and of what is below.
+
+    name : as results call it. description : in words, as reports have it. has_fresnel : whether it has a refractive
+    index. interface : whether the diffuse base lies under a smooth interface of that index (`transport.base`). coat :
+    strength of Shirley's coupled base, None where the base is another; Lambertian where it is neither. parts : share
+    and width over sigma of each lobe of the sum. numbers : the form's own numbers, beside mu and sigma, by name.
+    """
+
+    name: str
+    description: str
+    has_fresnel: bool = True
+    interface: bool = False
+    coat: float | None = None
+    parts: tuple[tuple[float, float], ...] = ((1.0, 1.0),)
+    numbers: Mapping[str, float] = MappingProxyType({})
+
+    @property
+    def lobe(self) -> LobeForm:
+        """The single lobe, above a Lambertian base, that the form's specular part is a sum of."""
+        return self
+
+    @property
+    def family(self) -> LobeForm:
+        """What all forms are that differ from this one in their numbers only."""
+        return self
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> LobeForm:
+        """The form of the same family with other numbers, named as in `numbers`."""
+        return self
+
+    def parts_at(self, numbers: Numbers) -> Sequence[tuple[float | Floats, float | Floats]]:
+        """`parts` of the form of the same family with other numbers."""
+        return self.parts
+
+    @abstractmethod
+    def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
+        """W times cos theta_i, 1/sr, zero where light or viewer is below the horizon; sigma > 0, radians, broadcast."""
+
+    @abstractmethod
+    def fresnel_cosine(self, angles: Angles) -> Floats:
+        """The cosine that its Fresnel factor is taken at."""
+
+    def reflected(self, angles: Angles, mu: float | None, sigma: float) -> Floats:
+        """F W cos theta_i: radiance per unit of Ks and of irradiance across the beam, 1/sr."""
+        shape = self.shape(angles, sigma)
+        if mu is None:
+            return shape
+        return shape * normalised_fresnel(mu, np.clip(self.fresnel_cosine(angles), 0, 1))
+
+
+def part_width(factor: float | Floats, sigma: float | Floats) -> Floats:
+    """The width of a part of a form that is so many times as wide as sigma, radians; a haze ends at 0.3.
+
+    Wider ones look like the base, and would pass for it.
+    """
+    sigma = np.asarray(sigma, float)
+    return np.minimum(factor * sigma, np.maximum(_WIDEST_HAZE, sigma))
