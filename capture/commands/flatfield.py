@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.commands.options import Encoding, IntegerEncoding, Photos, ResponseFile, encoding_of
+from capture.commands.options import Encoding, IntegerEncoding, JsonOut, Photos, ResponseFile, encoding_of
 
 if TYPE_CHECKING:
     from capture.sensor.flatrecovery import FlatFieldRecovery
@@ -27,10 +27,7 @@ def flatfield(
     ] = False,
     encoding: IntegerEncoding = Encoding.LINEAR,
     response: ResponseFile = None,
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="OUT", help="JSON file to write; an earlier one is replaced."),
-    ] = Path("flatfield.json"),
+    output: JsonOut = Path("flatfield.json"),
 ) -> None:
     """Measure vignetting: how much of the light each pixel receives, relative to where the lens gives most.
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from capture.commands.options import Encoding, IntegerEncoding, Photos, ResponseFile, encoding_of
+from capture.commands.options import Encoding, IntegerEncoding, JsonOut, Photos, ResponseFile, encoding_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,10 +19,7 @@ def noise(
     images: Photos,
     encoding: IntegerEncoding = Encoding.LINEAR,
     response: ResponseFile = None,
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="OUT", help="JSON file to write; an earlier one is replaced."),
-    ] = Path("noise.json"),
+    output: JsonOut = Path("noise.json"),
 ) -> None:
     """Measure a sensor's noise: variance = read_std^2 + shot x signal, RGB, signal 1 being the white level.
 

@@ -37,6 +37,54 @@ ResponseFile = Annotated[
     ),
 ]
 Photos = Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photographs.", show_default=False)]
+SetFolder = Annotated[
+    Path,
+    typer.Argument(metavar="SET", help="Folder of a photo set, or its photoset.toml.", show_default=False),
+]
+SphereSet = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SET", help="Folder of a photo set of a sphere, or its photoset.toml.", show_default=False
+    ),
+]
+SourceSet = Annotated[
+    Path | None,
+    typer.Option(
+        "--set",
+        metavar="SET",
+        help="The photo set that the result was made from; looked for beside the result otherwise.",
+    ),
+]
+SavedFolder = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RESULT", help="Folder that `process` wrote, or its result.json.", show_default=False
+    ),
+]
+LightingName = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Which of the result's lightings, if it has several.")
+]
+Assumptions = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE",
+        help="A guess for mu or sigma where the photographs left it undetermined. Repeatable.",
+    ),
+]
+ResultOut = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="OUT",
+        help="Result folder; an earlier result in it is replaced.",
+        show_default=False,
+    ),
+]
+JsonOut = Annotated[
+    Path,
+    typer.Option("-o", "--out", metavar="OUT", help="JSON file to write; an earlier one is replaced."),
+]
 
 
 def encoding_of(encoding: Encoding, response: Path | None) -> DecodeEncoding:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from capture.commands.options import Photos, Times
+from capture.commands.options import JsonOut, Photos, Times
 
 if TYPE_CHECKING:
     from capture.bracket.responserecovery import Recovery
@@ -18,10 +16,7 @@ _FIGURE = "-figure.png"
 def response(
     images: Photos,
     times: Times = None,
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="OUT", help="JSON file to write; an earlier one is replaced."),
-    ] = Path("response.json"),
+    output: JsonOut = Path("response.json"),
 ) -> None:
     """Recover the response of a camera: which exposure each value of its 8- or 16-bit files stands for.
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from capture.commands.options import ResultOut, SphereSet
 
 
 class BRDFMethod(StrEnum):
@@ -17,24 +18,8 @@ class BRDFMethod(StrEnum):
 
 
 def brdf(
-    photoset: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SET",
-            help="Folder of a photo set of a sphere, or its photoset.toml.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="OUT",
-            help="Result folder; an earlier result in it is replaced.",
-            show_default=False,
-        ),
-    ],
+    photoset: SphereSet,
+    out: ResultOut,
     method: Annotated[
         BRDFMethod,
         typer.Option(

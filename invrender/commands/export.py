@@ -7,14 +7,11 @@ from typing import Annotated
 
 import typer
 
+from capture.commands.options import Assumptions, LightingName, SavedFolder, SourceSet
+
 
 def export(
-    result: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULT", help="Folder that `process` wrote, or its result.json.", show_default=False
-        ),
-    ],
+    result: SavedFolder,
     output: Annotated[
         Path,
         typer.Option(
@@ -37,9 +34,7 @@ def export(
             " mitsuba always has its light.",
         ),
     ] = False,
-    lighting: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Which of the result's lightings, if it has several.")
-    ] = None,
+    lighting: LightingName = None,
     albedo: Annotated[
         str | None,
         typer.Option(
@@ -48,13 +43,7 @@ def export(
             "  [default: 0.5]",
         ),
     ] = None,
-    assume: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="A guess for mu or sigma where the photographs left it undetermined. Repeatable.",
-        ),
-    ] = None,
+    assume: Assumptions = None,
     view: Annotated[
         str | None,
         typer.Option(
@@ -62,14 +51,7 @@ def export(
             help="mitsuba: where the camera is; degrees, and metres from the object's centre.  [default: 0,20]",
         ),
     ] = None,
-    photoset: Annotated[
-        Path | None,
-        typer.Option(
-            "--set",
-            metavar="SET",
-            help="The photo set that the result was made from; looked for beside the result otherwise.",
-        ),
-    ] = None,
+    photoset: SourceSet = None,
 ) -> None:
     """Write a result for other programs: the object, textures if there are any, and the material in their numbers.
 

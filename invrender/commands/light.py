@@ -7,24 +7,12 @@ from typing import Annotated
 
 import typer
 
+from capture.commands.options import ResultOut, SphereSet
+
 
 def light(
-    photoset: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SET", help="Folder of a photo set of a sphere, or its photoset.toml.", show_default=False
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="OUT",
-            help="Result folder; an earlier result in it is replaced.",
-            show_default=False,
-        ),
-    ],
+    photoset: SphereSet,
+    out: ResultOut,
     brdf: Annotated[
         Path | None,
         typer.Option(

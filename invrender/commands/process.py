@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from capture.commands.options import ResultOut, SetFolder
 
 DEFAULT_SAMPLES = 60_000
 
 
 def process(
-    photoset: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SET", help="Folder of a photo set, or its photoset.toml.", show_default=False
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="OUT",
-            help="Result folder; an earlier result in it is replaced.",
-            show_default=False,
-        ),
-    ],
+    photoset: SetFolder,
+    out: ResultOut,
     samples: Annotated[
         int,
         typer.Option(

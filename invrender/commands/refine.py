@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from capture.commands.options import SetFolder
+
 
 def refine(
-    photoset: Annotated[
-        Path,
-        typer.Argument(metavar="SET", help="Folder with photoset.toml (or that file).", show_default=False),
-    ],
+    photoset: SetFolder,
     turn_deg: Annotated[
         float,
         typer.Option(

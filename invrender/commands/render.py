@@ -7,14 +7,11 @@ from typing import Annotated
 
 import typer
 
+from capture.commands.options import Assumptions, LightingName, SavedFolder, SourceSet
+
 
 def render(
-    result: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULT", help="Folder that `process` wrote, or its result.json.", show_default=False
-        ),
-    ],
+    result: SavedFolder,
     output: Annotated[
         Path,
         typer.Option(
@@ -26,9 +23,7 @@ def render(
             show_default=False,
         ),
     ],
-    lighting: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Which of the result's lightings, if it has several.")
-    ] = None,
+    lighting: LightingName = None,
     light: Annotated[
         Path | None,
         typer.Option(metavar="MAP", help="Other light: a lat-long map, EXR or .hdr, +Z at its top."),
@@ -72,14 +67,7 @@ def render(
             metavar="NAME", help="The camera of a photograph of the set, by its file's name, and its light."
         ),
     ] = None,
-    photoset: Annotated[
-        Path | None,
-        typer.Option(
-            "--set",
-            metavar="SET",
-            help="The photo set that the result was made from; looked for beside the result otherwise.",
-        ),
-    ] = None,
+    photoset: SourceSet = None,
     size: Annotated[
         str | None,
         typer.Option(metavar="WxH", help="Pixels, by default as the photographs; the field of view stays."),
@@ -150,13 +138,7 @@ def render(
             help="Also write the standard deviation of each pixel: channels std.R, std.G, std.B of the EXR.",
         ),
     ] = False,
-    assume: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="A guess for mu or sigma where the photographs left it undetermined. Repeatable.",
-        ),
-    ] = None,
+    assume: Assumptions = None,
 ) -> None:
     """Predict what the object of a result looks like from other sides and under other light.
 

@@ -7,12 +7,11 @@ from typing import Annotated
 
 import typer
 
+from capture.commands.options import SetFolder
+
 
 def align(
-    photoset: Annotated[
-        Path,
-        typer.Argument(metavar="SET", help="Folder with photoset.toml (or that file).", show_default=False),
-    ],
+    photoset: SetFolder,
     picks: Annotated[
         Path | None,
         typer.Option(

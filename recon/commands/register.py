@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.commands.options import SetFolder
+
 if TYPE_CHECKING:
     from recon.poses.register.posesfile import Registration
 
@@ -15,10 +17,7 @@ _FIGURE = ".png"
 
 
 def register(
-    photoset: Annotated[
-        Path,
-        typer.Argument(metavar="SET", help="Folder with photoset.toml (or that file).", show_default=False),
-    ],
+    photoset: SetFolder,
     board: Annotated[
         str | None,
         typer.Option(
