@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from capture import selection
 from capture.bracket.bracketsample import BracketSample
 from capture.bracket.debevec import LogExposureSpline, solve_debevec
 from capture.bracket.mitsunaga import ORDERS, ExposurePolynomial
@@ -40,18 +41,16 @@ class MethodScore:
 
 @dataclass(frozen=True, eq=False)
 class CandidateResponse:
-    """A method's curves of the training patches. errors, counts : (patches,) sums over the patches kept out."""
+    """A method's curves of the training patches. errors : (patches,), the residual's parts from patches kept out."""
 
     method: MethodScore
     channels: tuple[ChannelFit, ...]
     errors: Floats
-    counts: Floats
 
 
 def as_good(one: CandidateResponse, best: CandidateResponse) -> bool:
     """Whether the prediction is no worse than the best by more than two standard errors over patches, or by 1%."""
-    excess = one.errors - best.errors
-    return bool(excess.sum() <= max(2 * np.sqrt((excess**2).sum()), 0.01 * best.errors.sum()))
+    return selection.as_good(one.errors, best.errors, 2.0, 0.01 * float(best.errors.mean()))
 
 
 def candidates(sample: BracketSample, nominal: Floats) -> list[CandidateResponse]:
@@ -112,16 +111,12 @@ def _best_spline(training: BracketSample, test: BracketSample, nominal: Floats) 
         channels, log_times = fit_curves(training, nominal, channels, _TRIAL_ITERATIONS)
         tried.append(channels)
         scores.append(_patch_errors(test, channels, log_times))
-    means = np.array([errors.sum() / counts.sum() for errors, counts in scores])
-    best = int(np.argmin(means))
-    for index in range(best + 1):
-        excess = means[index] - means[best]
-        errors = scores[index][0] - scores[best][0]
-        if excess <= max(np.sqrt((errors**2).sum()) / scores[best][1].sum(), _NEGLIGIBLE * means[best]):
-            break
-    chosen = min(index + 1, len(_SMOOTHING) - 1)
-    method = MethodScore("Debevec-Malik 1997", float(means[chosen]), f"smoothing {_SMOOTHING[chosen]:.3g}")
-    return CandidateResponse(method, tried[chosen], *scores[chosen])
+    negligible = _NEGLIGIBLE * min(float(errors.mean()) for errors in scores)
+    stiffest = selection.simplest(scores, range(len(scores)), negligible)
+    chosen = min(stiffest + 1, len(_SMOOTHING) - 1)
+    detail = f"smoothing {_SMOOTHING[chosen]:.3g}"
+    method = MethodScore("Debevec-Malik 1997", float(scores[chosen].sum()), detail)
+    return CandidateResponse(method, tried[chosen], scores[chosen])
 
 
 def _best_polynomial(
@@ -141,25 +136,23 @@ def _best_polynomial(
         if not all(channel.is_increasing() for channel in channels):
             continue
         fitted, log_times = fit_curves(training, nominal, channels, _TRIAL_ITERATIONS)
-        errors, counts = _patch_errors(test, fitted, log_times)
-        residual = float(errors.sum() / counts.sum())
+        errors = _patch_errors(test, fitted, log_times)
+        residual = float(errors.sum())
         if best is None or residual < best.method.residual:
             method = MethodScore("Mitsunaga-Nayar 1999", residual, f"order {order}")
-            best = CandidateResponse(method, fitted, errors, counts)
+            best = CandidateResponse(method, fitted, errors)
     return best
 
 
-def _patch_errors(
-    sample: BracketSample, channels: Sequence[ChannelFit], log_times: Floats
-) -> tuple[Floats, Floats]:
-    """Sums and counts by patch of |observed - predicted| codes, in 1/255."""
+def _patch_errors(sample: BracketSample, channels: Sequence[ChannelFit], log_times: Floats) -> Floats:
+    """Parts (patches,) of the mean of |observed - predicted| codes, in 1/255: each patch's sum over all counts."""
     clusters = int(sample.patch.max()) + 1
-    sums, counts = np.zeros(clusters), np.zeros(clusters)
+    sums, count = np.zeros(clusters), 0
     for index, channel in enumerate(channels):
         error, seen = prediction_errors(sample, index, channel, log_times)
         sums += np.bincount(sample.patch, np.where(seen, error, 0).sum(axis=1), clusters)
-        counts += np.bincount(sample.patch, seen.sum(axis=1), clusters)
-    return sums, np.maximum(counts, 1e-9)
+        count += int(seen.sum())
+    return sums / max(count, 1)
 
 
 def prediction_errors(

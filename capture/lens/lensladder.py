@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capture.lens.distortion import LADDER, LensModel, folds_at, picture_grid
 from capture.lens.lensfit import CornerView, LensFit, fit_lens, held_out_residuals, lens_information
+from capture.selection import excess, simplest
 
 Floats = NDArray[np.float64]
 
@@ -54,8 +55,7 @@ class LensCandidate:
         """Mean over views by how much the squared error is above the best rung's, and its standard error."""
         assert self.squares is not None
         assert best.squares is not None
-        difference = self.squares - best.squares
-        return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
+        return excess(self.squares, best.squares)
 
 
 def climb(views: Sequence[CornerView], size: tuple[int, int]) -> tuple[LensCandidate, ...]:
@@ -72,10 +72,9 @@ def climb(views: Sequence[CornerView], size: tuple[int, int]) -> tuple[LensCandi
     if not usable or _only_folding_fits(candidates, usable):
         return tuple(candidates)
     best = best_rung(candidates)
-    for candidate in usable:
-        mean, error = candidate.excess(best)
-        if candidate is best or mean <= max(error, best.negligible):
-            break
+    squares = [candidate.squares for candidate in usable if candidate.squares is not None]
+    parameters = [len(candidate.lens.fitted) for candidate in usable]
+    candidate = usable[simplest(squares, parameters, best.negligible)]
     return tuple(
         LensCandidate(each.lens, each.fit, each.squares, each.fault, chosen=each is candidate)
         for each in candidates

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
+from capture.selection import simplest
 from capture.sensor.flatfield import ORDERS, RadialFlatField, half_diagonal
 from capture.sensor.flatlight import TERMS, light_terms
 from capture.sensor.flattiles import FlatTiles
@@ -155,12 +156,9 @@ def _richest(turned: bool) -> Iterator[RadialModel]:
 
 def _simplest(fits: Sequence[RadialFit]) -> tuple[RadialFit, RadialFit]:
     """The simplest fit that isn't clearly worse than the best, and the best."""
-    best = min(fits, key=lambda fit: float(fit.held_out.mean()))
-    for fit in sorted(fits, key=lambda fit: fit.model.basis.shape[1] + fit.model.gradient):
-        excess = fit.held_out - best.held_out
-        if excess.mean() <= excess.std() / np.sqrt(len(excess)):
-            return fit, best
-    return best, best
+    parameters = [fit.model.basis.shape[1] + fit.model.gradient for fit in fits]
+    chosen = simplest([fit.held_out for fit in fits], parameters)
+    return fits[chosen], min(fits, key=lambda fit: float(fit.held_out.mean()))
 
 
 def _fit(tiles: FlatTiles, model: RadialModel, spread: Floats, wide: float) -> RadialFit:

@@ -9,6 +9,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.selection import as_good, standard_error
 from invrender.estimate.clusters import patch_of
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import Weights
@@ -77,7 +78,7 @@ class Candidate:
     @property
     def standard_error(self) -> float:
         """Standard error of that mean."""
-        return float(self.photo_errors.std(ddof=1) / np.sqrt(len(self.photo_errors)))
+        return standard_error(self.photo_errors)
 
 
 def relative_rms(residual: Floats, radiance: Floats, trust: Floats | None = None) -> float:
@@ -145,12 +146,12 @@ def patches_of(photos: Sequence[PhotoColumns]) -> NDArray[np.int64]:
 
 
 def choose(candidates: Sequence[Candidate]) -> int:
-    """The index of the simplest adequate rung.
+    """The index of the first adequate candidate; they come with the simplest first.
 
-    Adequate is a rung whose error lies within one standard error of the best one's, and which isn't clearly
-    worse when the two are compared pairwise: photograph by photograph (so that photographs of unequal
-    quality don't hide a difference) and patch by patch of the surface (because a stain, the same in each
-    photograph, is no evidence for a model). Photographs that stand out as wrong have no say.
+    The error of an adequate candidate lies within one standard error of the best one's. It also isn't clearly worse
+    in a paired comparison, either by photographs (photographs of unequal quality then hide no difference) or by
+    patches of the surface (a stain, the same in each photograph, is no evidence for a model). Outlying photographs
+    don't count. docs/selection.md compares this with the rule under unknown light.
     """
     return int(np.argmax(adequate(candidates)))
 
@@ -159,15 +160,16 @@ def adequate(candidates: Sequence[Candidate]) -> NDArray[np.bool_]:
     """Which rungs (rungs,) the photographs don't speak against; the best one always among them."""
     best = min(candidates, key=lambda candidate: candidate.error)
     trusted = ~outlying(best.photo_errors)
-    errors = best.photo_errors[trusted]
-    limit = errors.mean() + (errors.std(ddof=1) / np.sqrt(len(errors)) if len(errors) > 1 else 0.0)
-    result = []
-    for candidate in candidates:
-        within = candidate.photo_errors[trusted].mean() <= limit
-        by_photo = _score(candidate.photo_errors[trusted] ** 2 - errors**2)
-        by_patch = _score(candidate.patch_energy - best.patch_energy)
-        result.append(candidate is best or bool(within and min(by_photo, by_patch) <= CLEARLY_WORSE))
-    return np.array(result)
+    least = best.photo_errors[trusted]
+
+    def fits(candidate: Candidate) -> bool:
+        errors = candidate.photo_errors[trusted]
+        return as_good(errors, least, paired=False) and (
+            as_good(errors**2, least**2, CLEARLY_WORSE)
+            or as_good(candidate.patch_energy, best.patch_energy, CLEARLY_WORSE)
+        )
+
+    return np.array([candidate is best or fits(candidate) for candidate in candidates])
 
 
 def outlying(photo_errors: Floats) -> NDArray[np.bool_]:
@@ -175,12 +177,6 @@ def outlying(photo_errors: Floats) -> NDArray[np.bool_]:
     if len(photo_errors) < _FEWEST_TO_COMPARE:
         return np.zeros(len(photo_errors), bool)
     return photo_errors > _OUT_OF_PROPORTION * np.median(photo_errors)
-
-
-def _score(differences: Floats) -> float:
-    """Mean of differences in their standard errors; 0 where there is no difference."""
-    spread = differences.std(ddof=1) / np.sqrt(len(differences)) if len(differences) > 1 else 0.0
-    return float(differences.mean() / spread) if spread > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from capture import selection
 from capture.parallel import parallel_map
 from invrender.estimate.clusters import tile_of
 from invrender.estimate.evidence import MAX_FOLDS, relative_rms
@@ -57,19 +58,15 @@ class BlindCandidate:
 
 
 def simplest(candidates: Sequence[BlindCandidate]) -> int:
-    """The index of the rung with fewest parameters whose error is within one standard error of the best one's."""
-    best = min(candidates, key=lambda candidate: candidate.deviance.mean())
-    fitting = [index for index, candidate in enumerate(candidates) if as_good(candidate, best)]
-    return min(fitting, key=lambda index: candidates[index].parameters)
+    """The index of the candidate with fewest parameters whose error is within one standard error of the best one's."""
+    return selection.simplest(
+        [candidate.deviance for candidate in candidates], [candidate.parameters for candidate in candidates]
+    )
 
 
 def as_good(candidate: BlindCandidate, best: BlindCandidate, errors: float = 1.0) -> bool:
-    """Whether a rung's error is within one standard error of another's, or so many.
-
-    The standard error is that of the difference, group by group: what both find hard is no excuse for one.
-    """
-    worse = candidate.deviance - best.deviance
-    return bool(worse.mean() <= errors * worse.std(ddof=1) / np.sqrt(len(worse)))
+    """Whether a candidate's error is within one standard error of another's, or so many, paired by group."""
+    return selection.as_good(candidate.deviance, best.deviance, errors)
 
 
 def cross_validate(name: str, search: Search, fit: BlindFit) -> BlindCandidate:

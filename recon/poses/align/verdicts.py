@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.selection import as_good
 from recon.mesh.rays import RayTracer
 from recon.mesh.shape import METRES
 from recon.poses.align.outlines import Outline
@@ -60,10 +61,9 @@ def ruled_out(best: RefinedPlace, other: RefinedPlace) -> bool:
     cluster = best.left.photo * 1000 + best.left.sector
     _, cluster = np.unique(cluster, return_inverse=True)
     far = 4 * misfit_px(best) + 1.0
-    worse = _capped(other, far) - _capped(best, far)
-    means = np.bincount(cluster, worse) / np.bincount(cluster)
-    least = max(_RULED_OUT * means.std(ddof=1) / np.sqrt(len(means)), _HAIR_PX, _HAIR_SHARE * misfit_px(best))
-    return bool(means.mean() > least)
+    size = np.bincount(cluster)
+    losses, least = (np.bincount(cluster, _capped(fit, far)) / size for fit in (other, best))
+    return not as_good(losses, least, _RULED_OUT, max(_HAIR_PX, _HAIR_SHARE * misfit_px(best)))
 
 
 def _capped(fit: RefinedPlace, most: float) -> Floats:
