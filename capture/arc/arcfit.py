@@ -113,7 +113,7 @@ def fit_arc(
     )
 
 
-def strays(views: Sequence[ArcView], camera: Camera) -> dict[int, float]:
+def outlying_views(views: Sequence[ArcView], camera: Camera) -> dict[int, float]:
     """The photographs, by their places, that don't fit the arc of the others, and by how many pixels (RMS).
 
     Where the arc explains the photographs much worse than poses of their own, one is left out after the other, as

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from capture.arc.arcfit import FEWEST_PHOTOS, ArcFit, ArcView, fit_arc, strays
+from capture.arc.arcfit import FEWEST_PHOTOS, ArcFit, ArcView, fit_arc, outlying_views
 from capture.boards.board import Board, parse_board
 from capture.boards.boardpose import board_pose
 from capture.boards.boardsearch import check_board, missing, view_of_file
@@ -98,11 +98,11 @@ def calibrate_gantry(
         views = _all_one_way_up(views, board)
     warnings = _check_camera(views, camera, camera_rms)
     nominal = None if angles is None else np.array([angles[index] for index in kept])
-    stray = strays(views, camera)
-    fits = [place for place in range(len(views)) if place not in stray]
+    outlying = outlying_views(views, camera)
+    fits = [place for place in range(len(views)) if place not in outlying]
     left_out += [
         f"{views[place].name}: doesn't fit the arc of the others ({off:.1f} px off): the board or camera moved"
-        for place, off in stray.items()
+        for place, off in outlying.items()
     ]
     views = [views[place] for place in fits]
     nominal = None if nominal is None else nominal[fits]

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 _STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 # How far a corner may lie from where its neighbours say, as a share of a square's side.
-_MAX_STRAY = 0.3
+_MAX_DEVIATION = 0.3
 # Between neighbouring corners light falls off gently, and a side runs straight but for the lens.
 _MIN_CONTRAST_RATIO = 0.4
 _MAX_EDGE_TURN = np.radians(18)
@@ -140,7 +140,7 @@ def _grow(
             predicted = corners.points[nodes[cell]] + step
             distance, k = tree.query(predicted)  # type: ignore[attr-defined]
             if (
-                distance < _MAX_STRAY * np.linalg.norm(step)
+                distance < _MAX_DEVIATION * np.linalg.norm(step)
                 and k not in used
                 and _joined(smooth, corners, nodes[cell], int(k))
             ):
@@ -193,7 +193,7 @@ def _expected_step(
 def _complete(
     smooth: NDArray[np.float32], corners: Saddles, nodes: dict[tuple[int, int], int]
 ) -> CheckerGrid | None:
-    """The grid with weak corners filled in, strays taken out, cells counted from 0, right-handed."""
+    """The grid with weak corners filled in, outliers taken out, cells counted from 0, right-handed."""
     cells = np.array(list(nodes), int).reshape(-1, 2)
     points = corners.points[list(nodes.values())]
     bright = corners.bright[list(nodes.values())]
@@ -233,7 +233,7 @@ def _consistent(cells: NDArray[np.int64], points: Floats) -> NDArray[np.bool_]:
             if before is not None and after is not None:
                 middle = (points[before] + points[after]) / 2
                 side = np.linalg.norm(points[after] - points[before]) / 2
-                if np.linalg.norm(points[k] - middle) > _MAX_STRAY * side:
+                if np.linalg.norm(points[k] - middle) > _MAX_DEVIATION * side:
                     keep[k] = False
     remaining = {cell for cell, k in table.items() if keep[k]}
     best: set[tuple[int, int]] = set()

@@ -94,7 +94,7 @@ def _pictures(grey: NDArray[np.uint8]) -> Iterator[tuple[float, NDArray[np.uint8
 
 
 def _trimmed(grid: CheckerGrid, counts: tuple[int, int]) -> CheckerGrid:
-    """The grid without outer lines of a few strays that make it larger than the board."""
+    """The grid without outer lines of a few outliers that make it larger than the board."""
     cells, points, dark = grid.cells, grid.points, grid.dark_first
     while (np.sort(cells.max(axis=0) + 1) > np.sort(counts)).any():
         ends = [(axis, end) for axis in (0, 1) for end in (0, int(cells[:, axis].max()))]

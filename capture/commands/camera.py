@@ -59,9 +59,9 @@ def camera(
 def camera_document(calibration: CameraCalibration, photos: Sequence[Path]) -> dict[str, Any]:
     """What a camera.json holds."""
     from capture.files.documents import input_hashes, software
-    from capture.lens.lensladder import best_rung
+    from capture.lens.lensladder import best_candidate
 
-    best = best_rung(calibration.ladder)
+    best = best_candidate(calibration.ladder)
     ladder = []
     for candidate in calibration.ladder:
         excess = None if candidate.squares is None else candidate.excess(best)

@@ -26,7 +26,7 @@ _DEMOSAIC_REACH = 1
 # white level that the file states; never below three quarters of it, where a plain bright wall may do the same.
 _PILE_SHARE, _PILE_RATIO, _PILE_COUNT, _PILE_LEVEL = 0.002, 10, 50, 0.75
 # Hot photosites, above the clip level of all others.
-_STRAYS = 20
+_OUTLIERS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,7 @@ def _pile_up(values: Floats, white: float) -> float:
 
     Some cameras clip earlier at some ISO settings than their files say.
     """
-    top = float(np.partition(values.ravel(), -_STRAYS)[-_STRAYS])
+    top = float(np.partition(values.ravel(), -_OUTLIERS)[-_OUTLIERS])
     clip = top - _PILE_SHARE * white
     at_top = int((values >= clip).sum())
     below = int((values >= clip - 2 * _PILE_SHARE * white).sum()) - at_top

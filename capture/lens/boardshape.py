@@ -21,9 +21,9 @@ Floats = NDArray[np.float64]
 
 # Powers of x and y by which points move. Lower ones are a view's pose, the square's side and the pixels' aspect.
 _POWERS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
-# Equations per unknown of the shape, below which nothing is told.
+# Equations per unknown of the shape, below which nothing is determined.
 _MIN_EVIDENCE = 5
-# A shape told from half of the views that leaves more than this share of the other half's RMS is no finding.
+# A shape found from half of the views that leaves more than this share of the other half's RMS is no finding.
 _MAX_LEFT = 0.9
 
 

@@ -31,7 +31,7 @@ PARAM_NAMES = {
 
 @dataclass(frozen=True)
 class LensModel:
-    """A rung of the ladder: one of COLMAP's models with some of its parameters left at zero.
+    """A candidate of the ladder: one of COLMAP's models with some of its parameters left at zero.
 
     name : how reports call it. model : COLMAP's name. free : the distortion coefficients that are fitted.
     """
@@ -88,7 +88,7 @@ class LensModel:
         return Camera(self.model, params, *size, np.eye(4))
 
 
-# Each nests the one before; the last but one is what OpenCV fits unless told otherwise.
+# Each nests the one before; the last but one is what OpenCV fits unless flags say otherwise.
 LADDER = (
     LensModel("SIMPLE_PINHOLE", "SIMPLE_PINHOLE", ()),
     LensModel("PINHOLE", "PINHOLE", ()),

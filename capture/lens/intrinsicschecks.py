@@ -1,4 +1,4 @@
-"""When a calibration is none: a focal length that the views don't determine, or a fit that went astray."""
+"""Checks that refuse a calibration: a focal length that the views don't determine, or a fit that diverged."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def check_lens(fit: LensFit) -> None:
 
 
 def no_model(candidates: Sequence[LensCandidate]) -> ValueError:
-    """What to say when no rung of the ladder can be used, or only models that fold in the picture fit."""
+    """What to say when no candidate of the ladder can be used, or only models that fold in the picture fit."""
     folding = [
         candidate
         for candidate in candidates

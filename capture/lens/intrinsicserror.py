@@ -1,7 +1,7 @@
 """How uncertain a calibrated lens is: scatter of the corners, and what a choice of method moves.
 
 Errors of the corners of one view are alike (blur, light and a bent board act on all of them), so that their number
-overstates what they tell. How much is read off the jackknife over views.
+overstates what they determine. How much is read off the jackknife over views.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def statistical_covariance(views: Sequence[CornerView], fit: LensFit) -> Floats:
     """Covariance (p, p) of a lens's parameters by the scatter of its residuals.
 
     That of independent corners, times the mean over the parameters by which the jackknife over views (Efron 1982)
-    exceeds it, at least 1. One factor for all of them, since a dozen views tell each parameter's own only roughly.
+    exceeds it, at least 1. One factor for all of them, since a dozen views determine each parameter's own only roughly.
     """
     information = lens_information(views, fit)
     independent = information.independent_covariance
@@ -56,7 +56,7 @@ def model_covariance(candidates: Sequence[LensCandidate], chosen: LensCandidate)
 
     Every parameter's deviation is the largest shift to a rival: a usable model whose held-out error lies within two
     standard errors and a tenth (or within 1 %) of the chosen one's, and OPENCV whenever it is the richer one, since a
-    principal point is told from a decentred lens by little and leaving its coefficients out is no evidence that they
+    principal point hardly differs from a decentred lens and leaving its coefficients out is no evidence that they
     are zero.
     """
     assert chosen.fit is not None

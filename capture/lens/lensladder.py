@@ -52,14 +52,14 @@ class LensCandidate:
         return max(_NEGLIGIBLE * (self.held_out_rms or 0.0) ** 2, _NEGLIGIBLE_PX**2)
 
     def excess(self, best: LensCandidate) -> tuple[float, float]:
-        """Mean over views by how much the squared error is above the best rung's, and its standard error."""
+        """Mean over views by how much the squared error is above the best candidate's, and its standard error."""
         assert self.squares is not None
         assert best.squares is not None
         return excess(self.squares, best.squares)
 
 
 def climb(views: Sequence[CornerView], size: tuple[int, int]) -> tuple[LensCandidate, ...]:
-    """All rungs fitted, scored on left-out views, and one of them chosen (none where none can be used).
+    """All candidates fitted, scored on left-out views, and one of them chosen (none where none can be used).
 
     Chosen is the simplest model whose squared held-out error lies within one standard error (or 1 %) of the best one's,
     taken over the views' paired differences: that some photographs are sharper than others then plays no part.
@@ -67,11 +67,11 @@ def climb(views: Sequence[CornerView], size: tuple[int, int]) -> tuple[LensCandi
     candidates: list[LensCandidate] = []
     for lens in LADDER:
         below = next((candidate.fit for candidate in reversed(candidates) if candidate.fit is not None), None)
-        candidates.append(_rung(views, size, lens, below))
+        candidates.append(_candidate(views, size, lens, below))
     usable = [candidate for candidate in candidates if candidate.fault is None]
     if not usable or _only_folding_fits(candidates, usable):
         return tuple(candidates)
-    best = best_rung(candidates)
+    best = best_candidate(candidates)
     squares = [candidate.squares for candidate in usable if candidate.squares is not None]
     parameters = [len(candidate.lens.fitted) for candidate in usable]
     candidate = usable[simplest(squares, parameters, best.negligible)]
@@ -81,8 +81,8 @@ def climb(views: Sequence[CornerView], size: tuple[int, int]) -> tuple[LensCandi
     )
 
 
-def best_rung(candidates: Sequence[LensCandidate]) -> LensCandidate:
-    """The usable rung with the least held-out error, chosen or not."""
+def best_candidate(candidates: Sequence[LensCandidate]) -> LensCandidate:
+    """The usable candidate with the least held-out error, chosen or not."""
     return min(
         (candidate for candidate in candidates if candidate.fault is None),
         key=lambda candidate: candidate.held_out_rms or 0.0,
@@ -110,7 +110,7 @@ def _only_folding_fits(candidates: Sequence[LensCandidate], usable: Sequence[Len
     return min(candidate.held_out_rms or 0.0 for candidate in usable) > _FOLDING_RATIO * least
 
 
-def _rung(
+def _candidate(
     views: Sequence[CornerView], size: tuple[int, int], lens: LensModel, below: LensFit | None
 ) -> LensCandidate:
     evidence = sum(2 * len(view.points) - 6 for view in views)
@@ -119,7 +119,7 @@ def _rung(
     try:
         fit = best_fit(views, size, lens, below)
         if lens_information(views, fit).condition > _MAX_CONDITION:
-            return LensCandidate(lens, fit, None, "parameters can't be told")
+            return LensCandidate(lens, fit, None, "parameters can't be determined")
         squares = _held_out_squares(views, fit)
     except ValueError as error:
         return LensCandidate(lens, None, None, str(error))

@@ -20,7 +20,7 @@ from invrender.brdf.lobes import RH01_FORM
 Floats = NDArray[np.float64]
 
 # Roughnesses between which the search looks: below, a highlight is narrower than the pixels of an
-# ordinary photograph; above, the lobe is no longer told from diffuse reflection.
+# ordinary photograph; above, the lobe is no longer distinguishable from diffuse reflection.
 SIGMA_RANGE = (0.005, 0.7)
 _NODES = 27
 

@@ -9,7 +9,7 @@ derivatives in tan^2 theta_h alternate in sign [Bernstein 1929; Widder 1941, the
 the forms that have one: where it predicts unseen photographs no better, they miss nothing that falls.
 
 The coat is the coupled base of Shirley et al. 1997, "A practitioners' assessment of light reflection models" (eq. 5),
-times a strength: 0 is a Lambertian base, 1 what Schlick's interface lets through. Real paints lie between the two.
+times a strength: 0 is a Lambertian base, 1 what Schlick's interface transmits. Real coatings lie between the two.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ def compare(
     it is at most 2. Where one result is in a relative gauge, Kd and Ks are compared by their shares of Kd + Ks, and
     lightings up to a factor per channel. Lightings: the difference of the first nine spherical-harmonic coefficients,
     relative to their mean, and the angles between sources. The truth, from `lightfactor synth`, counts as exact; of a
-    painted object its Kd and Ks are means over the part of the surface that the result determines.
+    textured object its Kd and Ks are means over the part of the surface that the result determines.
     """
     from invrender.output.compare.run import run_compare
 

@@ -34,7 +34,7 @@ def factor(
     transfer: Annotated[
         str | None,
         typer.Option(
-            metavar="RUNG",
+            metavar="TRANSFER",
             help="What the highlight does to the light: exact; filtered, blurred alike at all angles; mirror, nothing."
             "  [default: exact]",
             show_default=False,
@@ -66,9 +66,9 @@ def factor(
 ) -> None:
     """Recover light and BRDF of a sphere together, whatever the set says of the light.
 
-    Nobody can tell light twice as bright from a surface half as bright: Kd + Ks is 1 in each colour channel, and the
-    light is in units of the photographs over that. All photographs must be under one lighting; held-out ones are
-    predicted. mu is the refractive index, sigma the roughness in radians. Where the set knows its light, or a
+    Light twice as bright on a surface half as bright gives the same photographs: Kd + Ks is 1 in each colour channel,
+    and the light is in units of the photographs over that. All photographs must be under one lighting; held-out ones
+    are predicted. mu is the refractive index, sigma the roughness in radians. Where the set knows its light, or a
     truth.json lies beside it, the columns "given" say what should have been found; nothing of it enters the fit.
 
     Writes what `process` writes, for `render` and `compare` too: OUT/result.json, report.html, predicted/, lighting.exr

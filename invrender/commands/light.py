@@ -70,6 +70,6 @@ def light(
     Writes OUT/lighting.json (coefficients and their standard deviations, null where undetermined), lighting-sh.exr,
     lighting-std.exr (its standard deviation), lighting-dual.exr, lighting-dual-std.exr, lighting.png (look at it).
     """
-    from invrender.inverse_lighting.run import run_light, told_brdf
+    from invrender.inverse_lighting.run import given_brdf, run_light
 
-    run_light(photoset, out, told_brdf(brdf, kd, ks, mu, sigma), degree, rung, samples, truth)
+    run_light(photoset, out, given_brdf(brdf, kd, ks, mu, sigma), degree, rung, samples, truth)

@@ -32,7 +32,7 @@ def plan(
     light: Annotated[
         LightOfSet | None,
         typer.Option(
-            help="What the set will tell of the light, instead of what the scene file says: all, photographs of a"
+            help="What the set will give of the light, instead of what the scene file says: all, photographs of a"
             " mirror ball, or nothing.",
             show_default=False,
         ),
@@ -43,7 +43,7 @@ def plan(
     samples: Annotated[
         int,
         typer.Option(
-            help="Pixels of all photographs together that are looked at; what they tell is scaled to as many as"
+            help="Pixels of all photographs together that are looked at; their information is scaled to as many as"
             " `process` takes. More are slower and steadier."
         ),
     ] = 20_000,

@@ -32,7 +32,7 @@ def refine(
     For meshes under known light whose poses are off by a pixel or a few: textures blur, and lobes get wide. The set is
     processed, each pose is moved to where the prediction fits its photograph (those of a texture all together, whatever
     the texture then is), and so on by turns while photographs that were not fitted are predicted better. Where there
-    are masks, the mesh's silhouette is drawn to their outlines as well. What a photograph doesn't tell of its pose
+    are masks, the mesh's silhouette is drawn to their outlines as well. What a photograph doesn't determine of its pose
     stays as given. Poses of photographs that are held out are refined too.
 
     Writes SET/refined-poses.json, which the set uses once its manifest says poses = "refined-poses.json".

@@ -16,7 +16,7 @@ from invrender.diagnostics.remainder import Remainder, Remainders
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Cells of the surface to the object's radius, and by how much paint is likely to differ from one to another.
+# Cells of the surface to the object's radius, and by how much the albedo is likely to differ from one to another.
 _CELLS, _PAINT = 4, 0.3
 # Widths of lobes beside the fitted one, over its own; and of a matte object's, radians.
 _WIDTHS, _MATTE_WIDTH = (0.4, 2.0, 4.0), 0.15
@@ -162,16 +162,16 @@ def pose(scene: Remainders) -> Cause:
 
 
 def stains(scene: Remainders) -> Cause:
-    """Paint that varies over the surface; its numbers are shares of Kd by which each cell of it differs."""
+    """An albedo that varies over the surface; its numbers are shares of Kd by which each cell of it differs."""
     cells = [_cells(scene, photo) for photo in scene.photos]
     names, number = np.unique(np.concatenate(cells), return_inverse=True)
     columns, touches = [], []
     ends = np.cumsum([len(own) for own in cells])[:-1]
     for photo, own in zip(scene.photos, np.split(number, ends), strict=True):
         here, which = np.unique(own, return_inverse=True)
-        painted = np.zeros((len(own), 3, len(here)))
-        painted[np.arange(len(own)), :, which] = scene.brdf.kd * shown(scene, photo, scene.brdf)[0]
-        columns.append(painted)
+        varied = np.zeros((len(own), 3, len(here)))
+        varied[np.arange(len(own)), :, which] = scene.brdf.kd * shown(scene, photo, scene.brdf)[0]
+        columns.append(varied)
         touches.append(here)
     return Cause("stains", len(names), tuple(touches), _PAINT, columns=tuple(columns))
 

@@ -55,7 +55,7 @@ class Finding:
         """What a BRDF that was fitted without a fault of the photographs would be with it.
 
         The same where the cause is the surface's own: its forms and patches are in the error bars already. Photographs
-        that differ in brightness don't tell which of them is right.
+        that differ in brightness don't determine which of them is right.
         """
         name, (within, without) = self.fit.cause.name, (self.fit.best, self.without)
         if name == "brightness":

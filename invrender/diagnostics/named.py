@@ -70,7 +70,7 @@ def named_causes(diagnosis: Diagnosis | None, exposure: str) -> tuple[NamedCause
         )
         if finding.alike:
             others = " or ".join(dict.fromkeys(_alike(name) for name in finding.alike))
-            text += f" These photographs hardly tell it from {others}."
+            text += f" These photographs hardly distinguish it from {others}."
         found.append(
             NamedCause(
                 name=finding.fit.cause.name,
@@ -216,7 +216,7 @@ def _pose(scene: Remainders, fit: CauseFit) -> tuple[str, str]:
 
 def _stains(scene: Remainders, fit: CauseFit) -> tuple[str, str]:
     return (
-        f"Paint isn't the same all over: it varies by {fit.numbers.std():.0%} (RMS) from place to place, the same in"
+        f"The albedo varies by {fit.numbers.std():.0%} (RMS) from place to place, the same in"
         " all photographs",
         "Recover a texture ([object] texture = true, of a mesh), or mask stains.",
     )

@@ -143,8 +143,8 @@ def of_object(
 ) -> Remainders:
     """Photographs thinned to what a diagnosis needs, and cut into parts that are left out in turn.
 
-    trust : (n, 3) per photograph, how far the fit trusts each sample, 0 to 1. Samples that stray alone stay distrusted;
-    where neighbours stray alike the model may be wrong, and they count in full. description : of the object, with its
+    trust : (n, 3) per photograph, how far the fit trusts each sample, 0 to 1. Single outliers stay distrusted;
+    where neighbours deviate alike the model may be wrong, and they count in full. description : of the object, with its
     centre and radius.
     """
     total = sum(len(photo.field) for photo in photos)

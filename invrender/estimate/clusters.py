@@ -1,4 +1,4 @@
-"""Clusters of samples whose residuals hang together: tiles of a photograph, patches of the surface."""
+"""Clusters of samples whose residuals are correlated: tiles of a photograph, patches of the surface."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def sums_by(numbers: NDArray[np.int64], values: Floats) -> dict[int, Floats]:
 
 
 def finest_tiles(fields: Sequence[LightField]) -> int:
-    """Tiles across the object, six or more, as small as still have samples enough to tell noise from what isn't."""
+    """Tiles across the object, six or more, as small as still have samples enough to separate noise from what isn't."""
     samples = np.mean([len(field) for field in fields])
     return int(np.clip(np.sqrt(samples / _SAMPLES_PER_TILE), _TILES_ACROSS, _MOST_ACROSS))
 
@@ -83,7 +83,8 @@ def structured_rms(
             by_chance += float(scatter.sum())
             variance += float(2 * (scatter**2).sum())
             count += int(size[several].sum())
-    # All of it where it is no chance: less what chance could be, few samples would be the better for telling less.
+    # All of it where it is no chance: less what chance could be, few samples would seem better because they determine
+    # less.
     beyond = common - by_chance
     return float(np.sqrt(beyond / max(count, 1))) if beyond > 2 * np.sqrt(variance) else 0.0
 
@@ -96,7 +97,7 @@ def lobe_misfit(
     specular, predicted, residual : (n, 3) of all samples, radiance of the lobes alone and in all, and what is left of
         it. trust, inverse_variance : (n, 3), what each counts for, and that over the noise's variance; samples that
         count for nothing are left out. The median over what is mostly highlight, each sample counting with its lobe's
-        radiance, so that few that stray don't matter; 0 within two standard deviations of the median itself.
+        radiance, so that a few outliers don't matter; 0 within two standard deviations of the median itself.
     """
     # Far out a lobe is nothing, though it may be all that there is.
     seen = np.maximum(0.5 * predicted, _FAINT * specular.max(initial=0))

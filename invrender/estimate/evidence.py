@@ -58,7 +58,7 @@ class Candidate:
 
     estimate : fitted to all photographs. photo_errors : (photos,), relative RMS of each photograph as
         predicted by a fit that has not seen it (strengths of a lighting that no other photograph has
-        are fitted to it, since nothing else could tell them).
+        are fitted to it, since nothing else determines them).
     patch_energy : (patches,), the same squared residuals, as shares of each photograph's energy, by patches
         of the surface.
     parameters : count of fitted numbers. folds : fits that each have not seen some of the photographs.
@@ -157,7 +157,7 @@ def choose(candidates: Sequence[Candidate]) -> int:
 
 
 def adequate(candidates: Sequence[Candidate]) -> NDArray[np.bool_]:
-    """Which rungs (rungs,) the photographs don't speak against; the best one always among them."""
+    """Which candidates (candidates,) the photographs don't speak against; the best one always among them."""
     best = min(candidates, key=lambda candidate: candidate.error)
     trusted = ~outlying(best.photo_errors)
     least = best.photo_errors[trusted]

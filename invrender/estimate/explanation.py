@@ -70,13 +70,13 @@ def explain(
     elements = {lighting.name: light_elements(lighting) for lighting in lightings}
     trials = try_forms(photos, weights, elements, on_step)
     others = _others(candidates[-1], RH01_FORM, trials)
-    all_rungs = (*candidates, *others)
+    all_candidates = (*candidates, *others)
     if candidates[chosen].estimate.model.specular or (
         min(candidate.error for candidate in others) < _MUCH_BETTER * candidates[chosen].error
     ):
-        chosen = choose(all_rungs)
-    if all_rungs[chosen].estimate.model.form is RH01_FORM:
-        return Explanation(all_rungs, chosen, tuple(photos), tuple(weights), noise, trials)
+        chosen = choose(all_candidates)
+    if all_candidates[chosen].estimate.model.form is RH01_FORM:
+        return Explanation(all_candidates, chosen, tuple(photos), tuple(weights), noise, trials)
     return _in_form(_best_form(trials), photos, elements, trials)
 
 
@@ -124,7 +124,7 @@ def _in_form(
 
 
 def _others(reference: Candidate, form: LobeForm, trials: Mapping[LobeForm, FormTrial]) -> list[Candidate]:
-    """Rungs of all forms but one, beside that one's richest on all samples; the simple and the good first."""
+    """Candidates of all forms but one, beside that one's richest on all samples; the simple and the good first."""
     own = trials[form].candidates[-1]
     found = [
         beside(reference, candidate, own)
@@ -136,7 +136,7 @@ def _others(reference: Candidate, form: LobeForm, trials: Mapping[LobeForm, Form
 
 
 def _simplest_first(candidate: Candidate) -> tuple[int, bool, float]:
-    """Order of rungs: few numbers first; of as many, facets that hide light and viewer together, then the best."""
+    """Order of candidates: few numbers first; of as many, facets that hide light and viewer together, then the best."""
     return candidate.parameters, candidate.estimate.model.form in UNCORRELATED.values(), candidate.error
 
 

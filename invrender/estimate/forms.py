@@ -1,8 +1,8 @@
 """Forms of the specular part, tried on a share of the samples beside RH01's own.
 
 What a form is worth shows in its error on unseen photographs less RH01's on the same samples; added to RH01's on all
-samples it stands in one ladder with the other models. Which form it is, few samples tell: where two forms differ by a
-share of the noise too small for them, numbers differ by less than their error bars hold.
+samples it stands in one ladder with the other models. Few samples determine the form only roughly: where two forms
+differ by a share of the noise too small for them, numbers differ by less than their error bars hold.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SAMPLES = 1500
 # Photographs with fewer are not worth their part.
 _FEWEST = 20
 # Variances of the noise by which the cost must fall for a form of more numbers to be tried: three standard deviations.
-_TELLING = 9.0
+_DECISIVE = 9.0
 # Times the least cost up to which facets that hide light and viewer apart are tried beside those that do it together.
 _NEAR = 2.0
 
@@ -50,8 +50,8 @@ class FormTrial:
     photos: tuple[PhotoColumns, ...]
     weights: tuple[Weights, ...]
 
-    def rung_like(self, model: Model) -> Candidate:
-        """The rung with a Fresnel factor if a model, of any form and colour, has one and this form too."""
+    def candidate_like(self, model: Model) -> Candidate:
+        """The candidate with a Fresnel factor if a model, of any form and colour, has one and this form too."""
         return next(
             (r for r in self.candidates if r.estimate.model.fresnel == model.fresnel), self.candidates[-1]
         )
@@ -86,8 +86,8 @@ def try_forms(
 
     costs = costs_of((RH01_FORM, *OTHER_FORMS))
     facets = min(single, key=lambda form: costs[form])
-    telling = min(costs.values()) * (1 - _TELLING / (3 * sample_count(share)))
-    costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < telling}
+    decisive = min(costs.values()) * (1 - _DECISIVE / (3 * sample_count(share)))
+    costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < decisive}
     if costs[facets] < _NEAR * min(costs.values()):
         apart = UNCORRELATED[facets]
         columns |= columns_of((apart,), share, elements)
@@ -130,7 +130,7 @@ def columns_of(
 
 
 def beside(reference: Candidate, tried: Candidate, own: Candidate) -> Candidate:
-    """A rung tried on a share of the samples as it would be on all.
+    """A candidate tried on a share of the samples as it would be on all.
 
     reference : of another model, on all samples. own : the same model on the share.
     """

@@ -1,7 +1,7 @@
 """What the photographs determine, and where they don't: why, and what photograph would settle it.
 
 The reasons are RH01's: roughness is invisible under light without high frequencies (section 5.2), the
-Fresnel factor without grazing views (section 6.1), and diffuse and specular reflection can't be told apart
+Fresnel factor without grazing views (section 6.1), and diffuse and specular reflection can't be separated
 where they send the same signal.
 """
 
@@ -33,7 +33,7 @@ _DEGREE = 30
 # Relative accuracy that cameras, light and shape can be counted on for, however small the noise.
 ACCURACY = 0.005
 _FRAGILE_SHARE = 0.5
-# Of glass, plastic and paint none has a higher index (diamond's is 2.42). Reason and remedy where one is found.
+# Of glass, plastic and coatings none has a higher index (diamond's is 2.42). Reason and remedy where one is found.
 _MOST_COMMON = 2.5
 _METAL = (
     "an index so high stands for a metal, whose own is complex (n + ik): it says how little highlights brighten towards"

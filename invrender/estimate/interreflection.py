@@ -1,11 +1,11 @@
 """Light that bounces between an object's parts: predicted from the fit, taken off its photographs, fitted again.
 
 What bounces depends on the albedo and is part of what the albedo is read off, so fit and prediction take turns until
-neither changes; a fit that explains less than that to the photographs as they are tells nothing of what bounces, and
-isn't followed. Then the photographs judge: with s times the bounced light taken off and all else fitted, the residuals
-are r(s) = r(0) + s (r(1) - r(0)), and least squares tell which s they ask for: 1, if the prediction is right. It stays
-taken off where photographs that were not fitted are then predicted better; by how much s misses 1, and by how much it
-is uncertain, is how far the prediction isn't believed.
+neither changes; a fit that explains less than that to the photographs as they are gives no information on what bounces,
+and isn't followed. Then the photographs judge: with s times the bounced light taken off and all else fitted, the
+residuals are r(s) = r(0) + s (r(1) - r(0)), and least squares give the s that they ask for: 1, if the prediction is
+right. It stays taken off where photographs that were not fitted are then predicted better; by how much s misses 1, and
+by how much it is uncertain, is how far the prediction isn't believed.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ROUNDS, STILL = 20, 1e-5
 _SHARES = 0.05, 1.0
 # By what a share is divided that leaves more unexplained than photographs as they are do.
 _BACK = 4.0
-# The albedo at which its size is told where none is known.
+# The albedo at which its size is stated where none is known.
 SUPPOSED = 0.5
 _LABELS = {"Kd": "kd", "Ks": "ks", "mu": "mu", "sigma": "sigma"}
 # Share of the samples whose part of bounced light is smaller than what is called the highest.
@@ -56,7 +56,7 @@ class Interreflection:
     them. taken_off : whether the result is without it. asked, asked_std : how many times the prediction the photographs
     ask for. error_with, error_without : relative RMS on unseen photographs with it taken off, and not.
     without : the BRDF that the same model has where it isn't taken off. corrected : that where it is. albedo : (3,), in
-    unknown light, of which it would be so much; None where the fit tells the albedo.
+    unknown light, of which it would be so much; None where the fit determines the albedo.
     """
 
     relative: float
@@ -86,7 +86,7 @@ class Interreflection:
         return np.asarray(after / np.where(before > 0, before, np.nan) - 1)
 
     def __str__(self) -> str:
-        """What users are told."""
+        """The sentences that users read."""
         size = (
             f"Light that bounces between the object's parts should be {self.relative:.1%} of the radiance (RMS), up to"
             f" {self.highest:.0%} in its folds"
@@ -197,7 +197,7 @@ def settled(
 
     first : the fit to the photographs as they are. predict : what bounces by a fit. refit : the fit with that off.
     None where not even a small share of the prediction, taken off, lets the model explain the photographs better: what
-    bounces would then be predicted from fits that go astray.
+    bounces would then be predicted from fits that diverge.
     """
     fit, less = first, [np.zeros_like(radiance) for radiance in photographed]
     lacking, share = None, np.ones(3)
@@ -246,7 +246,7 @@ def unknown_scale(
     if relative < MATTERS:
         return []
     return [
-        "Light that bounces between the object's parts isn't taken off: no light of known strength tells the albedo. At"
+        "Light that bounces between the object's parts isn't taken off: no light of known strength fixes the albedo. At"
         f" an albedo of {SUPPOSED} it would be {relative:.1%} of the radiance (RMS), and Kd too high by about as much"
         " where it is even; the irradiance of one source would settle it."
     ]
@@ -325,7 +325,7 @@ def asked_for(
 ) -> tuple[float, float]:
     """How many times the bounced light the photographs ask for, and its standard deviation, from residuals (n, 3).
 
-    Errors may hang together within tiles (n,) of a photograph. They are those that are left at the answer: where
+    Errors may be correlated within tiles (n,) of a photograph. They are those that are left at the answer: where
     nothing bounces, what taking it off would leave is no error of the photographs.
     """
     changes = [r0 - r1 for r0, r1 in zip(without, taken_off, strict=True)]

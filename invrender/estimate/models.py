@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Model:
-    """A rung of the ladder of models. form : of the specular part. neutral : whether its Ks is one for all channels."""
+    """A candidate model. form : of the specular part. neutral : whether one Ks serves all channels."""
 
     name: str
     specular: bool

@@ -64,7 +64,7 @@ def gauss_newton(
             moved = np.array([before[k].point + before[k].step / 2**halvings for k in waiting])
             tried = newton_steps(model, subsets.take(waiting), np.clip(moved, lower, upper), lower, upper)
             for k, there in zip(waiting, tried, strict=True):
-                # Of the last steps the cost, a difference of large sums, can't tell; they are trusted.
+                # The cost is a difference of large sums, too coarse to judge the last steps; they are trusted.
                 if there.estimate.cost < before[k].estimate.cost or before[k].decrease < _TRUSTED:
                     best[k] = there
             waiting = [k for k in waiting if best[k] is before[k]]

@@ -68,7 +68,7 @@ def fit_noise(predictions: Sequence[Floats], residuals: Sequence[Floats]) -> Noi
 class Weights:
     """What each sample of a photograph counts for, (n, 3) each.
 
-    trust : 1, less for samples that stray from the fit as noise does not (dust, glare, a passing hand).
+    trust : 1, less for samples that lie farther from the fit than noise explains (dust, glare, a passing hand).
     weight : trust over variance.
     """
 
@@ -108,7 +108,7 @@ def photo_weights(
 ) -> Weights:
     """Weights of a photograph's samples from their residuals (n, 3) under a fit.
 
-    A photograph with a wrong pose, light or mask strays by many times the noise in most of its samples: its
+    A photograph with a wrong pose, light or mask deviates by many times the noise in most of its samples: its
     variance is larger by as much. Single samples beyond four deviations lose trust with the square of
     theirs, so that their pull fades the farther off they are. highlight : (n, 3), what the lobe makes of the
     prediction; residuals as large as highlights commonly leave are misfit of the form, and stay.

@@ -129,7 +129,7 @@ def _has_known(photos: Sequence[PhotoColumns]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """A rung's reported numbers with their covariance; fragility as in `uncertainty.Uncertainty`."""
+    """A candidate's reported numbers with their covariance; fragility as in `uncertainty.Uncertainty`."""
 
     report: Report
     values: Floats
@@ -200,9 +200,9 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
         else:
             # Both on the share of samples that the other form was tried on, so that noise is in both alike.
             trial = known.trials[other.form]
-            there = _measure(trial.rung_like(other), trial.photos, trial.weights)
+            there = _measure(trial.candidate_like(other), trial.photos, trial.weights)
             own = known.trials[model.form]
-            here = _measure(own.rung_like(model), own.photos, own.weights)
+            here = _measure(own.candidate_like(model), own.photos, own.weights)
             doubt = float(np.sqrt(sample_count(own.photos) / sample_count(known.photos)))
         std = doubt * np.sqrt(np.diag(there.covariance))
         for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
@@ -253,7 +253,7 @@ def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], cand
 
 
 def _width_of_pixels(lightings: Sequence[Lighting], sigma: float) -> float:
-    """By how much sigma may be off because nothing tells where in a pixel of the light's map its radiance is.
+    """By how much sigma may be off because a map doesn't say where in a pixel its light lies.
 
     Light spread over a pixel p widens the lobe as facets would: sigma^2 grows by p^2 / 24, since a half vector turns by
     half as much, and the variance of a lobe is sigma^2 / 2 each way. By as much again between pixels, where a map is

@@ -124,7 +124,7 @@ def by_lighting(statistics: Iterable[Statistics]) -> tuple[Statistics, ...]:
 
 
 def with_known_as_one(statistics: Iterable[Statistics]) -> tuple[Statistics, ...]:
-    """The statistics, those of all wholly known lightings added up: nothing of these is told apart by a fit."""
+    """The statistics, those of all wholly known lightings added up: a fit distinguishes nothing among these."""
     found: list[Statistics] = []
     known: Statistics | None = None
     for entry in statistics:

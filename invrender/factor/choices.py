@@ -49,11 +49,11 @@ def read_choices(
 ) -> FactorChoices:
     """The options as the user typed them; ValueError says which is wrong, and what it may be."""
     if published:
-        told = [name for name, value in (("--order", order), ("--transfer", transfer)) if value is not None]
-        told += [] if ladder else ["--no-ladder"]
-        if told:
+        given = [name for name, value in (("--order", order), ("--transfer", transfer)) if value is not None]
+        given += [] if ladder else ["--no-ladder"]
+        if given:
             raise ValueError(
-                f"{told[0]} has no place in RH01's procedure, which --published asks for: leave one of them out"
+                f"{given[0]} has no place in RH01's procedure, which --published asks for: leave one of them out"
             )
     if transfer is not None and transfer not in TRANSFERS:
         raise ValueError(f"--transfer is {transfer!r}; it must be one of {', '.join(TRANSFERS)}")

@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 _MAP_HEIGHT = 64
 _NO_ERROR = "RH01's procedure says nothing of errors", "leave out --published for numbers with error bars"
-# Where a search ended at the range's end, as far as it can tell.
+# Where a search ended at the range's end, as far as it can resolve.
 _AT_END = 0.01
 _FOLDS = 5
 
@@ -119,15 +119,15 @@ def _solution(
 
 
 def _quantities(found: PublishedFactors) -> dict[str, Quantity]:
-    def told(values: Floats) -> Quantity:
+    def without_std(values: Floats) -> Quantity:
         return Quantity(values, np.full(len(values), np.nan), "weak", *_NO_ERROR)
 
-    quantities = {"kd": told(1 - found.share), "ks": told(found.share)}
+    quantities = {"kd": without_std(1 - found.share), "ks": without_std(found.share)}
     quantities |= {f"{name}_normalised": quantity for name, quantity in quantities.items()}
     if found.mu is not None:
         low, high = MU_RANGE
         inside = low + _AT_END < found.mu < high - _AT_END
-        quantities["mu"] = told(np.array([found.mu])) if inside else _at_end(found.mu)
+        quantities["mu"] = without_std(np.array([found.mu])) if inside else _at_end(found.mu)
     if found.sigma is None:
         quantities["sigma"] = Quantity(
             None,
@@ -137,7 +137,7 @@ def _quantities(found: PublishedFactors) -> dict[str, Quantity]:
             "photograph under a small, bright source, and name its place by --source-region",
         )
     else:
-        quantities["sigma"] = told(np.array([found.sigma]))
+        quantities["sigma"] = without_std(np.array([found.sigma]))
     return quantities
 
 
@@ -155,7 +155,7 @@ def _lighting(found: PublishedFactors, name: str) -> FittedLighting:
     slow, directions, irradiances = found.slow_and_source()
     radiance = np.maximum(synthesise_latlong(slow, _MAP_HEIGHT), 0).astype(np.float32)
     lighting = Lighting(name, radiance, directions, irradiances, recover_irradiance=True, origin="recovered")
-    untold = np.full_like(slow, np.nan)
+    undetermined = np.full_like(slow, np.nan)
     degree = round(np.sqrt(len(slow))) - 1
-    harmonics = HarmonicLight(slow, untold, np.full(degree + 1, np.nan), -1, *_NO_ERROR)
+    harmonics = HarmonicLight(slow, undetermined, np.full(degree + 1, np.nan), -1, *_NO_ERROR)
     return FittedLighting(lighting, np.full_like(irradiances, np.nan), None, None, harmonics)

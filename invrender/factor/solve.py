@@ -51,7 +51,7 @@ def _check_scope(photoset: PhotoSet) -> None:
         )
     if photoset.object.texture:
         raise ValueError(
-            f"{where}: [object] texture = true: texture and light can't be told apart; give a sphere of one BRDF"
+            f"{where}: [object] texture = true: texture and light can't be separated; give a sphere of one BRDF"
         )
     names = list(dict.fromkeys(photo.lighting for photo in photoset.photos))
     if len(names) > 1:
@@ -62,6 +62,6 @@ def _check_scope(photoset: PhotoSet) -> None:
     fitted = sum(not photo.held_out for photo in photoset.photos)
     if fitted < 2:
         raise ValueError(
-            f"{where}: has {fitted} photo(s) to fit; one can't tell light from reflectance, since any image is"
+            f"{where}: has {fitted} photo(s) to fit; one can't separate light from reflectance, since any image is"
             " explained by a mirror ball under some light: add photographs from other sides"
         )

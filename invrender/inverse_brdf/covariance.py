@@ -1,4 +1,4 @@
-"""Covariances of which each tells some causes of error only."""
+"""Covariances that each describe some causes of error only."""
 
 from __future__ import annotations
 

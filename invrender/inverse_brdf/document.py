@@ -1,4 +1,4 @@
-"""brdf.json: a measured BRDF with its errors, and what the measurement could tell."""
+"""brdf.json: a measured BRDF with its errors, and what the measurement could determine."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def fit_table(table: BRDFTable, start: Floats | None = None) -> TableFit:
 
     The model's value in a bin is its mean over the bin's samples, so that nothing hangs on the bins' width; nor does
     their noise, since of the samples' scatter what the model varies by within a bin is taken off. Errors are the larger
-    of what the bins' noise implies and of a jackknife over bins of theta_d, which tells what misfits that hang together
+    of what the bins' noise implies and of a jackknife over bins of theta_d, which shows what correlated misfits
     do. start : (8,), parameters as of `TableFit` to begin from, which saves the coarse search. Raises ValueError for a
     table of fewer measured bins than unknowns.
     """

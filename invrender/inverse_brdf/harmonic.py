@@ -3,7 +3,7 @@
 Weighted least squares on B cos theta_o, each sample counting alike: samples are spread evenly over normals, so over
 views as well, and with darkness below the horizon the sum stands for the integral over all surface frames and views
 in which harmonics are orthogonal. So light and BRDF of degrees beyond those solved for touch the others little: that
-they are missing shows in the residuals, and as ringing. By how much they do is told by a fit of two degrees more, and
+they are missing shows in the residuals, and as ringing. A fit of two degrees more measures by how much, and
 is part of every standard deviation.
 
 What is known beforehand of a coefficient is the bound that conservation of energy puts on it.
@@ -36,7 +36,7 @@ Bools = NDArray[np.bool_]
 # A coefficient is determined if its standard deviation is below this share of its bound: the bound then moves it by at
 # most so much of its standard deviation.
 _DETERMINED = 0.3
-# Degrees more, of both parities, that tell what is left out.
+# Degrees more, of both parities, that measure what is left out.
 FURTHER = 2
 _RAYS_AT_A_TIME = 4096
 
@@ -112,7 +112,7 @@ def estimate_harmonic(fields: Sequence[LightField], lights: Sequence[Floats], or
     if count <= len(further.l):
         raise ValueError(
             f"there are {count} samples for the {len(unknowns(order).l)} coefficients of order {order}, or"
-            f" {len(further.l)} with the two degrees more that tell what is left out; take a lower order, more"
+            f" {len(further.l)} with the two degrees more that measure what is left out; take a lower order, more"
             " photographs or more samples"
         )
     lights = [finite(to_degree(light, order + FURTHER), "lighting") for light in lights]
@@ -133,7 +133,7 @@ def estimate_harmonic(fields: Sequence[LightField], lights: Sequence[Floats], or
             for entry in scatter
         ]
     )
-    # What is left out pulls in a direction that the next degrees tell, and by about as much in others.
+    # What is left out pulls in a direction that the next degrees show, and by about as much in others.
     shift = richer.solution[:, kept] - found.solution
     everywhere = np.mean(shift**2, axis=1)[:, None, None] * np.eye(shift.shape[1])
     covariance = statistical + shift[:, :, None] * shift[:, None, :] + everywhere
@@ -178,5 +178,5 @@ def _reasons(determined: Bools, gains: Floats, noise: Floats, order: int) -> tup
             named = f"degree {dark[0]}" if len(dark) == 1 else f"degrees {dark[0]} and {dark[1]}"
             reasons.append(f"the light has nothing of {named} that stands out of the noise")
         else:
-            reasons.append("these normals and views don't tell it from other coefficients")
+            reasons.append("these normals and views don't separate it from other coefficients")
     return tuple(reasons)

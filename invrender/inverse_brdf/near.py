@@ -19,7 +19,7 @@ from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
-# Samples that tell the distance; it is one number, and more would only take longer.
+# Samples that determine the distance; it is one number, and more would only take longer.
 _SAMPLES = 10_000
 # A source nearer than so many of the object's radii is not looked for; the search begins at so many.
 _NEAREST, _FIRST = 2.0, 40.0
@@ -54,7 +54,7 @@ def measure_under(fields: Sequence[LightField], sources: Sequence[Source], centr
     """The table of photographs (one LightField and one source each), and the parametric BRDF fitted to it.
 
     Its bins are chosen by the number of samples and by the lobe's width in a first, small table.
-    centre : (3,) of the object, where irradiances are told. The sources count as far unless samples say clearly that
+    centre : (3,) of the object, where irradiances are stated. The sources count as far unless samples say clearly that
     they are all at one finite distance. ValueError as of `measure_table` and `fit_table`.
     """
     lit = lit_fields(fields, sources)

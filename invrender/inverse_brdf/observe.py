@@ -1,4 +1,4 @@
-"""What a photo set tells of reflectance under light that is all known: samples of each photograph, and their light."""
+"""What a photo set shows of reflectance under light that is all known: samples of each photograph, and their light."""
 
 from __future__ import annotations
 

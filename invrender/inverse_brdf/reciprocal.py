@@ -86,7 +86,7 @@ def below_horizon(power: Floats) -> Floats:
     """Gram matrix (c, k, k) of the rows over views from below the surface, the mean over all its orientations.
 
     Nothing is reflected there, which is as good as a measurement: without it the degrees of even and of odd p + q, each
-    a basis of the hemisphere, could not be told apart. power : (c, order + 1), of `mean_power`.
+    a basis of the hemisphere, could not be separated. power : (c, order + 1), of `mean_power`.
     """
     order = power.shape[1] - 1
     cos, weight = interval_rule(order + 1, -1.0, 0.0)

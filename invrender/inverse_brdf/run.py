@@ -164,11 +164,11 @@ def _print_table(photoset: PhotoSet, found: Measured) -> None:
         f" {fit.misfit:.2%}.",
         soft_wrap=True,
     )
-    outliers = f"strays {np.sqrt(fit.chi2):.1f} times as far as its values scatter"
+    outliers = f"misses by {np.sqrt(fit.chi2):.1f} times as far as its values scatter"
     if found.distance is not None:
         console.print(
             f"The source is {with_error(*found.distance)} m from the object's centre, as its light turns and falls off"
-            f" across the object: so the table is measured. Under a source that is far the fit would stray"
+            f" across the object: so the table is measured. Under a source that is far the fit would miss"
             f" {np.sqrt(found.far_chi2):.1f} times as far as the table's values scatter.",
             soft_wrap=True,
         )

@@ -20,7 +20,8 @@ from recon.sampling.lightfield import LightField, off_terminators
 
 Floats = NDArray[np.float64]
 
-# Light more grazing than this share of the source's irradiance tells little and divides by almost nothing.
+# Light more grazing than this share of the source's irradiance carries little information and divides by almost
+# nothing.
 _MIN_COS_INCIDENT = 0.05
 
 

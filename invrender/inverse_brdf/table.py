@@ -33,7 +33,7 @@ _IN_SIGMA, _MOST_ROWS = 4.0, 90
 # five then share one that holds any.
 _TIMES, _SAMPLES_PER_BIN = (0.75, 2.0), 2.0
 # The highlight is where theta_h is below so many sigma; of its samples this share at either end makes no gap.
-_SHINES, _STRAY = 1.0, 0.01
+_SHINES, _TRIMMED = 1.0, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ def fitting_bins(angles: HalfAngles, sigma: float) -> tuple[int, int, int]:
     rows = int(np.clip(np.ceil(_IN_SIGMA * np.sqrt(2 * np.pi / sigma)), SMALL[0], _MOST_ROWS))
     times = np.clip(np.sqrt(len(angles.theta_h) / (_SAMPLES_PER_BIN * rows * SMALL[1] * SMALL[2])), *_TIMES)
     shown = np.sort(angles.theta_d[angles.theta_h < _SHINES * sigma])
-    shown = shown[int(_STRAY * len(shown)) : int(np.ceil((1 - _STRAY) * len(shown)))]
+    shown = shown[int(_TRIMMED * len(shown)) : int(np.ceil((1 - _TRIMMED) * len(shown)))]
     gap = max(float(np.diff(shown).max(initial=0)), 1e-6)
     return rows, max(min(round(times * SMALL[1]), int(np.pi / 2 / gap)), 1), round(times * SMALL[2])
 

@@ -47,7 +47,7 @@ class LightCoefficients:
     prior_std : (3,), of every coefficient of a channel up to `degree`. rank : (3,), how many combinations of these the
     samples determine. noise : of the residuals. hidden_power : (3,), mean squared coefficient that light above `degree`
     is taken to have. weights : per photograph, inverse variances (n, 3) of its samples. structured : residual, relative
-    to the radiance, that hangs together over tiles of the photographs.
+    to the radiance, that is correlated over tiles of the photographs.
     """
 
     degree: int
@@ -101,7 +101,7 @@ class LightCoefficients:
 
 
 def candidate_degree(brdf: Microfacet, samples: int) -> int:
-    """The highest degree at which a BRDF may show anything of the light, no more than so many samples can tell."""
+    """The highest degree at which a BRDF may show anything of the light, no more than so many samples can determine."""
     by_lobe = _DIFFUSE_DEGREE
     if brdf.sigma is not None and brdf.ks.any():
         by_lobe = max(_DIFFUSE_DEGREE, int(np.ceil(_DEGREES_PER_ROUGHNESS / brdf.sigma)))
@@ -238,13 +238,13 @@ def _posterior(
 ) -> tuple[Floats, Floats]:
     """Mean (K,) and covariance (K, K) of one channel. priors : (K,), standard deviations >= 0."""
     degree = degree_of(len(priors))
-    told, pull = Information(np.zeros((len(priors), len(priors)))), np.zeros(len(priors))
+    found, pull = Information(np.zeros((len(priors), len(priors)))), np.zeros(len(priors))
     for photo, weight in zip(photos, weights, strict=True):
         rows = photo.of_channel(brdf, channel, degree)
-        told += information(rows, weight[:, channel] ** -0.5)
+        found += information(rows, weight[:, channel] ** -0.5)
         pull += rows.T @ (weight[:, channel] * photo.field.radiance[:, channel])
     scale = np.outer(priors, priors)
     # In units of the prior, where no eigenvalue is below 1.
-    factor = cho_factor(scale * told.matrix + np.eye(len(priors)))
+    factor = cho_factor(scale * found.matrix + np.eye(len(priors)))
     covariance = scale * cho_solve(factor, np.eye(len(priors)))
     return covariance @ pull, covariance

@@ -1,4 +1,4 @@
-"""Residuals that hang together, and by how much they widen what is said of lighting coefficients."""
+"""Residuals that are correlated, and by how much they widen what is said of lighting coefficients."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def cluster_shifts(
 ) -> list[Floats]:
     """By how much clusters of residuals pull the coefficients, (clusters, k): tiles, and patches of mirrored light.
 
-    What poses, shape and stains leave hangs together in tiles of a photograph; what the light leaves that isn't in the
-    model, in all photographs that show the same direction.
+    What poses, shape and stains leave is correlated within tiles of a photograph; what the light leaves that isn't in
+    the model, in all photographs that show the same direction.
     """
     degree = degree_of(len(covariance))
     tiles, patches = [], np.zeros((_PATCHES, len(covariance)))

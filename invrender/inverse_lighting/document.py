@@ -43,7 +43,7 @@ def light_document(
             "mu": brdf.mu,
             "sigma": brdf.sigma,
         },
-        "rung": choices.rung,
+        "rung": choices.transfer,
         "lighting": [
             _lighting(result, named, given_by) for result, named in zip(results, files, strict=True)
         ],
@@ -99,7 +99,7 @@ def _lighting(result: LightResult, files: Mapping[str, str], given_by: str) -> d
         "name": result.name,
         "degree": direct.degree,
         "sh": {
-            # A coefficient that the samples tell no more of than was known before has no value.
+            # A coefficient of which the samples say no more than was known before has no value.
             "value": numbers(np.where(direct.shares >= UNDETERMINED, direct.values, np.nan)),
             "std": direct.std.tolist(),
             "prior_std": direct.prior_std.tolist(),

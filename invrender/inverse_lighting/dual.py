@@ -22,7 +22,8 @@ from scipy.spatial import cKDTree
 from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.inverse_lighting.coefficients import LightCoefficients
-from invrender.transport.harmonicrows import PhotoRows, Rung, lobe_blur, mirrored_views
+from invrender.transport.harmonicrows import PhotoRows, lobe_blur, mirrored_views
+from invrender.transport.lobetable import Transfer
 from recon.harmonics.basis import degree_of, degrees, evaluate_harmonics
 
 Floats = NDArray[np.float64]
@@ -62,14 +63,14 @@ def map_height(sigma: float) -> int:
 
 
 def estimate_dual(
-    photos: Sequence[PhotoRows], brdf: Microfacet, direct: LightCoefficients, rung: Rung = "exact"
+    photos: Sequence[PhotoRows], brdf: Microfacet, direct: LightCoefficients, transfer: Transfer = "exact"
 ) -> DualLight:
-    """The dual lighting of photographs whose rows, of that rung, go up to degree 2 at least.
+    """The dual lighting of photographs whose rows, of that transfer, go up to degree 2 at least.
 
     direct : the direct method's answer to the same photographs; its noise weighs the samples, its coefficients complete
-    the map. The rungs `mirror` and `filtered` gather the radiance itself. The rung `exact` gathers what the direct
-    answer leaves of it, and adds that to this answer, blurred as seen head-on: so the lobe's stretch and shift at
-    grazing angles, degrees above 2 of the diffuse part and slopes of the light within the reach of a direction don't
+    the map. The transfers `mirror` and `filtered` gather the radiance itself. The transfer `exact` gathers what the
+    direct answer leaves of it, and adds that to this answer, blurred as seen head-on: so the lobe's stretch and shift
+    at grazing angles, degrees above 2 of the diffuse part and slopes of the light within the reach of a direction don't
     count as light. Raises ValueError for a BRDF without specular part.
     """
     if brdf.sigma is None or not brdf.ks.all():
@@ -80,14 +81,14 @@ def estimate_dual(
     directions = latlong_directions(height).reshape(-1, 3)
     solid_angles = np.repeat(latlong_solid_angles(height)[:, 0], 2 * height)
     l_max = degree_of(len(direct.full_values))
-    blur = lobe_blur(brdf, l_max, rung)[degrees(l_max)]
+    blur = lobe_blur(brdf, l_max, transfer)[degrees(l_max)]
     grid = _Grid(
         *_gathering(photos, directions, _REACH * np.pi / height),
         projection=evaluate_harmonics(directions, _L_MAX).T * solid_angles,
         blurred=evaluate_harmonics(directions, l_max) * blur,
         blur=blur[:_NINE],
     )
-    found = [_solve(grid, photos, brdf, direct, channel, rung) for channel in range(3)]
+    found = [_solve(grid, photos, brdf, direct, channel, transfer) for channel in range(3)]
     light, std, nine, nine_std = (np.stack(each, axis=-1) for each in zip(*found, strict=True))
     shape = (height, 2 * height)
     return DualLight(
@@ -120,7 +121,7 @@ def _solve(
     brdf: Microfacet,
     direct: LightCoefficients,
     channel: int,
-    rung: Rung,
+    transfer: Transfer,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """One channel's map (P,) and nine coefficients (9,), each followed by its standard deviations."""
     values, covariance = direct.full_values[:, channel], direct.full_covariance(channel)
@@ -128,7 +129,7 @@ def _solve(
     mean = grid.kernel * (1 / seen.variance)
     mean = mean.multiply(1 / np.maximum(mean.sum(axis=1), 1e-300)[:, None]).tocsr()
     # What is gathered is added to `known`, whose blurred map and nine coefficients are exact.
-    known = values if rung == "exact" else np.zeros_like(values)
+    known = values if transfer == "exact" else np.zeros_like(values)
     left = seen.radiance - seen.rows @ known
     shown, diffuse = mean @ left, mean @ seen.diffuse
     missing = grid.blurred[~grid.reached]
@@ -150,7 +151,7 @@ def _solve(
     light[~grid.reached] = missing @ values
     variance[~grid.reached] = _quadratic(missing, covariance)
     nine_variance = np.diagonal(spread)
-    if rung == "exact":
+    if transfer == "exact":
         # The samples are the direct method's too. What they leave of its prediction does not depend on its error, and
         # varies by what its answer has not taken up of their noise.
         by_rows = from_samples.T @ seen.rows

@@ -25,7 +25,8 @@ from invrender.inverse_lighting.coefficients import (
 )
 from invrender.inverse_lighting.dual import DualLight, estimate_dual
 from invrender.inverse_lighting.maps import TrueLight, true_light
-from invrender.transport.harmonicrows import PhotoRows, Rung, photo_rows
+from invrender.transport.harmonicrows import PhotoRows, photo_rows
+from invrender.transport.lobetable import Transfer
 from recon.sampling.draw import NO_SOURCES
 from recon.sampling.find import find_body
 from recon.sampling.stream import light_fields
@@ -78,7 +79,7 @@ class LightingChoices:
     """How to solve. degree : of the coefficients, None for what the samples determine. samples : of all photographs."""
 
     degree: int | None = None
-    rung: Rung = "exact"
+    transfer: Transfer = "exact"
     samples: int = 20_000
 
 
@@ -108,7 +109,7 @@ def estimate_light(
                 f"{photo.file}: no pixel of the object is usable: not saturated, within the mask, not at the rim; leave"
                 " the photograph out, or expose it shorter"
             )
-        rows.append(photo_rows(field, brdf, l_max, choices.rung))
+        rows.append(photo_rows(field, brdf, l_max, choices.transfer))
     results = []
     for name in track(names, "Solving for the light"):
         fitted = [
@@ -118,7 +119,7 @@ def estimate_light(
         mine = [rows[k] for k in fitted]
         with one_blas_thread():
             direct = estimate_coefficients(mine, brdf, choices.degree)
-            dual = estimate_dual(mine, brdf, direct, choices.rung) if brdf.ks.all() else None
+            dual = estimate_dual(mine, brdf, direct, choices.transfer) if brdf.ks.all() else None
         scores = [_scores(photoset, rows, which, brdf, direct) for which in (fitted, other)]
         result = LightResult(
             name=name or photoset.name,
@@ -190,7 +191,7 @@ def _warnings(brdf: Microfacet, direct: LightCoefficients, dual: DualLight | Non
         )
     if direct.structured > max(_STRUCTURED, 0.5 * direct.noise.relative):
         warnings.append(
-            f"{direct.structured:.1%} of the radiance (RMS) is left unexplained and hangs together over parts of the"
+            f"{direct.structured:.1%} of the radiance (RMS) is left unexplained and is correlated over parts of the"
             " photographs: light of higher degrees, such as lamps, or another BRDF. The error bars are widened by it."
         )
     return warnings

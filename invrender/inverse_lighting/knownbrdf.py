@@ -1,4 +1,4 @@
-"""The BRDF that inverse lighting is told: from an earlier result, or number by number."""
+"""The BRDF that inverse lighting is given: from an earlier result, or number by number."""
 
 from __future__ import annotations
 
@@ -85,8 +85,8 @@ def _found_brdf(path: Path) -> Microfacet:
 def _true_brdf(path: Path) -> Microfacet:
     """The BRDF of a `truth.json`, in the unit of the set's photographs."""
     side = truth_side(path)
-    if side.paint is not None:
-        raise ValueError("its object is painted: light is recovered from objects of one BRDF only")
+    if side.textures is not None:
+        raise ValueError("its object is textured: light is recovered from objects of one BRDF only")
     if side.brdf is None:
         raise ValueError(
             f"its material is {side.material!r}, which none of our forms describes; give a result of"

@@ -24,14 +24,14 @@ from invrender.inverse_lighting.figure import light_figure
 from invrender.inverse_lighting.given import GivenLight, given_lights
 from invrender.inverse_lighting.knownbrdf import known_brdf, read_brdf
 from invrender.inverse_lighting.maps import coefficient_map, coefficient_std_map
-from invrender.transport.harmonicrows import RUNGS
+from invrender.transport.lobetable import TRANSFERS
 from recon.sampling.draw import NO_SOURCES
 
 OWN_FILES = ("lighting.json", "lighting.png", "lighting-*.exr")
 _LEAST_SAMPLES = 100
 
 
-def told_brdf(
+def given_brdf(
     result: Path | None, kd: str | None, ks: str | None, mu: float | None, sigma: float | None
 ) -> Microfacet:
     """The BRDF that the options name; ValueError for none, for two, and for what no BRDF is."""
@@ -59,9 +59,9 @@ def run_light(
     truth: Path | None,
 ) -> None:
     """Recover the lightings of a photo set into a result folder and print what was found."""
-    chosen = next((name for name in RUNGS if name == rung), None)
+    chosen = next((name for name in TRANSFERS if name == rung), None)
     if chosen is None:
-        raise ValueError(f"--rung is {rung!r}; it must be one of {', '.join(RUNGS)}")
+        raise ValueError(f"--rung is {rung!r}; it must be one of {', '.join(TRANSFERS)}")
     if chosen != "exact" and brdf.form is not RH01_FORM:
         raise ValueError(
             f"--rung {rung} approximates RH01's lobe; the BRDF has one of the form {brdf.form.name!r}: leave --rung out"

@@ -25,7 +25,7 @@ _MOSTLY_NEGATIVE = 0.6
 # Relative difference up to which two radiances are one value of a file.
 _SAME = 1e-6
 # Share of the object's pixels that are saturated in a photograph, or grey in its mask well inside of the outline, from
-# which on it is told.
+# which a warning says so.
 _CUT_OFF, _GREY = 0.001, 0.05
 
 
@@ -43,7 +43,7 @@ def read_samples(
 
     sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
     how many in all, evenly over the photographs that are fitted; each that is held out gets as many. importance : per
-    lighting, how much pixels tell; of one without it samples are spread evenly. highlights : as of `sample_body`.
+    lighting, how informative pixels are; of one without it samples are spread evenly. highlights : as of `sample_body`.
     """
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
@@ -57,9 +57,9 @@ def read_samples(
             directions = sources.get(photo.lighting, NO_SOURCES)
             # Seeded by place, so that neither order nor threads change what is drawn.
             rng = np.random.default_rng(index)
-            telling = importance.get(photo.lighting)
+            informative = importance.get(photo.lighting)
             view = found.body, photo.camera, image, mask, directions
-            drawn = sample_body(*view, budget, rng, telling, highlights)
+            drawn = sample_body(*view, budget, rng, informative, highlights)
             drawn = off_terminators(drawn, directions)
             check_usable(photo, image, drawn, mask)
         saturated = float(image.saturated[_inside(image, mask)].mean())

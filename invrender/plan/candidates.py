@@ -119,9 +119,9 @@ def lamp_candidates(
         further = plan.bench.optics.of_source(place.direction, field, visible).times(at.irradiance)
         keep = steady(field, place.direction[None], visible[:, None])
         both = replace(at.seen, reflected=at.seen.reflected + further)
-        told = plan.bench.one_more(light, replace(at.drawn, field=field.where(keep)), both.where(keep))
+        added = plan.bench.one_more(light, replace(at.drawn, field=field.where(keep)), both.where(keep))
         seen = _shows_highlight(further, at.irradiance, plan.experiment.brdf)
-        posterior = plan.posterior.with_information(light, told)
+        posterior = plan.posterior.with_information(light, added)
         return AddedPhoto(
             place, at.irradiance, plan.outlook(posterior, at.degree if seen else plan.degree, [field])
         )

@@ -60,7 +60,7 @@ def gauge(experiment: Experiment) -> str:
     if index is None:
         return "absolute: the given lighting fixes the scale of Kd and Ks in each channel"
     name = experiment.lights[index].lighting.name
-    return f"relative: the total of lighting {name!r} is taken for known in each channel, as nothing tells it"
+    return f"relative: the total of lighting {name!r} is taken for known in each channel, as nothing determines it"
 
 
 def _light(prospect: LightProspect) -> dict[str, Any]:

@@ -36,7 +36,7 @@ class PlannedSensor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PlannedLight:
-    """A lighting as it is, and whether the photo set tells it."""
+    """A lighting as it is, and whether the photo set gives it."""
 
     lighting: Lighting
     known: bool
@@ -102,7 +102,7 @@ class Experiment:
 
     @property
     def gauge_light(self) -> int | None:
-        """The light whose total fixes the scale where the set tells of no light at all; None where it tells of some."""
+        """The light whose total fixes the scale where the set gives no light at all; None where it gives some."""
         used = sorted({view.light for view in self.views})
         return None if any(self.lights[k].known for k in used) else used[0]
 

@@ -47,7 +47,7 @@ _SMALL_DISC = np.radians(3.0)
 def read_experiment(scene: str, given: Given | None = None) -> tuple[Experiment, Path]:
     """The experiment of a built-in scene's name, or of a scene file; and the file.
 
-    given : what is told of the light, instead of what the file says. ValueError says what is wrong.
+    given : what the set gives of the light, instead of what the file says. ValueError says what is wrong.
     """
     path = scene_path(scene)
     return experiment_of(read_staging(path, given)), path
@@ -70,7 +70,7 @@ def experiment_of(staging: Staging) -> Experiment:
         notes.append("the object is planned as if it had the mean Kd and Ks of its texture everywhere")
         if any(light.given == "nothing" for light in used):
             notes.append(
-                "texture and light, both unknown, can't be told apart (RH01, section 6.4), whatever is said here"
+                "texture and light, both unknown, can't be separated (RH01, section 6.4), whatever is said here"
             )
     if any(value for key, value in staging.faults.model_dump().items() if key not in _HARMLESS):
         notes.append(
@@ -169,7 +169,7 @@ def _brdf(name: str, material: Material) -> tuple[Microfacet, list[str]]:
             return _microfacet(material, material.mu, material.sigma), []
         case Plastic():
             plain, notes = _brdf(name, material.gloss)
-            bare = "the base under an interface is planned as a Lambertian one, which tells less of mu"
+            bare = "the base under an interface is planned as a Lambertian one, which says less of mu"
             return plain, [*notes, bare]
         case SmithMaterial() if not material.is_isotropic:
             raise ValueError(

@@ -25,7 +25,8 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """What photographs under one lighting tell of its p unknowns, in units of the prior. Adds up over photographs.
+    """The information of photographs under one lighting on its p unknowns, in units of the prior. Adds up over
+    photographs.
 
     matrix : (p, p), Fisher's information, as in `theory.conditioning`, where unknowns are linear and have no scores.
     pull : (p, p), sum over tiles of the outer products of their scores under a model error.
@@ -75,7 +76,8 @@ def photograph_tally(
 
 @dataclass(frozen=True, eq=False)
 class Marginal:
-    """What photographs under one lighting tell of the BRDF, b numbers, when the lighting's own are as they may be.
+    """The information of photographs under one lighting on the BRDF, b numbers, when the lighting's own are as they may
+    be.
 
     information : its own. rows : (r, p - b), linear functions of the lighting's numbers that will be asked for.
     matrix, pull : (b, b); patches : -> (b,).

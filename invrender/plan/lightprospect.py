@@ -30,7 +30,7 @@ FIRST_NINE = 2
 # Shares of degrees from which on they count as determined, and as weak: a posterior a tenth, and half, of the prior.
 DETERMINED, HALF = 1 - WEAK**2, 0.75
 _STEP = 1e-5
-_HIDDEN = "its highlight can't be told from the rest of the light"
+_HIDDEN = "its highlight can't be separated from the rest of the light"
 _MIRROR_BALL = "photograph a mirror ball in the object's place"
 _SHOW_IT = f"{_MIRROR_BALL}, or add photographs that show its highlight"
 
@@ -69,7 +69,7 @@ class LightProspect:
 
 @dataclass(frozen=True, eq=False)
 class UnknownLight:
-    """A light that nobody tells, and what is asked of it.
+    """A light that is not given, and what is asked of it.
 
     coefficients : ((l_max + 1)^2, 3), of all of it, its sources among it. rows : (3 (l_max + 1)^2, p - b), their
     derivatives in the light's unknown numbers, in units of the prior, channels fastest.

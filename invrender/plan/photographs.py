@@ -21,7 +21,7 @@ from recon.sampling.lightfield import LightField, off_terminators
 
 Floats = NDArray[np.float64]
 
-# Pixels by which an object's brightness in a photograph is told.
+# Pixels by which an object's brightness in a photograph is measured.
 _PICTURE = 300
 # How many times the samples that are looked at are drawn from, at least.
 _SPARE = 4
@@ -90,7 +90,7 @@ def draw(
 
 
 def picture(body: Body, camera: Camera, parts: LightParts) -> LightField:
-    """Pixels that lie wholly on the object, every so many rows and columns: they tell how bright it is."""
+    """Pixels that lie wholly on the object, every so many rows and columns: they show how bright it is."""
     top, left, bottom, right = body_window(body, camera)
     stride = max(int(np.sqrt((bottom - top) * (right - left) / _PICTURE)), 1)
     rows, columns = (stride * place for place in np.nonzero(body_coverage(body, camera, stride)))

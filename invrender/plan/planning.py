@@ -29,11 +29,11 @@ DEFAULT_DEGREE, DEFAULT_SAMPLES = 10, 20_000
 class Plan:
     """What the photographs of an experiment will determine.
 
-    told : per light, what its photographs tell. draws : the samples looked at, in the order of the views.
+    found : per light, the information in its photographs. draws : the samples looked at, in the order of the views.
     """
 
     bench: Bench
-    told: tuple[Tally, ...]
+    found: tuple[Tally, ...]
     draws: tuple[Draw, ...]
 
     @property
@@ -100,8 +100,8 @@ class Plan:
             bench.unknown_lights[k].asked if k in bench.unknown_lights else np.zeros((0, 0))
             for k in range(len(bench.unknowns))
         ]
-        parts = zip(bench.unknowns, self.told, asked, strict=True)
-        return Posterior([Marginal(unknowns, told.times(times), rows) for unknowns, told, rows in parts])
+        parts = zip(bench.unknowns, self.found, asked, strict=True)
+        return Posterior([Marginal(unknowns, found.times(times), rows) for unknowns, found, rows in parts])
 
 
 def make_plan(
@@ -113,7 +113,7 @@ def make_plan(
     """Plan an experiment.
 
     degree : highest degree of unknown light, >= 0. samples : pixels of all photographs together that are looked at;
-    what they tell is scaled to those that `process` takes. ValueError where a photograph shows nothing usable.
+    their information is scaled to those that `process` takes. ValueError where a photograph shows nothing usable.
     """
     if samples < 1:
         raise ValueError(f"samples is {samples}; at least one pixel must be looked at")
@@ -129,7 +129,7 @@ def make_plan(
                 f"{experiment.name}: no light reaches what the photographs show; turn the lights"
             )
         exposure_s = experiment.sensor.exposure_s(brightness)
-        told = [Tally.none(unknowns.size) for unknowns in bench.unknowns]
+        found = [Tally.none(unknowns.size) for unknowns in bench.unknowns]
         seen = {
             light: bench.shown(
                 light, [one for one, view in zip(draws, views, strict=True) if view.light == light]
@@ -137,9 +137,11 @@ def make_plan(
             for light in {view.light for view in views}
         }
         steps = list(zip(views, draws, brightness, strict=True))
-        for view, one, bright in track(steps, "Weighing what they tell"):
-            told[view.light] += bench.information(view.light, one, next(seen[view.light]), bright, exposure_s)
-        return Plan(bench, tuple(told), tuple(draws))
+        for view, one, bright in track(steps, "Adding up their information"):
+            found[view.light] += bench.information(
+                view.light, one, next(seen[view.light]), bright, exposure_s
+            )
+        return Plan(bench, tuple(found), tuple(draws))
 
 
 def _check_usable(experiment: Experiment, draws: Sequence[Draw]) -> None:

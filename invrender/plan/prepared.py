@@ -1,4 +1,4 @@
-"""An experiment made ready, so that any photograph of it can be asked what it tells."""
+"""An experiment made ready, so that the information of any photograph of it can be computed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEAST_NOISE = 1e-4
 class Bench:
     """An experiment made ready.
 
-    unknowns, parts : one per light. unknown_lights : by their index, those that nobody tells. budget : samples that a
+    unknowns, parts : one per light. unknown_lights : by their index, those that are not given. budget : samples that a
     fit takes of a photograph. looked_at : how many of them are looked at here.
     """
 
@@ -73,17 +73,17 @@ class Bench:
     def information(
         self, light: int, drawn: Draw, seen: ShownSamples, brightness: Floats, exposure_s: float
     ) -> Tally:
-        """What a photograph tells, all the files of its bracket together; brightness : (k, 3), its radiance."""
+        """The information in a photograph, all the files of its bracket together; brightness : (k, 3), its radiance."""
         sensor = self.experiment.sensor
         radiance = seen.radiance
         weights = sensor.information(radiance, brightness, exposure_s)
         least = _LEAST_NOISE * float(np.sqrt(np.mean(brightness**2)))
         weights = np.minimum(weights, 1 / max(least, 1e-150) ** 2)
-        told = photograph_tally(self.unknowns[light], drawn.field, radiance, seen.columns, weights)
-        return told.times(drawn.stands_for * sensor.exposures)
+        found = photograph_tally(self.unknowns[light], drawn.field, radiance, seen.columns, weights)
+        return found.times(drawn.stands_for * sensor.exposures)
 
     def one_more(self, light: int, drawn: Draw, seen: ShownSamples) -> Tally:
-        """What one more photograph tells, exposed for itself, by the samples that are looked at."""
+        """The information in one more photograph, exposed for itself, by the samples that are looked at."""
         brightness = seen.radiance
         if not brightness.any():
             return Tally.none(self.unknowns[light].size)

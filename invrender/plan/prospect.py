@@ -124,7 +124,7 @@ def brdf_rows(brdf: Microfacet, unknowns: Unknowns, absolute: bool) -> dict[str,
     rows: dict[str, Floats] = {}
     kd = unit[unknowns.brdf["kd"]]
     if brdf.sigma is None:
-        # A matte object's colour is its light's: without a scale there is nothing to tell.
+        # A matte object's colour is its light's: without a scale there is nothing to determine.
         return {"kd": kd} if absolute else {}
     ks = unit[unknowns.brdf["ks"]]
     if absolute:

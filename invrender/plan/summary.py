@@ -19,7 +19,7 @@ from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.wording import with_error
 
-# Of many lightings so many are told of; plan.json has them all.
+# Of many lightings so many are printed; plan.json has them all.
 _SHOWN = 3
 # A photograph that leaves more than this of the worst quantity's standard deviation isn't worth its while.
 _LITTLE = 0.95
@@ -99,7 +99,7 @@ def _light_cautions(plan: Plan) -> Iterator[str]:
     highest = max(prospect.l_max for prospect in plan.lights)
     yield (
         f"All this takes it that unknown light has nothing above degree {highest}, its sources apart: a higher --degree"
-        " tells what light with more detail would leave of it."
+        " shows what light with more detail would leave of it."
     )
     if plan.experiment.brdf.sigma is None:
         yield (
@@ -119,7 +119,7 @@ def _close_sources(experiment: Experiment) -> Iterator[str]:
                 yield (
                     f"Sources {i} and {j} of {light.lighting.name!r} are {np.degrees(apart):.1f} degrees apart and the"
                     f" lobe {np.degrees(lobe):.1f} wide: they look like one, and what is said of them holds only for a"
-                    " fit that is told of both."
+                    " fit that is given both."
                 )
 
 

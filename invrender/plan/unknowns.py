@@ -1,4 +1,4 @@
-"""What is not known beforehand, as one vector: the BRDF's numbers, then those of a lighting that nobody tells.
+"""What is not known beforehand, as one vector: the BRDF's numbers, then those of a lighting that is not given.
 
 All are counted in standard deviations of a weak prior, so that the prior's precision is the identity and the share
 of a number that photographs determine is 1 less its variance.

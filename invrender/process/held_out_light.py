@@ -71,7 +71,7 @@ def scored_lighting(
 def held_out_lights(photoset: PhotoSet) -> Mapping[str, HeldOutLight]:
     """The known lightings beside the unknown ones of a set, by name; ValueError where a photograph under one is fitted.
 
-    None where all are known: who asks for the light of such a set doesn't want to be told.
+    None where all are known: no lighting is given to a fit then.
     """
     tables = used_tables(photoset)
     if not any(table.unknown for table in tables):

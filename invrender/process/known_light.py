@@ -51,8 +51,8 @@ def solve_known_light(
     with clock.on("recon"):
         lightings = _used_lightings(photoset)
     sources = {name: lighting.directions for name, lighting in lightings.items()}
-    telling = importances(photoset, geometry, lightings, clock)
-    fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, telling)
+    importance = importances(photoset, geometry, lightings, clock)
+    fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, importance)
     with clock.on("invrender"):
         elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
         columns = _columns(photoset, fields, elements, geometry.shadows)

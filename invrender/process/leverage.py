@@ -1,4 +1,4 @@
-"""How much pixels tell about a BRDF under known light, by which samples are drawn.
+"""How informative pixels are about a BRDF under known light: the leverage by which samples are drawn.
 
 A narrow highlight is a handful of pixels, and all that is seen of the lobe's width. Samples are drawn by leverage: how
 far the numbers of a first fit would move if a pixel's radiance did, in standard deviations of both. It holds the
@@ -45,7 +45,7 @@ _STEP, _SOURCES = 0.1, 16
 def importances(
     photoset: PhotoSet, geometry: SceneGeometry, lightings: Mapping[str, Lighting], clock: Clock
 ) -> dict[str, Importance]:
-    """How much pixels tell, by the name of the lighting; none for one without directional sources.
+    """How informative pixels are, by the name of the lighting; none for one without directional sources.
 
     From a first fit to a few photographs; what these are under has its leverage, the rest what the same fit predicts.
     """
@@ -84,11 +84,11 @@ class _FirstFit:
     def importance(self, elements: Sequence[LightElement]) -> Importance:
         """The leverage of pixels under a lighting."""
 
-        def telling(normals: Floats, views: Floats) -> Floats:
+        def informative(normals: Floats, views: Floats) -> Floats:
             rows, radiance = _gradient(self.brdf, elements, normals, views)
             return np.einsum("np,pq,nq->n", rows, self.covariance, rows) / self.noise.variance(radiance)
 
-        return telling
+        return informative
 
 
 def _first_fit(photos: Sequence[PhotoColumns], elements: Mapping[str, Sequence[LightElement]]) -> _FirstFit:
@@ -137,9 +137,9 @@ def _lobes(element: LightElement, normals: Floats, views: Floats, sigma: float) 
 
 
 def _at_any_width(elements: Sequence[LightElement]) -> Importance:
-    """What pixels tell about highlights of which only the light's directions are known: of any width alike."""
+    """How informative pixels are on highlights of any width, where only the light's directions are known."""
 
-    def telling(normals: Floats, views: Floats) -> Floats:
+    def informative(normals: Floats, views: Floats) -> Floats:
         total = np.zeros(len(normals))
         for sigma in _WIDTHS:
             lobes = [lobe for element in elements for lobe in _lobes(element, normals, views, sigma)]
@@ -147,4 +147,4 @@ def _at_any_width(elements: Sequence[LightElement]) -> Importance:
             total += slope / max(float(slope.sum()), 1e-300)
         return total
 
-    return telling
+    return informative

@@ -1,6 +1,6 @@
 """The main job on a textured mesh, under known light [RH01, section 6.4].
 
-Twice through the photographs, one per core at a time: first a subset of points tells the model, mu and sigma; then
+Twice through the photographs, one per core at a time: first a subset of points determines the model, mu and sigma; then
 every point's Kd, and Ks, is solved for. Predictions go through them once more.
 """
 
@@ -62,7 +62,7 @@ _UNKNOWN = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Recovered:
-    """Light that was found from the same photographs, up to a scale: no albedo then tells what bounces.
+    """Light that was found from the same photographs, up to a scale: no albedo then fixes what bounces.
 
     lightings : by name. unsure_at : shares (n, 6) of themselves by which it leaves Kd and Ks of points uncertain.
     in_gauge : a solution in that scale, with what the light leaves uncertain of what all points share.
@@ -190,7 +190,7 @@ def solve_textured(
 def _check_any(photoset: PhotoSet, textures: FittedTextures) -> None:
     if not textures.known.any():
         raise ValueError(
-            f"{photoset.manifest}: no point of the object is seen by enough photographs to tell its Kd from its Ks;"
+            f"{photoset.manifest}: no point of the object is seen by enough photographs to separate its Kd and Ks;"
             " take more, from sides that overlap, or leave texture out"
         )
 
@@ -208,7 +208,7 @@ def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:
         if lighting.recovers:
             raise ValueError(
                 f'{photoset.manifest}: [[lighting]] "{name}" leaves {" and ".join(lighting.recovers)} to be recovered,'
-                " but textures need light that is known: light and texture can't be told apart (RH01, section 6.4)."
+                " but textures need light that is known: light and texture can't be separated (RH01, section 6.4)."
                 " Measure the light, or leave texture out"
             )
 
@@ -326,7 +326,7 @@ def _second_pass(
                 field = field.where(np.random.default_rng(0).permutation(len(field)) < most)
             (d, s), (more_d, more_s) = (of(photo, field, brdf) for of in (bench.direct, bench.by_mesh))
             lit = d.max(axis=1)
-            # What other parts send makes paint brighter, but nobody surer of it.
+            # What other parts send makes the albedo brighter, but not more certain.
             direct = lit / np.maximum((d + more_d).max(axis=1), np.float32(1e-30))
             trust = (np.maximum(field.weight, 0.01) * direct**2)[:, None].astype(np.float32)
             covered = cover(bench.body, photo.camera, field, finer)
@@ -385,8 +385,8 @@ def _remarks(faults: Sequence[str], textures: FittedTextures) -> list[str]:
     unknown = 1 - textures.share_known
     if unknown > _UNKNOWN:
         remarks.append(
-            f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't tell its Kd from"
-            " its Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides, or under"
-            " light from elsewhere, would fill it."
+            f"{unknown:.0%} of the surface has no texture: too few photographs see it, or they can't separate its"
+            " Kd and Ks. It is marked in the textures (A = 0) and isn't predicted; photographs from other sides, or"
+            " under light from elsewhere, would fill it."
         )
     return remarks

@@ -139,7 +139,7 @@ def solve_unknown_light(
         causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
     found = find_warnings(photoset, solution, geometry, {}, causes)
     warnings = (*left_out, *sentences(blind.warnings), *found)
-    # Of several photographs under such a light the first tells its strength in the result.
+    # Of several photographs under such a light the first gives its strength in the result.
     firsts = {
         photo.lighting: strengths[photo.label]
         for photo in reversed(photoset.photos)
@@ -254,7 +254,7 @@ def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:
     """Names of the BRDF's numbers, and how those that were fitted (t,) make them up, (n, t): Kd falls as Ks rises."""
     made_of: dict[str, dict[str, float]] = {}
     for name, sign in (("kd", -1.0), ("ks", 1.0)):
-        made_of |= {f"{name}.{c}": {f"kappa {c}": sign} for c in "rgb" if f"kappa {c}" in fitted}
+        made_of |= {f"{name}.{c}": {f"share {c}": sign} for c in "rgb" if f"share {c}" in fitted}
     made_of |= {name: {name: 1.0} for name in ("mu", "sigma", *NUMBER_RANGE) if name in fitted}
     parts = [[parts.get(name, 0.0) for name in fitted] for parts in made_of.values()]
     return tuple(made_of), np.array(parts).reshape(len(made_of), len(fitted))

@@ -1,8 +1,8 @@
-"""The main job on a painted mesh in light of which nothing is known.
+"""The main job on a textured mesh under unknown light.
 
-Highlights move over the surface with the camera while paint stays: from what photographs of the same places differ in
-`factorize_blind` tells the light, and with that textures are solved for as if it were given. Error bars hold what
-either step leaves open. Where nothing shines, paint can't be told from light [RH01, section 6.4].
+Highlights move over the surface with the camera while the albedo stays. `factorize_blind` recovers the light from
+what differs between photographs of the same places. Textures are then solved for as if the light were given. Error bars
+hold what either step leaves open. Where nothing shines, albedo and light can't be separated [RH01, section 6.4].
 """
 
 from __future__ import annotations
@@ -46,17 +46,17 @@ Floats = NDArray[np.float64]
 
 # Samples that the light is found from.
 _SAMPLES = 12_000
-# Of all light that reaches a point, this share of the brightest's is the least that paint is judged in.
+# Of all light that reaches a point, this share of the brightest's is the least in which the albedo is judged.
 _DARK = 1e-3
-# Light that is uncertain by this share of itself isn't told.
-_UNTOLD = 0.5
+# Light that is uncertain by this share of itself is undetermined.
+_UNDETERMINED = 0.5
 _GAUGE = (
     "no light is known, so the overall scale of light against reflectance is free in each channel: Kd, its mean by the"
     " light that falls on it, and Ks add up to 1, and lighting is in units of the photographs over that"
 )
 _MATTE = (
-    "{where}: [object] texture = true, but light {names} is unknown, and no highlights tell it: light and paint of a"
-    " matte object can't be told apart (RH01, section 6.4), since paint may be darker wherever light is brighter."
+    "{where}: [object] texture = true, but light {names} is unknown, and no highlights determine it: light and albedo"
+    " of a matte object can't be separated (RH01, section 6.4): the albedo may be darker wherever light is brighter."
     " Measure the light, with a mirror ball say, or remove texture: light and one BRDF of the whole surface are then"
     " recovered together"
 )
@@ -67,7 +67,7 @@ def solve_unknown_texture(
 ) -> TexturedRun:
     """Recover Kd and Ks over a mesh, up to a scale per channel, and all of the lightings on it.
 
-    Raises ValueError for lightings that are given, and for objects without highlights, whose light nothing tells.
+    Raises ValueError for lightings that are given, and for objects without highlights, whose light nothing determines.
     """
     assert isinstance(geometry.body, MeshBody)
     _check_unknown(photoset)
@@ -76,14 +76,17 @@ def solve_unknown_texture(
     names = [photo.lighting for photo in fitted]
     photos = _at_places(photoset, geometry, geometry.body, fitted, min(samples, _SAMPLES), clock, track)
     with clock.on("invrender"):
-        steps = iter(track(range(blind_steps(orders)), "Telling light from paint"))
+        steps = iter(track(range(blind_steps(orders)), "Separating light and albedo"))
         next(steps)
         blind = factorize_blind(
             photos, names, orders, on_step=lambda: next(steps, None), shadows=geometry.shadows
         )
         for _ in steps:
             pass
-        if blind.sigma is None or min(_unsure_light(own).max() for own in blind.lights.values()) > _UNTOLD:
+        if (
+            blind.sigma is None
+            or min(_unsure_light(own).max() for own in blind.lights.values()) > _UNDETERMINED
+        ):
             unknown = " and ".join(f'"{name}"' for name in dict.fromkeys(names))
             raise ValueError(_MATTE.format(where=photoset.manifest, names=unknown))
         lights = _scaled(blind, photos, names, geometry)
@@ -131,8 +134,8 @@ def _at_places(
     times = np.bincount(np.concatenate(places), minlength=count)
     if times.max() < 2:
         raise ValueError(
-            f"{photoset.manifest}: no part of the object shows in two photographs, so that nothing tells its paint from"
-            " the unknown light; add photographs from sides between these"
+            f"{photoset.manifest}: no part of the object shows in two photographs, so nothing separates its albedo"
+            " from the unknown light; add photographs from sides between these"
         )
     return [photo.where(times[at] > 1) for photo, at in zip(photos, places, strict=True)]
 
@@ -186,7 +189,7 @@ def _unsure(
     their units.
     """
     std = _deviations(blind)
-    of_share = np.array([std[f"kappa {c}"] for c in "rgb"]) / blind.brdf_share
+    of_share = np.array([std[f"share {c}"] for c in "rgb"]) / blind.brdf_share
 
     def at(points: SurfacePoints) -> Floats:
         pairs = zip(lights, found, strict=True)

@@ -21,8 +21,8 @@ NO_CAUSE = (
     "No single cause stands out: it may be a material that is none of the models, light that isn't in the model, or"
     " several faults at once."
 )
-# Structured residual, and share of stray samples, above which a warning is due.
-_STRUCTURED, _STRAYS = 0.005, 0.02
+# Structured residual, and share of outliers, above which a warning is due.
+_STRUCTURED, _OUTLIERS = 0.005, 0.02
 # Photographs or lightings that a warning names before it counts the rest.
 _NAMED = 8
 
@@ -49,15 +49,15 @@ def find_warnings(
     elif solution.structured > max(_STRUCTURED, 0.5 * solution.noise.relative):
         unknown = "" if causes else f" {NO_CAUSE}"
         warnings.append(
-            f"What is left unexplained is not only noise: {solution.structured:.1%} of the radiance (RMS) hangs"
-            f" together over parts of the photographs.{unknown} The error bars hold what it moves between"
+            f"What is left unexplained is not only noise: {solution.structured:.1%} of the radiance (RMS) is"
+            f" correlated over parts of the photographs.{unknown} The error bars hold what it moves between"
             " photographs, and between forms that explain as well."
         )
     outliers = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
-    if outliers > _STRAYS:
+    if outliers > _OUTLIERS:
         warnings.append(
-            f"{outliers:.1%} of the samples stray from the fit as noise does not, and count for less; look at the"
-            " difference pictures."
+            f"{outliers:.1%} of the samples lie farther from the fit than noise explains, and count for less; look at"
+            " the difference pictures."
         )
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     usual = float(np.median(candidate.photo_errors))
@@ -73,7 +73,7 @@ def find_warnings(
     outlines = body.sphere.residual_px if isinstance(body, SphereBody) else ()
     if max(outlines, default=0) > 0.6:
         warnings.append(
-            f"The masks' outlines stray up to {max(outlines):.1f} px from the sphere; normals near the rim are"
+            f"The masks' outlines deviate up to {max(outlines):.1f} px from the sphere; normals near the rim are"
             " uncertain by as much. If masks are better than that, check the poses, the camera's focal length, and"
             " [object] centre and radius where they are given."
         )

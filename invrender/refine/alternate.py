@@ -1,4 +1,4 @@
-"""Fit and poses by turns: the fit predicts the photographs, these tell their poses, and the fit gets sharper.
+"""Fit and poses by turns: the fit predicts the photographs, these give their poses, and the fit gets sharper.
 
 Photographs that a texture was fitted to have their poses moved together, its values free; others one by one.
 """

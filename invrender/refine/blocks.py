@@ -40,7 +40,7 @@ def block_equations(
     scores = np.zeros((number.max(initial=-1) + 1, 6))
     np.add.at(scores, number, slopes * (weight * residual)[:, None])
     independent = (slopes * weight[:, None]).T @ slopes
-    # Directions of which nothing is told have no say in it.
+    # Undetermined directions don't contribute.
     excess = float(np.trace(symmetric_pinv(independent) @ scores.T @ scores)) / 6
     together = max(excess, least)
     return PoseEquations(independent / together, scores.sum(axis=0) / together, together)

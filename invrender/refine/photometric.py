@@ -1,9 +1,9 @@
 """A photograph's pose from its pixels: where it must have been taken from to look as it was predicted.
 
 With the picture P that is predicted at a pose and the motion u(x) of the surface in it per change of the pose, the
-picture changes by -grad P . u, as if everything that is seen, highlights too, were painted on. Gauss-Newton steps with
+picture changes by -grad P . u, as if everything that is seen, highlights too, were a texture. Gauss-Newton steps with
 these slopes [Lucas and Kanade 1981, "An iterative image registration technique"] are judged by new predictions, on
-pixels that they are not made from. The mask's outline has its say in both (`rim`). What neither tells is held by a
+pixels that they are not made from. The mask's outline has its say in both (`rim`). What neither determines is held by a
 prior: how far off the pose may be.
 """
 

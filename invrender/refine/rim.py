@@ -1,7 +1,8 @@
 """A photograph's pose from its mask: the mesh's silhouette must lie on the mask's outline.
 
-Paint tells a smooth object's shifts from its turns badly, and the texture that predicts it has the same errors; the
-outline knows nothing of paint. How much too large or small a mask is drawn as a whole says nothing of the pose.
+A texture hardly separates a smooth object's shifts from its turns, and the texture that predicts it has the same
+errors; the outline doesn't depend on albedo. How much too large or small a mask is drawn as a whole says nothing of the
+pose.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Ints = NDArray[np.int64]
 
 # Points of an outline, and how far from it the silhouette is looked for: pixels, or a share of its radius.
 _POINTS, _REACH_PX, _REACH = 400, 4.0, 0.1
-# No mask is believed to be better, pixels, nor to tell more than so many things in each sector of its outline.
+# No mask is believed to be better, pixels, nor to give more than so many numbers in each sector of its outline.
 _LEAST_STD, _PER_SECTOR = 0.05, 4
 _IN_PLACE = Similarity(1.0, np.eye(3), np.zeros(3))
 

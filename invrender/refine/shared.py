@@ -1,4 +1,4 @@
-"""Poses of all photographs of a painted object at once, its paint solved for anew as they move.
+"""Poses of all photographs of a textured object at once, its Kd and Ks solved for anew as they move.
 
 A photograph has put a part of itself into the texture that predicts it, and so seems to be where it is. Points of the
 surface are therefore followed through the photographs: what these show of one follows from its Kd and its Ks, the same
@@ -90,7 +90,7 @@ class _Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class _Paint:
+class _PointReflectance:
     """What changes of the points' Kd and Ks explain of the rows: two functions of them, orthogonal under the weights.
 
     columns : (2, n, 3); a row's sum of squares over them, times its weight, is how much of it goes into its point.
@@ -101,7 +101,7 @@ class _Paint:
     columns: Floats
 
     @classmethod
-    def under(cls, rows: _Rows, weight: Floats, specular: Floats) -> _Paint:
+    def under(cls, rows: _Rows, weight: Floats, specular: Floats) -> _PointReflectance:
         """Of rows of weights (n, 3) that show Ks = 1 as they do, (n, 3)."""
         d, s, firmness = rows.diffuse, specular, rows.photos[0].lobe.firmness
         dd, ds, ss = (rows.added(weight * one * other)[rows.point] for one, other in ((d, d), (d, s), (s, s)))
@@ -111,17 +111,19 @@ class _Paint:
 
     @property
     def leverage(self) -> Floats:
-        """How much of each row goes into its point's paint, (n, 3), 0 to 1."""
+        """How much of each row goes into its point's Kd and Ks, (n, 3), 0 to 1."""
         return np.asarray(self.weight * (self.columns**2).sum(axis=0))
 
     def less(self, values: Floats) -> Floats:
-        """Of values (n, 3), what no change of the paint explains."""
+        """Of values (n, 3), what no change of Kd and Ks explains."""
         rows = self.rows
-        told = [column * rows.added(self.weight * column * values)[rows.point] for column in self.columns]
-        return np.asarray(values - np.sum(told, axis=0))
+        explained = [
+            column * rows.added(self.weight * column * values)[rows.point] for column in self.columns
+        ]
+        return np.asarray(values - np.sum(explained, axis=0))
 
     def lost(self, slopes: Floats) -> Floats:
-        """What of the information (6 p, 6 p) of slopes (n, 3, 6) on the poses is lost to the paint."""
+        """What of the information (6 p, 6 p) of slopes (n, 3, 6) on the poses is lost to Kd and Ks."""
         rows, size = self.rows, 6 * len(self.rows.photos)
         places = (np.repeat(rows.point, 6), (6 * rows.photo[:, None] + np.arange(6)).ravel())
         lost = np.zeros((size, size))
@@ -169,7 +171,7 @@ class _Step:
     def deviance(self, rows: _Rows, view: _View) -> float:
         """Of rows, rims and prior; rows that are lacking have the others' mean."""
         weight = self.weight * view.seen[:, None]
-        left = weight * _Paint.under(rows, weight, view.specular).less(view.off) ** 2
+        left = weight * _PointReflectance.under(rows, weight, view.specular).less(view.off) ** 2
         lacking = (self.weight > 0).sum() / max(int((weight > 0).sum()), 1)
         rims = sum(
             rim.deviance(std) / together
@@ -255,25 +257,25 @@ def _viewed(rows: _Rows, change: Floats, from_afar: bool) -> _View:
 
 
 def _step(rows: _Rows, view: _View) -> _Step:
-    """The Gauss-Newton step from a view: paint eliminated, rims and prior added."""
+    """The Gauss-Newton step from a view: Kd and Ks eliminated, rims and prior added."""
     weight, left = _weighed(rows, view)
     for k in range(len(rows.photos)):
         mine = rows.photo == k
         slopes = view.slopes[mine].reshape(-1, 6)
         blocks = np.repeat(view.blocks[mine], 3)
         weight[mine] /= block_equations(blocks, weight[mine].ravel(), slopes, left[mine].ravel()).together
-    # What is left must be what no paint explains under the very weights that it pulls with.
-    paint = _Paint.under(rows, weight, view.specular)
-    left = paint.less(view.off)
+    # What is left must be what no Kd and Ks explain under the very weights that it pulls with.
+    eliminated = _PointReflectance.under(rows, weight, view.specular)
+    left = eliminated.less(view.off)
     size = view.change.size
-    pixels, others = -paint.lost(view.slopes), np.eye(size)
-    told, pull = np.zeros(size), -view.change.ravel()
+    pixels, others = -eliminated.lost(view.slopes), np.eye(size)
+    gradient, pull = np.zeros(size), -view.change.ravel()
     rims, errors = [], np.full(len(rows.photos), np.nan)
     for k, (own, rim) in enumerate(zip(rows.photos, view.rims, strict=True)):
         mine = rows.photo == k
         slopes, heavy = view.slopes[mine].reshape(-1, 6), weight[mine].ravel()
         pixels[_own(k), _own(k)] += (slopes * heavy[:, None]).T @ slopes
-        told[_own(k)] = slopes.T @ (heavy * left[mine].ravel())
+        gradient[_own(k)] = slopes.T @ (heavy * left[mine].ravel())
         used = mine & (weight > 0).all(axis=1)
         if used.any():
             errors[k] = relative_rms(left[used], view.observed[used])
@@ -284,12 +286,12 @@ def _step(rows: _Rows, view: _View) -> _Step:
         others[_own(k), _own(k)] += outline.information
         pull[_own(k)] += outline.pull
         rims.append((rim.std, outline.together))
-    # What turns have in common moves the paint along, all but: small mismatches would seem to say much of it.
+    # What turns have in common moves the texture along, all but: small mismatches would seem to say much of it.
     shared = _shared_turns(rows)
     moved = pixels @ shared
     share = moved @ symmetric_pinv(shared.T @ moved)
     information = pixels - share @ moved.T + others
-    step = np.asarray(np.linalg.solve(information, told - share @ (shared.T @ told) + pull), float)
+    step = np.asarray(np.linalg.solve(information, gradient - share @ (shared.T @ gradient) + pull), float)
     return _Step(step.reshape(view.change.shape), information, weight, rims, errors)
 
 
@@ -304,17 +306,19 @@ def _shared_turns(rows: _Rows) -> Floats:
 
 
 def _weighed(rows: _Rows, view: _View) -> tuple[Floats, Floats]:
-    """Weights (n, 3) of the rows, and what is left of them, (n, 3), when each point has the paint that suits it."""
+    """Weights (n, 3) of the rows, and what is left of them, (n, 3), when each point has the Kd and Ks that suit it."""
     observed = np.maximum(view.observed, 0)
     weight = rows.weight(observed, view.seen)
     for _ in range(2):
-        paint = _Paint.under(rows, weight, view.specular)
-        alone, left = 1 - paint.leverage, paint.less(view.off)
+        eliminated = _PointReflectance.under(rows, weight, view.specular)
+        alone, left = 1 - eliminated.leverage, eliminated.less(view.off)
         predicted = observed + left
         use = view.seen & (alone > _LEAST_OTHERS).all(axis=1)
         weight = np.zeros_like(view.off)
         for k, own in enumerate(rows.photos):
             mine = (rows.photo == k) & use
-            stray = left[mine] * np.sqrt(rows.trust[mine] / alone[mine])
-            weight[mine] = photo_weights(own.target.noise, predicted[mine], stray).weight * rows.trust[mine]
-    return weight, _Paint.under(rows, weight, view.specular).less(view.off)
+            residual = left[mine] * np.sqrt(rows.trust[mine] / alone[mine])
+            weight[mine] = (
+                photo_weights(own.target.noise, predicted[mine], residual).weight * rows.trust[mine]
+            )
+    return weight, _PointReflectance.under(rows, weight, view.specular).less(view.off)

@@ -1,4 +1,4 @@
-"""Points of a painted surface, as one photograph shows them when its pose moves.
+"""Points of a textured surface, as one photograph shows them when its pose moves.
 
 Of a point it shows Kd times the light that falls on it and Ks times the lobe, which moves with the view, averaged over
 a pixel. Points stay where they are on the surface; the place in the picture where each is looked for moves.

@@ -207,7 +207,7 @@ def _bounces(found: Interreflection) -> dict[str, Any]:
 
 
 def specular_colour(result: Factorization) -> str | None:
-    """ "neutral" if one Ks for all channels explains as much as three, "coloured" if not; None where nothing tells."""
+    """ "neutral" if one Ks for all channels explains as much as three, "coloured" if not; None where undetermined."""
     model = result.model.estimate.model
     if not any(candidate.estimate.model.neutral for candidate in result.candidates) or not model.specular:
         return None
@@ -271,10 +271,10 @@ def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any]
     if quantity.value is None or quantity.std is None:
         return {"value": None, "std": None, "status": quantity.status}
     value, std = numbers(quantity.value), numbers(quantity.std)
-    untold = np.isnan(quantity.std).all()
+    undetermined = np.isnan(quantity.std).all()
     return {
         "value": value[0] if scalar else value,
-        "std": None if untold else std[0] if scalar else std,
+        "std": None if undetermined else std[0] if scalar else std,
         "status": quantity.status,
     }
 

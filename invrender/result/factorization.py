@@ -68,7 +68,7 @@ class Factorization:
 
     @property
     def model(self) -> Candidate:
-        """The chosen rung."""
+        """The chosen candidate."""
         return self.candidates[self.chosen]
 
     def rms(self, held_out: bool) -> float | None:

@@ -195,7 +195,7 @@ class SavedResult:
     def bounces(self) -> bool:
         """Whether light that parts of an object send each other adds to what Kd and Ks predict.
 
-        Not where nothing tells the albedo, nor where photographs spoke against taking it off: they hold it.
+        Not where the albedo is undetermined, nor where photographs spoke against taking it off: they hold it.
         """
         found = self.content.interreflection
         if found is None:
@@ -204,7 +204,7 @@ class SavedResult:
 
     @property
     def albedo(self) -> NDArray[np.float64] | None:
-        """The albedo (3,) that bounced light was taken off with where Kd and Ks don't tell it."""
+        """The albedo (3,) that bounced light was taken off with where Kd and Ks don't fix it."""
         found = self.content.interreflection
         return None if found is None or found.albedo is None else np.array(found.albedo)
 

@@ -43,7 +43,7 @@ class SideLighting:
 
 
 @dataclass(frozen=True, eq=False)
-class TruePaint:
+class TrueTextures:
     """Files of the true Kd and Ks over a surface. mesh : whose texture coordinates the maps lie on.
 
     factor : what their values are to be multiplied by.
@@ -66,7 +66,7 @@ class Side:
     photo_errors : relative RMS by photograph, NaN where none is known; held_out : those never fitted.
     pictures : predicted (or true) photographs, EXR; picture_factor : what their radiance is to be multiplied by.
     inputs : hashes of what it was made from. notes : sentences.
-    paint : what holds Kd and Ks where they vary over the surface; the numbers are then means.
+    textures : what holds Kd and Ks where they vary over the surface; the numbers are then means.
     is_truth : as said; material : then the name of its model.
     """
 
@@ -82,7 +82,7 @@ class Side:
     picture_factor: float = 1.0
     inputs: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    paint: SavedResult | TruePaint | None = None
+    textures: SavedResult | TrueTextures | None = None
     is_truth: bool = False
     material: str = ""
 
@@ -116,7 +116,7 @@ def result_side(result: SavedResult) -> Side:
         photo_errors={photo.file: photo.rms_relative for photo in content.photos},
         held_out=frozenset(photo.file for photo in content.photos if photo.held_out),
         inputs=content.inputs,
-        paint=None if content.texture is None else result,
+        textures=None if content.texture is None else result,
     )
 
 

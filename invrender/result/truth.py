@@ -17,7 +17,7 @@ from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.phong import phong_sigma
-from invrender.result.side import Number, Side, SideLighting, TruePaint
+from invrender.result.side import Number, Side, SideLighting, TrueTextures
 
 Floats = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def truth_side(path: Path) -> Side:
         notes.append(
             "The truth has lamps at a finite distance, which a comparison of distant light leaves out."
         )
-    paint = _paint(path.parent, truth, of_brdf)
+    textures = _true_textures(path.parent, truth, of_brdf)
     is_known = truth.brdf.form is not None or truth.brdf.model == "lambertian"
     pictures = {
         Path(photo.file).name: path.parent / photo.radiance
@@ -126,12 +126,12 @@ def truth_side(path: Path) -> Side:
         is_absolute=True,
         numbers=numbers,
         lightings=tuple(_lighting(path, light, factor if of_ball else 1.0) for light in truth.lighting),
-        brdf=brdf_of(numbers, truth.brdf.form) if is_known and paint is None else None,
+        brdf=brdf_of(numbers, truth.brdf.form) if is_known and textures is None else None,
         form=truth.brdf.form,
         pictures=pictures,
         picture_factor=factor,
         notes=tuple(notes),
-        paint=paint,
+        textures=textures,
         material=truth.brdf.model,
         is_truth=True,
     )
@@ -151,12 +151,12 @@ def brdf_of(numbers: Mapping[str, Number], form: LobeForm | None) -> Microfacet:
     )
 
 
-def _paint(folder: Path, truth: _Truth, factor: float) -> TruePaint | None:
+def _true_textures(folder: Path, truth: _Truth, factor: float) -> TrueTextures | None:
     """Where the truth's textures lie; None where it has none."""
     brdf = truth.brdf
     if brdf.kd_map is None or brdf.ks_map is None or truth.object.mesh is None:
         return None
-    return TruePaint(folder / brdf.kd_map, folder / brdf.ks_map, folder / truth.object.mesh, factor)
+    return TrueTextures(folder / brdf.kd_map, folder / brdf.ks_map, folder / truth.object.mesh, factor)
 
 
 def _numbers(brdf: _Brdf, factor: float) -> tuple[dict[str, Number], list[str]]:

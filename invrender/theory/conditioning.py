@@ -1,7 +1,7 @@
 """How well posed inverse problems are: degree by degree [R02, sec. 2.4.2; RH01, sec. 5.1], and for actual photographs.
 
 In theory every degree is a problem of its own, and its conditioning is a gain. Photographs show some normals and views
-only, which mixes degrees: there the operator is a matrix, and its information against a prior tells what it determines.
+only, which mixes degrees: there the operator is a matrix, and its information against a prior shows what it determines.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ def recover_lighting(reflected: ArrayLike, transfer: ArrayLike) -> Complexes:
     """Lighting L_l (2 l_max + 1,) from a light field and a transfer function (2 l_max + 1, k) [R02, eq. 2.24, 2.25].
 
     Every p, or every exitant angle, yields L_l as B_lp / (sqrt(2 pi) rho_lp); least squares combines them, so that each
-    counts as much as it tells. Raises ValueError for frequencies of which the transfer function passes nothing.
+    counts by its information. Raises ValueError for frequencies of which the transfer function passes nothing.
     """
     transfer, reflected = _coefficients(transfer, "transfer", 2), _coefficients(reflected, "reflected", 2)
     if transfer.shape != reflected.shape:

@@ -70,7 +70,7 @@ def _interpolated(brdf: BRDF, l_max: int, cos: Floats, tolerance: float) -> Floa
     count = _FIRST_ANGLES
     nodes, values = _at_chebyshev(brdf, l_max, low, high, count, tolerance)
     while count < _LAST_ANGLES:
-        # Nodes of the finer rule include those of the coarser one; the others tell how good that was.
+        # Nodes of the finer rule include those of the coarser one; the others show how good that was.
         count = 2 * count - 1
         finer_nodes, finer = _at_chebyshev(brdf, l_max, low, high, count, tolerance)
         error = np.abs(BarycentricInterpolator(nodes, values)(finer_nodes) - finer).max()

@@ -35,7 +35,7 @@ _NODES = 64
 
 
 def passed(mu: float | Floats, cos: Floats) -> Floats:
-    """t, what a smooth interface of relative index mu > 1 lets through at a cosine to the normal, over its mean."""
+    """t, what a smooth interface of relative index mu > 1 transmits at a cosine to the normal, over its mean."""
     nodes, weights = interval_rule(_NODES, 0, 1)
     mean = 2 * (1 - fresnel_reflectance(np.asarray(mu)[..., None], nodes)) @ (weights * nodes)
     return np.asarray((1 - fresnel_reflectance(mu, cos)) / mean)

@@ -7,7 +7,7 @@
 with lighting elements e of strength x_e, diffuse transfers d_ei and specular transfers m_ekj that hold
 neither mu nor sigma: Fresnel's factor is a short sum in k, the lobe is interpolated between nodes j. So it is for
 every form of the specular part; only the m_ekj differ. Above a Lambertian base there is one d_e, and b is 1; what an
-interface lets through is a short sum in i.
+interface transmits is a short sum in i.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _photo_columns(
     lobes = list(dict.fromkeys(form.lobe for form in forms))
     size = len(specular_weights(None, nodes[0], forms[0]))
     shape = channels, len(field), len(elements)
-    # By lobe and size of the base, which tells the kinds of base apart; forms that share both share columns.
+    # By lobe and size of the base, which separates the kinds of base; forms that share both share columns.
     found = {
         (form.lobe, base_size(form)): np.empty((*shape, base_size(form) + size), np.float32) for form in forms
     }

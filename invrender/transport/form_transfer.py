@@ -6,7 +6,7 @@ half-vectors (`half_vectors`),
     integral D(theta_h) F(theta_d) G2 L(wi(h)) (wo.h) / cos theta_o  dh
 
 D alone is a weight per ring. G2, what facets hide of each other, differs along a ring, but slowly with sigma: a few
-roughnesses tell it for all. Phong's lobe has its rings around the mirrored view, and a weight per ring is all of it.
+roughnesses give it for all. Phong's lobe has its rings around the mirrored view, and a weight per ring is all of it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Singles = NDArray[np.float32]
 # Cosines (...,) to values (..., k) of functions whose sum Fresnel's factor is; hashable.
 FresnelFunctions = Callable[[Floats], Floats]
 
-# Roughnesses that tell G2 at all others to 2e-4, and cosines that its parts and Fresnel's are looked up at.
+# Roughnesses that give G2 at all others to 2e-4, and cosines that its parts and Fresnel's are looked up at.
 _HIDING_NODES, _LOOKUP = 10, 4096
 # Rings in theta_h left out that weigh less than this share of the heaviest.
 _NEGLIGIBLE = 1e-6

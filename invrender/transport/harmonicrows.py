@@ -1,8 +1,8 @@
 """What each coefficient of the lighting sends to a sample: the diffuse and the specular rows of [RH01, eq. 25].
 
-The specular row comes in three rungs. `mirror` looks the light up in the mirror direction [eq. 22], `filtered` does so
-in light that the lobe has blurred, exp(-(sigma l)^2) [eq. 20], `exact` is the lobe's own transfer at the sample's
-exitant angle.
+The specular row comes in three forms of transfer. `mirror` looks the light up in the mirror direction [eq. 22],
+`filtered` does so in light that the lobe has blurred, exp(-(sigma l)^2) [eq. 20], `exact` is the lobe's own transfer at
+the sample's exitant angle.
 """
 
 from __future__ import annotations
@@ -23,14 +23,12 @@ from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import microfacet_gaussian, microfacet_transfer
 from invrender.transport.base import base_rows
 from invrender.transport.formtable import form_rows
-from invrender.transport.lobetable import TRANSFERS, Transfer, lobe_rows, lobe_table, mirrored_harmonics
+from invrender.transport.lobetable import Transfer, lobe_rows, lobe_table, mirrored_harmonics
 from recon.harmonics.basis import degree_of, degrees
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Rung = Transfer
-RUNGS = TRANSFERS
 
 # Where powers don't fall yet at the last degrees, they are taken to do so from there on, by this.
 _SLOWEST_FALL = 0.95
@@ -89,7 +87,7 @@ class PhotoRows:
         return np.asarray(radiance)
 
 
-def photo_rows(field: LightField, brdf: Microfacet, l_max: int, rung: Rung = "exact") -> PhotoRows:
+def photo_rows(field: LightField, brdf: Microfacet, l_max: int, transfer: Transfer = "exact") -> PhotoRows:
     """Rows of a photograph's samples of an unshadowed, convex object, each the mean over its sample's rays."""
     field = field.where(field.weight > 0)
     diffuse = field.mean_over_rays(base_rows(brdf.form, brdf.mu, field.normals, field.views, l_max))
@@ -98,31 +96,31 @@ def photo_rows(field: LightField, brdf: Microfacet, l_max: int, rung: Rung = "ex
     cos = np.einsum("nk,nk->n", field.normals, field.views)
     fresnel = normalised_fresnel(brdf.mu, cos)
     rays: Floats | Singles
-    if rung == "exact" and brdf.form is not RH01_FORM:
+    if transfer == "exact" and brdf.form is not RH01_FORM:
         rays, _, _ = form_rows(field, l_max, brdf.form, brdf.mu, brdf.sigma)
-    elif rung == "exact":
+    elif transfer == "exact":
         rays = lobe_rows(field, lobe_table(l_max).at_angles(brdf.sigma)[:, :1], fresnel)[0]
     else:
-        blurred = lobe_blur(brdf, l_max, rung)[degrees(l_max)]
+        blurred = lobe_blur(brdf, l_max, transfer)[degrees(l_max)]
         rays = fresnel[:, None] * blurred * mirrored_harmonics(field, l_max)
     return PhotoRows(field, diffuse.astype(np.float32), field.mean_over_rays(rays).astype(np.float32))
 
 
-def lobe_blur(brdf: Microfacet, l_max: int, rung: Rung = "exact") -> Floats:
+def lobe_blur(brdf: Microfacet, l_max: int, transfer: Transfer = "exact") -> Floats:
     """Factor (l_max + 1,) by which a lobe leaves each degree of the light, seen head-on, per unit of degree 0.
 
-    Of the rungs only `exact` knows of the lobe's form.
+    Of the transfers only `exact` knows of the lobe's form.
     """
     assert brdf.sigma is not None
-    if rung == "mirror":
+    if transfer == "mirror":
         return np.ones(l_max + 1)
-    if rung == "filtered":
+    if transfer == "filtered":
         return microfacet_gaussian(brdf.sigma, l_max)
     if brdf.form is RH01_FORM:
-        transfer = microfacet_transfer(brdf.sigma, l_max)
+        factors = microfacet_transfer(brdf.sigma, l_max)
     else:
-        transfer = _head_on(brdf.form, brdf.mu, brdf.sigma, l_max)
-    return transfer / transfer[0]
+        factors = _head_on(brdf.form, brdf.mu, brdf.sigma, l_max)
+    return factors / factors[0]
 
 
 def _head_on(form: LobeForm, mu: float | None, sigma: float, l_max: int) -> Floats:

@@ -8,7 +8,7 @@ of which only S holds sigma. So the harmonics are summed once along each ring of
 the light is above the horizon, and a roughness is a weight per ring. These are the rho^_lq(theta_o) of [R02, eq.
 2.56] in real harmonics; nothing is approximated but by quadrature.
 
-That is the transfer `exact`. Two coarser rungs are RH01's own: light looked up in the mirror direction as it is
+That is the transfer `exact`. Two coarser transfers are RH01's own: light looked up in the mirror direction as it is
 (`mirror`, eq. 22), or after the lobe has blurred it (`filtered`, eq. 22 of light filtered by eq. 20).
 """
 

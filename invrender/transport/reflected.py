@@ -41,7 +41,8 @@ Singles = NDArray[np.float32]
 
 # Lobes below reach beyond the degrees.
 LEAST_SIGMA = 0.1
-# Degrees of the light and orders about the mirrored view; exitant angles that tell the rest, and the last of them.
+# Degrees of the light and orders about the mirrored view; exitant angles from which the rest is interpolated, and the
+# last of them.
 _DEGREE, _ORDERS, _ANGLES = 64, 12, 24
 _STEEPEST = float(np.arccos(MIN_COS_EXITANT))
 # Share of the light field (RMS) that terms which are left out may hold.

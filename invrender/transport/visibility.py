@@ -39,7 +39,7 @@ _MIN_COS = 0.03
 # Steps of a ring of directions around another.
 _AROUND = 6
 # Where a ray's part of its pixel is looked at for the border of a shadow, in halves of its sides; and where one runs
-# through it, how many points per side tell how much of it is lit.
+# through it, how many points per side measure how much of it is lit.
 _CORNERS = ((-1, -1), (1, -1), (-1, 1), (1, 1))
 _PER_SIDE = 4
 # How far above a facet such points lie, over their distance from the ray's own: above adjoining facets, mostly.

@@ -18,9 +18,9 @@ Ints = NDArray[np.int64]
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 # Pieces that hold less than this share of the largest one's area are dirt of the scan.
-_STRAY = 0.001
+_LOOSE = 0.001
 # Share of all area that may be left out as dirt; beyond it the mesh is in crumbs.
-_MOST_STRAY = 0.05
+_MOST_LOOSE = 0.05
 # Share of edges whose two faces disagree on which side is outside, beyond which normals mean nothing.
 _MOST_TWISTED = 0.01
 
@@ -44,7 +44,7 @@ def read_object_mesh(photoset: PhotoSet) -> ObjectMesh:
     mesh = read_mesh(path)
     mesh = replace(mesh, vertices=mesh.vertices * METRES[table.unit])
     try:
-        kept, warnings = without_strays(mesh)
+        kept, warnings = without_loose_pieces(mesh)
         warnings += opening_warnings(kept)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
@@ -59,28 +59,28 @@ def placed(mesh: TriangleMesh, mesh_to_world: Floats) -> TriangleMesh:
     )
 
 
-def without_strays(mesh: TriangleMesh) -> tuple[TriangleMesh, list[str]]:
+def without_loose_pieces(mesh: TriangleMesh) -> tuple[TriangleMesh, list[str]]:
     """The mesh without the small loose pieces that scanners leave, and a sentence if there were any.
 
-    A piece is stray if its area is below 0.1% of the largest's. ValueError if strays hold more than 5% of all area.
+    A piece is loose if its area is below 0.1% of the largest's. ValueError if loose ones hold more than 5% of all area.
     """
     piece = _pieces(mesh)
     areas = np.linalg.norm(area_vectors(mesh.vertices, mesh.faces), axis=1)
     of_piece = np.asarray(np.bincount(piece, areas), float)
     if not of_piece.max() > 0:
         raise ValueError("all faces of the mesh are without area; export it again")
-    stray = of_piece < _STRAY * of_piece.max()
-    if not stray.any():
+    loose = of_piece < _LOOSE * of_piece.max()
+    if not loose.any():
         return mesh, _pieces_warning(of_piece)
-    share = float(of_piece[stray].sum() / of_piece.sum())
-    if share > _MOST_STRAY:
+    share = float(of_piece[loose].sum() / of_piece.sum())
+    if share > _MOST_LOOSE:
         raise ValueError(
-            f"the mesh is in {len(of_piece)} loose pieces, and {int(stray.sum())} small ones hold {share:.0%} of its"
+            f"the mesh is in {len(of_piece)} loose pieces, and {int(loose.sum())} small ones hold {share:.0%} of its"
             " area; merge vertices that are at one place, or remove what isn't the object, in a mesh editor"
         )
-    kept = _faces_of(mesh, ~stray[piece])
-    left_out = f"{int(stray.sum())} loose pieces, {share:.2g} of the area, are left out as dirt of the scan"
-    return kept, [*_pieces_warning(of_piece[~stray]), left_out]
+    kept = _faces_of(mesh, ~loose[piece])
+    left_out = f"{int(loose.sum())} loose pieces, {share:.2g} of the area, are left out as dirt of the scan"
+    return kept, [*_pieces_warning(of_piece[~loose]), left_out]
 
 
 def _pieces_warning(areas: NDArray[np.floating]) -> list[str]:

@@ -280,7 +280,7 @@ def _one_angle(photos: list[LightField]) -> list[LightField]:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (_one, "there are 1 photographs; one can't tell light from reflectance"),
+        (_one, "there are 1 photographs; one can't separate light from reflectance"),
         (_few, "10 samples for 31 unknowns"),
         (_missing, "photograph 1: 900 of 900 radiances are not finite"),
         (_negative, "100% of the radiances are zero or negative"),

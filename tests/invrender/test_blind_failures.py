@@ -47,7 +47,7 @@ def photographs(
 def test_a_single_photograph_is_explained_by_any_light(bench: SimpleNamespace, rng: np.random.Generator):
     one = photographs(bench, rng, angles=[0], sources=[bench.source])
     with pytest.raises(
-        ValueError, match=r"one can't tell light from reflectance .* add photographs from other"
+        ValueError, match=r"one can't separate light from reflectance .* add photographs from other"
     ):
         factorize_blind(one)
 

@@ -1,4 +1,4 @@
-"""Factorization under unknown light where the lobe is not RH01's, and by RH01's own coarser rungs of transfer."""
+"""Factorization under unknown light where the lobe is not RH01's, and by RH01's own coarser transfers."""
 
 from __future__ import annotations
 
@@ -133,8 +133,8 @@ def test_the_ladder_tells_a_base_under_an_interface(bench: SimpleNamespace, rng:
     assert np.sqrt(np.mean(error**2)) < 0.5 * NOISE * np.sqrt(np.mean(expected**2))
 
 
-def test_coarser_rungs_of_transfer_lose_specular_reflection(bench: SimpleNamespace):
-    # Without noise or sources, and hardly any light beyond degree 7, so that few samples show what rungs leave out.
+def test_coarser_transfers_lose_specular_reflection(bench: SimpleNamespace):
+    # Without noise or sources, and hardly any light beyond degree 7, so that few samples show what transfers leave out.
     light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.5)
     photos = photographs(bench, TEFLON, 8, 1600, lights=[light], sources=[])
     elsewhere = Region(bench.direction(-70, -60), 0.1)
@@ -147,7 +147,7 @@ def test_coarser_rungs_of_transfer_lose_specular_reflection(bench: SimpleNamespa
     assert off[0] < 0.0002
     assert 0.003 < off[1] < off[2] < 0.012
     for found in (exact, filtered, mirror):
-        # Each predicts by its own rung: light that is seen blurred stays so.
+        # Each predicts by its own transfer: light that is seen blurred stays so.
         error = predict_blind(found, photos[3]) - photos[3].radiance
         assert np.sqrt(np.mean(error**2) / np.mean(photos[3].radiance ** 2)) < 0.005
     # A mirror shows nothing of its roughness.

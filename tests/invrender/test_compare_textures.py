@@ -157,7 +157,7 @@ def test_one_brdf_for_a_painted_object_is_not_held_against_the_paints_mean(
     painted_set: Path, tmp_path: Path
 ) -> None:
     folder = write_textured(tmp_path / "result", painted_set, "own", 0.2)
-    whole = replace(read_side(folder), paint=None)
+    whole = replace(read_side(folder), textures=None)
     matched = over_same_part(whole, read_side(painted_set / "truth.json"))
     assert matched.unlike
     judged = [row.label for row in number_rows(whole, matched.second, matched.unlike) if row.z is not None]

@@ -141,7 +141,7 @@ def test_what_is_wrong_with_the_options_is_said(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('shape = "sphere"', 'shape = "sphere"\ntexture = true', "texture and light can't be told apart"),
+        ('shape = "sphere"', 'shape = "sphere"\ntexture = true', "texture and light can't be separated"),
         ('file = "', 'held_out = true\nfile = "', "has 0 photo(s) to fit"),
         (
             "[[photo]]",

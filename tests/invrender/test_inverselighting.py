@@ -20,7 +20,8 @@ from invrender.inverse_lighting.coefficients import (
 )
 from invrender.inverse_lighting.dual import estimate_dual
 from invrender.inverse_lighting.knownbrdf import known_brdf
-from invrender.transport.harmonicrows import RUNGS, PhotoRows, Rung, lobe_blur, mirrored_views, photo_rows
+from invrender.transport.harmonicrows import PhotoRows, lobe_blur, mirrored_views, photo_rows
+from invrender.transport.lobetable import TRANSFERS, Transfer
 from recon.harmonics.basis import degrees, sphere_directions
 from recon.harmonics.latlong import synthesise_latlong
 from synthetic.materials.microfacet import MicrofacetMaterial as Truth
@@ -45,7 +46,7 @@ def photographs(
     brdf: Microfacet,
     angles: Sequence[float] = AROUND,
     l_max: int = 11,
-    rung: Rung = "exact",
+    transfer: Transfer = "exact",
     samples: int = 150,
 ) -> list[PhotoRows]:
     """Rows of photographs without noise under the bench's area light; radiance summed over incident directions."""
@@ -56,7 +57,7 @@ def photographs(
         field = bench.sphere_field(angle, samples)
         rays = reflected_radiance(truth, [bench.area_light], [], field.normals, field.views)
         field = replace(field, radiance=field.mean_over_rays(rays))
-        photos.append(photo_rows(field, brdf, l_max, rung))
+        photos.append(photo_rows(field, brdf, l_max, transfer))
     return photos
 
 
@@ -131,15 +132,15 @@ def test_a_diffuse_sphere_determines_no_odd_degree_above_one(bench, rng):
     assert first_nine_error(found, true_coefficients(bench, 2)) < 0.01
 
 
-def test_the_exact_rung_beats_the_filtered_one_and_that_the_mirror(bench):
+def test_the_exact_transfer_beats_the_filtered_one_and_that_the_mirror(bench):
     brdf = known_brdf([0.02], [0.2], None, 0.3)
     truth = true_coefficients(bench, 8)
     errors = {}
-    for rung in RUNGS:
-        photos = photographs(bench, brdf, l_max=8, rung=rung, samples=80)
+    for transfer in TRANSFERS:
+        photos = photographs(bench, brdf, l_max=8, transfer=transfer, samples=80)
         found = estimate_coefficients(photos, brdf, 8)
         # Where the lobe leaves something of the light, degrees up to 1 / sigma.
-        errors[rung] = np.sqrt(np.mean((found.values - truth)[:16] ** 2)) / truth[0].max()
+        errors[transfer] = np.sqrt(np.mean((found.values - truth)[:16] ** 2)) / truth[0].max()
     assert errors["exact"] < 0.003
     assert errors["exact"] < errors["filtered"] / 5
     assert errors["filtered"] < errors["mirror"]
@@ -206,7 +207,7 @@ def test_the_papers_own_consistency_condition_holds_for_a_mirror(bench):
         seen = photo.predict(brdf, light)
         photos.append(replace(photo, field=replace(photo.field, radiance=seen)))
     direct = estimate_coefficients(photos, brdf, 2)
-    # Of it the mirror's rung takes what no reflection reaches, and no more.
+    # Of it the mirror's transfer takes what no reflection reaches, and no more.
     dual = estimate_dual(photos, brdf, direct, "mirror")
     assert dual.coverage > 0.98
     # Directions are means over pixels of 2.8 degrees and their neighbourhood.

@@ -162,7 +162,7 @@ def test_a_truth_whose_lamps_are_near_judges_no_distant_light(small_set: Path, t
     ("change", "message"),
     [
         ({"model": "table", "sigma": None}, "its material is 'table', which none of our forms describes"),
-        ({"kd_map": "kd.exr", "ks_map": "ks.exr"}, "its object is painted"),
+        ({"kd_map": "kd.exr", "ks_map": "ks.exr"}, "its object is textured"),
         ({"sigma": 0.9}, "sigma is 0.9; roughnesses are"),
     ],
 )

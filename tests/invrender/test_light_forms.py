@@ -79,7 +79,7 @@ def test_what_lobes_leave_of_each_degree_is_alike_where_sigma_is_small() -> None
     assert (wide[1:] < narrow[1:]).all()
 
 
-def test_coarser_rungs_are_for_the_papers_lobe_only(lightfactor: Command, tmp_path: Path) -> None:
+def test_coarser_transfers_are_for_the_papers_lobe_only(lightfactor: Command, tmp_path: Path) -> None:
     result = write_result(tmp_path / "result", BECKMANN.name, 1.5, 0.2)
     code, _, err = lightfactor(
         "light", tmp_path, "--brdf", result, "--rung", "filtered", "-o", tmp_path / "x"

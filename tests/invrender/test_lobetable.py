@@ -65,7 +65,7 @@ def test_rows_of_samples_yield_the_reflected_radiance(bench, rng):
 @pytest.mark.parametrize(
     ("transfer", "factor"), [("mirror", lambda _: 1.0), ("filtered", lambda x: np.exp(-(x**2)))]
 )
-def test_coarser_rungs_are_light_in_the_mirror_direction(bench, transfer, factor):
+def test_coarser_transfers_are_light_in_the_mirror_direction(bench, transfer, factor):
     field, sigma = bench.sphere_field(40.0, samples=15), 0.15
     l = np.repeat(np.arange(7), 2 * np.arange(7) + 1)
     # Householder's reflection of each view at the plane through the normal's axis.
@@ -77,7 +77,7 @@ def test_coarser_rungs_are_light_in_the_mirror_direction(bench, transfer, factor
     assert_allclose(slopes, field.mean_over_rays(at_mirror * (ends[1] - ends[0]) / 2e-4), atol=2e-6)
 
 
-def test_all_rungs_agree_on_a_narrow_lobe(bench, rng):
+def test_all_transfers_agree_on_a_narrow_lobe(bench, rng):
     field = bench.sphere_field(40.0, samples=40)
     field = field.where(field.cos_exitant > 0.6)
     light = rng.normal(size=(25, 3))

@@ -389,7 +389,7 @@ def test_paint_in_larger_pixels_is_the_mean_of_what_smaller_ones_show(
     ("pattern", "replacement", "words"),
     [
         (r'shape = "mesh"', 'shape = "sphere"', ["texture = true", "meshes"]),
-        (r"(?m)^directional = ", 'recover = ["ambient"]\ndirectional = ', ["ambient", "can't be told apart"]),
+        (r"(?m)^directional = ", 'recover = ["ambient"]\ndirectional = ', ["ambient", "can't be separated"]),
         (r"(?m)^(map|directional) = .*\n", "", ["says nothing of the light"]),
     ],
     ids=["sphere", "recovered light", "no light"],

@@ -226,7 +226,7 @@ def test_what_is_matte_does_not_tell_its_paint_from_light(lightfactor: Command, 
     folder = in_unknown_light(write_doll_set(tmp_path, MATTE))
     code, _, err = lightfactor("process", folder, "-o", tmp_path / "out")
     assert code == 1
-    for words in ("no highlights tell it", "can't be told apart", "mirror ball"):
+    for words in ("no highlights determine it", "can't be separated", "mirror ball"):
         assert words in " ".join(err.split())
 
 

@@ -10,7 +10,7 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from capture.photoset import load_photoset
-from recon.mesh.shape import largest_piece, opening_warnings, placed, read_object_mesh, without_strays
+from recon.mesh.shape import largest_piece, opening_warnings, placed, read_object_mesh, without_loose_pieces
 from recon.mesh.trianglemesh import TriangleMesh, is_watertight
 
 from .bodymeshes import ball_mesh, joined, mesh_of
@@ -49,13 +49,13 @@ def test_a_scan_in_millimetres_is_read_in_metres(tmp_path):
 
 def test_dirt_is_left_out_and_said():
     ball = ball_mesh((0, 0, 0), 1.0, 3)
-    kept, warnings = without_strays(joined(ball, crumbs(100_000, 1e-5)))
+    kept, warnings = without_loose_pieces(joined(ball, crumbs(100_000, 1e-5)))
     assert len(kept.faces) == len(ball.faces)
     assert is_watertight(kept)
     assert warnings[0].startswith("100000 loose pieces, ")
     # A second part of its own size is no dirt.
     pair = joined(ball, ball_mesh((3, 0, 0), 0.5, 3))
-    kept, (warning,) = without_strays(pair)
+    kept, (warning,) = without_loose_pieces(pair)
     assert kept is pair
     assert warning.startswith("the mesh has 2 separate pieces; all but the largest hold 20.0% of its area")
     assert len(largest_piece(pair).faces) == len(ball.faces)
@@ -63,7 +63,7 @@ def test_dirt_is_left_out_and_said():
 
 def test_a_mesh_in_crumbs_is_refused():
     with pytest.raises(ValueError, match=r"loose pieces, and 20000 small ones hold \d+% of its area; merge"):
-        without_strays(joined(ball_mesh((0, 0, 0), 1.0, 3), crumbs(20_000, 0.01)))
+        without_loose_pieces(joined(ball_mesh((0, 0, 0), 1.0, 3), crumbs(20_000, 0.01)))
 
 
 def test_openings_are_counted_and_measured():

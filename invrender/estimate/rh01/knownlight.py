@@ -124,7 +124,7 @@ def _diffuse(
     fast: Sequence[tuple[LightElement, NDArray[np.bool_]]],
     shadows: Shadows | None,
 ) -> Floats:
-    """Irradiance (m, 3) at rays: of nine coefficients [eq. 21]; on a mesh, of the map and of sources in sight."""
+    """Irradiance (m, 3) at rays: of nine coefficients [eq. 21]; on a mesh, of the map and of visible sources."""
     sky = np.zeros(((_DIFFUSE_DEGREE + 1) ** 2, 3))
     if lighting.radiance_map is not None:
         sky = map_coefficients(lighting.radiance_map, _DIFFUSE_DEGREE)

@@ -5,10 +5,10 @@ for with it, in turns, on a subset of the points. All parts send light as the se
 taken off the model is fitted anew.
 
 Photographs say less of it here. Under one light, what bounces onto a matte point is the same in all of them and passes
-for paint. So the prediction stands unless they speak against it, in two ways: by what the points leave unexplained,
-each with the Kd and Ks that suit it best; and by how bright paint would be where little but bounced light arrives,
-since paint knows of no shadows. How many times as much of it they ask for is then weighed against what is known
-beforehand, that it is about right.
+for albedo. So the prediction stands unless they speak against it, in two ways: by what the points leave unexplained,
+each with the Kd and Ks that suit it best; and by how bright the albedo would be where little but bounced light arrives,
+since the albedo doesn't depend on shadows. How many times as much of it they ask for is then weighed against what is
+known beforehand, that it is about right.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ _BEFOREHAND = 0.2
 # How many times likelier photographs must make it that nothing bounces than the prediction, for it to be left in:
 # rendered without, as real ones never are.
 _ODDS = 10.0
-# Share of the irradiance by the lighting itself up to which a point lies in shadow. How near the paint there comes to
+# Share of the irradiance by the lighting itself up to which a point lies in shadow. How near the albedo there comes to
 # that elsewhere, in so many pieces of photographs at least.
-_SHADOW, _PAINT, _PIECES = 0.3, 0.1, 4
-# Share of the points that photographs tell whose Kd, or Ks, bounds that of the others.
+_SHADOW, _ALBEDO_NEAR, _PIECES = 0.3, 0.1, 4
+# Share of the determined points whose Kd, or Ks, bounds that of the others.
 _BRIGHT = 0.9
 # Points whose normals are opposite are as far apart as others at this share of the object's size: a thin wall's sides
-# may be painted differently.
+# may differ in albedo.
 _SIDES = 0.1
 
 
@@ -124,8 +124,8 @@ def account_for_bounces(
     values, lacking, share = without, None, np.ones(3)
     for _ in range(ROUNDS):
         kd, ks = (of[next_to] for of in (values.kd, values.ks))
-        painted = replace(fit.brdf, kd=kd, ks=ks)
-        bounced = {name: parts.bounced(of, np.ones((len(of), 3)), painted) for name, of in elements.items()}
+        textured = replace(fit.brdf, kd=kd, ks=ks)
+        bounced = {name: parts.bounced(of, np.ones((len(of), 3)), textured) for name, of in elements.items()}
         by_mesh = [_by_mesh(one.seen, bounced[one.seen.lighting], fit.brdf) for one in shown]
         less = _less(shown, by_mesh, values, known)
         if lacking is None:
@@ -153,7 +153,7 @@ def account_for_bounces(
     better = replace(better, candidates=candidates)
     found = _judged(shown, (nothing, by_mesh), (without, values), less, (fit, better))
     if not found.taken_off:
-        # What would bounce is told by the paint of the fit that stands, not by what followed from taking it off.
+        # The albedo of the fit that stands predicts what would bounce, not what followed from taking it off.
         by_mesh, less = once
         values = _values(shown, by_mesh, fit, len(points))
         found = _judged(shown, (nothing, by_mesh), (without, values), less, (fit, better))
@@ -202,7 +202,7 @@ def _less(
 ) -> list[Floats]:
     """Radiance (r, 3) of the points by what bounces.
 
-    What photographs don't tell of a point may be anything: it is no brighter than nearly all that they tell.
+    A point that photographs don't determine may have any albedo: it is taken no brighter than nearly all others.
     """
     kd, ks = (
         np.where(known[:, None], of, np.minimum(of, np.quantile(of[known], _BRIGHT, axis=0)))
@@ -279,7 +279,7 @@ def _asked_in_shadow(
     without: PointValues,
     known: NDArray[np.bool_],
 ) -> tuple[float, float]:
-    """How many times the bounced light makes paint in shadow as bright as elsewhere, and its standard deviation.
+    """How many times the bounced light makes the albedo in shadow as bright as elsewhere, and its standard deviation.
 
     Infinite where the photographs show too little of it: pieces are tiles of photographs.
     """
@@ -294,7 +294,7 @@ def _asked_in_shadow(
     if len(found) < _PIECES:
         return 1.0, np.inf
     spread = float(np.std(found, ddof=1)) / np.sqrt(len(found))
-    return max(float(np.mean(found)), 0.0), float(np.hypot(spread, _PAINT))
+    return max(float(np.mean(found)), 0.0), float(np.hypot(spread, _ALBEDO_NEAR))
 
 
 def _together(*answers: tuple[float, float]) -> tuple[float, float]:

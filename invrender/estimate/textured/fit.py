@@ -172,7 +172,7 @@ def _climb(
         places = tuple(search_point(model, stack, starts[form]) for model in models)
         candidates = []
         for model, point in zip(models, places, strict=True):
-            candidates.append(_rung(model, stack, count, point, judged))
+            candidates.append(_candidate(model, stack, count, point, judged))
             on_step()
         ladders[form] = _Ladder(models, places, tuple(candidates))
     return _Climbed(ladders, stacks, noise)
@@ -185,7 +185,7 @@ def _share(photos: Sequence[TexelRows], points: int) -> NDArray[np.bool_]:
 
 
 def _others(reference: _Ladder, form: LobeForm, tried: _Climbed, points: int) -> list[Candidate]:
-    """Rungs of all forms but one, as they would be on all of so many points; the simple and the good first."""
+    """Candidates of all forms but one, as they would be on all of so many points; the simple and the good first."""
     own = tried.ladders[form].candidates[-1]
     found = [
         replace(beside(reference.candidates[-1], candidate, own), parameters=_parameters(model, points))
@@ -227,8 +227,8 @@ def _weighed(
 ) -> tuple[NoiseModel, TexelObservations]:
     """The noise of a pixel, and the rows weighed by it, from what a fit leaves.
 
-    Residuals are taken for larger by what each point's own numbers take up of them. Where paint changes within a pixel
-    they stray as noise does not, and count for less.
+    Residuals are taken for larger by what each point's own numbers take up of them. Where the albedo changes within a
+    pixel they lie farther off than noise explains, and count for less.
     """
     numbers = numbers_at(model, point)
     total = stack.sums(numbers)
@@ -266,10 +266,10 @@ def _judged(model: TexturedModel, stack: TexelObservations, photos: int, point: 
     return judged
 
 
-def _rung(
+def _candidate(
     model: TexturedModel, stack: TexelObservations, photos: int, point: Floats, judged: NDArray[np.bool_]
 ) -> Candidate:
-    """A rung with its evidence: each photograph predicted from Kd and Ks that the others give.
+    """A candidate with its evidence: each photograph predicted from Kd and Ks that the others give.
 
     mu and sigma are those of all photographs: two numbers that one of them moves but little.
     """
@@ -291,7 +291,7 @@ def _rung(
             energy += np.bincount(stack.at[use] * _PATCHES // stack.size, square, minlength=_PATCHES)
     if np.isnan(errors).all():
         raise ValueError(
-            "no point of the object is seen by enough photographs to tell how well others predict it; take more, from"
+            "no point of the object is seen by enough photographs to judge predictions of it; take more, from"
             " sides that overlap, or leave texture out"
         )
     # A photograph that shares no points with others has no say.
@@ -310,7 +310,7 @@ def _uncertainty(model: TexturedModel, stack: TexelObservations, point: Floats) 
     """Covariance (k, k) and fragility (k,) of the search's coordinates, as `uncertainty.uncertainty_of` has them.
 
     All points' own numbers are solved for anew as the coordinates move: what is left of the residuals' slopes is what
-    tells of these alone. Clusters are tiles of photographs.
+    depends on these alone. Clusters are tiles of photographs.
     """
     size = len(point)
     if not size:

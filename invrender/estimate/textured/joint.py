@@ -1,8 +1,9 @@
-"""Kd and Ks of all texels at once: a pixel shows the mean over what it covers, paint's edges and all.
+"""Kd and Ks of all texels at once: a pixel shows the mean over what it covers, edges of the albedo included.
 
 Tiny systems come first: each pixel's say is dealt to the texels by how much it covers of them [RH01, section 6.4]. They
-leave paint blurred by about a pixel. From there conjugate gradients solve the linear problem in which a pixel is such a
-mean, on texels half as wide, with the tiny systems for a preconditioner; the texels given are means over four of these.
+leave the albedo blurred by about a pixel. From there conjugate gradients solve the linear problem in which a pixel is
+such a mean, on texels half as wide, with the tiny systems for a preconditioner; the texels given are means over four of
+these.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
-# Neighbouring half-width texels differ by this share of the mean, says the prior: no more than that paint has edges.
+# Neighbouring half-width texels differ by this share of the mean, says the prior: the albedo may have edges.
 _STEP = 0.5
 # Conjugate gradients end where a step moves values by less than this share of their standard deviations (RMS), before
-# the pixels that stray are known and after; or after so many steps.
+# the outliers are known and after; or after so many steps.
 _FIRST_NEAR, _NEAR, _MOST_STEPS = 0.2, 0.035, 24
 # Pixels' worth of coverage from which on a photograph counts as seeing a point.
 _SEEN = 0.25
 # What neighbouring texels differ by counts as error of a texel by this share; steps of Kd for Ks, and of Ks for Kd, by
-# this share again (doll: z 1.1 RMS at paint's edges).
+# this share again (doll: z 1.1 RMS at edges of the albedo).
 _UNRESOLVED, _SHARED = 0.2, 0.5
 # Times that a mean over a point and its neighbours is taken: over some fifty of them.
 _AROUND = 8
@@ -163,7 +164,7 @@ def solve_joint(
     if not (start.ks_std[sure] > 0).any():
         views = [_without_lobe(view, start.ks[0]) for view in views]
         both[:, 3:] = 0
-    # Texels of which the tiny systems tell little begin in the middle of the others.
+    # Texels that the tiny systems hardly determine begin in the middle of the others.
     middle, mean = np.median(both[sure], axis=0), both[sure].mean(axis=0)
     of_points = np.where(sure[:, None], both, middle).astype(np.float32)
     at = np.where((grid.parents >= 0)[:, None], of_points[grid.parents], middle.astype(np.float32))
@@ -198,7 +199,7 @@ def _without_lobe(view: PixelsOfPoints, ks: Floats) -> PixelsOfPoints:
 
 
 def _trusted(view: PixelsOfPoints, at: Singles, noise: NoiseModel) -> PixelsOfPoints:
-    """The view, weighed by what values leave of it: pixels that stray as noise does not count for less."""
+    """The view, weighed by what values leave of it: pixels farther off than noise explains count for less."""
     predicted = view.predicted(at)
     found = photo_weights(noise, predicted.astype(float), (view.radiance - predicted).astype(float))
     return replace(view, weight=(found.weight * view.trust).astype(np.float32))
@@ -336,7 +337,7 @@ def _values(
     for _ in range(_AROUND):
         square, count = near @ square, near @ count
     noise_std = tiny_std * np.sqrt(square / np.maximum(count, 1e-9)[:, None]) * _widening(views, at, means)
-    # What is lost at edges of paint is lost to Kd and Ks as the tiny systems share out an error of radiance.
+    # What is lost at edges of the albedo is lost to Kd and Ks as the tiny systems share out an error of radiance.
     steps = np.sqrt(np.asarray(means @ _steps(at, grid.pairs), np.float64))
     kd_per_ks = tiny_std[:, :3] / tiny_std[:, 3:]
     lost = np.hypot(
@@ -365,10 +366,10 @@ def _steps(at: Singles, pairs: Ints) -> Singles:
 
 def _widening(views: Sequence[PixelsOfPoints], at: Singles, means: csr_array) -> Floats:
     """By how much residuals beyond noise widen the points' error bars, (count, 1)."""
-    stray, covered = np.zeros(len(at)), np.zeros(len(at))
+    squares, covered = np.zeros(len(at)), np.zeros(len(at))
     for view in views:
         residual = (view.weight * (view.radiance - view.predicted(at)) ** 2).mean(axis=1)
-        stray += view.cover.T @ residual
+        squares += view.cover.T @ residual
         covered += view.cover.T @ np.ones_like(residual)
-    excess = (means @ stray) / np.maximum(means @ covered, 1e-6)
+    excess = (means @ squares) / np.maximum(means @ covered, 1e-6)
     return np.asarray(np.sqrt(np.where(excess > _BEYOND_NOISE, excess, 1))[:, None])

@@ -28,7 +28,7 @@ _NEAR = 1e-5
 
 @dataclass(frozen=True)
 class TexturedModel(Model):
-    """A rung: what varies over the surface besides Kd."""
+    """A candidate: what varies over the surface besides Kd."""
 
     ks_varies: bool = False
 

@@ -54,7 +54,7 @@ def products(
 
 @dataclass(frozen=True, eq=False)
 class PointValues:
-    """Kd and Ks of n points with their standard deviations, (n, 3); infinite where nothing tells.
+    """Kd and Ks of n points with their standard deviations, (n, 3); infinite where undetermined.
 
     cost : (n, 3), weighted sum of squared residuals. freedom : (n,), observations less numbers fitted, per channel.
     """
@@ -70,7 +70,7 @@ class PointValues:
 def solve_both(sums: TexelEquations) -> PointValues:
     """Kd and Ks of each point, neither below zero."""
     determinant = sums.dd * sums.ss - sums.ds**2
-    # Transfers that are the same up to a factor, to single precision, don't tell Kd from Ks.
+    # Transfers that are the same up to a factor, to single precision, don't separate Kd from Ks.
     apart = determinant > 1e-6 * sums.dd * sums.ss
     safe = np.where(apart, determinant, 1.0)
     kd = np.where(apart, (sums.ss * sums.dy - sums.ds * sums.sy) / safe, 0.0)

@@ -92,7 +92,7 @@ def with_alternatives(
 def _moved(own: BlindState, rival: BlindState) -> dict[str, float]:
     """By how much another state has the numbers elsewhere that both have, by the names of `BlindState.names`."""
     moved = {
-        f"kappa {c}": float(there - here)
+        f"share {c}": float(there - here)
         for c, here, there in zip("rgb", own.specular_share, rival.specular_share, strict=True)
     }
     moved["sigma"] = rival.roughness - own.roughness

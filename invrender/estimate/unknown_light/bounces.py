@@ -1,7 +1,7 @@
 """Light that bounces between an object's parts where its light is unknown, and so its albedo.
 
 As in known light (`interreflection`) fit and prediction take turns, and the photographs judge. The light that was
-recovered shows what falls on each part, but for a scale that photographs in unknown light don't tell. How much of it is
+recovered shows what falls on each part, but for a scale that photographs in unknown light don't fix. How much of it is
 sent on hangs on the albedo alone. That is one more number per channel: the one with which the light, solved for beside
 it, leaves least of the photographs unexplained.
 """
@@ -77,7 +77,7 @@ class Sent:
         return self.bounced[lighting].radiance(field, self.brdf)
 
     def of(self, search: Search) -> list[Floats]:
-        """Its radiance (n, 3) in each sight."""
+        """Its radiance (n, 3) in each design."""
         return [self.radiance(design.lighting, design.field) for design in search.designs]
 
 
@@ -273,7 +273,7 @@ def _judged(
 
 
 def _without(search: Search, less: Sequence[Floats]) -> Search:
-    """The same with photographs whose radiance is lower by some (n, 3) in each sight."""
+    """The same with photographs whose radiance is lower by some (n, 3) in each design."""
     designs = [
         replace(design, field=_less(design.field, off))
         for design, off in zip(search.designs, less, strict=True)

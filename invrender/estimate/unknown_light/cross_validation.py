@@ -109,7 +109,7 @@ def cross_validate(name: str, search: Search, fit: BlindFit) -> BlindCandidate:
 class Joint:
     """Joint normal equations at a fit by lighting: of all samples with the prior, and of each fold.
 
-    fold_of : (n,) per sight.
+    fold_of : (n,) per design.
     """
 
     whole: dict[int, Arrow]
@@ -121,7 +121,7 @@ def joint_equations(search: Search, fit: BlindFit) -> Joint:
     """Equations at a fit, fold by fold."""
     fold_of = _folds(search.designs)
 
-    def of_sight(item: tuple[LightingDesign, Floats, LightingRows, Ints]) -> dict[int, Arrow]:
+    def of_design(item: tuple[LightingDesign, Floats, LightingRows, Ints]) -> dict[int, Arrow]:
         design, weight, rows, fold = item
         lit, shared = joint_rows(design, fit, rows)
         residual = design.radiance - predicted(design, fit, rows)
@@ -134,7 +134,7 @@ def joint_equations(search: Search, fit: BlindFit) -> Joint:
 
     folds: dict[int, dict[int, Arrow]] = {}
     sums: dict[int, Arrow] = {}
-    found = parallel_map(of_sight, zip(search.designs, search.weights, fit.rows, fold_of, strict=True))
+    found = parallel_map(of_design, zip(search.designs, search.weights, fit.rows, fold_of, strict=True))
     for design, parts in zip(search.designs, found, strict=True):
         for fold, part in parts.items():
             _add(folds.setdefault(fold, {}), design.lighting, part)

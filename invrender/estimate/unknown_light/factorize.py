@@ -151,8 +151,8 @@ def _check(
         raise ValueError(f"transfer is {transfer!r}; it must be one of {', '.join(TRANSFERS)}")
     if len(photos) < 2:
         raise ValueError(
-            f"there are {len(photos)} photographs; one can't tell light from reflectance (any image is explained by a"
-            " mirror ball under some light): add photographs from other sides"
+            f"there are {len(photos)} photographs; one can't separate light from reflectance (a mirror"
+            " ball under some light explains any image): add photographs from other sides"
         )
     if len(lighting_of) != len(photos):
         raise ValueError(
@@ -207,7 +207,7 @@ def _assumed(photos: Sequence[LightField]) -> NoiseModel:
 
 
 def _split(design: LightingDesign, weights: Weights) -> list[Weights]:
-    """Weights of a sight's samples, photograph by photograph."""
+    """Weights of a design's samples, photograph by photograph."""
     parts = zip(design.split(weights.trust), design.split(weights.weight), strict=True)
     return [Weights(*pair) for pair in parts]
 

@@ -53,10 +53,10 @@ def quantities_of(
     std = dict(zip(names, np.sqrt(np.diag(certainty.covariance)), strict=True))
     fragility = dict(zip(names, certainty.fragility, strict=True))
     share = float(state.specular_share.mean())
-    kappa_std = np.array([std.get(f"kappa {c}", 0.0) for c in "rgb"])
+    share_std = np.array([std.get(f"share {c}", 0.0) for c in "rgb"])
     found = {
-        "kd_normalised": assess_linear(1 - state.specular_share, kappa_std, np.ones(3), "Kd"),
-        "ks_normalised": assess_linear(state.specular_share, kappa_std, np.ones(3), "Ks"),
+        "kd_normalised": assess_linear(1 - state.specular_share, share_std, np.ones(3), "Kd"),
+        "ks_normalised": assess_linear(state.specular_share, share_std, np.ones(3), "Ks"),
     }
     if state.mu is not None:
         scalar = Scalar(state.mu, std["mu"], fragility["mu"])

@@ -27,7 +27,7 @@ def climb(
 ) -> list[BlindCandidate]:
     """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
 
-    Orders above the first rung's are tried one after the other, as long as it takes the last. others : states with
+    Orders above the first candidate's are tried one after the other, as long as it takes the last. others : states with
     lobes of other forms, as good as their best.
     """
     candidates, fit = [first], first.fit
@@ -84,7 +84,7 @@ def _takes_the_highest(candidates: Sequence[BlindCandidate]) -> bool:
 
 
 def neighbours(candidates: Sequence[BlindCandidate], chosen: int) -> list[int]:
-    """The chosen rung and, if there is one, that of the same model with the next richer lighting."""
+    """The chosen candidate and, if there is one, that of the same model with the next richer lighting."""
     own = candidates[chosen].fit
     richer = [
         index
@@ -97,7 +97,7 @@ def neighbours(candidates: Sequence[BlindCandidate], chosen: int) -> list[int]:
 
 
 def confirm(search: Search, candidates: list[BlindCandidate], pair: Sequence[int]) -> int:
-    """Fit some rungs to all samples, in place; the simplest of them that suffices, which alone keeps its rows."""
+    """Fit some candidates to all samples, in place; the simplest of them that suffices, which alone keeps its rows."""
     for index in pair:
         fit = search.fit(candidates[index].fit.state, candidates[index].fit.l_max)
         candidates[index] = cross_validate(model_name(fit), search, fit)
@@ -108,12 +108,12 @@ def confirm(search: Search, candidates: list[BlindCandidate], pair: Sequence[int
 
 
 def without_rows(candidate: BlindCandidate) -> BlindCandidate:
-    """The rung without its fit's rows, which take up far more than all else together."""
+    """The candidate without its fit's rows, which take up far more than all else together."""
     return replace(candidate, fit=replace(candidate.fit, rows=()))
 
 
 def model_name(fit: BlindFit) -> str:
-    """What a rung is called: its lobe, its lighting's degree, its sources."""
+    """What a candidate is called: its lobe, its lighting's degree, its sources."""
     state = fit.state
     kind = "lambertian" if state.sigma is None else state.form.name
     bare = state.sigma is not None and state.mu is None and state.form.has_fresnel

@@ -1,9 +1,9 @@
 """What samples of photographs see of unknown lighting, and how that changes with the BRDF (`rows`).
 
-    B = sum_k L_k [(1 - kappa) D_k + kappa M_k(mu, sigma)]
-      + sum_j E_j [(1 - kappa) max(n.d_j, 0) + kappa T(mu, sigma, d_j)]     [RH01, eq. 15, 20, 23]
+    B = sum_k L_k [(1 - s) D_k + s M_k(mu, sigma)]
+      + sum_j E_j [(1 - s) max(n.d_j, 0) + s T(mu, sigma, d_j)]     [RH01, eq. 15, 20, 23]
 
-per channel, in the gauge Kd + Ks = 1; above a base under an interface D_k and the cosine hold what that lets in and out
+per channel, in the gauge Kd + Ks = 1; above a base under an interface D_k and the cosine hold what that transmits
 (`base`), and what a mesh hides of the sky is taken to come in as light from all sides does. M and T are the lobe with
 its Fresnel factor, which RH01's form has at theta_o and so outside of all sums over light. A pixel is the mean over its
 rays. What a mesh keeps from itself is left out of all of these, by `visibility`'s three rules.
@@ -112,11 +112,11 @@ class LightingDesign:
         return self.within(self.field.radiance)
 
     def brightness(self, prediction: Floats) -> Floats:
-        """Radiance (n, 3) by which noise is judged: as predicted, or as photographed of a painted body."""
+        """Radiance (n, 3) by which noise is judged: as predicted, or as photographed of a textured body."""
         return prediction if self.field.place is None else np.maximum(self.field.radiance, 0)
 
     def within(self, values: NDArray[np.floating]) -> NDArray[Any]:
-        """Values (n, ...) less what photographs of a place have in common on a painted body; as they are on others."""
+        """Values (n, ...) less what photographs of a place have in common on a textured body; as they are on others."""
         if self.field.place is None:
             return values
         left = self._less_in_common.astype(values.dtype) @ values.reshape(len(values), -1)

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 ITERATIONS = 30
 # Of squared residuals, in units of the noise that they show, in which a parameter's step by its standard deviation
-# costs 1: so small gains end a search; smaller than the others they are beneath what single precision tells apart.
+# costs 1: so small gains end a search; smaller than the others they are beneath what single precision resolves.
 _CONVERGED, _TOLD_APART = 1e-2, 1.0
 _FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-9
 
@@ -35,7 +35,7 @@ class BlindFit:
 
     l_max : of the lightings. light : (k + j, 3) each, harmonic coefficients, then the irradiances of its sources.
     costs : squared residuals over variances, with what the prior adds. grams : (3, k + j, k + j) each, of the
-    lighting's equations, prior included. rows : per sight.
+    lighting's equations, prior included. rows : per design.
     """
 
     state: BlindState
@@ -99,7 +99,7 @@ def solve_lighting(
     state: BlindState,
     l_max: int,
 ) -> BlindFit:
-    """The best lightings at a state; weights : (n, 3) per sight, inverse variances."""
+    """The best lightings at a state; weights : (n, 3) per design, inverse variances."""
 
     def equations(pair: tuple[LightingDesign, Floats]) -> tuple[LightingRows, Floats, Floats, float]:
         design, weight = pair
@@ -194,7 +194,7 @@ class SharedEquations:
 
 
 def joint_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> tuple[Floats, Floats]:
-    """Jacobian of a sight's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
+    """Jacobian of a design's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
     lit = np.stack([rows.of_channel(specular_share) for specular_share in fit.state.specular_share])
     return lit, _shared_rows(design, fit, rows)
 
@@ -209,7 +209,7 @@ def _shared_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> F
 
 
 def predicted(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
-    """Radiance (n, 3) of a sight's rows."""
+    """Radiance (n, 3) of a design's rows."""
     return rows.radiance(fit.state.specular_share, fit.light[design.lighting])
 
 

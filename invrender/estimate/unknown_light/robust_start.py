@@ -1,8 +1,8 @@
-"""A first answer that nonsense among the samples doesn't spoil: dust, glare, a passing hand.
+"""A robust start: a first fit that outliers among the samples don't spoil (dust, glare, a passing hand).
 
 Least squares trusts all samples, so that few that are a hundred times as bright ruin a first fit, and with it the
 search for sources. So at first a middling BRDF under light of a middling degree, which explains most of any photograph
-to within a factor, is fitted over and over, each sample counting less the farther it strayed (Cauchy's weights). What
+to within a factor, is fitted over and over, each sample counting less the larger its residual (Cauchy's weights). What
 highlights it misses lose their peaks, but not their flanks, by which their sources are found; fits that have these then
 judge all samples anew, by what they leave of most of them.
 """
@@ -35,11 +35,11 @@ _LEVEL = 0.8
 # Residual, relative to the prediction, that a middling BRDF may leave; and the share of a photograph's brightness that
 # darker predictions are taken for.
 _USUAL, _DARKEST = 1.0, 0.5
-# Share of a prediction within which a sample's own brightness tells its noise.
+# Share of a prediction within which a sample's own brightness gives its noise.
 _NEAR = 0.5
-# Of the brightest of a photograph's highlights, the least that tells what residuals are usual there; and how many times
+# Of the brightest of a photograph's highlights, the least that shows what residuals are usual there; and how many times
 # as large the largest are that pass for misfit.
-_FAINT, _STRAYS = 0.1, 6.0
+_FAINT, _OUTLIERS = 0.1, 6.0
 # Share of samples four times as bright as they should be at first that calls for care; and, of those that have lost
 # half of their say, a third of which is a change that calls for another judgement. How many of these there may be.
 _FEW, _GROSS, _HALF, _MOST_JUDGEMENTS = 0.003, 0.01, 0.5, 8
@@ -52,8 +52,8 @@ def robust_start(
     noise: NoiseModel,
     form: LobeForm = RH01_FORM,
 ) -> tuple[Search, FoundSources, SourceStarts | None]:
-    """`sources.find_starts` with the samples that it was left with: the same, unless some stray; then these count for
-    little, and the rest is weighed by an assumed noise."""
+    """`sources.find_starts` with the samples that it was left with: the same, unless there are outliers; these count
+    for little, and the rest is weighed by an assumed noise."""
     first, trust = _middling(search, l_max or search.designs[0].l_max)
     if _distrusted(trust, _GROSS) < _FEW:
         return search, *find_starts(search, l_max, in_the_dark, form)
@@ -74,7 +74,7 @@ def judged(search: Search, fit: BlindFit, noise: NoiseModel) -> Search:
     brightness, found = _found_by(search, fit)
     weights, trust = [], []
     for design, prediction, own in zip(search.designs, brightness, found, strict=True):
-        # Far from the prediction a sample's own brightness tells nothing of its noise.
+        # Far from the prediction a sample's own brightness says nothing of its noise.
         low, high = np.sort([_NEAR * prediction, prediction / _NEAR], axis=0)
         level = np.clip(design.field.radiance, low, high)
         trust.append(own.trust)
@@ -85,7 +85,7 @@ def judged(search: Search, fit: BlindFit, noise: NoiseModel) -> Search:
 
 
 def _by_own_noise(search: Search, fit: BlindFit) -> Search:
-    """Samples as a fit judges them, weighed by what it leaves of most: so what strays doesn't outweigh all else."""
+    """Samples as a fit judges them, weighed by what it leaves of most: so outliers don't outweigh all else."""
     found = _found_by(search, fit)[1]
     weights = [
         own.weight * (design.field.weight * design.field.shares)[:, None]
@@ -108,10 +108,10 @@ def _found_by(search: Search, fit: BlindFit) -> tuple[list[Floats], list[Weights
 def noise_and_weights(
     search: Search, fit: BlindFit, predictions: Sequence[Floats], residuals: Sequence[Floats]
 ) -> tuple[NoiseModel, list[Weights]]:
-    """The noise that a fit's residuals (n, 3) per sight show, and what its samples count for by it.
+    """The noise that a fit's residuals (n, 3) per design show, and what its samples count for by it.
 
     Where there are lamps only it holds the lobe's misfit: beside other light a first fit has yet to find its lobe.
-    predictions : radiance (n, 3) per sight by which noise is judged.
+    predictions : radiance (n, 3) per design by which noise is judged.
     """
     noise, highlights = fit_noise(predictions, residuals), [np.zeros_like(of) for of in residuals]
     if not fit.l_max:
@@ -138,7 +138,7 @@ def misfit_noise(
     highlights: Sequence[Floats],
     residuals: Sequence[Floats],
 ) -> NoiseModel:
-    """`noise.with_misfit` but for what strays from most of a highlight; all (n, 3) per sight."""
+    """`noise.with_misfit` but for outliers of a highlight; all (n, 3) per design."""
     parts = []
     for design, *of in zip(search.designs, predictions, highlights, residuals, strict=True):
         for prediction, highlight, residual, share in zip(
@@ -153,7 +153,7 @@ def _usual(highlight: Floats, residual: Floats) -> Floats:
     lit = highlight > _FAINT * highlight.max(initial=0)
     if not lit.any():
         return residual
-    most = _STRAYS * 1.4826 * float(np.median(np.abs(residual[lit]) / highlight[lit])) * highlight
+    most = _OUTLIERS * 1.4826 * float(np.median(np.abs(residual[lit]) / highlight[lit])) * highlight
     return np.asarray(np.clip(residual, -most, most))
 
 
@@ -164,7 +164,7 @@ def weights_of(
     residuals: Sequence[Floats],
     highlights: Sequence[Floats],
 ) -> list[Weights]:
-    """`noise.photo_weights` of each sight's samples, photograph by photograph."""
+    """`noise.photo_weights` of each design's samples, photograph by photograph."""
     weights = []
     for design, *parts in zip(search.designs, predictions, residuals, highlights, strict=True):
         own = [photo_weights(noise, *of) for of in zip(*map(design.split, parts), strict=True)]

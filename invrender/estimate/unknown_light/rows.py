@@ -23,8 +23,8 @@ class LightingRows:
 
     sky_diffuse, sky_specular : (n, k) over the coefficients: what a base of unit Kd sends, and a specular part of unit
     Ks. Single precision, as lobes have them: all that grows with the degree. lamps_diffuse, lamps_specular : (n, j)
-    over the sources. The specular ones have one row of zeros without a lobe, where kappa is zero. All are as
-    `LightingDesign.within` leaves them.
+    over the sources. The specular ones have one row of zeros without a lobe, where the specular share is zero. All are
+    as `LightingDesign.within` leaves them.
     """
 
     sky_diffuse: Singles
@@ -83,7 +83,7 @@ class LightingRows:
 
 
 def rows_of(design: LightingDesign, state: BlindState, l_max: int) -> LightingRows:
-    """Rows at a state, over lighting of degree l_max <= the sight's."""
+    """Rows at a state, over lighting of degree l_max <= the design's."""
     base = design.within(np.asarray(design.base_rows(state, l_max), np.float32))
     lobe: Singles = np.zeros((1, base.shape[1]), np.float32)
     if state.sigma is not None:

@@ -76,11 +76,11 @@ class BlindLight:
 class BlindSolution:
     """BRDF and lightings of a homogeneous body, up to a scale per channel (`gauge`).
 
-    model : name of the chosen rung. brdf_share : (3,) kappa = Ks / (Kd + Ks). mu, sigma : None where the model lacks
-    them; sigma in radians. form : of the lobe. lights : by name, in the order in which photographs first name them.
-    quantities : "kd_normalised", "ks_normalised", "mu", "sigma". covariance, covariance_names : of the shares, mu,
-    sigma and the sources' turns (radians). candidates, chosen : the ladder. noise, weights : as in `noise`, weights per
-    photograph. transfer : of the lobe, that the fit went by.
+    model : name of the chosen candidate. brdf_share : (3,) specular share s = Ks / (Kd + Ks). mu, sigma : None where
+    the model lacks them; sigma in radians. form : of the lobe. lights : by name, in the order in which photographs
+    first name them. quantities : "kd_normalised", "ks_normalised", "mu", "sigma". covariance, covariance_names : of the
+    shares, mu, sigma and the sources' turns (radians). candidates, chosen : the ladder. noise, weights : as in `noise`,
+    weights per photograph. transfer : of the lobe, that the fit went by.
     """
 
     model: str

@@ -1,8 +1,8 @@
-"""On which side a lamp is, that shows in Lambertian shading only.
+"""The side on which a source lies if only Lambertian shading shows it.
 
 max(n.d, 0) = max(-n.d, 0) + n.d: a convex Lambertian body shows a lamp and its antipode alike where light of degree 1
-beside it makes up for the difference, since it passes no other odd degree [RH01, section 5.1]. All that tells them
-apart is that no light is negative: its first moment, the integral of L w, can't be longer than its power, that of L.
+beside it makes up for the difference, since it passes no other odd degree [RH01, section 5.1]. Only one fact separates
+them: light is not negative, so its first moment, the integral of L w, can't be longer than its power, that of L.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class SourceAmbiguity:
 
 
 def likelier_sides(search: Search, fit: BlindFit) -> SourceAmbiguity | None:
-    """Lamps on the sides that leave the rest of the light most even; None where the photographs tell their sides.
+    """Lamps on the sides that leave the rest of the light most even; None where the photographs determine their sides.
 
     They do where there is a lobe, where shadows are cast, and where nothing is beside the lamps but uniform light.
     """

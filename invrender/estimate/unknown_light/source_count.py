@@ -35,7 +35,7 @@ _AROUND = 1.5
 # How far to the side of a lamp, radians, other lobes of it are; and iterations by which a start has shown its worth.
 _BESIDE, _ITERATIONS = 0.06, 10
 # How far off a lamp may be, radians, by its shading on a body that isn't Lambertian.
-_ASTRAY = 0.8
+_FAR_OFF = 0.8
 # Deviations from which on a residual may be a highlight's; directions of these that are candidates in each lighting, at
 # most; and how often lamps are counted anew.
 _OUTSTANDING, _HIGHLIGHTS, _ROUNDS = 6.0, 6, 4
@@ -96,14 +96,14 @@ def _at_highlights(search: Search, fit: BlindFit, state: BlindState) -> BlindSta
 
 
 def _towards_highlights(search: Search, lamps: BlindState) -> BlindState:
-    """Lamps turned to where the small highlight nearest to what they would mirror has them: shading tells less."""
+    """Lamps turned to where the small highlight nearest to what they would mirror has them: shading is less precise."""
     directions = lamps.directions.copy()
     for k, (direction, lighting) in enumerate(zip(lamps.directions, lamps.owners.tolist(), strict=True)):
         photos = [photo for design in search.only(lighting).designs for photo in design.photos]
         found = [(photo, small_highlights(photo.rows, photo.columns, photo.radiance)) for photo in photos]
         ways = np.concatenate([_mirrored(photo, bright) for photo, bright in found])
         brightness = np.concatenate([photo.radiance[bright].sum(axis=1) for photo, bright in found])
-        near = ways @ direction > np.cos(_ASTRAY)
+        near = ways @ direction > np.cos(_FAR_OFF)
         if near.any():
             peak = ways[np.where(near, brightness, 0).argmax()]
             mean = brightness[near] @ (ways[near] * (ways[near] @ peak > np.cos(PEAK_WIDTH))[:, None])
@@ -124,7 +124,7 @@ def _best_start(search: Search, lamps: BlindState) -> BlindFit:
 
 
 def is_endless(state: BlindState) -> bool:
-    """Whether a lobe has become as wide as it can, and so a part of the base that no highlight tells of."""
+    """Whether a lobe has become as wide as it can, and so a part of the base that shows as no highlight."""
     return state.sigma is not None and state.sigma >= (1 - _SAME_WIDTH) * SIGMA_RANGE[1]
 
 
@@ -250,6 +250,6 @@ def _left(search: Search, shared: Floats, own: Floats) -> tuple[float, float, in
 
 
 def _price(search: Search, left: float, together: float, fitted: int) -> float:
-    """Squared residuals that a lamp must save where so many are left and hang together."""
+    """Squared residuals that a lamp must save where so many are left and are correlated."""
     numbers = sum(np.count_nonzero(weight) for weight in search.weights)
     return float(_SOUGHT * PER_SOURCE * np.log(numbers) * left / max(numbers - fitted, 1) * together)

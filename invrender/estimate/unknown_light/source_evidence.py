@@ -23,7 +23,7 @@ def source_penalty(search: Search, fit: BlindFit, lighting: int) -> float:
 
 
 def design_effect(search: Search, fit: BlindFit, lightings: Collection[int]) -> float:
-    """How many residuals count as one witness, at least 1: those that hang together over tiles of a photograph."""
+    """How many residuals count as one witness, at least 1: those that are correlated over tiles of a photograph."""
     residuals, together = 0.0, 0.0
     for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
         if design.lighting in lightings:

@@ -2,7 +2,7 @@
 
 The mean of f over a disc of angular radius a about d is f(d) + (a^2 / 8) Laplacian f(d), to the first order: the square
 of a lamp's radius is one more number that radiance is linear in, beside all that was fitted. In half-vectors, which
-grazing light stretches, a wide lamp is no wide lobe, so that the two can be told apart.
+grazing light stretches, a wide lamp is no wide lobe, so that the two can be separated.
 """
 
 from __future__ import annotations

@@ -220,7 +220,7 @@ def find_starts(
     if not l_max:
         dark = of_degree(search, 0)
         alone = fewest_sources(dark, _diffuse_lamps(search), form)
-        # Of two that are nearer to each other than the lobe is wide nothing tells in the dark.
+        # In the dark nothing separates two sources that are nearer to each other than the lobe is wide.
         return FoundSources(alone, None), SourceStarts(alone, dark.fit(alone.state.without_lobe(), 0))
     found = examined(search, find_sources(search, first_state(search, l_max), l_max))
     lamps = _lamps_alone(search, found.fit) if in_the_dark else None

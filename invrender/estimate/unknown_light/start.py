@@ -65,7 +65,7 @@ class Region:
 class Search:
     """Photographs as searches take them.
 
-    weights, trust : (n, 3) per sight, as in `noise.Weights`. scales : (3,) of each lighting by its number, that
+    weights, trust : (n, 3) per design, as in `noise.Weights`. scales : (3,) of each lighting by its number, that
     the prior goes by.
     """
 
@@ -77,7 +77,7 @@ class Search:
 
     @property
     def problem(self) -> tuple[Sequence[LightingDesign], Sequence[Floats], Mapping[int, Floats]]:
-        """What the solvers take: sights, weights, and the lightings' scales."""
+        """What the solvers take: designs, weights, and the lightings' scales."""
         return self.designs, self.weights, self.scales
 
     @property
@@ -173,7 +173,7 @@ def of_degree(search: Search, l_max: int, settled: bool = False) -> Search:
 
 
 def forget_rows(search: Search) -> None:
-    """Leave the memory of rows that sights keep from step to step; they are made again when asked for."""
+    """Leave the memory of rows that designs keep from step to step; they are made again when asked for."""
     for design in search.designs:
         design.forget_rows()
 
@@ -182,7 +182,7 @@ def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
     """The same with at most about `most` samples, or `per_lighting` of each if that is more, evenly taken.
 
     Of small highlights that the even choice would leave a few samples of, more are taken, up to a tenth of all: they
-    tell most of lamps and of the lobe, and few that stand alone look like dust.
+    determine lamps and lobe best, and few that stand alone look like dust.
     """
     total = sum(len(design.field) for design in search.designs)
     every = max(1, int(np.ceil(total / max(most, per_lighting * len(search.lightings)))))

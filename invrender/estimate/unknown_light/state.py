@@ -20,7 +20,7 @@ Ints = NDArray[np.int64]
 # Where a search for the refractive index begins.
 FIRST_MU = 1.5
 # Largest steps: of a share, of log(mu - 1), log sigma and log spread, of a source, radians, and of others.
-_STEPS = {"kappa": 0.2, "mu": 0.5, "sigma": 0.5, "coat": 0.3, "haze": 0.2, "spread": 0.5, "source": 0.1}
+_STEPS = {"share": 0.2, "mu": 0.5, "sigma": 0.5, "coat": 0.3, "haze": 0.2, "spread": 0.5, "source": 0.1}
 _SHARES = (1e-3, 1 - 1e-3)
 
 
@@ -54,20 +54,20 @@ class BlindState:
         mu stands for log(mu - 1), sigma and the form's spread for their logs; a source's two are turns, radians, along
         its `tangents`.
         """
-        names = [] if self.sigma is None else ["kappa r", "kappa g", "kappa b"]
+        names = [] if self.sigma is None else ["share r", "share g", "share b"]
         names += [] if self.mu is None else ["mu"]
         names += [] if self.sigma is None else ["sigma", *self.form.numbers]
         return (*names, *(f"source {k + 1} {way}" for k in range(len(self.directions)) for way in "ab"))
 
     def own(self, channel: int, lighting: int) -> list[int]:
-        """Indices into `names` of what a channel depends on: its kappa, the lighting's sources, and what all share."""
-        skip = {"kappa r", "kappa g", "kappa b"} - {f"kappa {'rgb'[channel]}"}
+        """Indices into `names` of what a channel depends on: its specular share, the sources, and what all share."""
+        skip = {"share r", "share g", "share b"} - {f"share {'rgb'[channel]}"}
         others = np.flatnonzero(self.owners != lighting)
         skip |= {f"source {k + 1} {way}" for k in others for way in "ab"}
         return [k for k, name in enumerate(self.names) if name not in skip]
 
     def scales(self) -> Floats:
-        """Derivatives of kappa, mu, sigma (radians), the form's numbers and turns by the parameters of `names`."""
+        """Derivatives of the shares, mu, sigma (radians), the form's numbers and turns by the parameters of `names`."""
         spread = self.form.numbers.get("spread", 0.0)
         by_name = {"mu": (self.mu or 1) - 1, "sigma": self.sigma or 0.0, "spread": spread}
         return np.array([by_name.get(name, 1.0) for name in self.names])
@@ -80,7 +80,7 @@ class BlindState:
         if self.sigma is None:
             specular_share, sigma = self.specular_share, None
         else:
-            specular_share = np.clip(self.specular_share + [by_name[f"kappa {c}"] for c in "rgb"], *_SHARES)
+            specular_share = np.clip(self.specular_share + [by_name[f"share {c}"] for c in "rgb"], *_SHARES)
             sigma = float(np.clip(self.sigma * np.exp(by_name["sigma"]), *SIGMA_RANGE))
             form = form.with_numbers({name: self._number(name, by_name[name]) for name in form.numbers})
         mu = None if self.mu is None else float(np.clip(1 + (self.mu - 1) * np.exp(by_name["mu"]), *MU_RANGE))
@@ -102,7 +102,7 @@ class BlindState:
         """Which parameters are at an end of their range that they would leave, (t,)."""
         ends = {"mu": (self.mu, MU_RANGE), "sigma": (self.sigma, SIGMA_RANGE)}
         ends |= {name: (value, NUMBER_RANGE[name]) for name, value in self.form.numbers.items()}
-        ends |= {f"kappa {c}": (float(self.specular_share[k]), _SHARES) for k, c in enumerate("rgb")}
+        ends |= {f"share {c}": (float(self.specular_share[k]), _SHARES) for k, c in enumerate("rgb")}
         found = []
         for name, slope in zip(self.names, gradient, strict=True):
             value, (low, high) = ends.get(name, (None, (0.0, 0.0)))

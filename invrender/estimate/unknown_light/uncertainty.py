@@ -1,7 +1,7 @@
 """How certain a blind fit is: the joint covariance, and what the lighting's degrees owe to the photographs.
 
 As for known light, of the two answers for each nonlinear parameter the larger is kept: what independent noise implies,
-and what residuals imply that hang together within tiles of a photograph or patches of the surface.
+and what residuals imply that are correlated within tiles of a photograph or patches of the surface.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ _SHARE_STD, _TURN_STD = 1 / np.sqrt(12), 1.0
 class BlindUncertainty:
     """Standard deviations of a fit.
 
-    covariance : (t, t), of kappa, mu, sigma (radians) and the sources' turns (radians), as `State.names` lists them.
-    light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility : (t,), by how much each moves
-    when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting, mean
-    share of what is known of a coefficient that comes from the photographs, not from the prior. misfit : what of the
-    sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii : (j,) radians, of discs that
-    the sources look like; 0 of those that may be points. other_mu : by name, of forms of the lobe that explain as well
-    and have mu beyond its own doubt elsewhere.
+    covariance : (t, t), of the shares, mu, sigma (radians) and the sources' turns (radians), as `State.names` lists
+    them. light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility : (t,), by how much each
+    moves when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting,
+    mean share of what is known of a coefficient that comes from the photographs, not from the prior. misfit : what of
+    the sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii : (j,) radians, of discs
+    that the sources look like; 0 of those that may be points. other_mu : by name, of forms of the lobe that explain as
+    well and have mu beyond its own doubt elsewhere.
     """
 
     covariance: Floats
@@ -74,7 +74,7 @@ def blind_uncertainty(
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     # In clean sets nothing of it is left.
     structured = structured_rms(fields, left, finest_tiles(fields)) / max(float(energy), 1e-300)
-    # As for known light: nothing tells how what isn't noise is shared among the numbers, as a share of each, and of a
+    # As for known light: how misfit is shared among the numbers is unknown, as a share of each, and of a
     # radian: by as much does shading that is wrong by so much of itself turn a source.
     # A lobe that a wrong model has made narrow is not the better known for it.
     widths = {"mu": fit.state.mu or 0.0, "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"])}
@@ -128,7 +128,7 @@ def _with_split(certainty: BlindUncertainty, fit: BlindFit, split: BlindFit | No
     ]
     off = np.concatenate([ends[1] - ends[0], np.zeros(2 * kept)])
     for second, owner in zip(other.directions[kept:], other.owners[kept:], strict=True):
-        # The one stands between the two, on a line that it doesn't tell.
+        # The one stands between the two, on a line that it doesn't determine.
         nearest = int(np.where(state.owners == owner, state.directions @ second, -1).argmax())
         apart = np.array([second, other.directions[nearest]]) @ state.directions[nearest]
         turns = off[len(ends[0]) + 2 * nearest :][:2]
@@ -207,7 +207,7 @@ def _of_light(
 def _prior_std(name: str) -> float:
     if name in NUMBER_RANGE:
         return float(np.ptp(NUMBER_RANGE[name]) / np.sqrt(12))
-    return PRIOR_STD.get(name, _SHARE_STD if name.startswith("kappa") else _TURN_STD)
+    return PRIOR_STD.get(name, _SHARE_STD if name.startswith("share") else _TURN_STD)
 
 
 def _sandwich(

@@ -17,7 +17,7 @@ from invrender.estimate.unknown_light.sources import FoundSources
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
 
-# Of highlights, what may be left unexplained before it is told.
+# Of highlights, what may be left unexplained before a warning is due.
 _NOTABLE_MISFIT = 0.05
 # Lamps that are named one by one where they look wide; more of them have one warning.
 _FEW = 3
@@ -117,6 +117,6 @@ def _of_lonely(search: Search, fit: BlindFit, names: Sequence[str]) -> tuple[str
     some = some_of(lonely)
     return (
         f"a single photograph was taken under lighting {some}: its light takes up whatever the BRDF's formula does not"
-        " explain, which the error bars can't tell; add a photograph from another side, or write dark = true if there"
+        " explain, which the error bars don't hold; add a photograph from another side, or write dark = true if there"
         " were lamps only",
     )

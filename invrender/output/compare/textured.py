@@ -11,7 +11,7 @@ from capture.files.imagefile import read_pixels
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, texel_layout
 from invrender.result.saved import SavedResult
 from invrender.result.savedtextures import SavedTextures, read_textures
-from invrender.result.side import Number, Side, TruePaint
+from invrender.result.side import Number, Side, TrueTextures
 from invrender.result.truth import brdf_of
 from recon.mesh.bodies import MeshBody, blended
 from recon.mesh.trianglemesh import TriangleMesh, read_mesh
@@ -40,30 +40,31 @@ class Matched:
 
 
 def over_same_part(first: Side, second: Side) -> Matched:
-    """Both sides, the truth of a painted object with its means over the part that the other side determines.
+    """Both sides, the truth of a textured object with its means over the part that the other side determines.
 
     Where the two sides' means are over different parts, and no truth can follow, both stay as they are, unlike.
     """
-    if first.paint is None and second.paint is None:
+    if first.textures is None and second.textures is None:
         return Matched(first, second, False, "")
     try:
-        if isinstance(first.paint, TruePaint) and isinstance(second.paint, SavedResult):
-            return Matched(_over_part(first, second.paint), second, False, _same("B", second.paint))
-        if isinstance(second.paint, TruePaint) and isinstance(first.paint, SavedResult):
-            return Matched(first, _over_part(second, first.paint), False, _same("A", first.paint))
+        if isinstance(first.textures, TrueTextures) and isinstance(second.textures, SavedResult):
+            return Matched(_over_part(first, second.textures), second, False, _same("B", second.textures))
+        if isinstance(second.textures, TrueTextures) and isinstance(first.textures, SavedResult):
+            return Matched(first, _over_part(second, first.textures), False, _same("A", first.textures))
     except ValueError as error:
         return Matched(first, second, True, f"Kd and Ks are not judged: {error}.")
-    if isinstance(first.paint, TruePaint) and isinstance(second.paint, TruePaint):
+    if isinstance(first.textures, TrueTextures) and isinstance(second.textures, TrueTextures):
         return Matched(first, second, False, "")
-    if isinstance(first.paint, SavedResult) and isinstance(second.paint, SavedResult):
-        if _same_texels(first.paint, second.paint):
+    if isinstance(first.textures, SavedResult) and isinstance(second.textures, SavedResult):
+        if _same_texels(first.textures, second.textures):
             return Matched(first, second, False, "")
         reason = "A and B determine different parts of the surface, over which they vary"
-    elif (other := second if first.paint else first).is_truth:
+    elif (other := second if first.textures else first).is_truth:
         # One Kd and Ks all over: the mean over any part.
         return Matched(first, second, False, "")
     else:
-        reason = f"they vary over the surface in {'A' if first.paint else 'B'}, and {other.title} has one value for it"
+        varied = "A" if first.textures else "B"
+        reason = f"they vary over the surface in {varied}, and {other.title} has one value for it"
     return Matched(first, second, True, f"Kd and Ks are not judged: {reason}.")
 
 
@@ -102,9 +103,9 @@ def _textures(result: SavedResult) -> SavedTextures:
 
 def _over_part(truth: Side, result: SavedResult) -> Side:
     """The truth with means over the part of the surface that a result determines; ValueError where they don't fit."""
-    paint = truth.paint
-    assert isinstance(paint, TruePaint)
-    kd, ks = true_means(paint, result)
+    true_textures = truth.textures
+    assert isinstance(true_textures, TrueTextures)
+    kd, ks = true_means(true_textures, result)
     total = np.where(kd + ks > 0, kd + ks, 1.0)
     means = {"kd": kd, "ks": ks, "kd_normalised": kd / total, "ks_normalised": ks / total}
     numbers = {
@@ -114,16 +115,16 @@ def _over_part(truth: Side, result: SavedResult) -> Side:
     return replace(truth, numbers=numbers, brdf=brdf_of(numbers, truth.form))
 
 
-def true_means(paint: TruePaint, result: SavedResult) -> tuple[Floats, Floats]:
+def true_means(true_textures: TrueTextures, result: SavedResult) -> tuple[Floats, Floats]:
     """Kd and Ks (3,) of the truth, means over the part of the surface that a result determines, weighed by area.
 
-    The paint is looked up at texels no larger than its own. ValueError where a file is missing, or where the truth's
-    mesh is not the one that the result's textures lie on.
+    The true textures are looked up at texels no larger than its own. ValueError where a file is missing, or where the
+    truth's mesh is not the one that the result's textures lie on.
     """
-    for file in (paint.kd_map, paint.ks_map, paint.mesh):
+    for file in (true_textures.kd_map, true_textures.ks_map, true_textures.mesh):
         if not file.is_file():
             raise ValueError(f"{file} is missing; copy the whole folder that `lightfactor synth` wrote")
-    textures, true_mesh = _textures(result), read_mesh(paint.mesh)
+    textures, true_mesh = _textures(result), read_mesh(true_textures.mesh)
     layout = _layout(result, textures, true_mesh)
     known = np.ones(len(layout), bool)
     if textures.known is not None:
@@ -131,13 +132,17 @@ def true_means(paint: TruePaint, result: SavedResult) -> tuple[Floats, Floats]:
         known = picture[0] if isinstance(layout, VertexLayout) else picture[layout.rows, layout.columns]
     if not known.any():
         raise ValueError(f"{result.path} determines no part of the surface")
-    kd_map, ks_map = (read_pixels(file).astype(float) for file in (paint.kd_map, paint.ks_map))
+    kd_map, ks_map = (
+        read_pixels(file).astype(float) for file in (true_textures.kd_map, true_textures.ks_map)
+    )
     layout, known = _as_fine(layout, known, max(*kd_map.shape[:2], *ks_map.shape[:2]))
     # As bilinear as the renderer looks them up.
     none = np.zeros((1, 1, 3))
     seen = SavedTextures(kd_map, ks_map, none, none).at(_true_coordinates(layout, true_mesh)[known])
     weights = layout.areas[known]
-    kd, ks = (paint.factor * np.average(values, axis=0, weights=weights) for values in (seen.kd, seen.ks))
+    kd, ks = (
+        true_textures.factor * np.average(values, axis=0, weights=weights) for values in (seen.kd, seen.ks)
+    )
     return kd, ks
 
 

@@ -94,8 +94,8 @@ def _fitted(target: Target, brdf: Microfacet, ours: Floats, pairs: Pairs, strong
 
     low, high = (numbers.vector for numbers in target.bounds(brdf, strongest))
     vector = np.clip(target.start(brdf).vector, low, high)
-    # A neutral highlight stays neutral. Besides, what targets take off the base is told by the strongest channel: where
-    # all are alike no slope shows how they would change together.
+    # A neutral highlight stays neutral. Besides, what targets take off the base follows from the strongest channel:
+    # where all are alike no slope shows how they would change together.
     alike = np.unique(brdf.ks, return_inverse=True)[1]
     spread = block_diag(np.eye(_BEFORE_SPECULAR), alike == np.arange(alike.max() + 1)[:, None])
     spread = spread[spread @ (high > low) > 0]

@@ -1,6 +1,6 @@
 """What passes a rough interface, as Mitsuba's `roughplastic` lets light in to its base and out again.
 
-Each facet that is seen lets through what Fresnel's equations leave, and what other facets hide of the refracted light
+Each facet that is seen transmits what Fresnel's equations leave, and what other facets hide of the refracted light
 is lost [Walter et al. 2007, eq. 21; single scattering].
 """
 

@@ -86,13 +86,13 @@ def run_export(options: ExportOptions) -> None:
             written = write_mitsuba(folder, shape, material, mapping, lighting, camera)
         else:
             written = write_materialx(folder, shape, material, mapping)
-        told = [*material.notes, *shape.warnings, *written.notes, *warnings(mapping)]
+        notes = [*material.notes, *shape.warnings, *written.notes, *warnings(mapping)]
         inputs = [result.path, *([] if shape.file is None else [shape.file])]
         write_json(
             folder / "export.json",
-            export_document(result, options.form, material, mapping, written, lighting, told, inputs),
+            export_document(result, options.form, material, mapping, written, lighting, notes, inputs),
         )
-    _print(result, options, mapping, written.files, told)
+    _print(result, options, mapping, written.files, notes)
 
 
 def _check_options(options: ExportOptions) -> None:
@@ -121,7 +121,7 @@ def _camera(shape: Shape, options: ExportOptions) -> Camera:
 
 
 def _print(
-    result: SavedResult, options: ExportOptions, mapping: Mapping, files: Sequence[str], told: Sequence[str]
+    result: SavedResult, options: ExportOptions, mapping: Mapping, files: Sequence[str], notes: Sequence[str]
 ) -> None:
     console.print(
         f"{result.content.name} for {options.form}: {', '.join(str(options.out / file) for file in files)}",
@@ -130,5 +130,5 @@ def _print(
     )
     for sentence in lost(mapping):
         console.print(sentence, markup=False)
-    for note in told:
+    for note in notes:
         console.print(f"Note: {note}", style="yellow", markup=False)

@@ -31,9 +31,11 @@ def bounces_of(
         return lambda element: None
     brdf = reflectance.brdf
     if reflectance.textures is not None:
-        paint = subject.painted_faces(reflectance.textures)
-        known = paint.known[:, None]
-        brdf = replace(brdf, kd=np.where(known, paint.kd, brdf.kd), ks=np.where(known, paint.ks, brdf.ks))
+        reflectances = subject.face_reflectance(reflectance.textures)
+        known = reflectances.known[:, None]
+        brdf = replace(
+            brdf, kd=np.where(known, reflectances.kd, brdf.kd), ks=np.where(known, reflectances.ks, brdf.ks)
+        )
 
     return lru_cache(maxsize=1)(partial(_under, parts, brdf, albedo))
 

@@ -33,7 +33,7 @@ _MANY_PIXELS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class _Paint:
+class _PixelReflectance:
     """Kd and Ks of n pixels, (n, 3) each, with their standard deviations; known : (n,), the share where they are."""
 
     kd: Floats
@@ -119,7 +119,7 @@ def _enter(
     """Enter samples, of which the body covers `alpha` (n,), into a picture."""
     brdf, weights = reflectance.brdf, None
     if reflectance.textures is not None:
-        weights = _paint(subject, camera, reflectance.textures, field, alpha)
+        weights = _pixel_reflectance(subject, camera, reflectance.textures, field, alpha)
         brdf = replace(brdf, kd=weights.kd[field.ray_sample], ks=weights.ks[field.ray_sample])
     radiance, slopes = shade(
         brdf, element, field, subject.shadows, picture.std is not None, reflected, bounced
@@ -141,21 +141,21 @@ def _enter(
         picture.std[pixels] = np.sqrt(np.maximum(variance, 0)) * alpha[:, None]
 
 
-def _paint(
+def _pixel_reflectance(
     subject: Subject, camera: Camera, textures: SavedTextures, field: LightField, alpha: Floats
-) -> _Paint:
-    """Means of Kd and Ks over samples' pixels, as far as the body covers them (alpha, (n,)); paint may be fine.
+) -> _PixelReflectance:
+    """Means of Kd and Ks over samples' pixels, as far as the body covers them (alpha, (n,)); textures may be fine.
 
     They are taken at once for all rays of a pixel, whose light varies little beside.
     """
     places = (np.column_stack([field.columns, field.rows])[:, None] + _grid(_EDGE_RAYS)).reshape(-1, 2)
-    rays = subject.painted(textures, camera, places)
+    rays = subject.ray_reflectance(textures, camera, places)
 
     def mean(values: Floats) -> Floats:
         return np.asarray(values.reshape(len(field), _EDGE_RAYS**2, -1).mean(axis=1) / alpha[:, None])
 
     known = np.minimum(mean(rays.known[:, None].astype(float))[:, 0], 1)
-    return _Paint(mean(rays.kd), mean(rays.ks), mean(rays.kd_std), mean(rays.ks_std), known)
+    return _PixelReflectance(mean(rays.kd), mean(rays.ks), mean(rays.kd_std), mean(rays.ks_std), known)
 
 
 def _grid(count: int) -> Floats:

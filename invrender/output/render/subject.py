@@ -18,7 +18,7 @@ from invrender.result.saved import SavedResult
 from invrender.result.savedtextures import RayReflectance, SavedTextures
 from invrender.transport.visibility import Shadows
 from recon.mesh.bodies import Body, MeshBody, SphereBody
-from recon.mesh.shape import opening_warnings, placed, read_object_mesh, without_strays
+from recon.mesh.shape import opening_warnings, placed, read_object_mesh, without_loose_pieces
 from recon.mesh.transfer import TransferVectors
 from recon.mesh.transfercache import cached_transfer
 from recon.mesh.trianglemesh import TriangleMesh, read_mesh
@@ -59,21 +59,21 @@ class Subject:
     def has_texture_coordinates(self) -> bool:
         return isinstance(self.body, MeshBody) and self.body.mesh.uv is not None
 
-    def painted(self, textures: SavedTextures, camera: Camera, pixels: Floats) -> RayReflectance:
+    def ray_reflectance(self, textures: SavedTextures, camera: Camera, pixels: Floats) -> RayReflectance:
         """Kd and Ks where rays through image points (m, 2) meet a mesh that the textures go with; zero beside it."""
         assert isinstance(self.body, MeshBody)
         hits = self.body.hits(camera, pixels)
         assert hits.faces is not None
         assert hits.weights is not None
-        return self._painted(textures, self.body.mesh.faces[hits.faces], hits.weights).where(hits.hit)
+        return self._textured(textures, self.body.mesh.faces[hits.faces], hits.weights).where(hits.hit)
 
-    def painted_faces(self, textures: SavedTextures) -> RayReflectance:
+    def face_reflectance(self, textures: SavedTextures) -> RayReflectance:
         """Kd and Ks in the middle of each face of a mesh that the textures go with."""
         assert isinstance(self.body, MeshBody)
         corners = self.body.mesh.faces
-        return self._painted(textures, corners, np.full(corners.shape, 1 / 3))
+        return self._textured(textures, corners, np.full(corners.shape, 1 / 3))
 
-    def _painted(self, textures: SavedTextures, corners: Ints, weights: Floats) -> RayReflectance:
+    def _textured(self, textures: SavedTextures, corners: Ints, weights: Floats) -> RayReflectance:
         assert isinstance(self.body, MeshBody)
         if textures.at_vertices:
             return textures.between(corners, weights)
@@ -100,7 +100,7 @@ def mesh_subject(file: Path, placement: Path | None) -> Subject:
             raise ValueError(f"{placement}: {error}") from error
     mesh = read_mesh(file)
     try:
-        mesh, warnings = without_strays(mesh)
+        mesh, warnings = without_loose_pieces(mesh)
         warnings += opening_warnings(mesh)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
@@ -179,19 +179,19 @@ def _mesh_subject(
     file: Path,
     mesh_to_world: Floats,
     warnings: Sequence[str],
-    painted: TriangleMesh | None = None,
+    textured: TriangleMesh | None = None,
 ) -> Subject:
     """A mesh in its own axes, metres, put into the world. file : beside which its transfer vectors are kept.
 
-    painted : the same mesh with texture coordinates, face by face; itself if None.
+    textured : the same mesh with texture coordinates, face by face; itself if None.
     """
     transfer, unkept = cached_transfer(mesh, file)
-    painted = painted or mesh
-    # Along seams several vertices of the painted mesh are one of the mesh's.
-    original = np.zeros(len(painted.vertices), int)
-    original[painted.faces] = mesh.faces
+    textured = textured or mesh
+    # Along seams several vertices of the textured mesh are one of the mesh's.
+    original = np.zeros(len(textured.vertices), int)
+    original[textured.faces] = mesh.faces
     transfer = TransferVectors(transfer.coefficients[original], transfer.std[original])
-    in_world = placed(painted, mesh_to_world)
+    in_world = placed(textured, mesh_to_world)
     body = MeshBody(in_world)
     centre = (in_world.vertices.min(axis=0) + in_world.vertices.max(axis=0)) / 2
     return Subject(

@@ -31,7 +31,7 @@ _INK, _ACCENT, _SOFT = "#24292f", "#0b6bcb", "#b9c4d0"
 _FEW_PLAIN = 4
 # Widths of the widest lobe up to which distributions of normals are drawn.
 _WIDTHS = 6.0
-# Of texels that the photographs leave open, 8 bits: neither black, which is paint, nor of a colour scale.
+# Of texels that the photographs leave open, 8 bits: neither black, which is an albedo, nor of a colour scale.
 _UNKNOWN = 200
 
 
@@ -218,11 +218,11 @@ def texture_figure(textures: FittedTextures) -> Figure:
     unknown = textures.layout.image(textures.known.astype(float)) == 0
     figure = Figure(figsize=(8.6, 3.9 * len(rows)))
     panels = figure.subplots(len(rows), 2, squeeze=False)
-    for (name, values, std), (paint, doubt) in zip(rows, panels, strict=True):
+    for (name, values, std), (picture_axes, doubt) in zip(rows, panels, strict=True):
         picture = tone_mapped(textures.layout.image(values), white_level(values[textures.known]))
         picture[unknown] = _UNKNOWN
-        paint.set_title(name, fontsize=10, color=_INK)
-        # Of the surface's mean: where paint is black, a share of its own value would say nothing.
+        picture_axes.set_title(name, fontsize=10, color=_INK)
+        # Of the surface's mean: where the albedo is black, a share of its own value would say nothing.
         mean = float(values[textures.known].mean())
         share = 100 * textures.layout.image(std.mean(axis=1)) / max(mean, 1e-30)
         most = float(np.percentile(share[~unknown], 98))
@@ -232,7 +232,7 @@ def texture_figure(textures: FittedTextures) -> Figure:
         doubt.set_title(f"standard deviation (% of the mean {name})", fontsize=10, color=_INK)
         scale = matplotlib.cm.ScalarMappable(matplotlib.colors.Normalize(0, most), "viridis")
         figure.colorbar(scale, ax=doubt, fraction=0.046, extend="max").ax.tick_params(labelsize=8)
-        for axes, shown in ((paint, picture), (doubt, codes)):
+        for axes, shown in ((picture_axes, picture), (doubt, codes)):
             axes.imshow(shrunk(shown), extent=(0, 1, 0, 1), interpolation="none")
             axes.set(xlabel="u", ylabel="v", xticks=[0, 0.5, 1], yticks=[0, 0.5, 1])
             axes.tick_params(labelsize=8)

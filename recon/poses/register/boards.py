@@ -26,7 +26,7 @@ _HOPELESS = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class BoardSightings:
+class BoardDetections:
     """Where photographs of a set show a board.
 
     detections : by the photographs' places. reasons : why the others show none.
@@ -37,7 +37,7 @@ class BoardSightings:
     reasons: dict[int, str]
 
 
-def find_board(photoset: PhotoSet, board: Board, track: Track) -> BoardSightings:
+def find_board(photoset: PhotoSet, board: Board, track: Track) -> BoardDetections:
     """Look for a board in all photographs; ValueError if they show another one, or none at all."""
     columns, rows = board.corner_counts
     if board.kind == "chessboard" and (columns + rows) % 2 == 0:
@@ -62,10 +62,12 @@ def find_board(photoset: PhotoSet, board: Board, track: Track) -> BoardSightings
             detections[place] = seen.detection
     if not detections:
         raise ValueError(f"--board {board.spec}: no photo shows it; {views[0].name}: {reasons[0]}")
-    return BoardSightings(board, detections, reasons)
+    return BoardDetections(board, detections, reasons)
 
 
-def board_structure(sightings: BoardSightings, cameras: Sequence[Camera]) -> tuple[Structure, dict[int, str]]:
+def board_structure(
+    sightings: BoardDetections, cameras: Sequence[Camera]
+) -> tuple[Structure, dict[int, str]]:
     """Poses in the board's frame, each from its own corners; and photographs, by place, whose corners give none.
 
     The points are the board's corners. ValueError where corners lie so far off that camera or board must be wrong.
@@ -112,7 +114,7 @@ def board_structure(sightings: BoardSightings, cameras: Sequence[Camera]) -> tup
     return structure, failed
 
 
-def corner_landmarks(sightings: BoardSightings) -> Landmarks:
+def corner_landmarks(sightings: BoardDetections) -> Landmarks:
     """The board's corners as landmarks, numbered as in `Board.corners`."""
     columns, _ = sightings.board.corner_counts
     entries = sorted(sightings.detections.items())

@@ -13,7 +13,7 @@ from capture.decode import photo_mask
 from capture.photoset import PhotoSet
 from recon.poses.register.frame import WorldFrame
 from recon.poses.register.posesfile import Method, Registration, ScaleSource
-from recon.poses.register.silhouettes import Conventions, check_sight, check_silhouettes
+from recon.poses.register.silhouettes import Conventions, check_silhouettes, check_viewing_directions
 from recon.poses.register.structure import Structure
 
 Ints = NDArray[np.int64]
@@ -94,7 +94,7 @@ def checked(
             labels = [photo.label for photo in photos]
             warning = check_silhouettes(cameras, coverages, labels, conventions or {}, otherwise)
         elif conventions is not None:
-            check_sight(cameras, conventions)
+            check_viewing_directions(cameras, conventions)
     except ValueError as error:
         raise ValueError(f"{photoset.manifest}: {error}") from error
     return found if warning is None else replace(found, warnings=(*found.warnings, warning))

@@ -17,7 +17,7 @@ from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from recon.poses.register.advice import nothing_matches, some_missing, unsteady
-from recon.poses.register.boards import BoardSightings, board_structure, corner_landmarks, find_board
+from recon.poses.register.boards import BoardDetections, board_structure, corner_landmarks, find_board
 from recon.poses.register.bundle import Bundle, adjust, spread
 from recon.poses.register.features import Matches, PhotoRecord, match_features
 from recon.poses.register.frame import WorldFrame, frame_of_points, frame_of_poses, free_frame
@@ -155,7 +155,7 @@ def _refined(mapped: SparseModel, pictures: Sequence[Path]) -> Bundle:
     return adjust(refine_places(bundle, mapped.shapes, picture, spread(bundle)))
 
 
-def _by_board(photoset: PhotoSet, sightings: BoardSightings) -> Registration:
+def _by_board(photoset: PhotoSet, sightings: BoardDetections) -> Registration:
     structure, failed = board_structure(sightings, [photo.camera for photo in photoset.photos])
     reasons = {place: f"the board: {why}" for place, why in {**sightings.reasons, **failed}.items()}
     warnings = [some_missing(photoset, reasons, len(structure.photos))] if reasons else []

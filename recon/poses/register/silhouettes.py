@@ -57,7 +57,7 @@ def check_silhouettes(
     return f"{what}; {otherwise}"
 
 
-def check_sight(cameras: Sequence[Camera], conventions: Conventions) -> None:
+def check_viewing_directions(cameras: Sequence[Camera], conventions: Conventions) -> None:
     """ValueError if cameras look away from the point that they surround, and wouldn't in another convention."""
     if _looking(cameras) >= 0.5:
         return
