@@ -19,7 +19,7 @@ from invrender.estimate.rh01 import published_brdf, published_factors
 from invrender.estimate.solution import factorize
 from invrender.estimate.unknown_light import ORDERS, factorize_blind, predict_blind
 from invrender.transport.columns import PhotoColumns, all_columns
-from invrender.transport.lobetable import Transfer
+from invrender.transport.lobe_table import Transfer
 from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
 from recon.sampling.lightfield import LightField

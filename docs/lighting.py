@@ -19,7 +19,7 @@ from capture.photoset import load_photoset
 from invrender.inverse_lighting.estimate import LightingChoices, LightResult, estimate_light
 from invrender.inverse_lighting.figure import blurred_truth, draw_map, white_level
 from invrender.inverse_lighting.given import given_lights
-from invrender.inverse_lighting.knownbrdf import read_brdf
+from invrender.inverse_lighting.known_brdf import read_brdf
 from invrender.inverse_lighting.maps import coefficient_map, true_light
 from invrender.process.pipeline import process
 from synthetic.run import run_synth

@@ -27,7 +27,7 @@ from invrender.estimate.identifiability import lighting_degree
 from invrender.inverse_lighting.coefficients import DETERMINED, UNDETERMINED, estimate_coefficients
 from invrender.theory.conditioning import Conditioning, inverse_filter
 from invrender.theory.specialcases import microfacet_transfer
-from invrender.transport.harmonicrows import photo_rows
+from invrender.transport.harmonic_rows import photo_rows
 from recon.harmonics.basis import (
     clamped_cosine_transfer,
     degrees,

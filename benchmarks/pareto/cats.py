@@ -28,7 +28,7 @@ from invrender.process.known_light import solve_known_light
 from invrender.process.pipeline import DEFAULT_SAMPLES
 from invrender.process.run import Run
 from invrender.process.unknown_light import solve_unknown_light
-from invrender.transport.lobetable import TRANSFERS, Transfer
+from invrender.transport.lobe_table import TRANSFERS, Transfer
 from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
 from recon.lighting import read_lighting

@@ -21,7 +21,7 @@ from invrender.inverse_lighting.coefficients import candidate_degree, estimate_c
 from invrender.inverse_lighting.dual import DualLight, estimate_dual
 from invrender.inverse_lighting.estimate import LightingChoices
 from invrender.output.compare.lightings import first_coefficients
-from invrender.transport.harmonicrows import PhotoRows, mirrored_views, photo_rows
+from invrender.transport.harmonic_rows import PhotoRows, mirrored_views, photo_rows
 
 Floats = NDArray[np.float64]
 

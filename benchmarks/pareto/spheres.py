@@ -22,7 +22,7 @@ from benchmarks.contest import (
 from benchmarks.pareto.boards import Board, Contestant
 from benchmarks.spherephotos import SpherePhotos, sphere_photos
 from invrender.process.pipeline import DEFAULT_SAMPLES
-from invrender.transport.lobetable import TRANSFERS
+from invrender.transport.lobe_table import TRANSFERS
 
 PARAMETERS = "largest relative error of Ks share, mu - 1, sigma"
 DRAWS = 2

@@ -58,9 +58,9 @@ class LobeForm:
     """A form of the specular part, and of what is below.
 
     name : as results call it. description : in words, as reports have it. has_fresnel : whether it has a refractive
-    index. interface : whether the diffuse base lies under a smooth interface of that index (`transport.base`). coat :
-    strength of Shirley's coupled base, None where the base is another; Lambertian where it is neither. parts : share
-    and width over sigma of each lobe of the sum. numbers : the form's own numbers, beside mu and sigma, by name.
+    index. interface : whether the diffuse base lies under a smooth interface of that index (`transport.diffuse_base`).
+    coat : strength of Shirley's coupled base, None where the base is another; Lambertian where it is neither. parts :
+    share and width over sigma of each lobe of the sum. numbers : the form's own numbers, beside mu and sigma, by name.
     """
 
     name: str

@@ -14,7 +14,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.altered import Alteration, shown, source_parts
 from invrender.diagnostics.cause import Cause
 from invrender.diagnostics.remainder import Remainder, Remainders
-from invrender.transport.base import base_transfer
+from invrender.transport.diffuse_base import base_transfer
 from invrender.transport.transfer import LightElement
 from recon.harmonics.basis import evaluate_harmonics
 

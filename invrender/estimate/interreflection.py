@@ -25,9 +25,9 @@ from invrender.estimate.evidence import climb_ladder
 from invrender.estimate.explanation import Explanation, explain, refitted
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import Weights
-from invrender.transport.bounce import Bounced, ConcaveMesh, albedo
 from invrender.transport.columns import PhotoColumns
 from invrender.transport.predict import predict_columns
+from invrender.transport.radiosity import Bounced, ConcaveMesh, albedo
 from invrender.transport.transfer import LightElement
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from invrender.estimate.unknown_light import ORDERS, Region
-from invrender.transport.lobetable import TRANSFERS, Transfer
+from invrender.transport.lobe_table import TRANSFERS, Transfer
 
 _HIGHEST_ORDER = 20
 _LEAST_SAMPLES = 500

@@ -20,7 +20,7 @@ from invrender.estimate.clusters import structured_rms
 from invrender.estimate.noise import NoiseModel, fit_noise
 from invrender.inverse_lighting.correlated import cluster_shifts, shift_without, widening_of
 from invrender.theory.conditioning import Information, information
-from invrender.transport.harmonicrows import PhotoRows
+from invrender.transport.harmonic_rows import PhotoRows
 from recon.harmonics.basis import check_degree, degree_of, degrees
 
 Floats = NDArray[np.float64]

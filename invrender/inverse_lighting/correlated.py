@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.clusters import tile_of
-from invrender.transport.harmonicrows import PhotoRows, mirrored_views
+from invrender.transport.harmonic_rows import PhotoRows, mirrored_views
 from recon.harmonics.basis import degree_of
 
 Floats = NDArray[np.float64]

@@ -22,8 +22,8 @@ from scipy.spatial import cKDTree
 from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.inverse_lighting.coefficients import LightCoefficients
-from invrender.transport.harmonicrows import PhotoRows, lobe_blur, mirrored_views
-from invrender.transport.lobetable import Transfer
+from invrender.transport.harmonic_rows import PhotoRows, lobe_blur, mirrored_views
+from invrender.transport.lobe_table import Transfer
 from recon.harmonics.basis import degree_of, degrees, evaluate_harmonics
 
 Floats = NDArray[np.float64]

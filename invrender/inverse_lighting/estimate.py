@@ -25,8 +25,8 @@ from invrender.inverse_lighting.coefficients import (
 )
 from invrender.inverse_lighting.dual import DualLight, estimate_dual
 from invrender.inverse_lighting.maps import TrueLight, true_light
-from invrender.transport.harmonicrows import PhotoRows, photo_rows
-from invrender.transport.lobetable import Transfer
+from invrender.transport.harmonic_rows import PhotoRows, photo_rows
+from invrender.transport.lobe_table import Transfer
 from recon.sampling.draw import NO_SOURCES
 from recon.sampling.find import find_body
 from recon.sampling.stream import light_fields

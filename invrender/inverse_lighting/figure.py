@@ -14,7 +14,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.inverse_lighting.coefficients import DETERMINED, UNDETERMINED
 from invrender.inverse_lighting.estimate import LightResult
 from invrender.inverse_lighting.maps import TrueLight, coefficient_map, coefficient_std_map
-from invrender.transport.harmonicrows import lobe_blur
+from invrender.transport.harmonic_rows import lobe_blur
 from recon.harmonics.basis import degree_of, degrees
 
 if TYPE_CHECKING:

@@ -22,9 +22,9 @@ from invrender.inverse_lighting.document import degree_errors, light_document, t
 from invrender.inverse_lighting.estimate import LightingChoices, LightResult, estimate_light
 from invrender.inverse_lighting.figure import light_figure
 from invrender.inverse_lighting.given import GivenLight, given_lights
-from invrender.inverse_lighting.knownbrdf import known_brdf, read_brdf
+from invrender.inverse_lighting.known_brdf import known_brdf, read_brdf
 from invrender.inverse_lighting.maps import coefficient_map, coefficient_std_map
-from invrender.transport.lobetable import TRANSFERS
+from invrender.transport.lobe_table import TRANSFERS
 from recon.sampling.draw import NO_SOURCES
 
 OWN_FILES = ("lighting.json", "lighting.png", "lighting-*.exr")

@@ -12,7 +12,7 @@ from capture.files.documents import software
 from invrender.plan.advice import Advice
 from invrender.plan.candidates import AddedPhoto
 from invrender.plan.experiment import Experiment, angles_deg
-from invrender.plan.lightprospect import LightProspect
+from invrender.plan.light_prospect import LightProspect
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 

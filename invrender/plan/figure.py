@@ -12,7 +12,7 @@ from capture.figures import printable
 from capture.lighting import latlong_directions
 from invrender.plan.advice import Advice, TriedPhotos
 from invrender.plan.experiment import angles_deg
-from invrender.plan.lightprospect import DETERMINED
+from invrender.plan.light_prospect import DETERMINED
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.plan.summary import shown_quantities

@@ -14,7 +14,7 @@ from capture.progress import Track, silent
 from invrender.estimate.identifiability import lighting_degree
 from invrender.plan.experiment import Experiment
 from invrender.plan.information import Marginal, Posterior, Tally
-from invrender.plan.lightprospect import LightProspect
+from invrender.plan.light_prospect import LightProspect
 from invrender.plan.photographs import Draw
 from invrender.plan.prepared import FEWEST, Bench
 from invrender.plan.prospect import Expected, brdf_prospect

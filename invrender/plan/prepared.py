@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from invrender.plan.experiment import Experiment, PlannedView
 from invrender.plan.information import Tally, photograph_tally
-from invrender.plan.lightprospect import UnknownLight
+from invrender.plan.light_prospect import UnknownLight
 from invrender.plan.photographs import Draw, ShownSamples, draw, picture, reflected, shown
 from invrender.plan.reflected import LightParts, ReflectingObject
 from invrender.plan.unknowns import Unknowns, unknowns_of

@@ -14,7 +14,7 @@ from invrender.plan.advice import Advice
 from invrender.plan.candidates import AddedPhoto
 from invrender.plan.document import gauge
 from invrender.plan.experiment import Experiment, angles_deg
-from invrender.plan.lightprospect import HALF, LightProspect
+from invrender.plan.light_prospect import HALF, LightProspect
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.wording import with_error

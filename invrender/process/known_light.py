@@ -13,7 +13,7 @@ from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.diagnostics.diagnosis import diagnose
-from invrender.diagnostics.knownlight import known_light_remainders
+from invrender.diagnostics.known_light import known_light_remainders
 from invrender.diagnostics.named import NamedCause, named_causes
 from invrender.estimate.evidence import fit_strengths, outlying
 from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
@@ -28,10 +28,10 @@ from invrender.process.held_out_light import scored_lighting, used_tables
 from invrender.process.leverage import importances
 from invrender.process.run import Run, factorization
 from invrender.process.warnings import POOR, find_warnings
-from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.cached_shader import CachedShader
 from invrender.transport.columns import PhotoColumns, all_columns, photo_columns
 from invrender.transport.predict import predict, predict_columns
+from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
 from recon.lighting import read_lighting

@@ -23,9 +23,9 @@ from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.forms import together
 from invrender.estimate.solution import Solution
-from invrender.estimate.textured.bounces import CorrectedTextures, account_for_bounces
 from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
+from invrender.estimate.textured.interreflection import CorrectedTextures, account_for_bounces
 from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked
 from invrender.estimate.textured.layout import Layout, SurfacePoints, find_layout
 from invrender.estimate.textured.observe import observe, points_for
@@ -39,8 +39,8 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import usable_pixels
 from invrender.process.run import TexturedRun, factorization
 from invrender.process.warnings import find_warnings
-from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.predict import predict
+from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.reflected import ReflectedMap, prepared_map
 from invrender.transport.shading import shade
 from invrender.transport.transfer import LightElement, light_elements

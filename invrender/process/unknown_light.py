@@ -16,7 +16,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import NUMBER_RANGE
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.named import named_causes
-from invrender.diagnostics.unknownlight import unknown_light_remainders
+from invrender.diagnostics.unknown_light import unknown_light_remainders
 from invrender.estimate.clusters import structured_rms
 from invrender.estimate.evidence import Candidate
 from invrender.estimate.models import Estimate, Model
@@ -30,7 +30,7 @@ from invrender.estimate.unknown_light import (
     factorize_blind,
     predict_blind,
 )
-from invrender.estimate.unknown_light.bounces import Sent, account_for_bounces
+from invrender.estimate.unknown_light.interreflection import Sent, account_for_bounces
 from invrender.estimate.unknown_light.ladder import without_rows
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.observation.clock import Clock
@@ -39,8 +39,8 @@ from invrender.observation.samples import read_samples
 from invrender.process.held_out_light import HeldOutLight, held_out_lights, scored_lighting, used_tables
 from invrender.process.run import Run, factorization
 from invrender.process.warnings import find_warnings
-from invrender.transport.bounce import Bounced, ConcaveMesh
 from invrender.transport.predict import predict
+from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.visibility import Shadows
 from invrender.wording import sentences
 from recon.harmonics.basis import degree_of

@@ -17,7 +17,7 @@ from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.estimate.identifiability import lighting_degree
 from invrender.result.saved import SavedQuantity, SavedResult
-from invrender.result.savedtextures import SavedTextures, read_textures
+from invrender.result.saved_textures import SavedTextures, read_textures
 
 Floats = NDArray[np.float64]
 

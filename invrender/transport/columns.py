@@ -24,7 +24,7 @@ from invrender.brdf.form import LobeForm, Numbers, part_width
 from invrender.brdf.fresnel import FresnelBasis
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import sigma_nodes, sigma_weights
-from invrender.transport.base import base_columns, base_size, base_weights
+from invrender.transport.diffuse_base import base_columns, base_size, base_weights
 from invrender.transport.form_transfer import FresnelFunctions, OneIndex, forms_transfer
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Rays, Shadows, seen_specular

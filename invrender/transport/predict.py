@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.microfacet import Microfacet
-from invrender.transport.base import base_transfer
 from invrender.transport.columns import PhotoColumns, column_weights, together
+from invrender.transport.diffuse_base import base_transfer
 from invrender.transport.form_transfer import OneIndex, form_transfer
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Rays, Shadows, seen_specular

@@ -4,9 +4,9 @@ As `invrender.transport.predict` [RH01, eq. 24], its parts kept apart:
 
     B = Kd E + Ks S(mu, sigma)
 
-E is the irradiance, as far as an interface lets it in and out again (`invrender.transport.base`), S what the lobe
-gathers, Fresnel's factor included, both of them as far as a mesh doesn't hide the light from itself
-(`invrender.transport.visibility`), and with what it sends itself (`invrender.transport.bounce`).
+E is the irradiance, as far as an interface lets it in and out again (`invrender.transport.diffuse_base`), S what the
+lobe gathers, Fresnel's factor included, both of them as far as a mesh doesn't hide the light from itself
+(`invrender.transport.visibility`), and with what it sends itself (`invrender.transport.radiosity`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.microfacet import Microfacet
-from invrender.transport.base import base_transfer
-from invrender.transport.bounce import Bounced
-from invrender.transport.lobe import SourceWidths, gathered
+from invrender.transport.diffuse_base import base_transfer
+from invrender.transport.lobe_transfer import SourceWidths, gathered
+from invrender.transport.radiosity import Bounced
 from invrender.transport.reflected import ReflectedMap
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Rays, RayVisibility, Shadows, facing, seen_specular

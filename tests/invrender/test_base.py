@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.brdf.richer import COATED
-from invrender.transport.base import base_columns, base_transfer, base_weights
+from invrender.transport.diffuse_base import base_columns, base_transfer, base_weights
 from invrender.transport.transfer import LightElement
 from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.plastic import Plastic

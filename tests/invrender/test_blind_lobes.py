@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.estimate.unknown_light import Region, factorize_blind, predict_blind
-from invrender.transport.lobetable import TRANSFERS
+from invrender.transport.lobe_table import TRANSFERS
 from recon.harmonics.basis import sphere_directions
 from recon.sampling.lightfield import LightField
 from synthetic.lights.arealight import AreaLight

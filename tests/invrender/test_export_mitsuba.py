@@ -27,7 +27,7 @@ from invrender.output.render.light import light_element
 from invrender.output.render.picture import take_picture
 from invrender.output.render.subject import Subject, mesh_subject, sphere_subject
 from invrender.result.reflectance import Reflectance
-from invrender.result.savedtextures import SavedTextures
+from invrender.result.saved_textures import SavedTextures
 from recon.mesh.trianglemesh import write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map

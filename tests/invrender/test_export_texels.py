@@ -6,7 +6,7 @@ import numpy as np
 from numpy.testing import assert_array_equal
 
 from invrender.output.export.texels import texels_of
-from invrender.result.savedtextures import SavedTextures
+from invrender.result.saved_textures import SavedTextures
 
 
 def test_texels_of_which_nothing_is_known_are_those_of_their_nearest_neighbour() -> None:

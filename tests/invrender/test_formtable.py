@@ -11,8 +11,8 @@ from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, RH01_FORM
 from invrender.brdf.phong import phong_exponent
 from invrender.theory.operator import view_frames
-from invrender.transport.formtable import form_radiance, form_rows
-from invrender.transport.lobetable import specular_rows
+from invrender.transport.form_table import form_radiance, form_rows
+from invrender.transport.lobe_table import specular_rows
 from recon.harmonics.basis import evaluate_harmonics, sphere_directions
 from recon.sampling.draw import MIN_COS_EXITANT
 from synthetic.materials import facets

@@ -32,7 +32,7 @@ from invrender.observation.geometry import find_geometry
 from invrender.process.pipeline import process
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.result.document import result_document
-from invrender.transport.bounce import ConcaveMesh, albedo
+from invrender.transport.radiosity import ConcaveMesh, albedo
 from invrender.transport.transfer import light_elements
 from invrender.transport.visibility import Shadows
 from recon.mesh.bodies import MeshBody

@@ -19,9 +19,9 @@ from invrender.inverse_lighting.coefficients import (
     estimate_coefficients,
 )
 from invrender.inverse_lighting.dual import estimate_dual
-from invrender.inverse_lighting.knownbrdf import known_brdf
-from invrender.transport.harmonicrows import PhotoRows, lobe_blur, mirrored_views, photo_rows
-from invrender.transport.lobetable import TRANSFERS, Transfer
+from invrender.inverse_lighting.known_brdf import known_brdf
+from invrender.transport.harmonic_rows import PhotoRows, lobe_blur, mirrored_views, photo_rows
+from invrender.transport.lobe_table import TRANSFERS, Transfer
 from recon.harmonics.basis import degrees, sphere_directions
 from recon.harmonics.latlong import synthesise_latlong
 from synthetic.materials.microfacet import MicrofacetMaterial as Truth

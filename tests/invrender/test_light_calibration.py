@@ -10,8 +10,8 @@ import pytest
 
 from invrender.inverse_lighting.coefficients import estimate_coefficients
 from invrender.inverse_lighting.dual import estimate_dual
-from invrender.inverse_lighting.knownbrdf import known_brdf
-from invrender.transport.harmonicrows import PhotoRows, photo_rows
+from invrender.inverse_lighting.known_brdf import known_brdf
+from invrender.transport.harmonic_rows import PhotoRows, photo_rows
 from recon.harmonics.complex import project_sources
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import MicrofacetMaterial as Truth

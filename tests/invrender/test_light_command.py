@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from capture.files.imagefile import read_pixels
-from invrender.inverse_lighting.knownbrdf import read_brdf
+from invrender.inverse_lighting.known_brdf import read_brdf
 from lightfactor.cli import app
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 

@@ -15,7 +15,7 @@ from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, PLASTICS
 from invrender.brdf.microfacet import Microfacet
 from invrender.theory.specialcases import microfacet_transfer
-from invrender.transport.harmonicrows import lobe_blur, photo_rows
+from invrender.transport.harmonic_rows import lobe_blur, photo_rows
 from recon.harmonics.basis import evaluate_harmonics
 from synthetic.materials.facets import GGXSlopes
 from synthetic.materials.material import Material

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from invrender.theory.brdfcoefficients import outgoing_coefficients
 from invrender.theory.operator import view_frames
-from invrender.transport.lobetable import (
+from invrender.transport.lobe_table import (
     TRANSFERS,
     at_cosines,
     lobe_table,

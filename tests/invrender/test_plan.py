@@ -19,7 +19,7 @@ from invrender.plan.advice import advise
 from invrender.plan.experiment import Experiment, PlannedLight, angles_deg
 from invrender.plan.from_scene import experiment_of
 from invrender.plan.information import Marginal, Posterior, Tally, photograph_tally
-from invrender.plan.lightprospect import UnknownLight
+from invrender.plan.light_prospect import UnknownLight
 from invrender.plan.photographs import shown
 from invrender.plan.planning import Plan, make_plan
 from invrender.plan.prospect import Expected

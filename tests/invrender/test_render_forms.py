@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from capture.files.imagefile import write_exr
 from invrender.brdf.lobes import FORMS, RH01_FORM
 from invrender.brdf.phong import phong_exponent
-from invrender.inverse_lighting.knownbrdf import read_brdf
+from invrender.inverse_lighting.known_brdf import read_brdf
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.lights.sources import DirectionalSource

@@ -11,7 +11,7 @@ import pytest
 from invrender.brdf.form import Angles
 from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.estimate.unknown_light import factorize_blind
-from invrender.transport.base import base_share
+from invrender.transport.diffuse_base import base_share
 from recon.sampling.lightfield import LightField
 
 from .test_blind import noisy

@@ -13,7 +13,7 @@ import pytest
 
 from capture.files.imagefile import read_exr_layers, read_pixels
 from invrender.estimate.evidence import relative_rms
-from invrender.estimate.textured.bounces import _less
+from invrender.estimate.textured.interreflection import _less
 from recon.mesh.trianglemesh import TriangleMesh, smooth_normals, write_mesh
 from synthetic.materials.texture import Textured
 from synthetic.scenes.build import read_staging

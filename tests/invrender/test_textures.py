@@ -31,8 +31,8 @@ from invrender.output.export.shape import tessellated
 from invrender.output.report.run import run_process
 from invrender.process import run as solved
 from invrender.process.run import Run, TexturedRun
-from invrender.transport.base import base_columns
 from invrender.transport.columns import specular_weights
+from invrender.transport.diffuse_base import base_columns
 from invrender.transport.transfer import LightElement
 from recon.mesh import atlas
 from recon.mesh.bodies import MeshBody

@@ -4,6 +4,6 @@ There are no error bars, pixels count alike whatever their noise, and recovered 
 """
 
 from invrender.estimate.rh01.factors import PublishedFactors, published_factors
-from invrender.estimate.rh01.knownlight import PublishedBRDF, published_brdf
+from invrender.estimate.rh01.known_light import PublishedBRDF, published_brdf
 
 __all__ = ["PublishedBRDF", "PublishedFactors", "published_brdf", "published_factors"]

@@ -29,7 +29,7 @@ from invrender.estimate.unknown_light.start import Region, Search, of_degree, th
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty, blind_uncertainty
 from invrender.estimate.unknown_light.warnings import remarks
-from invrender.transport.lobetable import TRANSFERS, Transfer
+from invrender.transport.lobe_table import TRANSFERS, Transfer
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import check_degree
 from recon.sampling.lightfield import LightField, off_terminators, pools

@@ -4,9 +4,9 @@
       + sum_j E_j [(1 - s) max(n.d_j, 0) + s T(mu, sigma, d_j)]     [RH01, eq. 15, 20, 23]
 
 per channel, in the gauge Kd + Ks = 1; above a base under an interface D_k and the cosine hold what that transmits
-(`base`), and what a mesh hides of the sky is taken to come in as light from all sides does. M and T are the lobe with
-its Fresnel factor, which RH01's form has at theta_o and so outside of all sums over light. A pixel is the mean over its
-rays. What a mesh keeps from itself is left out of all of these, by `visibility`'s three rules.
+(`diffuse_base`), and what a mesh hides of the sky is taken to come in as light from all sides does. M and T are the
+lobe with its Fresnel factor, which RH01's form has at theta_o and so outside of all sums over light. A pixel is the
+mean over its rays. What a mesh keeps from itself is left out of all of these, by `visibility`'s three rules.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from invrender.estimate.unknown_light.albedo_whitening import albedo_whitening
 from invrender.estimate.unknown_light.derivatives import STEP, denser, fresnel_with_slope, further
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.theory.operator import irradiance_operator
-from invrender.transport.base import interface_transmittance, sky_factors
-from invrender.transport.formtable import mean_form_rows
-from invrender.transport.lobetable import Transfer, lobe_table, mean_lobe_rows, specular_rows
+from invrender.transport.diffuse_base import interface_transmittance, sky_factors
+from invrender.transport.form_table import mean_form_rows
+from invrender.transport.lobe_table import Transfer, lobe_table, mean_lobe_rows, specular_rows
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics
 from recon.sampling.lightfield import LightField, blocks, joined

@@ -11,7 +11,7 @@ from invrender.brdf.form import Angles
 from invrender.estimate.unknown_light.derivatives import STEP, denser, fresnel_with_slope, further
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.state import BlindState, turns
-from invrender.transport.base import base_share
+from invrender.transport.diffuse_base import base_share
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -16,9 +16,9 @@ from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
-from invrender.transport.base import interface_transmittance, sky_factors
-from invrender.transport.formtable import form_radiance
-from invrender.transport.lobetable import Transfer, specular_radiance
+from invrender.transport.diffuse_base import interface_transmittance, sky_factors
+from invrender.transport.form_table import form_radiance
+from invrender.transport.lobe_table import Transfer, specular_radiance
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics
 from recon.harmonics.complex import project_sources

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from capture.files.imagefile import read_pixels
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, texel_layout
 from invrender.result.saved import SavedResult
-from invrender.result.savedtextures import SavedTextures, read_textures
+from invrender.result.saved_textures import SavedTextures, read_textures
 from invrender.result.side import Number, Side, TrueTextures
 from invrender.result.truth import brdf_of
 from recon.mesh.bodies import MeshBody, blended

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.directions import Pairs, direction_pairs
 from invrender.output.export.target import Numbers, Target
-from invrender.transport.base import base_share
+from invrender.transport.diffuse_base import base_share
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.output.render.numbers import numbers
 from invrender.result.reflectance import reflectance
 from invrender.result.saved import SavedQuantity, SavedResult
-from invrender.result.savedtextures import SavedTextures
+from invrender.result.saved_textures import SavedTextures
 from invrender.wording import with_error
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from scipy.ndimage import distance_transform_edt
 
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.mapping import Mapping
-from invrender.result.savedtextures import SavedTextures
+from invrender.result.saved_textures import SavedTextures
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from capture.camera import Camera
 from capture.radiance import RadianceImage
 from invrender.output.render.subject import Subject
 from invrender.result.reflectance import Reflectance
-from invrender.result.savedtextures import SavedTextures
-from invrender.transport.bounce import Bounced
+from invrender.result.saved_textures import SavedTextures
+from invrender.transport.radiosity import Bounced
 from invrender.transport.reflected import ReflectedMap, prepared_map
 from invrender.transport.shading import shade
 from invrender.transport.transfer import LightElement

@@ -11,9 +11,9 @@ import numpy as np
 from capture.files.outfolder import result_files, result_folder
 from capture.photoset import PhotoSet
 from capture.terminal import console, leave_cleanly_when_stopped
-from invrender.output.render.bounces import bounces_of
 from invrender.output.render.files import automatic_exposure, exposure_note, write_picture, write_png
 from invrender.output.render.frames import TurntableFrame, light_frames, view_frames
+from invrender.output.render.interreflection import bounces_of
 from invrender.output.render.light import chosen_lighting, light_element, turned
 from invrender.output.render.options import DEFAULT_FPS, RenderOptions, check_options
 from invrender.output.render.picture import Picture, take_picture
@@ -23,7 +23,7 @@ from invrender.output.render.turntable import TURNTABLE_FILES, check_strip, deve
 from invrender.output.render.view import new_optics, parse_size, parse_view, seen_from
 from invrender.result.reflectance import ASSUMABLE, Reflectance, assumption_notes, reflectance
 from invrender.result.saved import SavedResult, nearest, read_result
-from invrender.transport.bounce import Bounced
+from invrender.transport.radiosity import Bounced
 from invrender.transport.transfer import LightElement
 
 _DEFAULT_VIEW = "0,20"

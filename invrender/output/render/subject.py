@@ -15,7 +15,7 @@ from capture.files.documents import file_hash, read_json
 from capture.files.tables import Table
 from capture.photoset import PhotoSet
 from invrender.result.saved import SavedResult
-from invrender.result.savedtextures import RayReflectance, SavedTextures
+from invrender.result.saved_textures import RayReflectance, SavedTextures
 from invrender.transport.visibility import Shadows
 from recon.mesh.bodies import Body, MeshBody, SphereBody
 from recon.mesh.shape import opening_warnings, placed, read_object_mesh, without_loose_pieces

@@ -14,7 +14,7 @@ from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet, sigma_nodes, sigm
 from invrender.estimate.rh01.simplex import MU_BOUNDS, root_weight, simplex
 from invrender.theory.lambertian import irradiance
 from invrender.theory.specialcases import microfacet_gaussian
-from invrender.transport.lobetable import Transfer, mirrored_harmonics
+from invrender.transport.lobe_table import Transfer, mirrored_harmonics
 from invrender.transport.transfer import LightElement, diffuse_transfer, specular_transfer
 from invrender.transport.visibility import Shadows
 from recon.harmonics.complex import project_sources

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.render.subject import Subject
 from invrender.result.reflectance import Reflectance
-from invrender.transport.bounce import Bounced, ConcaveMesh
+from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
 
 Floats = NDArray[np.float64]

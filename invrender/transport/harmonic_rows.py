@@ -21,9 +21,9 @@ from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.theory.refinement import interval_rule
 from invrender.theory.specialcases import microfacet_gaussian, microfacet_transfer
-from invrender.transport.base import base_rows
-from invrender.transport.formtable import form_rows
-from invrender.transport.lobetable import Transfer, lobe_rows, lobe_table, mirrored_harmonics
+from invrender.transport.diffuse_base import base_rows
+from invrender.transport.form_table import form_rows
+from invrender.transport.lobe_table import Transfer, lobe_rows, lobe_table, mirrored_harmonics
 from recon.harmonics.basis import degree_of, degrees
 from recon.sampling.lightfield import LightField
 

@@ -13,9 +13,9 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
 from invrender.estimate.unknown_light import BlindLight, BlindSolution
 from invrender.observation.geometry import SceneGeometry
-from invrender.transport.base import interface_transmittance, sky_factors
-from invrender.transport.formtable import form_radiance
-from invrender.transport.lobetable import specular_radiance
+from invrender.transport.diffuse_base import interface_transmittance, sky_factors
+from invrender.transport.form_table import form_radiance
+from invrender.transport.lobe_table import specular_radiance
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics
 from recon.sampling.lightfield import LightField

@@ -36,8 +36,8 @@ from invrender.estimate.unknown_light.projection import BlindFit, light_scale, p
 from invrender.estimate.unknown_light.source_evidence import design_effect
 from invrender.estimate.unknown_light.start import Search, thinned
 from invrender.estimate.unknown_light.state import BlindState
-from invrender.transport.base import base_irradiance, sky_factors
-from invrender.transport.bounce import BRIGHTEST, Bounced, ConcaveMesh
+from invrender.transport.diffuse_base import base_irradiance, sky_factors
+from invrender.transport.radiosity import BRIGHTEST, Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics

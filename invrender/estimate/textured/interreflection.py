@@ -37,7 +37,7 @@ from invrender.estimate.textured.layout import SurfacePoints
 from invrender.estimate.textured.search import solved
 from invrender.estimate.textured.seen import Seen, transfers_of
 from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, products
-from invrender.transport.bounce import Bounced, ConcaveMesh
+from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
 from recon.mesh.bodies import MeshBody
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from invrender.brdf.form import Angles, LobeForm
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.transport.lobetable import (
+from invrender.transport.lobe_table import (
     exitant_angles,
     half_vectors,
     lobe_radiance,

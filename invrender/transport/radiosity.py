@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from invrender.brdf.microfacet import Microfacet
-from invrender.transport.base import base_irradiance, interface_transmittance
+from invrender.transport.diffuse_base import base_irradiance, interface_transmittance
 from invrender.transport.form_transfer import OneIndex, form_transfer
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Shadows
