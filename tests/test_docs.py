@@ -29,14 +29,39 @@ def test_every_equation_names_a_function_and_the_test_that_holds_it(function: st
     assert name in (ROOT / test).read_text()
 
 
+def test_the_index_lists_every_page() -> None:
+    listed = set(
+        re.findall(r"^- \[.*?\]\((.*?)\): ", (ROOT / "docs/index.md").read_text(), flags=re.MULTILINE)
+    )
+    pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").glob("*.md")} - {
+        "index.md"
+    }
+    assert listed >= pages
+
+
+@pytest.mark.parametrize(
+    "page", [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md"]
+)
+def test_links_of_a_page_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+def test_the_readme_fits_on_two_screens() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 120
+
+
 def test_the_readme_opens_with_the_two_commands() -> None:
     blocks = re.findall(r"```\n(.*?)\n```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
     assert blocks[0].endswith(".venv/bin/pip install . && .venv/bin/lightfactor demo")
     assert blocks[1].endswith('.venv/bin/pip install ".[test]" && .venv/bin/pytest')
 
 
-def test_the_readmes_manifest_is_valid(tmp_path: Path) -> None:
-    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+def test_the_manifests_of_the_readme_and_of_the_page_on_photo_sets_are_valid(tmp_path: Path) -> None:
+    blocks = [
+        re.findall(r"```toml\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)[0]
+        for page in ("README.md", "docs/photosets.md")
+    ]
     (tmp_path / "photoset.toml").write_text(blocks[0])
     assert load_photoset(tmp_path).photos[0].camera.focal_px == 1600
     (tmp_path / "photoset.toml").write_text(
