@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from capture.camera import Camera
-from recon.poses.register.bundle import cross_matrix
+from recon.poses.similarity import cross_matrix
 
 Floats = NDArray[np.float64]
 

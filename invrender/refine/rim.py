@@ -17,7 +17,7 @@ from invrender.refine.blocks import PoseEquations, block_equations
 from recon.mesh.bodies import MeshBody
 from recon.poses.align.outlines import SECTORS, Outline, outline_of
 from recon.poses.align.silhouettes import crossings, lines_across
-from recon.poses.align.similarity import Similarity
+from recon.poses.similarity import Similarity
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

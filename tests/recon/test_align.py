@@ -19,10 +19,10 @@ from recon.poses.align.cloud import CloudMatcher
 from recon.poses.align.outlines import outline_of
 from recon.poses.align.pixelrays import joined, pixel_rays
 from recon.poses.align.placing import place_mesh
-from recon.poses.align.similarity import Similarity
 from recon.poses.align.task import PickedPoints, Task
 from recon.poses.align.uncertainty import in_mesh_metres
 from recon.poses.align.verdicts import misfit_px, wrong_size
+from recon.poses.similarity import Similarity
 from synthetic.shapes.cat import REACH, cat_field
 from synthetic.shapes.meshing import mesh_implicit
 

@@ -18,7 +18,7 @@ from capture.photoset import load_photoset
 from recon.mesh.rays import RayTracer
 from recon.poses.align.evidence import gather, registered_poses
 from recon.poses.align.run import run_align
-from recon.poses.align.similarity import Similarity
+from recon.poses.similarity import Similarity
 from synthetic.sensing.masks import write_mask
 
 TRUTH = Similarity(1.0, Rotation.from_rotvec([0.4, -0.3, 1.9]).as_matrix(), [0.004, -0.003, 0.006])

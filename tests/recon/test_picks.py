@@ -17,8 +17,8 @@ from recon.poses.align.absolute import fit_picks
 from recon.poses.align.picks import check_on_surface, read_picks
 from recon.poses.align.pixelrays import joined, pixel_rays
 from recon.poses.align.refine import PickedRays, refine
-from recon.poses.align.similarity import Similarity
 from recon.poses.align.uncertainty import uncertainty
+from recon.poses.similarity import Similarity
 
 FOCAL = 1000.0
 

@@ -114,19 +114,19 @@ def test_covariance_is_what_noise_does(exact: Bundle) -> None:
 
 
 def test_given_poses_set_the_frame_in_spite_of_a_wrong_one(exact: Bundle) -> None:
-    frame = WorldFrame(Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix(), np.array([0.2, 1.0, -3.0]), 2.7)
+    frame = WorldFrame(2.7, Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix(), np.array([0.2, 1.0, -3.0]))
     given = frame.of_poses(exact.poses)
     found = frame_of_poses(exact.poses, given, 0.5)
-    np.testing.assert_allclose(found.of_points(exact.points), frame.of_points(exact.points), atol=1e-7)
+    np.testing.assert_allclose(found.apply(exact.points), frame.apply(exact.points), atol=1e-7)
     given[2] = given[5]  # a photograph that was listed in the wrong place
     found = frame_of_poses(exact.poses, given, 0.5)
-    np.testing.assert_allclose(found.of_points(exact.points), frame.of_points(exact.points), atol=2e-3)
+    np.testing.assert_allclose(found.apply(exact.points), frame.apply(exact.points), atol=2e-3)
     assert found.residuals is not None
     assert np.argmax(np.linalg.norm(found.residuals, axis=1)) == 2
     # A point keeps its picture when the world changes its frame.
     point = exact.points[:1]
     before = LENSES[0].posed(exact.poses[0]).project(point)
-    after = LENSES[0].posed(frame.of_poses(exact.poses)[0]).project(frame.of_points(point))
+    after = LENSES[0].posed(frame.of_poses(exact.poses)[0]).project(frame.apply(point))
     np.testing.assert_allclose(after, before, atol=1e-9)
 
 
@@ -139,7 +139,7 @@ def test_poses_of_one_place_give_no_scale(exact: Bundle) -> None:
 
 def test_frames_covariances_are_what_errors_do(exact: Bundle) -> None:
     of_poses, of_points = [], []
-    world = WorldFrame(np.eye(3), np.zeros(3), 2.0)
+    world = WorldFrame(2.0, np.eye(3), np.zeros(3))
     targets = world.of_poses(exact.poses)
     for seed in range(80):
         rng = np.random.default_rng(seed)
@@ -149,7 +149,7 @@ def test_frames_covariances_are_what_errors_do(exact: Bundle) -> None:
         frame = frame_of_poses(exact.poses, after @ targets, 0.5)
         assert frame.covariance is not None
         of_poses.append(np.log(frame.scale / 2.0) / np.sqrt(frame.covariance[6, 6]))
-        known = world.of_points(exact.points[:20])
+        known = world.apply(exact.points[:20])
         frame = frame_of_points(exact.points[:20] + 0.001 * rng.normal(size=(20, 3)), known)
         assert frame.covariance is not None
         of_points.append(np.log(frame.scale / 2.0) / np.sqrt(frame.covariance[6, 6]))
@@ -163,17 +163,15 @@ def test_known_points_never_mirror(exact: Bundle) -> None:
     known = flat * [1, -1, 1]
     frame = frame_of_points(flat, known)
     assert np.linalg.det(frame.rotation) == pytest.approx(1)
-    np.testing.assert_allclose(
-        frame.of_points(flat), known, atol=1e-12
-    )  # a plane turned over is no mirror image
+    np.testing.assert_allclose(frame.apply(flat), known, atol=1e-12)  # a plane turned over is no mirror image
 
 
 def test_a_free_frame_stands_upright_about_the_points(exact: Bundle) -> None:
-    turned = WorldFrame(Rotation.from_rotvec([1.0, 2.0, -0.5]).as_matrix(), np.array([4.0, 5, 6]), 7.0)
-    frame = free_frame(turned.of_poses(exact.poses), turned.of_points(exact.points))
+    turned = WorldFrame(7.0, Rotation.from_rotvec([1.0, 2.0, -0.5]).as_matrix(), np.array([4.0, 5, 6]))
+    frame = free_frame(turned.of_poses(exact.poses), turned.apply(exact.points))
     poses, points = (
         frame.of_poses(turned.of_poses(exact.poses)),
-        frame.of_points(turned.of_points(exact.points)),
+        frame.apply(turned.apply(exact.points)),
     )
     centres = np.array([np.linalg.inv(pose)[:3, 3] for pose in poses])
     np.testing.assert_allclose(np.median(points, axis=0), 0, atol=0.05)  # of the medians along other axes

@@ -15,7 +15,7 @@ from recon.poses.align import silhouettes
 from recon.poses.align.outlines import outline_of
 from recon.poses.align.pixelrays import pixel_rays
 from recon.poses.align.silhouettes import crossings, lines_across, offset_jacobian, overlap
-from recon.poses.align.similarity import Similarity, motion_jacobian, rotations_all_over
+from recon.poses.similarity import Similarity, motion_jacobian, rotations_all_over
 
 PIVOT = np.array([0.02, 0.0, -0.005])
 CENTRE, RADIUS = np.array([0.01, -0.02, 0.015]), 0.05

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from recon.poses.align.pixelrays import PixelRays
-from recon.poses.align.similarity import Similarity, rotations_all_over
+from recon.poses.similarity import Similarity, rotations_all_over
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.poses.align.similarity import Similarity
 from recon.poses.align.task import FoundPlace
 from recon.poses.align.uncertainty import in_mesh_metres
+from recon.poses.similarity import Similarity
 
 Floats = NDArray[np.float64]
 

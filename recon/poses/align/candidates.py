@@ -13,9 +13,9 @@ from recon.poses.align.absolute import fit_picks
 from recon.poses.align.pixelrays import from_one_place
 from recon.poses.align.refine import PickedRays, RefinedPlace, refine
 from recon.poses.align.search import meeting_point, starting_places
-from recon.poses.align.similarity import Similarity
 from recon.poses.align.task import Task
 from recon.poses.align.verdicts import fits, misfit_px, open_axis, ruled_out, tolerated_px
+from recon.poses.similarity import Similarity
 
 # Photos that are asked while many starts are tried, and starts that are followed to the end.
 _TRIED_PHOTOS, _FOLLOWED = 8, 3

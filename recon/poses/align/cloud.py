@@ -17,7 +17,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from recon.poses.align.similarity import Similarity, motion_jacobian, rotations_all_over
+from recon.poses.similarity import Similarity, motion_jacobian, rotations_all_over
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from recon.mesh.rays import RayTracer
 from recon.poses.align.outlines import Outline
 from recon.poses.align.pixelrays import PixelRays
 from recon.poses.align.silhouettes import Crossings, Lines, crossings, lines_across, no_lines, offset_jacobian
-from recon.poses.align.similarity import Similarity, motion_jacobian
+from recon.poses.similarity import Similarity, motion_jacobian
 
 Floats = NDArray[np.float64]
 

@@ -30,9 +30,9 @@ from recon.poses.align.pixelrays import from_one_place
 from recon.poses.align.placing import place_mesh
 from recon.poses.align.refine import residuals_at
 from recon.poses.align.silhouettes import overlap
-from recon.poses.align.similarity import Similarity
 from recon.poses.align.task import FoundPlace, Task
 from recon.poses.align.verdicts import off_px
+from recon.poses.similarity import Similarity
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from recon.harmonics.basis import sphere_directions
 from recon.poses.align.outlines import Outline
 from recon.poses.align.pixelrays import from_one_place, pixel_rays
-from recon.poses.align.similarity import Similarity, rotations_all_over
+from recon.poses.similarity import Similarity, rotations_all_over
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from recon.mesh.rays import RayTracer
 from recon.poses.align.outlines import Outline
 from recon.poses.align.pixelrays import PixelRays, joined, pixel_rays
-from recon.poses.align.similarity import Similarity, motion_jacobian
+from recon.poses.similarity import Similarity, motion_jacobian
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

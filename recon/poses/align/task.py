@@ -13,8 +13,8 @@ from recon.poses.align.cloud import CloudMatcher
 from recon.poses.align.outlines import Outline
 from recon.poses.align.pixelrays import PixelRays, from_one_place
 from recon.poses.align.refine import RefinedPlace
-from recon.poses.align.similarity import Similarity
 from recon.poses.align.uncertainty import PlaceUncertainty
+from recon.poses.similarity import Similarity
 
 Floats = NDArray[np.float64]
 

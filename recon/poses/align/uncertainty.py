@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from recon.poses.align.outlines import SECTORS
 from recon.poses.align.refine import RefinedPlace
-from recon.poses.align.similarity import Similarity
+from recon.poses.similarity import Similarity
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from capture.decode import decode_photo
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
-from recon.poses.register.bundle import cross_matrix
 from recon.poses.register.structure import Landmarks, Structure
+from recon.poses.similarity import cross_matrix
 
 Floats = NDArray[np.float64]
 

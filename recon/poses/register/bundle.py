@@ -14,6 +14,7 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from capture.camera import Camera
+from recon.poses.similarity import cross_matrix
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -151,13 +152,6 @@ def spread(bundle: Bundle) -> float:
     taken = 3 * len(bundle.points) + 6 * len(bundle.poses) - 7
     growth = np.sqrt(shares.size / max(shares.size - taken, 1))
     return max(float(1.4826 * np.median(shares) * growth), _LEAST)
-
-
-def cross_matrix(vectors: Floats) -> Floats:
-    """The matrices (..., 3, 3) that take the cross product with vectors (..., 3) from the left."""
-    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
-    o = np.zeros_like(x)
-    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
 
 
 def cauchy_weights(bundle: Bundle, scale: float) -> Floats:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from recon.poses.register.bundle import cross_matrix
 from recon.poses.register.posecovariance import frame_changes
+from recon.poses.similarity import Similarity, motion_jacobian
 
 Floats = NDArray[np.float64]
 
@@ -19,30 +19,16 @@ _AGREEING = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class WorldFrame:
-    """world = scale * rotation @ own + shift, own being the frame that a structure was found in.
+class WorldFrame(Similarity):
+    """The similarity from the frame that a structure was found in to the world.
 
     covariance : (7, 7) of a further turn (radians), shift and log scale of the world about its origin; None where the
         world is free, so that nothing is there to be wrong.
     residuals : (n, k), what the fit leaves of each pose or point that fixed it; see the function that made it.
     """
 
-    rotation: Floats
-    shift: Floats
-    scale: float
     covariance: Floats | None = None
     residuals: Floats | None = None
-
-    def of_points(self, points: Floats) -> Floats:
-        """Points (n, 3) in the world."""
-        return np.asarray(self.scale * points @ self.rotation.T + self.shift)
-
-    def of_poses(self, poses: Floats) -> Floats:
-        """Poses (n, 4, 4), world to camera, in the world."""
-        placed = np.array(poses, float)
-        placed[:, :3, :3] = poses[:, :3, :3] @ self.rotation.T
-        placed[:, :3, 3] = self.scale * poses[:, :3, 3] - placed[:, :3, :3] @ self.shift
-        return placed
 
     def of_covariance(self, covariance: Floats, placed: Floats) -> Floats:
         """Covariance (6c, 6c) of poses, as `recon.poses.register.posecovariance.pose_covariance` has it, in the world.
@@ -78,24 +64,20 @@ def frame_of_poses(poses: Floats, given: Floats, distance: float) -> WorldFrame:
     own = np.linalg.norm(centres[first] - centres[second], axis=1)
     far = own > 0.1 * own.max()
     scale = float(np.median(np.linalg.norm(targets[first] - targets[second], axis=1)[far] / own[far]))
-    shift = np.median(targets - scale * centres @ rotation.T, axis=0)
-    start = WorldFrame(rotation, shift, scale)
+    unit = np.repeat([1.0, distance * scale], 3)
+    start = Similarity(scale, rotation, np.median(targets - scale * centres @ rotation.T, axis=0))
 
-    def moved(step: Floats) -> WorldFrame:
-        turn, growth = Rotation.from_rotvec(step[:3]).as_matrix(), float(np.exp(step[6]))
-        pivot = targets.mean(axis=0)
-        moved_shift = pivot + growth * turn @ (start.shift - pivot) + step[3:6] * distance * scale
-        return WorldFrame(turn @ rotation, moved_shift, scale * growth)
+    def moved(step: Floats) -> Similarity:
+        return start.moved(np.append(unit, 1.0) * step, targets.mean(axis=0))
 
     def residuals(step: Floats) -> Floats:
         return (_differences(moved(step).of_poses(poses), given) / unit).ravel()
 
-    unit = np.repeat([1.0, distance * scale], 3)
     size = 1.4826 * float(np.median(np.abs(residuals(np.zeros(7))))) + 1e-9
     fit = least_squares(residuals, np.zeros(7), loss="soft_l1", f_scale=2 * size)
     frame = moved(fit.x)
     left = _differences(frame.of_poses(poses), given)
-    return WorldFrame(frame.rotation, frame.shift, frame.scale, _scatter(frame, poses, left, unit), left)
+    return WorldFrame(**vars(frame), covariance=_scatter(frame, poses, left, unit), residuals=left)
 
 
 def frame_of_points(points: Floats, known: Floats) -> WorldFrame:
@@ -109,14 +91,14 @@ def frame_of_points(points: Floats, known: Floats) -> WorldFrame:
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     rotation = (u * sign) @ vt
     scale = float((values * sign).sum() / (a**2).sum())
-    frame = WorldFrame(rotation, known.mean(axis=0) - scale * rotation @ points.mean(axis=0), scale)
-    found = frame.of_points(points)
+    frame = Similarity(scale, rotation, known.mean(axis=0) - scale * rotation @ points.mean(axis=0))
+    found = frame.apply(points)
     left = known - found
-    design = np.concatenate(
-        [-cross_matrix(found), np.tile(np.eye(3), (len(found), 1, 1)), found[:, :, None]], axis=2
-    ).reshape(-1, 7)
+    design = motion_jacobian(found, np.zeros(3)).reshape(-1, 7)
     variance = float((left**2).sum()) / max(left.size - 7, 1)
-    return WorldFrame(rotation, frame.shift, scale, variance * np.linalg.inv(design.T @ design), left)
+    return WorldFrame(
+        **vars(frame), covariance=np.asarray(variance * np.linalg.inv(design.T @ design)), residuals=left
+    )
 
 
 def free_frame(poses: Floats, points: Floats) -> WorldFrame:
@@ -140,7 +122,7 @@ def free_frame(poses: Floats, points: Floats) -> WorldFrame:
     forward = forward / np.linalg.norm(forward)
     rotation = np.stack([forward, np.cross(up, forward), up])
     scale = 1 / float(np.median(np.linalg.norm(centres - middle, axis=1)))
-    return WorldFrame(rotation, -scale * rotation @ middle, scale)
+    return WorldFrame(scale, rotation, -scale * rotation @ middle)
 
 
 def _differences(poses: Floats, given: Floats) -> Floats:
@@ -150,7 +132,7 @@ def _differences(poses: Floats, given: Floats) -> Floats:
     return np.concatenate([turns, between[:, :3, 3]], axis=1)
 
 
-def _scatter(frame: WorldFrame, poses: Floats, left: Floats, unit: Floats) -> Floats:
+def _scatter(frame: Similarity, poses: Floats, left: Floats, unit: Floats) -> Floats:
     """Covariance (7, 7) of a frame fitted to poses, of which those that are far off hardly count."""
     shares = np.linalg.norm(left / unit, axis=1)
     size = 1.4826 * float(np.median(shares)) + 1e-12

@@ -93,6 +93,6 @@ def _finish_import(
     warnings: list[str],
     conventions: Conventions,
 ) -> Registration:
-    frame = WorldFrame(np.eye(3), np.zeros(3), 1.0)
+    frame = WorldFrame(1.0, np.eye(3), np.zeros(3))
     found = registration_of(photoset, method, structure, frame, "free", reasons, warnings)
     return checked(photoset, found, "check that the file belongs to this set, and the masks", conventions)

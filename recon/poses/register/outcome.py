@@ -69,7 +69,7 @@ def registration_of(
         rms_px=structure.rms_px,
         observations=structure.observations,
         unregistered={photoset.photos[place].name: why for place, why in sorted(reasons.items())},
-        points=frame.of_points(structure.points),
+        points=frame.apply(structure.points),
         colours=structure.colours,
         scale_from=source,
         relative_std=None if frame.covariance is None else float(np.sqrt(frame.covariance[6, 6])),

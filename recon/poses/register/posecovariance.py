@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from recon.poses.register.bundle import CAUCHY, Bundle, cauchy_weights, cross_matrix, normal_equations, spread
+from recon.poses.register.bundle import CAUCHY, Bundle, cauchy_weights, normal_equations, spread
+from recon.poses.similarity import cross_matrix
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.poses.register.bundle import cross_matrix
+from recon.poses.similarity import cross_matrix
 
 Floats = NDArray[np.float64]
 

@@ -159,7 +159,7 @@ def _by_board(photoset: PhotoSet, sightings: BoardDetections) -> Registration:
     structure, failed = board_structure(sightings, [photo.camera for photo in photoset.photos])
     reasons = {place: f"the board: {why}" for place, why in {**sightings.reasons, **failed}.items()}
     warnings = [some_missing(photoset, reasons, len(structure.photos))] if reasons else []
-    frame = WorldFrame(np.eye(3), np.zeros(3), 1.0)
+    frame = WorldFrame(1.0, np.eye(3), np.zeros(3))
     found = registration_of(photoset, "board", structure, frame, "board", reasons, warnings)
     return checked(photoset, found, "check the masks, and that the board moved with the object")
 

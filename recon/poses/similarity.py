@@ -1,4 +1,7 @@
-"""Similarities: turn, shift and scale that place a mesh in the world, never a mirror image; and how they err."""
+"""Similarities: turn, shift and scale that place a mesh or a structure in the world, never a mirror image.
+
+pycolmap.Sim3d is none of these: it can be written to, accepts any scale, and knows no motions about a pivot.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """world = scale * rotation @ mesh + translation, the world being as large as the cameras' poses say.
+    """world = scale * rotation @ own + translation, own being the frame of a mesh or of a structure.
 
     scale : > 0. rotation : (3, 3), determinant +1. translation : (3,).
     """
@@ -31,12 +34,19 @@ class Similarity:
         object.__setattr__(self, "translation", frozen_array(self.translation))
 
     def apply(self, points: Floats) -> Floats:
-        """Points (n, 3) of the mesh in the world."""
+        """Points (n, 3) in the world."""
         return np.asarray(self.scale * points @ self.rotation.T + self.translation)
 
     def undo(self, points: Floats) -> Floats:
-        """Points (n, 3) of the world in the mesh's frame."""
+        """Points (n, 3) of the world in the own frame."""
         return np.asarray((points - self.translation) @ self.rotation / self.scale)
+
+    def of_poses(self, poses: Floats) -> Floats:
+        """Poses (n, 4, 4), own frame to camera, as world to camera."""
+        placed = np.array(poses, float)
+        placed[:, :3, :3] = poses[:, :3, :3] @ self.rotation.T
+        placed[:, :3, 3] = self.scale * poses[:, :3, 3] - placed[:, :3, :3] @ self.translation
+        return placed
 
     def moved(self, step: Floats, pivot: Floats) -> Similarity:
         """After a further turn (3, radians, about the world's axes), shift (3) and growth (log scale).
@@ -59,15 +69,15 @@ class Similarity:
 def motion_jacobian(points: Floats, pivot: Floats) -> Floats:
     """How world points (n, 3) follow the seven numbers of `Similarity.moved`, (n, 3, 7)."""
     arms = points - pivot
-    jacobian = np.zeros((len(points), 3, 7))
-    x, y, z = arms.T
-    # turn x arm, column by column.
-    jacobian[:, 1, 0], jacobian[:, 2, 0] = -z, y
-    jacobian[:, 0, 1], jacobian[:, 2, 1] = z, -x
-    jacobian[:, 0, 2], jacobian[:, 1, 2] = -y, x
-    jacobian[:, :, 3:6] = np.eye(3)
-    jacobian[:, :, 6] = arms
-    return jacobian
+    shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+    return np.concatenate([-cross_matrix(arms), shifts, arms[:, :, None]], axis=2)
+
+
+def cross_matrix(vectors: Floats) -> Floats:
+    """The matrices (..., 3, 3) that take the cross product with vectors (..., 3) from the left."""
+    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
+    o = np.zeros_like(x)
+    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
 
 
 def rotations_all_over(count: int) -> Floats:
