@@ -18,6 +18,7 @@ _HOME = {
     "detect_board": "boards.boardsearch",
     "load_photoset": "photoset",
     "merge": "bracket.hdr",
+    "merge_hdr": "bracket.hdrfiles",
     "open_bracket": "bracket.hdrfiles",
     "parse_board": "boards.board",
     "read_flat_field": "sensor.flatfield",

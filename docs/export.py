@@ -42,7 +42,7 @@ def main(figure_path: Path, folder: Path) -> None:
     camera = seen_from(optics, parse_view(VIEW), subject.centre, subject.radius)
     lighting = result.read_lighting(result.lighting(None))
     picture = take_picture(subject, camera, material, light_element(lighting))
-    inner = picture.alpha == 1
+    inner = picture.coverage == 1
     ours, theirs = picture.radiance.astype(float), rendered(folder)
     rms = np.sqrt(((theirs - ours)[inner] ** 2).mean() / (ours[inner] ** 2).mean())
     mean = (theirs[inner].mean(axis=0) / ours[inner].mean(axis=0) - 1).mean()

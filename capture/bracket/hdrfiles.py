@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from capture.bracket.hdr import Load
+from capture.bracket.hdr import Load, Merge, merge
 from capture.decode import decode
-from capture.files.imagefile import read_image
+from capture.exposure import bracket_exposures
+from capture.files.imagefile import read_file, read_image
 from capture.files.imageheader import is_raw
-from capture.sensor.noise import SensorNoise
+from capture.sensor.noise import SensorNoise, read_noise_model
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,6 +30,40 @@ class Bracket:
     load: Load
     origin: str
     warnings: tuple[str, ...]
+
+
+def merge_hdr(
+    photos: Iterable[Path | str],
+    times: Sequence[float] | None = None,
+    response: Path | str | None = None,
+    encoding: Literal["linear", "srgb"] | None = None,
+    noise: Path | str | None = None,
+) -> Merge:
+    """Merge a bracket of photographs of one scene into radiance with its variance.
+
+    photos : image files, two or more exposures. times : exposure times in seconds, one per photograph; None reads time,
+        ISO and f-number from EXIF. response : a response.json, or encoding, for integer files; with neither the
+        response is recovered from them. noise : a noise.json.
+    Radiance is the linear signal (1 = white level) over time x ISO / 100 / f-number^2. ValueError says what is wrong
+    with the files or their exposures.
+    """
+    paths = [Path(photo) for photo in photos]
+    check_bracket(paths, response is not None, encoding is not None)
+    exposures = bracket_exposures(paths, times)
+    model = None if noise is None else read_noise_model(Path(noise))
+    bracket = open_bracket(paths, exposures, None if response is None else Path(response), encoding, model)
+    return merge(bracket.load, exposures, stated=model is not None)
+
+
+def check_bracket(paths: Sequence[Path], response: bool, encoding: bool) -> None:
+    """ValueError where photographs are too few for a bracket, or are said to be encoded in two ways."""
+    if response and encoding:
+        raise ValueError("--response and --encoding both say what the values stand for: remove one of them")
+    if len(paths) < 2:
+        for path in paths:
+            read_file(path)  # if it doesn't exist, that is the fault
+        given = f"{paths[0]}: is one photograph only" if paths else "no photographs are given"
+        raise ValueError(f"{given}; a bracket needs two or more exposures")
 
 
 def open_bracket(

@@ -68,20 +68,16 @@ def hdr(
     """
     from capture.bracket.hdr import merge
     from capture.bracket.hdrfigure import hdr_figure
-    from capture.bracket.hdrfiles import open_bracket
+    from capture.bracket.hdrfiles import check_bracket, open_bracket
     from capture.bracket.mapcomparison import compare_maps
     from capture.exposure import bracket_exposures, read_times
-    from capture.files.imagefile import read_file, write_exr
+    from capture.files.imagefile import write_exr
     from capture.files.outfolder import result_files
     from capture.sensor.noise import read_noise_model
     from capture.terminal import leave_cleanly_when_stopped
 
     leave_cleanly_when_stopped()
-    if response is not None and encoding is not None:
-        raise ValueError("--response and --encoding both say what the values stand for: remove one of them")
-    if len(images) < 2:
-        read_file(images[0])  # if it doesn't exist, that is the fault
-        raise ValueError(f"{images[0]}: is one photograph only; a bracket needs two or more exposures")
+    check_bracket(images, response is not None, encoding is not None)
     if output.suffix.lower() != ".exr":
         raise ValueError(f"{output}: must end in .exr, the format that holds radiance and its variance")
     given = [path for path in (response, noise, compare) if path is not None]

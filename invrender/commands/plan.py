@@ -58,8 +58,4 @@ def plan(
     """
     from invrender.plan.run import run_plan
 
-    if not 0 <= degree <= 30:
-        raise ValueError(f"--degree is {degree}; the highest degree of the light must be 0 to 30")
-    if samples < 1000:
-        raise ValueError(f"--samples is {samples}; look at 1000 pixels or more")
     run_plan(scene, out, light.value if light else None, degree, samples)

@@ -17,7 +17,7 @@ from invrender.factor.choices import FactorChoices
 from invrender.factor.figure import ShownPhoto, factor_figure
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
-from invrender.output.report.run import PICTURES, RESULT_FILES, write_fit, write_pictures
+from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
 from invrender.process.run import Run
 from invrender.result.document import identifiability
 from invrender.result.factorization import Factorization
@@ -44,7 +44,7 @@ def run_factor(source: Path, out: Path, choices: FactorChoices) -> Run:
         more = {"choices": choices.document(), "given": given_document(given, error)}
         document = write_fit(run, folder, more)
     with added_files(out, PICTURES) as folder:
-        document = write_pictures(run, folder, document)
+        document = write_pictures(run, folder, document, track)
         factor_figure(run.result, given, _pictured(run)).savefig(folder / "factor.png")
     _print_numbers(run.result, given)
     _print_light(run.result, given, error)

@@ -19,6 +19,7 @@ from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.wording import with_error
 
+QUANTITY_HEADINGS = ("quantity", "truth ± expected std", "relative", "status")
 # Of many lightings so many are printed; plan.json has them all.
 _SHOWN = 3
 # A photograph that leaves more than this of the worst quantity's standard deviation isn't worth its while.
@@ -27,13 +28,20 @@ _LITTLE = 0.95
 
 def quantity_table(plan: Plan) -> Table:
     """Quantity, truth, expected standard deviation and status; of many lightings' the worst off."""
-    table = Table(title=f"{escape(plan.experiment.name)}: what will be known", title_justify="left")
-    for heading in ("quantity", "truth ± expected std", "relative", "status"):
-        table.add_column(heading)
-    for one in shown_quantities(plan):
-        relative = "" if one.is_direction else _share(one.relative)
-        table.add_row(escape(one.label), _with_std(one), relative, one.quantity.status)
+    table = Table(
+        *QUANTITY_HEADINGS, title=f"{escape(plan.experiment.name)}: what will be known", title_justify="left"
+    )
+    for row in quantity_rows(plan):
+        table.add_row(*map(escape, row))
     return table
+
+
+def quantity_rows(plan: Plan) -> list[tuple[str, str, str, str]]:
+    """The cells of that table, by `QUANTITY_HEADINGS`."""
+    return [
+        (one.label, _with_std(one), "" if one.is_direction else _share(one.relative), one.quantity.status)
+        for one in shown_quantities(plan)
+    ]
 
 
 def shown_quantities(plan: Plan) -> list[Expected]:

@@ -16,7 +16,7 @@ from capture.lighting import Lighting
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.estimate.identifiability import lighting_degree
-from invrender.result.saved import SavedQuantity, SavedResult
+from invrender.result.saved import SavedQuantity, SavedResult, nearest
 from invrender.result.saved_textures import SavedTextures, read_textures
 
 Floats = NDArray[np.float64]
@@ -52,6 +52,7 @@ def reflectance(result: SavedResult, assumed: Mapping[str, float], means: bool =
     saved = result.content.brdf
     form = saved.form
     for name, value in assumed.items():
+        check_assumable(name)
         _check_assumed(result, name, value, getattr(saved, name))
     values: dict[str, Floats | None] = {}
     notes = []
@@ -117,6 +118,12 @@ def assumption_notes(reflectance: Reflectance, lighting: Lighting) -> list[str]:
             "This light is sharp enough to show the roughness: width and brightness of highlights are guesses."
         ]
     return [f"This light is so soft (degree {degree}) that little in the picture hangs on the assumed sigma."]
+
+
+def check_assumable(name: str) -> None:
+    """ValueError where a number is none of those that can be assumed."""
+    if name not in ASSUMABLE:
+        raise ValueError(f"--assume {name}: {name!r} cannot be assumed; {nearest(name, ASSUMABLE)}")
 
 
 def _check_assumed(result: SavedResult, name: str, value: float, quantity: SavedQuantity | None) -> None:

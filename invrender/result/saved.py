@@ -20,11 +20,13 @@ from capture.lighting import Lighting, check_latlong
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import FORMS, PLASTICS, RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import RICHER
+from invrender.estimate.evidence import HOPELESS
 
 RESULT_NAME = "result.json"
 _MANIFEST_NAME = "photoset.toml"
 _WHAT = "a result.json, as `lightfactor process` writes it, holds brdf, object, lighting and photos"
 _KEYS = ("format", "name", "gauge", "brdf", "object", "lighting", "photos", "identifiability", "inputs")
+_OPTIONAL = ("texture", "interreflection", "fit", "models", "warnings")
 
 _Triple = tuple[float, float, float]
 _Row = tuple[float, float, float, float]
@@ -62,7 +64,8 @@ def _is_known(model: str) -> str:
 class SavedBrdf(_Lenient):
     """The BRDF's numbers; None where the chosen model has no such parameter.
 
-    model : the name of the lobe's form, or "lambertian". form_numbers : the form's own (a coat, a haze), if it has any.
+    model : the name of the lobe's form, or "lambertian". specular : "neutral", "coloured", or None where nothing tells.
+    form_numbers : the form's own (a coat, a haze), if it has any. exponent : Phong's. albedo : pi Kd.
     """
 
     model: Annotated[str, AfterValidator(_is_known)]
@@ -70,7 +73,10 @@ class SavedBrdf(_Lenient):
     ks: SavedQuantity | None
     mu: SavedQuantity | None
     sigma: SavedQuantity | None
+    specular: str | None = None
+    exponent: SavedQuantity | None = None
     form_numbers: dict[str, SavedQuantity] = Field(default_factory=dict)
+    albedo: SavedQuantity | None = None
     normalised: _Shares
     covariance: _Covariance
 
@@ -136,21 +142,59 @@ class _Coefficients(_Lenient):
 
 
 class SavedLighting(_Lenient):
-    """A lighting; `sh` are its first nine coefficients, `map` the file beside result.json."""
+    """A lighting; `sh` are its first nine coefficients, `map` the file beside result.json.
+
+    recovered : what of it was fitted: "irradiance", "ambient", "scale", "all".
+    """
 
     name: str
+    recovered: tuple[str, ...] = ()
     sh: _Coefficients
     directional: tuple[_Source, ...]
     map: str
 
+    @property
+    def irradiance_std(self) -> NDArray[np.float64]:
+        """Standard deviations (k, 3) of the sources' irradiances; 0 where given, NaN where unknown."""
+        return np.array([source.irradiance_std for source in self.directional], float).reshape(-1, 3)
+
 
 class SavedPhoto(_Lenient):
-    """A photograph, the name of its lighting, and how well it is explained, relative RMS."""
+    """A photograph, the name of its lighting, and how well it is explained, relative RMS.
+
+    samples : how many of its pixels were used. cross_validated_rms_relative : its error by a fit that has not seen it;
+    None for one that is held out, whose rms_relative is just that.
+    """
 
     file: str
     lighting: str | None = None
     held_out: bool
+    samples: int = 0
     rms_relative: float
+    cross_validated_rms_relative: float | None = None
+
+
+class SavedErrors(_Lenient):
+    """Relative RMS, means over photographs, None where there are none of the kind.
+
+    fitted : of those in the fit. unseen : of each of them by a fit that has not seen it. held_out : of those never
+    fitted. structured : the part that isn't noise.
+    """
+
+    fitted: float | None = Field(default=None, alias="rms_relative")
+    unseen: float | None = Field(default=None, alias="cross_validated_rms_relative")
+    held_out: float | None = Field(default=None, alias="held_out_rms_relative")
+    structured: float | None = Field(default=None, alias="structured_rms_relative")
+
+
+class SavedModel(_Lenient):
+    """A candidate model. parameters : how many numbers were fitted. unseen : relative RMS on unseen photographs."""
+
+    name: str
+    parameters: int
+    unseen: float = Field(alias="cross_validated_rms_relative")
+    standard_error: float | None = None
+    chosen: bool
 
 
 class SavedFinding(_Lenient):
@@ -170,7 +214,10 @@ class _Result(_Lenient):
     texture: _Texture | None = None
     lighting: tuple[SavedLighting, ...]
     interreflection: _Bounces | None = None
+    fit: SavedErrors = SavedErrors()
     photos: tuple[SavedPhoto, ...]
+    models: tuple[SavedModel, ...] = ()
+    warnings: tuple[str, ...] = ()
     identifiability: tuple[SavedFinding, ...]
     inputs: dict[str, str]
 
@@ -211,6 +258,11 @@ class SavedResult:
     @property
     def label(self) -> str:
         return self.folder.resolve().name
+
+    @property
+    def misfits(self) -> bool:
+        """Whether even the best model explains so little that no number is given."""
+        return any(model.chosen and model.unseen >= HOPELESS for model in self.content.models)
 
     def finding(self, parameter: str) -> SavedFinding:
         """What identifiability says of a parameter; empty words where it says nothing."""
@@ -262,7 +314,7 @@ def read_result(path: Path) -> SavedResult:
             )
             raise ValueError(f"{path}: holds no {RESULT_NAME}; {remedy}")
         path = path / RESULT_NAME
-    return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=("texture", "interreflection")))
+    return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=_OPTIONAL))
 
 
 def saved_form(model: str, numbers: Mapping[str, float] = MappingProxyType({})) -> LobeForm:

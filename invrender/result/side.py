@@ -104,11 +104,7 @@ def result_side(result: SavedResult) -> Side:
         is_absolute=result.is_absolute,
         numbers={name: _number(quantity) for name, quantity in saved.items()},
         lightings=tuple(
-            SideLighting(
-                result.read_lighting(entry),
-                np.array([source.irradiance_std for source in entry.directional], float).reshape(-1, 3),
-            )
-            for entry in content.lighting
+            SideLighting(result.read_lighting(entry), entry.irradiance_std) for entry in content.lighting
         ),
         brdf=reflectance(result, {}).brdf if known else None,
         pictures=_predicted(result),

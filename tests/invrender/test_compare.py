@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from capture.files.imagefile import read_pixels, write_exr
 from invrender.output.compare.lightings import light_pairs
-from invrender.output.compare.run import read_side
+from invrender.output.compare.sides import read_side
 from invrender.output.compare.verdicts import number_rows, verdict
 
 Command = Callable[..., tuple[int, str, str]]

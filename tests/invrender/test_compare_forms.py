@@ -15,7 +15,7 @@ from capture.files.imagefile import write_exr
 from invrender.brdf.lobes import FORMS, GGX_FORM, PLASTICS
 from invrender.output.compare.lightings import light_pairs
 from invrender.output.compare.pictures import material_panels
-from invrender.output.compare.run import read_side
+from invrender.output.compare.sides import read_side
 from invrender.output.compare.verdicts import number_rows
 
 from .renders import KD, KS, write_result

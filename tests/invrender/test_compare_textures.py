@@ -13,7 +13,7 @@ import pytest
 
 from capture.files.imagefile import write_exr
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, texel_layout
-from invrender.output.compare.run import read_side
+from invrender.output.compare.sides import read_side
 from invrender.output.compare.textured import over_same_part
 from invrender.output.compare.verdicts import number_rows
 from invrender.output.export.shape import tessellated

@@ -87,7 +87,7 @@ def predicted(
     picture = take_picture(
         subject or sphere_subject(CENTRE, RADIUS), CAMERA, reflectance, light_element(lighting)
     )
-    inner = picture.alpha == 1
+    inner = picture.coverage == 1
     assert inner.sum() > 1500
     return picture.radiance.astype(float), inner
 

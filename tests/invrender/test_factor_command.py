@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from capture.files.imagefile import read_pixels
 from invrender.factor.choices import read_choices
-from invrender.output.compare.run import read_side
+from invrender.output.compare.sides import read_side
 from invrender.result.saved import read_result
 from lightfactor.cli import app
 

@@ -169,7 +169,7 @@ def test_standard_deviations_are_the_scatter_of_draws_from_the_covariance(
         drawn.append(take_picture(subject, camera, material, element).radiance)
     scatter = np.std(np.array(drawn, float), axis=0, ddof=1)
     assert predicted.std is not None
-    ratio = predicted.std[predicted.alpha > 0] / scatter[predicted.alpha > 0]
+    ratio = predicted.std[predicted.coverage > 0] / scatter[predicted.coverage > 0]
     # The scatter of 60 draws is itself uncertain by 9%; no pixel is off by more than four times as much.
     assert ratio.min() > 0.7
     assert ratio.max() < 1.5

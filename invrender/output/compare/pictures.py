@@ -88,7 +88,7 @@ def material_panels(first: Side, second: Side, lights: Sequence[LightPair]) -> I
             for brdf in materials
         ]
         one, other = (picture.radiance.astype(float) for picture in pictures)
-        yield _panel(f"from azimuth {azimuth}", one, other, pictures[0].alpha == 1, free=False)
+        yield _panel(f"from azimuth {azimuth}", one, other, pictures[0].coverage == 1, free=False)
 
 
 def lights_figure(lights: Sequence[LightPair]) -> str:

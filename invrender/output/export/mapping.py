@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
+from invrender.brdf.form import Angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.directions import Pairs, direction_pairs
 from invrender.output.export.target import Numbers, Target
@@ -56,16 +57,16 @@ class Worst:
     theirs: float
 
 
-def reflectance_cosine(brdf: Microfacet, pairs: Pairs) -> Floats:
+def reflectance_cosine(brdf: Microfacet, angles: Angles) -> Floats:
     """Our reflectance times cos theta_i, (n, 3), 1/sr."""
-    total = brdf.kd * (_base_share(brdf, pairs) * pairs.angles.cos_i)[:, None]
+    total = brdf.kd * (_base_share(brdf, angles) * angles.cos_i)[:, None]
     if brdf.sigma is not None:
-        total = total + brdf.ks * brdf.form.reflected(pairs.angles, brdf.mu, brdf.sigma)[:, None]
+        total = total + brdf.ks * brdf.form.reflected(angles, brdf.mu, brdf.sigma)[:, None]
     return np.asarray(total)
 
 
-def _base_share(brdf: Microfacet, pairs: Pairs) -> Floats:
-    return base_share(brdf.form, brdf.mu, pairs.angles.cos_i, pairs.angles.cos_o)
+def _base_share(brdf: Microfacet, angles: Angles) -> Floats:
+    return base_share(brdf.form, brdf.mu, angles.cos_i, angles.cos_o)
 
 
 def map_brdf(brdf: Microfacet, targets: Sequence[Target], strongest: float = 1.0) -> Mapping:
@@ -77,7 +78,7 @@ def map_brdf(brdf: Microfacet, targets: Sequence[Target], strongest: float = 1.0
     the peak of the highlight decide everything else.
     """
     pairs = direction_pairs(brdf.sigma or _NO_LOBE_WIDTH)
-    ours = reflectance_cosine(brdf, pairs)
+    ours = reflectance_cosine(brdf, pairs.angles)
     mappings = [
         _judged(target, _fitted(target, brdf, ours, pairs, strongest), brdf, ours, pairs)
         for target in targets
@@ -121,7 +122,7 @@ def _judged(target: Target, numbers: Numbers, brdf: Microfacet, ours: Floats, pa
     worst, channel = np.unravel_index(np.abs(theirs - ours).argmax(), ours.shape)
     albedo = pairs.per_view(ours)
     matte = target.base_shown(pairs.angles, numbers)
-    shown = _base_share(brdf, pairs)[:, None]
+    shown = _base_share(brdf, pairs.angles)[:, None]
     weighted_cos = weights * pairs.angles.cos_i[:, None] ** 2
     degrees = np.degrees(np.arccos(np.array([pairs.angles.cos_i[worst], pairs.angles.cos_o[worst]])))
     return Mapping(

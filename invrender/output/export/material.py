@@ -47,10 +47,12 @@ class ExportedBRDF:
         return replace(lighting, radiance_map=radiance, irradiances=lighting.irradiances / self.scale)
 
 
-def material_of(result: SavedResult, assumed: Mapping[str, float], albedo: str | None) -> ExportedBRDF:
+def material_of(
+    result: SavedResult, assumed: Mapping[str, float], albedo: Sequence[float] | None
+) -> ExportedBRDF:
     """The material of a result.
 
-    albedo : of a result in a relative gauge, what its pi Kd + Ks is: one number for the brightest channel, or R,G,B.
+    albedo : of a result in a relative gauge, what its pi Kd + Ks is: one number for the brightest channel, or three.
     ValueError where a number is undetermined and not assumed, or the albedo isn't free.
     """
     found = reflectance(result, assumed)
@@ -82,20 +84,20 @@ def _weakness(result: SavedResult, name: str, quantity: SavedQuantity) -> str:
 
 
 def _scale(
-    result: SavedResult, brdf: Microfacet, textures: SavedTextures | None, albedo: str | None
+    result: SavedResult, brdf: Microfacet, textures: SavedTextures | None, albedo: Sequence[float] | None
 ) -> tuple[Floats, Sequence[str]]:
     """What Kd and Ks are multiplied by, (3,), and what is said of it."""
     if result.is_absolute:
         if albedo is not None:
             raise ValueError(
-                f"--albedo {albedo}: the scale of {result.path} is known ({result.content.gauge}); leave it out"
+                f"--albedo: the scale of {result.path} is known ({result.content.gauge}); leave it out"
             )
         return np.ones(3), ()
     total = np.pi * brdf.kd + brdf.ks
     if textures is not None:
         texels = np.pi * textures.kd + textures.ks
         total = np.percentile(texels.reshape(-1, 3), _BRIGHT_PERCENTILE, axis=0)
-    wanted = [_PLAUSIBLE_ALBEDO] if albedo is None else _parsed(albedo)
+    wanted = [_PLAUSIBLE_ALBEDO] if albedo is None else _checked(albedo)
     per_channel = len(wanted) == 3
     if not (total > 0).all() if per_channel else not total.max() > 0:
         raise ValueError(f"{result.path}: Kd and Ks are 0; a black object has no scale")
@@ -110,11 +112,16 @@ def _scale(
     )
 
 
-def _parsed(albedo: str) -> list[float]:
-    values = numbers(albedo, "--albedo", "a number above 0 and below 1, or three: R,G,B", (1, 3))
-    if not all(0 < value < 1 for value in values):
-        raise ValueError(f"--albedo {albedo}: must be above 0 and below 1")
-    return values
+def parse_albedo(text: str) -> list[float]:
+    """An albedo as it is written for `--albedo`."""
+    return numbers(text, "--albedo", "a number above 0 and below 1, or three: R,G,B", (1, 3))
+
+
+def _checked(albedo: Sequence[float]) -> Sequence[float]:
+    if len(albedo) not in (1, 3) or not all(0 < value < 1 for value in albedo):
+        given = ", ".join(f"{value:g}" for value in albedo)
+        raise ValueError(f"--albedo {given}: must be a number above 0 and below 1, or three")
+    return albedo
 
 
 def _scaled(textures: SavedTextures | None, scale: Floats) -> SavedTextures | None:

@@ -18,7 +18,7 @@ _CLIPPED_PERCENT = 0.5
 
 def write_picture(path: Path, picture: Picture) -> None:
     """Write an EXR: R, G, B, A, and std.R, std.G, std.B if the picture has them."""
-    layers = {"A": picture.alpha} | ({} if picture.std is None else {"std": picture.std})
+    layers = {"A": picture.coverage} | ({} if picture.std is None else {"std": picture.std})
     write_exr(path, picture.radiance, layers=layers)
 
 
@@ -35,6 +35,19 @@ def write_png(path: Path, picture: Picture, exposure_ev: float) -> None:
     write_rgba(path, encoded(picture, exposure_ev))
 
 
+def save_picture(path: Path, picture: Picture, exposure_ev: float | None = None) -> list[str]:
+    """Write a picture as its file's name says, .exr or .png; returns notes, in sentences.
+
+    exposure_ev : of a PNG; None exposes it so that the brightest half percent of the object clips.
+    """
+    if path.suffix.lower() == ".exr":
+        write_picture(path, picture)
+        return []
+    exposure = (automatic_exposure(picture) or 0.0) if exposure_ev is None else exposure_ev
+    write_png(path, picture, exposure)
+    return [] if exposure_ev is not None else [exposure_note(exposure)]
+
+
 def write_rgba(path: Path, rgba: NDArray[np.uint8]) -> None:
     """Write codes (h, w, 4) as a PNG."""
     _, data = cv2.imencode(".png", np.ascontiguousarray(rgba[:, :, [2, 1, 0, 3]]))
@@ -43,9 +56,9 @@ def write_rgba(path: Path, rgba: NDArray[np.uint8]) -> None:
 
 def encoded(picture: Picture, exposure_ev: float) -> NDArray[np.uint8]:
     """sRGB codes and alpha (h, w, 4), the object not darkened where it covers pixels in part."""
-    cover = np.where(picture.alpha > 0, picture.alpha, 1)[:, :, None]
+    cover = np.where(picture.coverage > 0, picture.coverage, 1)[:, :, None]
     codes = _codes(picture.radiance / cover, exposure_ev)
-    return np.dstack([codes, np.round(picture.alpha * 255).astype(np.uint8)])
+    return np.dstack([codes, np.round(picture.coverage * 255).astype(np.uint8)])
 
 
 def before_black(picture: Picture, exposure_ev: float) -> NDArray[np.uint8]:
@@ -55,7 +68,7 @@ def before_black(picture: Picture, exposure_ev: float) -> NDArray[np.uint8]:
 
 def automatic_exposure(picture: Picture) -> float | None:
     """The exposure in EV at which only the brightest half percent of the object clips; None of a black one."""
-    brightest = picture.radiance.max(axis=2)[picture.alpha > 0]
+    brightest = picture.radiance.max(axis=2)[picture.coverage > 0]
     white = float(np.percentile(brightest, 100 - _CLIPPED_PERCENT))
     return float(-np.log2(white)) if white > 0 else None
 

@@ -45,10 +45,6 @@ def check_options(options: RenderOptions) -> None:
     _check_turntable(options)
     if options.photo and (options.view or options.size or options.fov_deg is not None):
         raise ValueError("--photo is a whole camera: it excludes --view, --size and --fov")
-    if options.mesh is not None and options.radius is not None:
-        raise ValueError("--radius is a sphere's; it excludes --mesh")
-    if options.mesh_to_world is not None and options.mesh is None:
-        raise ValueError("--mesh-to-world places a mesh; give --mesh")
     if not abs(options.rotate_light) <= 360:
         raise ValueError(f"--rotate-light is {options.rotate_light:g} degrees; it must be -360 to 360")
 

@@ -47,14 +47,16 @@ class _PixelReflectance:
 class Picture:
     """Radiance in front of black.
 
-    radiance : (h, w, 3) float32, linear, mean over the pixel: of the body times `alpha`, as EXR has it.
-    alpha : (h, w) float32, the share of the pixel that the body covers, as far as its Kd and Ks are known.
+    radiance : (h, w, 3) float32, linear, mean over the pixel: of the body times `coverage`, as EXR has it.
+    coverage : (h, w) float32, 0 to 1, the share of the pixel that the body covers, as far as its Kd and Ks are known.
     std : (h, w, 3) float32, standard deviation of the radiance, or None where it wasn't asked for.
+    notes : what a user should know of it, in sentences.
     """
 
     radiance: NDArray[np.float32]
-    alpha: NDArray[np.float32]
+    coverage: NDArray[np.float32]
     std: NDArray[np.float32] | None
+    notes: tuple[str, ...] = ()
 
 
 def take_picture(
@@ -126,10 +128,10 @@ def _enter(
     )
     pixels = field.rows, field.columns
     picture.radiance[pixels] = radiance * alpha[:, None]
-    picture.alpha[pixels] = alpha
+    picture.coverage[pixels] = alpha
     if weights is not None:
         # Where the photographs left Kd and Ks open, both are zero, and the body counts as not there.
-        picture.alpha[pixels] *= weights.known
+        picture.coverage[pixels] *= weights.known
     if picture.std is not None:
         assert slopes is not None
         variance = np.einsum("nkc,ckl,nlc->nc", slopes, reflectance.covariance, slopes)

@@ -100,7 +100,7 @@ def _write_strip(path: Path, pictures: Iterator[Picture], count: int, exposure_e
     columns = -(-count // -(-count // _STRIP_COLUMNS))
     strip: np.ndarray | None = None
     for k, picture in enumerate(pictures):
-        height, width = picture.alpha.shape
+        height, width = picture.coverage.shape
         if strip is None:
             strip = np.zeros((-(-count // columns) * height, columns * width, 4), np.uint8)
         row, column = divmod(k, columns)

@@ -19,6 +19,7 @@ _VIEW = "AZIMUTH,ELEVATION or AZIMUTH,ELEVATION,DISTANCE, in degrees and metres 
 # Where there are no photographs to go by: a square picture of which the object fills three quarters, from ten radii.
 _SIDE, _FILLED, _RADII = 512, 0.75, 10.0
 _MAX_SIDE = 20_000
+_UNUSABLE = "--size {}: cannot be used; give width and height in pixels, such as 640x480"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,20 +46,33 @@ class View:
 
 def parse_view(text: str) -> View:
     """A view as it is written for `--view`."""
-    values = numbers(text, "--view", _VIEW, (2, 3))
-    direction(values[0], values[1], f"--view {text}")
+    return view_of(numbers(text, "--view", _VIEW, (2, 3)))
+
+
+def view_of(values: Sequence[float]) -> View:
+    """A view from azimuth and elevation, degrees, and the distance, metres, if it is given."""
+    where = f"--view {','.join(f'{value:g}' for value in values)}"
+    if len(values) not in (2, 3):
+        raise ValueError(f"{where}: cannot be read; give {_VIEW}")
+    direction(values[0], values[1], where)
     distance = values[2] if len(values) == 3 else None
     if distance is not None and not distance > 0:
-        raise ValueError(f"--view {text}: the distance is {distance:g} m; it must be > 0")
+        raise ValueError(f"{where}: the distance is {distance:g} m; it must be > 0")
     return View(values[0], values[1], distance)
 
 
 def parse_size(text: str) -> tuple[int, int]:
     """Width and height in pixels of "640x480"."""
     match = re.fullmatch(r"(\d+)x(\d+)", text)
-    size = tuple(map(int, match.groups())) if match else (0, 0)
-    if not all(0 < side <= _MAX_SIDE for side in size):
-        raise ValueError(f"--size {text}: cannot be used; give WIDTHxHEIGHT in pixels, such as 640x480")
+    if match is None:
+        raise ValueError(_UNUSABLE.format(text))
+    return checked_size(tuple(map(int, match.groups())))
+
+
+def checked_size(size: Sequence[int]) -> tuple[int, int]:
+    """Width and height in pixels; ValueError where a picture can't have them."""
+    if len(size) != 2 or not all(0 < side <= _MAX_SIDE for side in size):
+        raise ValueError(_UNUSABLE.format("x".join(map(str, size))))
     return size[0], size[1]
 
 

@@ -108,7 +108,7 @@ def residual_figure(fields: Mapping[str, LightField], residuals: Mapping[str, Fl
 
 def photo_error_figure(scores: Sequence[PhotoScore]) -> Figure:
     """Relative RMS of each photograph: fitted, cross-validated, held out."""
-    figure = Figure(figsize=(6.4, 3.4))
+    figure = Figure(figsize=(6.4, 3.4), layout="constrained")
     axes = figure.add_subplot()
     place = np.arange(1, len(scores) + 1)
     fitted = np.array([not s.held_out for s in scores])

@@ -1,0 +1,92 @@
+"""The files of a result folder: numbers first, then predicted photographs and the report. No terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from capture.files.documents import file_hash, write_json
+from capture.files.imagefile import write_exr
+from capture.photoset import PhotoSet
+from capture.progress import Track, silent
+from invrender.estimate.textured.textures import TEXTURE_FILES
+from invrender.output.report.page import ReportWriter
+from invrender.process.run import Prediction, Run
+from invrender.result.document import lighting_map, result_document, with_picture_errors
+
+RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEXTURE_FILES)
+PICTURES = "predicted photographs and report"
+
+
+def write_fit(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Write everything that a run found into a folder, but for its pictures; what stands in result.json.
+
+    more : further keys of it.
+    """
+    result = run.result
+    files = {}
+    several = len(result.lightings) > 1
+    for entry in result.lightings:
+        name = entry.lighting.name
+        files[name] = f"lighting-{name.replace('/', '_')}.exr" if several else "lighting.exr"
+        write_exr(folder / files[name], lighting_map(entry))
+    if result.textures is not None:
+        assert run.photoset.mesh_to_world is not None
+        result.textures.write(folder, run.photoset.mesh_to_world)
+    document = result_document(result, files, _input_hashes(run.photoset), run.seconds)
+    document |= {"predicted_binning": None, **(more or {})}
+    write_json(folder / "result.json", document)
+    return document
+
+
+def write_pictures(
+    run: Run, folder: Path, document: Mapping[str, Any], track: Track = silent
+) -> dict[str, Any]:
+    """Write a run's predicted photographs, its report, and its result.json with the errors of these, which is
+    returned.
+    """
+    (folder / "predicted").mkdir()
+    report = ReportWriter(run)
+    names = _predicted_names([photo.label for photo in run.photoset.photos])
+    errors = {}
+    for prediction in _with_progress(run, track):
+        write_exr(folder / "predicted" / names[prediction.photo.label], prediction.predicted)
+        errors[prediction.photo.label] = prediction.error
+        report.add(prediction)
+    complete = {**with_picture_errors(document, errors), "predicted_binning": run.binning}
+    report.write(folder / "report.html", complete)
+    write_json(folder / "result.json", complete)
+    return complete
+
+
+def _with_progress(run: Run, track: Track) -> Iterator[Prediction]:
+    predictions = run.predictions()
+    for _ in track(range(len(run.photoset.photos)), "Predicting photographs"):
+        yield next(predictions)
+
+
+def _predicted_names(labels: Sequence[str]) -> dict[str, str]:
+    """A file name for each photograph's prediction: its own with .exr for its suffix, or after it where two agree."""
+    flat = {label: label.replace("/", "_") for label in labels}
+    short = {label: Path(name).with_suffix(".exr").name for label, name in flat.items()}
+    shared = Counter(short.values())
+    return {label: short[label] if shared[short[label]] == 1 else f"{flat[label]}.exr" for label in labels}
+
+
+def _input_hashes(photoset: PhotoSet) -> dict[str, str]:
+    """Hashes of every file that the result depends on, by its place in the set's folder, or its name elsewhere."""
+    paths = [photoset.manifest, *photoset.calibration_files]
+    paths += [photoset.resolve(photoset.object.mesh)] if photoset.object.mesh else []
+    for photo in photoset.photos:
+        paths += [photo.file] + ([photo.mask] if photo.mask else [])
+    for table in photoset.lightings:
+        named = (table.map, *(table.mirror_ball.files if table.mirror_ball else ()))
+        paths += [photoset.resolve(name) for name in named if name]
+    hashes: dict[str, str] = {}
+    for path in dict.fromkeys(paths):
+        inside = path.is_relative_to(photoset.folder)
+        name = str(path.relative_to(photoset.folder)) if inside else path.name
+        hashes[name if name not in hashes else str(path)] = file_hash(path)
+    return hashes
