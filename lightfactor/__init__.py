@@ -1,1 +1,72 @@
-"""Photographs of a real object in; its reflectance, the light on it, and how certain each number is, out."""
+"""Photographs of a real object in; its reflectance, the light on it, and how certain each number is, out.
+
+    import lightfactor as lf
+
+    fit = lf.process("SET")
+    fit.brdf.kd.value, fit.brdf.kd.std
+
+docs/python.md describes what can be imported from here; everything else is internal and may change.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from capture.arc.gantrycalibration import calibrate_gantry
+    from capture.bracket.hdrfiles import merge_hdr
+    from capture.bracket.responserecovery import recover_response as calibrate_response
+    from capture.lens.intrinsics import calibrate_camera
+    from capture.sensor.flatrecovery import recover_flat_field as calibrate_flatfield
+    from capture.sensor.noiserecovery import recover_noise as calibrate_noise
+    from lightfactor.actions import compare, export, plan, save_picture, synth
+    from lightfactor.fit import Fit
+    from lightfactor.runs import load_photoset, process, read_fit
+
+# Loaded at first use, so that importing one part does not wait for all libraries.
+_HOME = {
+    "Fit": ("lightfactor.fit", "Fit"),
+    "calibrate_camera": ("capture.lens.intrinsics", "calibrate_camera"),
+    "calibrate_flatfield": ("capture.sensor.flatrecovery", "recover_flat_field"),
+    "calibrate_gantry": ("capture.arc.gantrycalibration", "calibrate_gantry"),
+    "calibrate_noise": ("capture.sensor.noiserecovery", "recover_noise"),
+    "calibrate_response": ("capture.bracket.responserecovery", "recover_response"),
+    "compare": ("lightfactor.actions", "compare"),
+    "export": ("lightfactor.actions", "export"),
+    "load_photoset": ("lightfactor.runs", "load_photoset"),
+    "merge_hdr": ("capture.bracket.hdrfiles", "merge_hdr"),
+    "plan": ("lightfactor.actions", "plan"),
+    "process": ("lightfactor.runs", "process"),
+    "read_fit": ("lightfactor.runs", "read_fit"),
+    "save_picture": ("lightfactor.actions", "save_picture"),
+    "synth": ("lightfactor.actions", "synth"),
+}
+__all__ = [
+    "Fit",
+    "calibrate_camera",
+    "calibrate_flatfield",
+    "calibrate_gantry",
+    "calibrate_noise",
+    "calibrate_response",
+    "compare",
+    "export",
+    "load_photoset",
+    "merge_hdr",
+    "plan",
+    "process",
+    "read_fit",
+    "save_picture",
+    "synth",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, attribute = _HOME[name]
+    return getattr(importlib.import_module(module), attribute)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
