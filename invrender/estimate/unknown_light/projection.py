@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from capture.gaussnewton import gauss_newton
 from capture.parallel import parallel_map
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import LightingRows, rows_of, slopes_of
@@ -23,10 +24,9 @@ from invrender.estimate.unknown_light.state import BlindState
 Floats = NDArray[np.float64]
 
 ITERATIONS = 30
-# Of squared residuals, in units of the noise that they show, in which a parameter's step by its standard deviation
-# costs 1: so small gains end a search; smaller than the others they are beneath what single precision resolves.
+# Of squared residuals, in units of the noise that they show: so small a gain ends a search (a mesh's shadows may spoil
+# what any step gains), and so small a difference is beneath what single precision resolves.
 _CONVERGED, _TOLD_APART = 1e-2, 1.0
-_FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,28 +249,38 @@ def refine(
     fit = solve_lighting(designs, weights, scales, state, l_max)
     if not state.names:
         return fit
-    damping = _FIRST_DAMPING
-    count = sum(weight.size for weight in weights)
-    for _ in range(iterations):
-        equations = _border(designs, weights, fit)
-        free = ~fit.state.stuck(equations.right)
-        noise = max(fit.cost / count, 1)
-        if equations.step(free) @ equations.right < _CONVERGED * noise:
-            return fit
-        while True:
-            step = equations.step(free, damping)
-            promise = step @ equations.right / noise
-            # A mesh's shadows may spoil what any step gains: one that promises nothing isn't tried.
-            if promise < _CONVERGED:
-                return fit
-            tried = solve_lighting(designs, weights, scales, fit.state.moved(step), l_max)
-            if tried.cost <= fit.cost or promise < _TOLD_APART:
-                break
-            damping *= 10
-        gain = (fit.cost - tried.cost) / noise
-        if gain > 0:
-            fit = tried
-        if gain < _CONVERGED:
-            return fit
-        damping = max(damping / 10, _LEAST_DAMPING)
-    return fit
+    return gauss_newton(
+        fit,
+        lambda at: _LocalProblem(designs, weights, scales, at),
+        least=_CONVERGED,
+        most_steps=iterations,
+        told_apart=_TOLD_APART,
+    )
+
+
+class _LocalProblem:
+    """The search for BRDF and sources about a fit, by Kaufman's equations."""
+
+    def __init__(
+        self,
+        designs: Sequence[LightingDesign],
+        weights: Sequence[Floats],
+        scales: Mapping[int, Floats],
+        fit: BlindFit,
+    ) -> None:
+        self._problem, self._fit = (designs, weights, scales), fit
+        self._equations = _border(designs, weights, fit)
+        self._free = ~fit.state.stuck(self._equations.right)
+        self._noise = max(fit.cost / sum(weight.size for weight in weights), 1)
+
+    def step(self, damping: float) -> Floats:
+        return self._equations.step(self._free, damping)
+
+    def promise(self, step: Floats) -> float:
+        return float(step @ self._equations.right) / self._noise
+
+    def moved(self, step: Floats) -> BlindFit:
+        return solve_lighting(*self._problem, self._fit.state.moved(step), self._fit.l_max)
+
+    def gain(self, fit: BlindFit) -> float:
+        return (self._fit.cost - fit.cost) / self._noise
