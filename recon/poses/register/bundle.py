@@ -7,6 +7,7 @@ Triggs, McLauchlan, Hartley, Fitzgibbon, "Bundle adjustment: a modern synthesis"
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from capture.camera import Camera
+from capture.gaussnewton import gauss_newton
 from recon.poses.similarity import cross_matrix
 
 Floats = NDArray[np.float64]
@@ -23,8 +25,8 @@ Ints = NDArray[np.int64]
 CAUCHY = 2.385
 # Rounds in which the loss gets its width from the residuals anew, and steps in each.
 _ROUNDS, _STEPS = 3, 60
-# A step that lowers the cost by less than this share is the last one.
-_CONVERGED = 1e-6
+# A gain of so few variances of the noise ends a round: 3% of a standard deviation.
+_CONVERGED = 1e-3
 # Pixels: residuals are never held to be better than this, be a simulation ever so exact.
 _LEAST = 1e-6
 
@@ -129,20 +131,40 @@ def adjust(bundle: Bundle) -> Bundle:
     """The poses and points that fit the observations best under Cauchy's loss, by Levenberg's and Marquardt's steps."""
     for _ in range(_ROUNDS):
         scale = CAUCHY * spread(bundle)
-        cost, damping = _cost(bundle, scale), 1e-4
-        for _ in range(_STEPS):
-            system = normal_equations(bundle, cauchy_weights(bundle, scale))
-            new, moved = np.inf, bundle
-            while not new < cost and damping < 1e8:
-                moved = _moved(bundle, system, damping)
-                new = _cost(moved, scale)
-                damping *= 10
-            if not new < cost:
-                break
-            gain, bundle, cost, damping = cost - new, moved, new, max(damping / 100, 1e-9)
-            if gain < _CONVERGED * cost:
-                break
+        bundle = gauss_newton(bundle, partial(_LocalProblem, scale), _CONVERGED, _STEPS, damping=1e-4)
     return bundle
+
+
+class _LocalProblem:
+    """The adjustment about a bundle under Cauchy's loss that bends at a scale, in variances of its residuals."""
+
+    def __init__(self, scale: float, bundle: Bundle) -> None:
+        self._scale, self._bundle, self._cost = scale, bundle, _cost(bundle, scale)
+        self._system = normal_equations(bundle, cauchy_weights(bundle, scale))
+
+    def step(self, damping: float) -> Floats:
+        matrix, vector, inverses = self._system.reduced(damping)
+        step = np.linalg.solve(matrix, vector)
+        pull = self._system.pull - (self._system.cross.T @ step).reshape(-1, 3)
+        return np.concatenate([step, np.einsum("pij,pj->pi", inverses, pull).ravel()])
+
+    def promise(self, step: Floats) -> float:
+        pull = np.concatenate([self._system.vector, self._system.pull.ravel()])
+        return float(step @ pull) * (CAUCHY / self._scale) ** 2
+
+    def moved(self, step: Floats) -> Bundle:
+        poses, points = np.split(step, [len(self._system.vector)])
+        after = np.tile(np.eye(4), (len(self._bundle.poses), 1, 1))
+        after[:, :3, :3] = Rotation.from_rotvec(poses.reshape(-1, 6)[:, :3]).as_matrix()
+        after[:, :3, 3] = poses.reshape(-1, 6)[:, 3:]
+        return replace(
+            self._bundle,
+            poses=after @ self._bundle.poses,
+            points=self._bundle.points + points.reshape(-1, 3),
+        )
+
+    def gain(self, bundle: Bundle) -> float:
+        return CAUCHY**2 * (self._cost - _cost(bundle, self._scale))
 
 
 def spread(bundle: Bundle) -> float:
@@ -188,18 +210,6 @@ def normal_equations(bundle: Bundle, weights: Floats) -> NormalEquations:
     shape = (6 * photos, 3 * points)
     cross = csr_array((products.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
     return NormalEquations(_sparse_blocks(matrix).toarray(), vector.ravel(), cross, blocks, pull)
-
-
-def _moved(bundle: Bundle, system: NormalEquations, damping: float) -> Bundle:
-    """The bundle after one damped step."""
-    matrix, vector, inverses = system.reduced(damping)
-    step = np.linalg.solve(matrix, vector)
-    pull = system.pull - (system.cross.T @ step).reshape(-1, 3)
-    points = bundle.points + np.einsum("pij,pj->pi", inverses, pull)
-    after = np.tile(np.eye(4), (len(bundle.poses), 1, 1))
-    after[:, :3, :3] = Rotation.from_rotvec(step.reshape(-1, 6)[:, :3]).as_matrix()
-    after[:, :3, 3] = step.reshape(-1, 6)[:, 3:]
-    return replace(bundle, poses=after @ bundle.poses, points=points)
 
 
 def _raised(blocks: Floats, damping: float) -> Floats:
