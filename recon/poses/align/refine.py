@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from capture.gaussnewton import damped_step, gauss_newton
 from recon.mesh.rays import RayTracer
 from recon.poses.align.outlines import Outline
 from recon.poses.align.pixelrays import PixelRays
@@ -28,8 +29,8 @@ _FINE = (0.03, 4.0, 400)
 # Points of all photos together.
 _MOST_POINTS = 16_000
 _MOST_STEPS = 25
-# A step that moves the mesh by less, in pixels, is the last.
-_SETTLED_PX = 0.003
+# Gains that end the search, in variances of the noise: far from the end, and in the end (a tenth of a deviation).
+_NEARLY, _SETTLED = 0.1, 0.01
 # Independent points per sector of an outline, to weigh silhouettes against picks. Error bars ask the residuals.
 _PER_SECTOR = 4
 # Masks are drawn larger or smaller than the object by so many pixels, standard deviation, before anything is seen.
@@ -105,10 +106,10 @@ def refine(
     tracer : of the mesh in its own frame. thorough : false stops before the finest search, for trying many starts.
     The result is the best that was reached; whether that is good enough, its residuals show (`verdicts`).
     """
-    place, growth = start, 0.0
     if not outlines:
         problem = _Problem(tracer, no_lines(), picks, free_scale, free_growth=False)
-        return problem.result(*problem.settle(place, growth, _SETTLED_PX))
+        return problem.result(problem.settled(start, 0.0, _SETTLED))
+    place, growth = start, 0.0
     stages = [*_COARSE, _FINE] if thorough else list(_COARSE)
     for share, least, count in stages:
         count = max(min(count, _MOST_POINTS // max(len(outlines), 1)), 40)
@@ -116,8 +117,9 @@ def refine(
         lines = lines_across([outline.thinned(count) for outline in outlines], reaches)
         last = share == _FINE[0]
         problem = _Problem(tracer, lines, picks, free_scale, free_growth=last)
-        place, growth = problem.settle(place, growth, _SETTLED_PX if last else 0.1)
-    return problem.result(place, growth)
+        at = problem.settled(place, growth, _SETTLED if last else _NEARLY)
+        place, growth = at.place, at.growth
+    return problem.result(at)
 
 
 def residuals_at(tracer: RayTracer, outlines: Sequence[Outline], refined: RefinedPlace) -> PlaceResiduals:
@@ -125,13 +127,24 @@ def residuals_at(tracer: RayTracer, outlines: Sequence[Outline], refined: Refine
     reaches = [max(_FINE[0] * outline.radius, _FINE[1]) for outline in outlines]
     lines = lines_across([outline.thinned(_FINE[2]) for outline in outlines], reaches)
     problem = _Problem(tracer, lines, None, bool(refined.free[6]), free_growth=True)
-    return problem.evaluated(refined.place, refined.growth).residuals
+    return problem.objective(problem.placed(refined.place, refined.growth)).residuals
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """The mesh at a place, and where its silhouettes cross the lines."""
+
+    place: Similarity
+    growth: float
+    met: Crossings
 
 
 @dataclass(frozen=True, eq=False)
 class _Evaluated:
     """The objective at one place: `loss` (pixels) of the Cauchy loss, cost, normal equations, what it is made of."""
 
+    problem: _Problem
+    at: _Placed
     loss: float
     cost: float
     information: Floats
@@ -139,9 +152,26 @@ class _Evaluated:
     pivot: Floats
     residuals: PlaceResiduals
 
+    def step(self, damping: float) -> Floats:
+        """Motion (7) and growth, (8,)."""
+        unit = self.problem.units(self.at.place)
+        step = damped_step(self.information * np.outer(unit, unit), -self.gradient * unit, damping)
+        # Beyond half a radian and half its size the silhouette's first derivative says nothing.
+        return unit * step * min(1.0, 0.5 / max(float(np.abs(step[:7]).max()), 1e-12))
+
+    def promise(self, step: Floats) -> float:
+        return -float(step @ self.gradient)
+
+    def moved(self, step: Floats) -> _Placed:
+        place = self.at.place.moved(step[:7], self.pivot)
+        return self.problem.placed(place, self.at.growth + float(step[7]))
+
+    def gain(self, there: _Placed) -> float:
+        return self.cost - self.problem.objective(there, self.loss).cost
+
 
 class _Problem:
-    """The objective over lines and picks. Motion in units in which 1 moves the mesh by about its own radius."""
+    """The objective over lines and picks."""
 
     def __init__(
         self,
@@ -153,55 +183,23 @@ class _Problem:
     ) -> None:
         self._tracer, self._lines, self._picks = tracer, lines, picks
         self.free = np.array([True] * 6 + [free_scale, free_growth and len(lines) > 0])
-        # Pixels of the mesh's radius in the photographs: what a motion of 1 is worth.
-        self._radius_px = float(np.max(lines.reach)) / _FINE[0] if len(lines) else 1000.0
         sectors = len(np.unique(lines.photo * 1000 + lines.sector)) if len(lines) else 1
         self._correlated = max(len(lines) / (sectors * _PER_SECTOR), 1.0)
 
-    def settle(self, place: Similarity, growth: float, settled_px: float) -> tuple[Similarity, float]:
-        """Levenberg-Marquardt until steps are small."""
-        damping = 1e-3
-        now = self.evaluated(place, growth)
-        for _ in range(_MOST_STEPS):
-            scale = self._units(place)
-            information = now.information * np.outer(scale, scale)
-            gradient = now.gradient * scale
-            diagonal = np.diag(information).copy()
-            if not diagonal[:7].max() > 0:
-                break  # no outline is anywhere near
-            diagonal[self.free] = np.maximum(diagonal[self.free], 1e-9 * diagonal.max())
-            diagonal[~self.free] = 1
-            step = -np.linalg.solve(information + np.diag(diagonal * damping + ~self.free), gradient) * scale
-            step[~self.free] = 0
-            # Beyond half a radian and half its size the silhouette's first derivative says nothing.
-            step *= min(1.0, 0.5 / max(float(np.abs(step[:7] / scale[:7]).max()), 1e-12))
-            trial_place, trial_growth = place.moved(step[:7], now.pivot), growth + step[7]
-            met = self._met(trial_place)
-            trial = self._objective(trial_place, trial_growth, met, now.loss)
-            moved_px = float(np.abs(step[:7] / scale[:7]).max()) * self._radius_px
-            if trial.cost < now.cost:
-                place, growth = trial_place, float(trial_growth)
-                now = self._objective(place, growth, met, None)
-                damping = max(damping / 10, 1e-9)
-            else:
-                damping *= 10
-            if max(moved_px, abs(step[7])) < settled_px or damping > 1e6:
-                break
-        return place, growth
+    def settled(self, place: Similarity, growth: float, least: float) -> _Placed:
+        """The best place near a given one; least : as of `gauss_newton`."""
+        return gauss_newton(self.placed(place, growth), self.objective, least, _MOST_STEPS)
 
-    def result(self, place: Similarity, growth: float) -> RefinedPlace:
-        now = self.evaluated(place, growth)
-        return RefinedPlace(place, growth, now.pivot, now.information, self.free, now.residuals)
+    def result(self, at: _Placed) -> RefinedPlace:
+        now = self.objective(at)
+        return RefinedPlace(at.place, at.growth, now.pivot, now.information, self.free, now.residuals)
 
-    def evaluated(self, place: Similarity, growth: float) -> _Evaluated:
-        return self._objective(place, growth, self._met(place), None)
+    def placed(self, place: Similarity, growth: float) -> _Placed:
+        return _Placed(place, growth, crossings(self._tracer, place, self._lines))
 
-    def _met(self, place: Similarity) -> Crossings:
-        return crossings(self._tracer, place, self._lines)
-
-    def _objective(self, place: Similarity, growth: float, met: Crossings, loss: float | None) -> _Evaluated:
+    def objective(self, at: _Placed, loss: float | None = None) -> _Evaluated:
         """loss : of an earlier place, to compare costs; None takes what the residuals' own scatter asks for."""
-        lines = self._lines
+        lines, place, growth, met = self._lines, at.place, at.growth, at.met
         pivot = place.apply(self._tracer.centre[None])[0]
         residual = np.where(met.found, met.offsets - growth, lines.reach)
         jacobian = np.zeros((len(lines), 8))
@@ -249,7 +247,8 @@ class _Problem:
             lines.reach,
             curvature,
         )
-        return _Evaluated(loss, cost, information, gradient, pivot, left)
+        return _Evaluated(self, at, loss, cost, information, gradient, pivot, left)
 
-    def _units(self, place: Similarity) -> Floats:
+    def units(self, place: Similarity) -> Floats:
+        """What a motion (7) and growth (1) of 1 are worth: the mesh moves by about its own radius."""
         return np.array([1.0] * 3 + [place.scale * self._tracer.size / 2] * 3 + [1.0, 1.0])
