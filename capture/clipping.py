@@ -24,7 +24,7 @@ def cut_off(pixels: NDArray[np.floating[Any]], kind: str) -> NDArray[np.bool_]:
     """(h, w) where any channel of an image of floats (h, w, 3) is at a value that it was clipped at.
 
     kind : the file's format. A channel that many pixels share the largest value of was clipped, where among these
-    another channel varies: light or paint that is constant is so in all. In an image that is grey throughout nothing
+    another channel varies: light or albedo that is constant is so in all. In an image that is grey throughout nothing
     varies, and only 1 counts.
     """
     result = np.zeros(pixels.shape[:2], bool)

@@ -157,7 +157,7 @@ def _decode_integers(
         if not len(rows):
             return np.zeros((0, 3), np.float32)
         _, tables = noise_model()
-        # What compression did to a pixel is told by its whole block.
+        # What compression did to a pixel follows from its whole block.
         side = 1 if tables is None else BLOCK * max(max(pair) for pair in tables.reduction)
         tiles, places = _tiles_at(pixels, rows, columns, side)
         return np.asarray(variance_of(tiles)[places])

@@ -16,5 +16,5 @@ def printable(name: str) -> str:
 
 
 def short_name(name: str) -> str:
-    """A name for an axis: printable, and of a long one its end, which tells photographs apart."""
+    """A name for an axis: printable, and of a long one its end, which distinguishes photographs."""
     return printable(name if len(name) <= 24 else f"...{name[-21:]}")

@@ -28,7 +28,7 @@ from capture.radiometry import Radiometry, read_radiometry
 
 MANIFEST_NAME = "photoset.toml"
 # What the light is called of which a manifest says nothing.
-UNTOLD = "lighting"
+UNNAMED = "lighting"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         object=manifest.object,
         lightings=tuple(
             _with_directions(manifest_path, light_arc, target, table)
-            for table in manifest.lighting or (LightingTable(name=UNTOLD, unknown=True),)
+            for table in manifest.lighting or (LightingTable(name=UNNAMED, unknown=True),)
         ),
         photos=tuple(photos),
         calibration_files=(*_calibration_files(manifest_path, manifest), *found_files),
@@ -230,7 +230,7 @@ def _photo(
         file=resolve(manifest_path, table.file),
         mask=resolve(manifest_path, table.mask) if table.mask else None,
         camera=build_camera(manifest_path, cameras, np.eye(4) if pose is None else pose, where),
-        lighting=table.lighting or (lightings[0] if lightings else UNTOLD),
+        lighting=table.lighting or (lightings[0] if lightings else UNNAMED),
         exposure=ExposureSettings(table.exposure_s, table.iso, table.f_number),
         held_out=table.held_out,
         posed=pose is not None,

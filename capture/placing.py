@@ -53,7 +53,7 @@ def photo_poses(
 def mesh_placement(
     manifest_path: Path, manifest: Manifest, poses: Poses | None, only_given: bool
 ) -> tuple[np.ndarray | None, float, list[Path]]:
-    """mesh_to_world (4, 4) or None, the factor on cameras' positions, and the files that told.
+    """mesh_to_world (4, 4) or None, the factor on cameras' positions, and the files that gave them.
 
     only_given : what was found by `lightfactor align` doesn't count.
     """

@@ -120,7 +120,7 @@ def with_outliers(
     share: float,
     rng: np.random.Generator,
 ) -> tuple[Floats, Mask]:
-    """A photograph in which a share of the object's pixels is nonsense, and the mask (h, w) of what was touched.
+    """A photograph in which a share of the object's pixels are outliers, and the mask (h, w) of what was touched.
 
     photo : (h, w, 3) linear. coverage : (h, w), positive where the object is. share : 0 to below 1, of its pixels; half
     of these are alone (hot pixels), half in specks (dust, insects, glints) of one colour. Brightnesses lie between a

@@ -30,7 +30,7 @@ class Photograph:
 
 @dataclass(frozen=True, eq=False)
 class WrittenSet:
-    """What was written of a photo set, as the manifest tells of it.
+    """What was written of a photo set, as the manifest states it.
 
     maps : files of the lightings' maps, by the lighting's name. balls : the lightings' `mirror_ball` tables.
     poses : world_to_camera (4, 4) of each shot as handed over. mesh_to_world : (4, 4) likewise, None for spheres.

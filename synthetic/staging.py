@@ -41,6 +41,6 @@ class Staging:
         for light in self.scene.illuminations if self.ball is not None else ():
             if any(isinstance(source, PointSource) for source in light.sources):
                 raise ValueError(
-                    f"lighting {light.name!r}: a mirror ball can't tell of a lamp at a place, which it shows from"
+                    f"lighting {light.name!r}: a mirror ball can't show a lamp at a place, which it shows from"
                     " another side than the object sees it: give it as directional, or leave the mirror ball out"
                 )

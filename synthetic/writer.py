@@ -89,7 +89,7 @@ def write_photoset(staging: Staging, folder: Path, progress: Progress | None = N
 
 
 def _write_maps(illuminations: Sequence[Illumination], folder: Path) -> dict[str, str]:
-    """Lat-long maps of the extended lights, by the lighting's name; those that nobody is told of go to truth/."""
+    """Lat-long maps of the extended lights, by the lighting's name; those that the set leaves out go to truth/."""
     maps = {}
     for illumination in illuminations:
         if illumination.extended:

@@ -25,7 +25,7 @@ from capture.camera import Camera
 Floats = NDArray[np.float64]
 
 FEWEST_PHOTOS = 3
-# An arc shorter than this hardly tells its axis from a straight rail.
+# An arc shorter than this hardly differs from a straight rail.
 _SHORTEST_ARC_DEG = 5.0
 # Standard deviation of the axis beyond which it counts as undetermined.
 _WORST_AXIS_DEG = 5.0

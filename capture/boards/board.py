@@ -4,7 +4,7 @@ The frame is right-handed in metres: x right and y up as the board is printed, z
 viewer. Corners are counted from the top left, row by row; the first one is the origin. OpenCV's boards have y
 down and z into the board instead; `Board.corners` is the one place where the two meet.
 
-A chessboard doesn't tell its four sides apart by numbers. Its first corner is the one whose outer square is dark.
+A chessboard doesn't number its four sides. Its first corner is the one whose outer square is dark.
 Where that leaves a choice, as on boards with both counts even or both odd, the corner is taken that makes the board
 most upright in the picture: a pose is then known up to half a turn about the board's centre (on a square board of
 odd counts, a quarter turn).
@@ -125,8 +125,8 @@ class Detection:
 
     cells : (n, 2) int, column and row of each corner as printed. board_points : (n, 3) metres, in the board's frame.
     points : (n, 2) float64, pixels; the centre of the first pixel is (0.5, 0.5).
-    other_points : (k, n, 2), the same corners measured with other windows, so that what the window does can be told.
-    size : width and height of the photograph in pixels.
+    other_points : (k, n, 2), the same corners measured with other windows, so that the effect of the window can be
+    measured. size : width and height of the photograph in pixels.
     located : false if only a part of a chessboard was seen, whose place on the board is not known: cells then count
         from the part's own first corner. Intrinsics don't need it, a pose does.
     """

@@ -23,14 +23,14 @@ def board_pose(detection: Detection, camera: Camera) -> tuple[Floats, Floats, fl
     camera's axes (radians, applied after the pose) and of a shift along them (metres), from the corners' scatter; and
     the RMS in pixels. On a chessboard of even or of odd counts the pose may be half a turn off
     (`capture.boards.board`).
-    ValueError where the pose can't be told: too few corners, or part of a chessboard that could be any part.
+    ValueError where the pose is undetermined: too few corners, or part of a chessboard that could be any part.
     """
     if camera.is_orthographic:
         raise ValueError("the pose of a board needs a perspective camera, not an ORTHOGRAPHIC one")
     if not detection.located:
         raise ValueError(
             "only a part of the chessboard was seen, and it could be any part: show the whole board, or use a charuco"
-            " board, whose markers tell"
+            " board, whose markers show it"
         )
     if len(detection.cells) < _MIN_CORNERS:
         raise ValueError(

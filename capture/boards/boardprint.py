@@ -129,7 +129,7 @@ def _tenths(side: float) -> str:
 
 
 def _draw_foot(axis: Any, board: Board, width: float) -> None:
-    """A ruler to check the print by, and what to tell the calibration."""
+    """A ruler to check the print by, and what to give the calibration."""
     left, level = _MARGIN_MM, 11.0
     axis.plot([left, left + _RULER_MM], [level, level], color="black", linewidth=0.6, solid_capstyle="butt")
     for mark in range(0, int(_RULER_MM) + 1, 10):

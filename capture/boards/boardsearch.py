@@ -44,7 +44,8 @@ class BoardView:
     grid : size of the chessboard that was seen, and whether it ends within the picture; on a charuco board only where
         no markers were.
     markers : where the board wasn't found, the markers that were seen.
-    marker_share : for a charuco board that was found, its markers' side over its squares'; None if too small to tell.
+    marker_share : for a charuco board that was found, its markers' side over its squares'; None if too small to
+    measure.
     """
 
     name: str
@@ -88,7 +89,7 @@ def board_view(image: NDArray[np.generic], board: Board, name: str) -> BoardView
 
 
 def check_board(views: Sequence[BoardView], board: Board) -> None:
-    """ValueError if the photographs show another board than was said: it tells what was seen."""
+    """ValueError if the photographs show another board than was said: it names what was seen."""
     if board.kind == "charuco":
         _check_charuco(views, board)
         _check_marker_side(views, board)

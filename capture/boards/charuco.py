@@ -1,4 +1,4 @@
-"""ChArUco boards in photographs: markers tell which corner is which, so that any part of the board will do."""
+"""ChArUco boards in photographs: markers identify each corner, so that any part of the board will do."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SMALL = 1000
 _ENOUGH = 0.9
 # Windows beside markers are a few pixels wide: where they disagree by more, a finger or glare reaches into one.
 _MAX_SPREAD_PX = 0.75
-# A marker's outline is good to about a pixel; smaller ones don't tell their side over the square's.
+# A marker's outline is good to about a pixel; smaller ones don't determine their side over the square's.
 _MIN_MARKER_PX = 25.0
 # How many squares a marker may lie off the plane of the others, and how many markers may, before the board is another.
 _MAX_MARKER_OFF = 0.4
@@ -40,8 +40,8 @@ class Markers:
 def charuco_detection(grey: NDArray[np.uint8], board: Board) -> tuple[Detection | None, float | None]:
     """The corners of a charuco board in a photograph, and its markers' side over its squares' as seen.
 
-    None where fewer than four corners are seen, and where markers are too small to tell. Both layouts of boards with an
-    even number of rows are tried: OpenCV changed it with version 4.6.
+    None where fewer than four corners are seen, and where markers are too small to measure. Both layouts of boards with
+    an even number of rows are tried: OpenCV changed it with version 4.6.
     """
     cells, points, factor, layout = np.empty((0, 2), np.int64), np.empty((0, 2)), 1.0, False
     share = None
@@ -85,7 +85,7 @@ def search_picture(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def misplaced(markers: Markers, board: Board) -> bool:
     """Whether markers, all of them the board's by their numbers, lie elsewhere than on it in either of its layouts.
 
-    False where they are too few to tell.
+    False where they are too few to decide.
     """
     import cv2
 
@@ -130,7 +130,7 @@ def _corners(
 ) -> tuple[NDArray[np.int64], Floats]:
     """Cells and points of the corners that OpenCV puts together from markers, lie in one plane and look like corners.
 
-    One marker is enough for a corner, where OpenCV asks for both of those that it touches unless told otherwise.
+    One marker is enough for a corner, where OpenCV asks for both of those that it touches by default.
     """
     import cv2
 

@@ -30,7 +30,7 @@ _MIN_STEP = 0.75
 
 
 def plane_homography(cells: Cells, points: Floats) -> tuple[Floats | None, NDArray[np.bool_]]:
-    """The homography from cells to points that most of them share, and which do; None where they tell none."""
+    """The homography from cells to points that most of them share, and which do; None where they determine none."""
     import cv2
 
     nothing = np.zeros(len(cells), bool)

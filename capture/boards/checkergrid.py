@@ -168,7 +168,7 @@ def _joined(smooth: NDArray[np.float32], corners: Saddles, one: int, other: int)
 def _expected_step(
     nodes: dict[tuple[int, int], int], points: Floats, cell: tuple[int, int], step: tuple[int, int]
 ) -> Floats | None:
-    """The step from a cell to its neighbour as the cells around do it; None where none of them tells."""
+    """The step from a cell to its neighbour as the cells around do it; None where none of them shows it."""
     (i, j), (di, dj) = cell, step
     here = points[nodes[cell]]
     behind = nodes.get((i - di, j - dj))

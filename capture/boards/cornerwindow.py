@@ -26,7 +26,7 @@ HALF_PIXEL = 0.5
 
 
 def clearances(cells: NDArray[np.int64], points: Floats) -> Floats:
-    """Distance of each corner from its neighbours' edges, (n,) pixels; NaN where there are none to tell.
+    """Distance of each corner from its neighbours' edges, (n,) pixels; NaN where there are none.
 
     cells : (n, 2) column and row. points : (n, 2) pixels.
     """

@@ -17,14 +17,14 @@ from capture.radiance import LOSSY_REACH
 
 Floats = NDArray[np.float64]
 Codes = NDArray[Any]
-# Observations per channel that a fit is given; more cost time and tell little.
+# Observations per channel that a fit is given; more cost time and add little.
 _OBSERVATIONS = 60_000
 _MAX_PIXELS = 12_000
 # The picture is divided into this many patches each way: errors within a patch count as correlated.
 _PATCHES = 16
 _STRATA = 64
 # JPEG rounds noise of up to about this away, a standard deviation in shares of the top code: what is left to see
-# of a photograph's noise doesn't tell how large it was when the codes were made.
+# of a photograph's noise doesn't show how large it was when the codes were made.
 _JPEG_HIDES = 1.5 / 255
 
 

@@ -224,7 +224,7 @@ def _observed_noise(first: _First, times: Floats) -> LevelNoise | None:
     for _ in range(4):
         weight, off = _weighted(first, times, noise)
         freedom = 1 - weight / np.maximum(weight.sum(axis=0), 1e-30)
-        # Where one photograph all but decides the mean, its residual tells of the others' noise, not of its own.
+        # Where one photograph all but decides the mean, its residual shows the others' noise, not of its own.
         telling = valid & (freedom > _TELLING)
         square = (off * time) ** 2 / np.maximum(freedom, _TELLING)
         noise = _binned(grid, first.signals - off * time, square, telling)

@@ -1,4 +1,4 @@
-"""A merged bracket as a picture: the scene, its certainty, how many photographs tell of it, and how well they agree."""
+"""A merged bracket as a picture: the scene, its certainty, how many photographs show it, and how well they agree."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def candidates(sample: BracketSample, nominal: Floats) -> list[CandidateResponse
 
 
 def still_pixels(sample: BracketSample, nominal: Floats) -> NDArray[np.bool_]:
-    """(n,), where no photograph shows something else than the others do: what moved tells nothing of the response.
+    """(n,), where no photograph shows something else than the others do: what moved says nothing of the response.
 
     Judged, in all channels together, by curves that are fitted robustly to all.
     """

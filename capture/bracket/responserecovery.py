@@ -41,7 +41,7 @@ class Recovery:
 
     methods : the chosen one first. stops : (p,) believed log2 exposures about their mean, stops_std : (p,) their
     standard deviations; nominal_stops : (p,) as given. exponent_std : standard deviation of the common power of
-    curve and exposures, which no bracket tells and the given span fixes; the response's log_std and the
+    curve and exposures, which no bracket determines and the given span fixes; the response's log_std and the
     exposures' covariance hold it. moved : share of the sampled picture that was left out because photographs differ
     there by more than noise. noise : (3, bins) standard deviation of a code (share of the
     top code) at evenly spaced values. residual : (3, p) mean absolute error of predicted codes, in 1/255, by photo.

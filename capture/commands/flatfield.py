@@ -33,7 +33,7 @@ def flatfield(
 
     Photograph an evenly lit, even surface that fills the picture, out of focus, at the aperture, focal length and
     focus of the photographs to be corrected; expose its brightest part to about half of the white level. Take
-    several, turning the camera about its axis in between: one alone can't tell the light's gradient from the lens.
+    several, turning the camera about its axis in between: one alone can't separate the light's gradient from the lens.
 
     Writes OUT, OUT's name with -figure.png, and with --map OUT's name with .exr (the illumination, RGB).
     """

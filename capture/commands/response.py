@@ -74,9 +74,9 @@ def _report(recovery: Recovery, images: list[Path], output: Path) -> None:
         )
     console.print(table)
     console.print(
-        "Ratios and curve are believed up to one common power, which no bracket tells from the curve: the span is as"
-        f" given, certain to {recovery.exponent_std:.1%} if exposures are set as exactly as shutters do it or as these"
-        " scatter. The standard deviations hold it."
+        "Ratios and curve are believed up to one common power, which no bracket separates from the curve: the span is"
+        f" as given, certain to {recovery.exponent_std:.1%} if exposures are set as exactly as shutters do it or as"
+        " these scatter. The standard deviations hold it."
     )
     if recovery.moved > 0.01:
         console.print(

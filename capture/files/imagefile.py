@@ -23,8 +23,8 @@ _DAMAGED = "cannot be decoded; it is truncated, damaged or not an image. Copy or
 def read_pixels(path: Path) -> NDArray[np.generic]:
     """The pixels as stored, (h, w, 3) in RGB order; uint8, uint16, float16 or float32.
 
-    PNG, JPEG, TIFF, EXR or Radiance .hdr, told by its content. Grey images are repeated over the channels, alpha is
-    dropped, and the orientation tag is ignored because a camera model belongs to the sensor's own axes. ValueError
+    PNG, JPEG, TIFF, EXR or Radiance .hdr, recognised by its content. Grey images are repeated over the channels, alpha
+    is dropped, and the orientation tag is ignored because a camera model belongs to the sensor's own axes. ValueError
     names the file and the fault.
     """
     return read_image(path)[0]

@@ -25,8 +25,8 @@ class Header:
     """What a file is.
 
     kind : "PNG", "JPEG", "TIFF", "EXR", "Radiance", "camera RAW", or "" if none of these.
-    size : (width, height) in pixels, or None where the header doesn't tell.
-    whole : False if the file ends before its data do, as far as its structure tells.
+    size : (width, height) in pixels, or None where the header doesn't state it.
+    whole : False if the file ends before its data do, as far as its structure shows.
     lossy : JPEG-compressed, in a TIFF as well: what a pixel lost lies in its whole block.
     """
 
@@ -37,7 +37,7 @@ class Header:
 
 
 def is_raw(path: Path) -> bool:
-    """Whether a file is to be read as camera RAW, told by the ending of its name."""
+    """Whether a file is to be read as camera RAW, recognised by the ending of its name."""
     return path.suffix.lower() in _RAW_ENDINGS.split()
 
 

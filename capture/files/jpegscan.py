@@ -192,7 +192,7 @@ def _left_over(parts: _Parts) -> str | None:
 
 
 def _out_of_step(parts: _Parts, sizes: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Which pieces (k,) of a scan hold fewer or more than `sizes` (k,) MCUs; none where they are too long to tell."""
+    """Which pieces (k,) of a scan hold fewer or more than `sizes` (k,) MCUs; none where they are too long to count."""
     room = int(sizes[0]) + 2
     across = min(room, _ACROSS) if parts.interval else parts.grid[0]
     down = -(-room // across)

@@ -37,7 +37,7 @@ def result_folder(out: Path, own: Sequence[str]) -> Iterator[Path]:
 def added_files(out: Path, what: str) -> Iterator[Path]:
     """A temporary folder whose content joins the finished result in the folder `out` when the block ends.
 
-    what : is added, in words, for who is told that it isn't there. An error leaves the result as it is; where it is one
+    what : is added, in words, for the message that it isn't there. An error leaves the result as it is; where it is one
     of the input or the disk (ValueError, OSError) it then says so, as ValueError. What is there already under a name is
     replaced, in the order of the names.
     """

@@ -79,7 +79,7 @@ def read_raw(path: Path) -> RawImage:
 
 
 def raw_exposure(path: Path) -> tuple[float, float, float]:
-    """Exposure time in seconds, ISO and f-number as LibRaw finds them; 0 where the file doesn't tell."""
+    """Exposure time in seconds, ISO and f-number as LibRaw finds them; 0 where the file doesn't state it."""
     with _opened(path, unpack=False) as raw:
         return raw.other.shutter_speed, raw.other.iso_speed, raw.other.aperture
 
@@ -138,7 +138,7 @@ def _developed(raw: Any, **levels: Any) -> NDArray[np.uint16]:
 
 
 def _clip_levels(raw: Any) -> Floats:
-    """The stored number at which each of the four colours clips, as far as the file tells."""
+    """The stored number at which each of the four colours clips, as far as the file states it."""
     limits = np.asarray(raw.camera_white_level_per_channel or [0] * 4, np.float32)
     return np.where(limits > 0, np.minimum(limits, raw.white_level), np.float32(raw.white_level))
 

@@ -1,7 +1,7 @@
 """The light on an evenly lit wall, which is never quite even: a gradient and a saddle over the image.
 
 A lamp nearby makes a wall brighter towards it, and along it another way than across. What is alike in all directions,
-a hill or a bowl about the centre, no photograph tells from vignetting: that part of a wall must be even.
+a hill or a bowl about the centre, no photograph separates from vignetting: that part of a wall must be even.
 """
 
 from __future__ import annotations

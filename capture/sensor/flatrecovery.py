@@ -24,7 +24,7 @@ _MOST_MISFIT = 0.03
 
 @dataclass(frozen=True, eq=False)
 class FlatFieldRecovery:
-    """What flat-field photographs tell.
+    """What flat-field photographs determine.
 
     flat_field : radial, or a map. radial : the polynomial, in both cases. fit : the chosen candidate; candidates : all.
     """
@@ -38,19 +38,19 @@ class FlatFieldRecovery:
 
     @property
     def warnings(self) -> list[str]:
-        """What the photographs can't tell, in plain words."""
+        """What the photographs leave undetermined, in plain words."""
         mean, std = self.fit.gradients.mean(axis=0), np.sqrt(np.diag(self.fit.light_covariance)[:2])
         if self.fit.turned or (len(self.photos) > 1 and (np.abs(mean) < 3 * std).all()):
             return []
         alone = "One photograph" if len(self.photos) == 1 else "A camera that is never turned"
-        return [f"{alone} hardly tells a gradient of the light from a shifted lens: {_TURN}"]
+        return [f"{alone} hardly separates a gradient of the light from a shifted lens: {_TURN}"]
 
     @property
     def undetermined(self) -> list[dict[str, str]]:
         """What the photographs leave open, with reason and remedy; the illumination holds whatever it is."""
         if self.fit.centre_known:
             return []
-        reason = "vignetting is too weak, or the light too uneven, to tell a shifted lens from a gradient of the light"
+        reason = "vignetting is too weak, or the light too uneven, to separate a shifted lens from the light's gradient"
         return [{"parameter": "centre", "reason": reason, "remedy": _TURN}]
 
 

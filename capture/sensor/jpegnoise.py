@@ -1,7 +1,7 @@
 """What JPEG compression changes: the variance of its error, read off a decoded photograph and its tables.
 
 Of each 8x8 block only coefficients above half a step survive. A surviving one is off by what is uniform within a step,
-step^2 / 12; one set to zero by its own size, which the file no longer tells. Of natural pictures what was lost keeps a
+step^2 / 12; one set to zero by its own size, which the file no longer shows. Of natural pictures what was lost keeps a
 proportion to what survives, smooth or textured, so that the survivors' error times a measured constant stands for both.
 """
 

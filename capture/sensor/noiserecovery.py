@@ -49,11 +49,11 @@ class NoiseEstimate:
 
 @dataclass(frozen=True, eq=False)
 class NoiseRecovery:
-    """What repeated photographs tell of their sensor.
+    """What repeated photographs determine of their sensor.
 
     read_std, shot : per channel, as in `capture.sensor.noise.NoiseModel`. covariance : (3, 2, 2) of (read_std^2, shot).
     fits : per channel, what the numbers were read off. groups : the photographs that were compared with each other.
-    gains : brightness of each of them relative to the first of its group. iso : None where EXIF doesn't tell.
+    gains : brightness of each of them relative to the first of its group. iso : None where EXIF doesn't state it.
     lossy : a photograph was JPEG-compressed.
     """
 

@@ -27,7 +27,7 @@ _NUMBERS = 2 + 3 * ORDERS
 _FOLDS = 5
 # Gradients that are let go beyond this over half the diagonal are no lamp's.
 _WIDE_GRADIENT = 0.5
-# A wall's light changes by about this much over half the diagonal, where no turned camera tells.
+# A wall's light changes by about this much over half the diagonal, where no turned camera shows it.
 _USUAL_GRADIENT = 0.03
 # Lenses are centred to about this part of half the diagonal.
 _USUAL_CENTRE = 0.1
@@ -65,7 +65,7 @@ class RadialFit:
     """A candidate's fit. numbers : (17,) centre, in half diagonals from the image centre, and coefficients.
 
     held_out : (t,) mean squared error of the logarithm on each tile, predicted from the others, in units of its
-    variance. light : (p, 4) of each photograph, as in `flatlight`; light_covariance : (3, 3) of what isn't told
+    variance. light : (p, 4) of each photograph, as in `flatlight`; light_covariance : (3, 3) of what is undetermined
     from the lens: their mean gradient, and a bowl (times r^2) as deep as their saddles, which no turned camera shows.
     residual : (p, t, 3) of the logarithm. turned : the light's gradients differ, so that the camera was turned.
     """
@@ -87,7 +87,7 @@ class RadialFit:
 
     @property
     def centre_known(self) -> bool:
-        """Whether the photographs tell more of the centre than is known of any lens."""
+        """Whether the photographs determine more of the centre than is known of any lens."""
         return bool((np.diag(self.covariance)[:2] < (_USUAL_CENTRE / 2) ** 2).all())
 
 
@@ -109,7 +109,7 @@ def fit_radial(tiles: FlatTiles) -> tuple[RadialFit, list[RadialFit]]:
             _, light, residual, *_ = _solve(tiles, richest, spread, wide)
             spread = _spread(tiles, residual)
             turned = _turned(light[:, :2])
-            # Gradients of the light are around zero: that is what tells them from a shifted centre.
+            # Gradients of the light are around zero: that is what separates them from a shifted centre.
             around_zero = np.sqrt(np.mean(light[:, :2] ** 2) * photos / max(photos - 1, 1))
             wide = float(np.clip(around_zero, 1e-5, _WIDE_GRADIENT)) if turned else _USUAL_GRADIENT
         fits = [_fit(tiles, model, spread, wide) for model in _richest(turned)]

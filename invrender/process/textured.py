@@ -166,8 +166,8 @@ def solve_textured(
         return shade(own, element, field, geometry.shadows, reflected=light, bounced=bounced)[0]
 
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
-        # Paint is the mean around each ray, across which light varies little. It may be as fine as the photograph's own
-        # pixels: a ray to each across, and one more.
+        # Albedo is the mean around each ray, across which light varies little. It may be as fine as the photograph's
+        # own pixels: a ray to each across, and one more.
         return shaded(photo, field, *textures.around(bench.body, photo.camera, field, binning + 1))
 
     fields, residuals = _residuals(photoset, fields, radiance)

@@ -1,4 +1,4 @@
-"""What the parts of a mesh send each other, as far as geometry tells: which faces each vertex sees.
+"""What the parts of a mesh send each other, as far as geometry determines it: which faces each vertex sees.
 
 The irradiance of vertex v by faces f of radiance L_f, the same in all directions, is [Goral et al. 1984]
 

@@ -13,7 +13,7 @@ from recon.mesh.trianglemesh import TriangleMesh
 
 # Counts up whenever `transfer_vectors` would give other numbers for the same mesh.
 _METHOD = 1
-# What every command asks for unless told otherwise, so that each finds what another has kept. Light that is unknown is
+# What every command asks for by default, so that each finds what another has kept. Light that is unknown is
 # sought up to this degree; what the mesh hides of it must be known as far, and so well that it doesn't bend the light.
 USUAL_DEGREE, USUAL_RAYS = 12, 512
 

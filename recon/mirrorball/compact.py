@@ -1,4 +1,4 @@
-"""Compact bright sources in a photograph of a mirror ball, told from the extended light around them.
+"""Compact bright sources in a photograph of a mirror ball, separated from the extended light around them.
 
 A lamp is a few pixels that hold much of the light. In a lat-long map it would be smeared over whole map
 pixels, so it is taken out and handed on as a direction and an irradiance.
@@ -206,7 +206,7 @@ def _measure(pixels: Pixels, luminance: Floats, core: Mask, region: Mask, ring: 
     # The same doubt of place, where solid angles change from pixel to pixel.
     areas = pixels.solid_angles[region]
     change = float(np.ptp(areas) / areas.mean() / max(np.sqrt(region.sum()), 1.0))
-    # What the ring varies by shows the noise as well, if the file tells less of it.
+    # What the ring varies by shows the noise as well, if the file states less of it.
     noise = np.maximum(pixels.variance[region], spread**2)
     # Of the pixels at the core's edge, each is lit by a share that is known to a few percent.
     grid = _EDGE_SHARE * np.sqrt(2 * np.sqrt(np.pi * count)) / count

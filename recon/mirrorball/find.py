@@ -1,7 +1,7 @@
 """Finding a mirror ball in a photograph: by its mask, against the empty room, near a circle drawn by hand, or as
 the one bright disk.
 
-No brightness tells a mirror ball from the room that it mirrors. What tells it is a photograph of the room without it.
+No brightness distinguishes a mirror ball from the room that it mirrors. A photograph of the room without it does.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Coverage = NDArray[np.float32]
 _BY_HAND, _BY_DIFFERENCE = 0.08, 0.3
 # And where it is read off edges in a small picture, and off a picture a third as fine.
 _BY_EDGES, _BY_LEVEL = 0.15, 0.0
-# Share of an outline that must show within a pixel, and pixels of it, in the small picture, where nothing else tells
+# Share of an outline that must show within a pixel, and pixels of it, in the small picture, where nothing else shows it
 # the ball: of one in a room 0.89 to 0.92 show, of what else seems round 0.84 at most.
 _LEAST_AROUND, _LEAST_LENGTH_PX = 0.86, 100.0
 # Share of the best outline's score at which another is as good, in a picture and in a difference that was cut off.

@@ -35,7 +35,7 @@ _NOTABLE_FACTOR = 1.15
 class Agreement:
     """How one view's map agrees with the others', where they overlap.
 
-    correlation : of log radiance; None where they show too little contrast to tell, or don't overlap.
+    correlation : of log radiance; None where they show too little contrast, or don't overlap.
     factor : median of this view's radiance over the others'; None where they don't overlap.
     """
 

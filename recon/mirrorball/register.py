@@ -91,8 +91,8 @@ def _rotation(view: BallView, first: str, coarse: _Samples, fine: _Samples) -> t
     unlike = (1 - rival + _ALIKE) * _CLEAR > 1 - best + _ALIKE
     if best < _LEAST_CORRELATION or not unlike or std > np.radians(_WORST_STD_DEG):
         raise ValueError(
-            f"{view.name}: how it is turned to {first} cannot be told: the best rotation shows the same room with a"
-            f" correlation of {best:.3f}, another with {rival:.3f}; give the angles or the poses of the cameras"
+            f"{view.name}: how it is turned to {first} cannot be determined: the best rotation shows the same room with"
+            f" a correlation of {best:.3f}, another with {rival:.3f}; give the angles or the poses of the cameras"
             " (--view-angle-deg, --poses)"
         )
     return rotation, std, best

@@ -24,7 +24,7 @@ from recon.placement.misplacement import (
 Floats = NDArray[np.float64]
 Coverage = NDArray[np.float32]
 
-# Pixels of a photograph that are looked at: enough to tell a percent of a small object.
+# Pixels of a photograph that are looked at: enough to resolve a percent of a small object.
 _PIXELS = 150_000
 # Photographs that don't fit after which the others aren't looked at.
 _WITNESSES = 4

@@ -16,11 +16,11 @@ from recon.sphere.fit import fit_sphere
 from recon.sphere.outline import Silhouette
 from recon.sphere.sphere import Sphere
 
-# A silhouette whose outline strays further from a sphere's than this (in pixels, or as a share of the radius)
+# A silhouette whose outline lies further from a sphere's than this (in pixels, or as a share of the radius)
 # is not a sphere's.
 _MAX_RESIDUAL_PX = 1.5
 _MAX_RESIDUAL_SHARE = 0.03
-# Points without which an outline tells nothing.
+# Points without which an outline determines nothing.
 _LEAST_POINTS = 12
 
 

@@ -17,7 +17,7 @@ from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-# How much pixels tell (n,) by their normals and views, (n, 3) unit.
+# How informative pixels are, (n,), by their normals and views, (n, 3) unit.
 Importance = Callable[[Floats, Floats], Floats]
 
 # Exitant angles beyond 81 degrees are left out: the microfacet model grows without bound there
@@ -43,13 +43,14 @@ _RAYS_OF_HIGHLIGHTS = ((0.004, 1), (0.008, 2), (0.016, 4), (np.inf, 8))
 _GLINT = 0.02
 # Rays along a pixel's side at most: where a source's highlight is, and where one may be.
 _FINEST, _FINE = 8, 4
-# Part of the budget that is drawn by what pixels tell, and rounds in which probabilities that reach 1 are set aside.
+# Part of the budget that is drawn by the information in pixels, and rounds in which probabilities that reach 1 are set
+# aside.
 _TELLING, _ROUNDS = 0.4, 8
 # Of a budget, what of small highlights is taken beside it at most.
 _HIGHLIGHTS = 0.2
 # How many times the budget is looked at in choosing it.
 _SPARE = 8
-# Bands of latitude by which normals are told apart; twice as many sectors in each, all of one solid angle.
+# Bands of latitude by which normals are grouped; twice as many sectors in each, all of one solid angle.
 _BANDS = 16
 # Cosine to a facet below which it is seen edge on: a pixel's footprint on its plane says nothing of the surface.
 _EDGE_ON = 0.05
@@ -71,7 +72,7 @@ def sample_body(
     """Samples of a body in one photograph, at most `budget` of them, spread over its normals.
 
     coverage : (h, w) mask in 0 to 1, or None to trust the shape alone. sources : (k, 3) unit, towards them.
-    importance : how much pixels tell, by which a part of the budget is drawn; None spreads all of it evenly.
+    importance : how informative pixels are, by which a part of the budget is drawn; None spreads all of it evenly.
     highlights : whether, where no importance is known, all of small highlights is taken beside the budget, up to a
     fifth of it, and seen through finer rays.
     Pixels are usable when they show one smooth piece of surface, a pixel away from the mask's border, are not
@@ -171,12 +172,13 @@ def ray_squares(field: LightField) -> tuple[Floats, Floats]:
 def draw(
     normals: Floats, telling: Floats, budget: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], Floats]:
-    """About `budget` of n samples, ascending, and what each stands for: evenly over normals, more where more is told.
+    """About `budget` of n samples, ascending, and what each stands for: evenly over normals, more where pixels are
+    informative.
 
     normals : (n, 3). telling : (n,) >= 0, in any unit. A part of the budget is spread evenly over normals, the rest
-    drawn with probabilities in proportion to what pixels tell (RMB07, section 6: sampling by gradients). A sample
-    stands for its probability in an even draw over that in this one [Horvitz and Thompson 1952], so that sums stay
-    unbiased.
+    drawn with probabilities in proportion to the information in pixels (RMB07, section 6: sampling by gradients). A
+    sample stands for its probability in an even draw over that in this one [Horvitz and Thompson 1952], so that sums
+    stay unbiased.
     """
     even = _inclusion(_cells(normals), budget)
     drawn = 1 - (1 - (1 - _TELLING) * even) * (1 - _proportional(telling, _TELLING * budget))

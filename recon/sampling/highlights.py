@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Tiles across in which small highlights are looked for, and how many neighbours tell them from dust.
+# Tiles across in which small highlights are looked for, and how many neighbours distinguish them from dust.
 _ACROSS, _NEAREST = 8, 4
 
 

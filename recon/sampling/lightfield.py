@@ -139,7 +139,7 @@ class LightField:
 
 
 def joined(photos: Sequence[LightField]) -> LightField:
-    """Samples of several photographs as those of one; rows and columns no longer tell pixels apart."""
+    """Samples of several photographs as those of one; rows and columns no longer identify pixels."""
     if len(photos) == 1:
         return photos[0]
     before = np.cumsum([0, *(len(photo) for photo in photos[:-1])])

@@ -33,7 +33,7 @@ _SPAN, _REACH = 6.0, 3.0
 # deviations in pixels.
 _TRIED = np.arange(-_REACH, _REACH + 1e-9, 0.1)
 _BLURS, _BLUR_STEP = 27, 0.1
-# Profiles of which one tells the blur.
+# Profiles from which the blur is measured.
 _EVERY = 4
 # An edge leaves this share at most of the variance that a cubic leaves, and is known to this many pixels.
 _BETTER, _KNOWN_PX = 0.5, 0.4

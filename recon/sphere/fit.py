@@ -30,7 +30,7 @@ _POINTS_PER_PHOTO = 2000
 _ARCS = 20
 # Tukey's biweight: standard deviations beyond which a point counts for nothing (95% efficient for Gaussian errors).
 _REACH = 4.685
-# Points on either side of one that strays which count for nothing either.
+# Points on either side of an outlier that count for nothing either.
 _BESIDE = 3
 # Least scatter of an outline's points, in pixels: an 8-bit mask rounds coverage to 1/255.
 _LEAST_SCATTER = 0.003
@@ -119,7 +119,7 @@ def fit_to_outlines(
     """The sphere that rays through outline points touch.
 
     outlines : (n, 2) pixels per camera, in any order. guess : (4,) centre and radius in metres. free : (4,) which of
-    them are fitted. Points that stray further than the others, such as those of a stand that a mask includes, count
+    them are fitted. Outliers, such as points of a stand that a mask includes, count
     for nothing. The covariance comes from how arcs of the outlines, and photographs, disagree; to it are added
     errors that neither shows, standard deviations: `hidden_px` per camera, by which a whole outline may be shifted, and
     all together be grown; `edge_px` per camera, by which all together may be grown without a shift.
@@ -170,46 +170,47 @@ def _robust_rms(residual: Floats) -> float:
 
 def _solve(touching: _Touching, guess: Floats, free: Bools) -> tuple[Floats, Floats]:
     """The sphere (4,), and each ray's scatter (n,) in pixels: that of its photo, or the usual one if larger."""
-    told = _told(touching.residuals(guess)[1], free)
+    determined = _determined(touching.residuals(guess)[1], free)
     starts = [guess.astype(float)]
     if free.any():
-        # A guess may be far off, and the best fit to all points, to the pixel, be bent by those that stray.
+        # A guess may be far off, and the best fit to all points, to the pixel, be bent by outliers.
         near = least_squares(
-            lambda step: touching.residuals(guess + told @ step)[0],
-            np.zeros(told.shape[1]),
-            lambda step: touching.residuals(guess + told @ step)[1] @ told,
+            lambda step: touching.residuals(guess + determined @ step)[0],
+            np.zeros(determined.shape[1]),
+            lambda step: touching.residuals(guess + determined @ step)[1] @ determined,
             loss="cauchy",
             x_scale=guess[3],
         )
-        starts.append(guess + told @ near.x)
+        starts.append(guess + determined @ near.x)
     return min(
-        (_reweighted(touching, start, told) for start in starts), key=lambda fit: float(np.median(fit[1]))
+        (_reweighted(touching, start, determined) for start in starts),
+        key=lambda fit: float(np.median(fit[1])),
     )
 
 
-def _reweighted(touching: _Touching, start: Floats, told: Floats) -> tuple[Floats, Floats]:
-    """The nearest fit that forgets what strays by more than the points' own scatter, and that scatter (n,)."""
+def _reweighted(touching: _Touching, start: Floats, determined: Floats) -> tuple[Floats, Floats]:
+    """The nearest fit that forgets outliers beyond the points' own scatter, and that scatter (n,)."""
     sphere = start
     for _ in range(_STEPS):
         residual, slope = touching.residuals(sphere)
         scatter = _scatter(residual, touching.view)
         weight = _weight(residual / scatter)[0] / scatter**2
-        slope = slope @ told
-        step = -told @ _inverse(slope.T @ (slope * weight[:, None])) @ (slope.T @ (weight * residual))
+        slope = slope @ determined
+        step = -determined @ _inverse(slope.T @ (slope * weight[:, None])) @ (slope.T @ (weight * residual))
         sphere = sphere + step
-        # Far below what any outline tells.
+        # Far below what any outline resolves.
         if np.linalg.norm(step) <= 1e-9 * abs(sphere[3]):
             break
     return sphere, scatter
 
 
-def _told(slope: Floats, free: Bools) -> Floats:
-    """Orthonormal directions (4, m) of the free parameters that outlines tell of: not that along which one viewpoint
+def _determined(slope: Floats, free: Bools) -> Floats:
+    """Orthonormal directions (4, m) of the free parameters that outlines determine: not that along which one viewpoint
     changes distance and size together, where a search would drift."""
     _, strength, directions = np.linalg.svd(slope[:, free], full_matrices=False)
-    told = np.zeros((4, int((strength > 3e-5 * strength.max(initial=0.0)).sum())))
-    told[free] = directions[: told.shape[1]].T
-    return told
+    determined = np.zeros((4, int((strength > 3e-5 * strength.max(initial=0.0)).sum())))
+    determined[free] = directions[: determined.shape[1]].T
+    return determined
 
 
 def _scatter(residual: Floats, view: NDArray[np.int64]) -> Floats:
@@ -221,11 +222,11 @@ def _scatter(residual: Floats, view: NDArray[np.int64]) -> Floats:
 def _weight(ratio: Floats) -> tuple[Floats, Floats]:
     """The biweight of residuals in standard deviations, and the derivative of weight times residual.
 
-    ratio : (n,) in order around the outlines. A stand leaves the outline gradually, so that points beside those that
-    stray are its own, too.
+    ratio : (n,) in order around the outlines. A stand leaves the outline gradually, so that points beside
+    outliers are its own, too.
     """
-    stray = maximum_filter1d((np.abs(ratio) > _REACH).astype(np.uint8), 2 * _BESIDE + 1) > 0
-    square = np.where(stray, 1.0, np.minimum((ratio / _REACH) ** 2, 1.0))
+    outlying = maximum_filter1d((np.abs(ratio) > _REACH).astype(np.uint8), 2 * _BESIDE + 1) > 0
+    square = np.where(outlying, 1.0, np.minimum((ratio / _REACH) ** 2, 1.0))
     return (1 - square) ** 2, (1 - square) * (1 - 5 * square)
 
 

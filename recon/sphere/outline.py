@@ -13,7 +13,7 @@ from capture.arrays import frozen_array
 Floats = NDArray[np.float64]
 Coverage = NDArray[np.float32]
 
-# Pixels on either side of a crossing that tell where in them the edge lies; feathered masks are wider than one.
+# Pixels on either side of a crossing that show where in them the edge lies; feathered masks are wider than one.
 _SIDE = 3
 # Coverage beyond which a pixel counts as wholly inside, or wholly outside if less than its complement.
 _WHOLE = 0.9

@@ -31,7 +31,7 @@ def common_spread(moves: Floats, variances: Floats, fitted: int) -> float:
 
     moves : (k, m) by which each photo alone would change the sphere in its picture. variances : (k, m, m) of them.
     fitted : how many parameters they have decided. The value with which chi^2 is as it should be (R. C. Paule and
-    J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377), widened by Student's t: few photos tell it badly.
+    J. Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377), widened by Student's t: few photos determine it badly.
     """
     freedom = moves.size - fitted
     if len(moves) < 2 or freedom < 1:

@@ -43,7 +43,7 @@ def synth(
     light: Annotated[
         LightOfSet | None,
         typer.Option(
-            help="What the set tells of the light on photographs that are not held out, instead of what the scene"
+            help="What the set gives of the light on photographs that are not held out, instead of what the scene"
             " file says: all, photographs of a mirror ball, or nothing.",
             show_default=False,
         ),

@@ -34,7 +34,7 @@ class Illumination:
     """Light under a name.
 
     extended : light from ranges of directions. sources : light from single directions and places.
-    given : what a photo set tells of it: everything, photographs of a mirror ball, or nothing.
+    given : what a photo set gives of it: everything, photographs of a mirror ball, or nothing.
     """
 
     name: str

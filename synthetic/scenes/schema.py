@@ -199,7 +199,7 @@ class SceneLighting(Table):
     lamp: tuple[LampTable, ...] = ()
     map: str | None = None
     map_scale: Positive = 1.0
-    # What the photo set tells of it.
+    # What the photo set gives of it.
     given: Literal["all", "ball", "nothing"] = "all"
 
     @model_validator(mode="after")

@@ -1,7 +1,7 @@
 """Calibration photographs of a scene's own camera, with what each kind must yield.
 
 Boards for the lens, a bracket for the response, repeats for the noise, an even wall for the vignetting: as
-docs/calibration.md tells photographers to take them.
+docs/calibration.md asks photographers to take them.
 """
 
 from __future__ import annotations

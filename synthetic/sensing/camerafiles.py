@@ -15,7 +15,7 @@ _EXIF_IFD, _TIME, _F_NUMBER, _ISO = 34665, 33434, 33437, 34855
 
 
 def write_codes(path: Path, codes: NDArray[np.unsignedinteger], sensor: Sensor) -> None:
-    """Write codes (h, w, 3) as PNG or TIFF, told by the ending; more than 8 bits fill the range of 16.
+    """Write codes (h, w, 3) as PNG or TIFF, recognised by the ending; more than 8 bits fill the range of 16.
 
     12 and 14 bits are spread so that white is 65535, as RAW converters do: capture reads the file's type, not what
     the converter counted in.

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 # Metres: the sphere about the origin that holds the cat.
 REACH = 0.07
-# The parts are told in centimetres. The cat looks along +x, its left is +y.
+# The parts are given in centimetres. The cat looks along +x, its left is +y.
 _CENTIMETRE = 0.01
 
 

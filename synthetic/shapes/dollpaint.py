@@ -1,4 +1,4 @@
-"""The turned doll's paint: texture maps of its reflectance, told in centimetres on its surface."""
+"""The turned doll's paint: texture maps of its reflectance, in centimetres on its surface."""
 
 from __future__ import annotations
 

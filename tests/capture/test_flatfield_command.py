@@ -53,7 +53,7 @@ def test_says_what_one_photograph_leaves_open(run, tmp_path):
     assert result.exit_code == 0, result.output
     said = " ".join(result.output.split())
     assert "Centre: undetermined: " in said
-    assert "One photograph hardly tells a gradient of the light from a shifted lens" in said
+    assert "One photograph hardly separates a gradient of the light from a shifted lens" in said
 
 
 def test_nothing_is_written_if_a_photograph_is_bad(run, tmp_path):

@@ -165,7 +165,7 @@ def test_orthographic_views_place_it_but_for_the_depth(cat):
     shift = found.place.apply(cat.centre[None])[0] - TRUTH.apply(cat.centre[None])[0]
     across = shift - (shift @ cameras[0].world_to_camera[2, :3]) * cameras[0].world_to_camera[2, :3]
     assert_allclose(across, 0, atol=2e-5)
-    assert any("depth can't be told" in warning for warning in found.warnings)
+    assert any("depth can't be determined" in warning for warning in found.warnings)
 
 
 def test_one_perspective_view_leaves_the_world_s_size_open(cat, masks):

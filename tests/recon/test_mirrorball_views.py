@@ -307,7 +307,7 @@ def test_views_are_turned_to_each_other_by_what_they_show() -> None:
     assert error < 1
     assert turns[1].std_deg < 1
     even: Room = lambda d: np.stack([0.2 + 0.1 * d[..., 2] ** 2] * 3, axis=-1)  # noqa: E731
-    with pytest.raises(ValueError, match="second: how it is turned to first cannot be told"):
+    with pytest.raises(ValueError, match="second: how it is turned to first cannot be determined"):
         registered([viewed(first, even, "first"), viewed(second, even, "second")])
 
 

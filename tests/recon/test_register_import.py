@@ -233,7 +233,7 @@ def test_names_match_where_that_leaves_no_doubt() -> None:
     assert match_names(photos, ["right/a.exr", "left/a.exr"], "m") == [1, None, 0]
     assert match_names(["A.PNG", "b.002"], ["x/b.002", "x/a"], "m") == [1, 0]
     with pytest.raises(
-        ValueError, match=r"cannot tell which of a\.png is which .* left/a\.exr, right/a\.exr"
+        ValueError, match=r"cannot decide which of a\.png is which .* left/a\.exr, right/a\.exr"
     ):
         match_names(photos, ["a.png", "b.png"], "m")
     with pytest.raises(

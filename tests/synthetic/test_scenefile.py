@@ -176,7 +176,7 @@ WRONG = {
     "a lamp in a ball": (
         LIGHT,
         "lamp = [{ azimuth_deg = 0, distance = 1, irradiance = 1 }]\n[mirror_ball]\n",
-        "lighting 'lab': a mirror ball can't tell of a lamp at a place",
+        "lighting 'lab': a mirror ball can't show a lamp at a place",
     ),
     "held out beyond the end": (
         GANTRY,

@@ -169,7 +169,7 @@ def test_the_light_is_told_as_the_command_says(synth: Run, tiny: Path, tmp_path:
 def test_a_lamp_is_not_told_by_a_ball(synth: Run, tmp_path: Path) -> None:
     code, _, err = synth("rh01-marschner", "--light", "ball", "-o", tmp_path / "set")
     assert code == 1
-    assert "lighting 'lamp': a mirror ball can't tell of a lamp at a place" in err
+    assert "lighting 'lamp': a mirror ball can't show a lamp at a place" in err
 
 
 def test_list_shows_every_built_in_scene(synth: Run) -> None:

@@ -46,7 +46,7 @@ class PickFit:
 def fit_picks(rays: PixelRays, points: Floats, free_scale: bool, focal_px: float) -> PickFit:
     """The similarity that puts points (n, 3) of a mesh on the rays of their picks, and which picks don't agree.
 
-    free_scale : false holds it at 1. ValueError where the picks can't tell, or more than a third don't agree.
+    free_scale : false holds it at 1. ValueError where the picks don't determine it, or more than a third don't agree.
     """
     check_spread(points)
     tolerance = max(_CLICK_PX, _CLICK_SHARE * focal_px)

@@ -29,7 +29,7 @@ def starts_from_picks(
     picks = task.picks
     assert picks is not None
     origins = picks.rays.origins
-    # From one place size and distance go together: the silhouettes of other photographs tell them apart.
+    # From one place size and distance go together: the silhouettes of other photographs separate them.
     free = several and (bool(picks.rays.parallel.any()) or not from_one_place(origins))
     fit = fit_picks(picks.rays, picks.points, free, picks.focal_px)
     places = list(fit.places)

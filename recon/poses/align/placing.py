@@ -26,7 +26,7 @@ _ADVICE = "check masks and poses, or give picks (--picks)"
 
 
 def place_mesh(task: Task) -> FoundPlace:
-    """Where the mesh stands; ValueError says what keeps it from being told, and what to do."""
+    """Where the mesh stands; ValueError says why it is undetermined, and what to do."""
     try:
         return _placed(task)
     except NoFitError as error:
@@ -78,14 +78,14 @@ def _placed(task: Task) -> FoundPlace:
         axis = best.place.rotation.T @ uncertain.open_turn
     if axis is not None:
         raise ValueError(
-            f"nothing tells how the mesh is turned about its axis ({', '.join(f'{a:.2f}' for a in axis)}), as on a"
+            f"nothing determines how the mesh is turned about its axis ({', '.join(f'{a:.2f}' for a in axis)}), as on a"
             " vase: its silhouettes look the same all around; give picks of details on the surface (--picks)"
         )
     known = several or task.metric
     if not known:
         warnings.append(
-            "all cameras see from one place: how large the world is, and how far the mesh, can't be told; world_scale"
-            " is left at 1; add photographs from other sides"
+            "all cameras see from one place: how large the world is, and how far the mesh, can't be determined;"
+            " world_scale is left at 1; add photographs from other sides"
         )
     elif several and scale_free and uncertain.covariance[6, 6] > 0.05**2:
         warnings.append(
@@ -94,7 +94,8 @@ def _placed(task: Task) -> FoundPlace:
         )
     if uncertain.open_depth:
         warnings.append(
-            "orthographic cameras from one side: the mesh's depth can't be told, and changes nothing that they see"
+            "orthographic cameras from one side: the mesh's depth can't be determined; it changes nothing that they"
+            " see"
         )
     warnings += _pick_warnings(task, best, pull)
     left_out = tuple(label for label in labels if label not in task.labels)
@@ -141,7 +142,7 @@ def _from_cloud(task: Task) -> FoundPlace:
     if best.rms > _MAX_CLOUD_RMS:
         raise ValueError(
             f"the cloud of points doesn't fit the mesh: the nearer of its points are {best.rms:.1%} of the mesh's size"
-            " (RMS) from it; give masks, which tell the object's points from the background's, or picks (--picks)"
+            " (RMS) from it; give masks, which separate the object's points from the background's, or picks (--picks)"
         )
     for other in matches[1:]:
         if other.place.angle_to(best.place) > APART and other.rms < 1.2 * best.rms:

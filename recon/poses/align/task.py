@@ -73,7 +73,7 @@ class NoFitError(ValueError):
 
 
 def from_several_places(task: Task) -> bool:
-    """Whether cameras stand so that they tell how large the world is."""
+    """Whether cameras stand so that they determine how large the world is."""
     cameras = [outline.camera for outline in task.outlines]
     if cameras:
         centres = np.array([camera.centre for camera in cameras])

@@ -59,7 +59,7 @@ def uncertainty(refined: RefinedPlace, radius: float, silhouettes: bool) -> Plac
         spread = of_photos + _jackknife(refined, information, unit, vectors[:, known], explained)
     covariance = np.zeros((8, 8))
     covariance[np.ix_(free, free)] = spread * np.outer(unit, unit)
-    # A gauge that turns is no gauge: the picture doesn't tell how the mesh is turned.
+    # A gauge that turns is no gauge: the picture doesn't determine how the mesh is turned.
     open_turn = None
     turns, axes = np.linalg.eigh(covariance[:3, :3] + 1e3 * gauges[:3] @ gauges[:3].T)
     if turns[-1] > _UNKNOWN_TURN**2:
@@ -107,7 +107,7 @@ def _jackknife(
         order = np.argsort(part, kind="stable")
         starts = np.flatnonzero(np.diff(part[order], prepend=-1))
         if len(starts) <= 2 * len(whole) and scatters:
-            continue  # too few to tell
+            continue  # too few to judge
         rows, weight = jacobian[order], left.weights[order]
         pulled = rows * weight[:, None]
         scores = np.add.reduceat(pulled * residual[order, None], starts, axis=0)

@@ -1,4 +1,4 @@
-"""What to tell a photographer whose photographs could not be placed, or not all of them."""
+"""Advice for a photographer whose photographs could not be placed, or not all of them."""
 
 from __future__ import annotations
 

@@ -203,7 +203,7 @@ def _extraction_options() -> Any:
     options.max_image_size = _MAX_SIDE
     options.sift.estimate_affine_shape = True
     options.sift.domain_size_pooling = True
-    # Half of COLMAP's: plaster and matte paint show faint texture, and false matches are sifted out later.
+    # Half of COLMAP's: plaster and matte coatings show faint texture, and false matches are sifted out later.
     options.sift.peak_threshold = 0.003
     return options
 

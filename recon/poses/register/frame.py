@@ -14,7 +14,7 @@ from recon.poses.similarity import Similarity, motion_jacobian
 
 Floats = NDArray[np.float64]
 
-# Image-up directions that agree less than this share tell no vertical: the cameras were turned over.
+# Image-up directions that agree less than this share determine no vertical: the cameras were turned over.
 _AGREEING = 0.5
 
 

@@ -20,7 +20,7 @@ _SAME_PX = 0.5
 class ImportedPose:
     """name : of the photograph, as the other program writes it. world_to_camera : (4, 4), OpenCV's axes.
 
-    camera : with which the pose was found, if the file tells and it is one of ours.
+    camera : with which the pose was found, if the file states it and it is one of ours.
     """
 
     name: str

@@ -104,7 +104,7 @@ def _undone(path: Path, data: Mapping[str, Any]) -> Floats:
 
 
 def _camera(keys: Mapping[str, Any], where: str) -> Camera | None:
-    """The camera that a frame was taken with, where enough is told."""
+    """The camera that a frame was taken with, where enough is given."""
     try:
         width, height = int(keys.get("w", 0)), int(keys.get("h", 0))
         fx = float(keys["fl_x"]) if "fl_x" in keys else None

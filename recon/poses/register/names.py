@@ -36,7 +36,7 @@ def match_names(photos: Sequence[str], others: Sequence[str], source: str) -> li
             entries = [entry for entry, other in zip(free, theirs, strict=True) if other == name]
             if len(places) > 1 or len(entries) > 1:
                 raise ValueError(
-                    f"{source}: cannot tell which of {', '.join(others[entry] for entry in entries[:3])} is which of"
+                    f"{source}: cannot decide which of {', '.join(others[entry] for entry in entries[:3])} is which of"
                     f" the manifest's {', '.join(photos[place] for place in places[:3])}; let names differ by more than"
                     " their folders or endings"
                 )

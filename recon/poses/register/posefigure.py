@@ -74,7 +74,7 @@ def _draw_errors(axes: Axes, found: Registration) -> None:
     names = [short_name(label) for label in found.labels]
     if found.rms_px is None:
         axes.text(
-            0.5, 0.5, "how well pictures agree\nis not told by the imported file", ha="center", va="center"
+            0.5, 0.5, "how well pictures agree\nis not stated by the imported file", ha="center", va="center"
         )
         axes.set_axis_off()
         return

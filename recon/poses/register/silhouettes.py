@@ -69,7 +69,7 @@ def check_viewing_directions(cameras: Sequence[Camera], conventions: Conventions
     if others:
         raise ValueError(
             f"the cameras look away from the point that they surround; the poses look like {', or '.join(others)}"
-            + ("; with masks it could be told which" if len(others) > 1 else "")
+            + ("; masks would decide which" if len(others) > 1 else "")
         )
 
 

@@ -39,7 +39,7 @@ class Structure:
     """Poses and points in a frame of their own, and what they rest on.
 
     photos : (c,) places in the set of the photographs that were placed. poses : (c, 4, 4), world to camera.
-    covariance : (6c, 6c) as in `recon.poses.register.posecovariance.pose_covariance`; None where nothing tells it.
+    covariance : (6c, 6c) as in `recon.poses.register.posecovariance.pose_covariance`; None where undetermined.
     points : (p, 3), colours : (p, 3) uint8.
     rms_px : (c,) RMS distance of features from where their points project, false matches left out.
     observations : (c,) how many points each photograph sees.
@@ -95,7 +95,7 @@ def map_incrementally(database: Path, pictures: Path, photos: int) -> Any | None
     )
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = False
     options.min_model_size = min(_FEWEST, photos)
-    # Points that two photographs see are many, and patches tell which of them are true.
+    # Points that two photographs see are many, and patches show which of them are true.
     options.triangulation.ignore_two_view_tracks = False
     options.num_threads = options.mapper.num_threads = 1
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = 0
