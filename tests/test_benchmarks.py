@@ -5,6 +5,9 @@ Draws are of fixed seeds; a stated number may be four of its standard deviations
 
 from __future__ import annotations
 
+import json
+import shlex
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,7 +17,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import benchmarks.__main__ as command
-from benchmarks import programs
+from benchmarks import programs, witness
 from benchmarks.atlas import BOUNDARIES
 from benchmarks.atlas.charts import atlas_table
 from benchmarks.atlas.faults import (
@@ -48,6 +51,7 @@ from benchmarks.pareto.chart import front
 from benchmarks.programs import PROGRAMS
 from benchmarks.race import race_figure
 from benchmarks.scaling import exponent
+from capture.files.imagefile import write_exr
 
 FAR = 4.0
 
@@ -236,3 +240,86 @@ def test_every_boundary_has_a_name_of_its_own_and_two_coarse_values() -> None:
     assert all(max(boundary.quick) < len(boundary.values) for boundary in BOUNDARIES)
     # Of one alone no figure can be drawn.
     assert all(len(boundary.quick) > 1 for boundary in BOUNDARIES)
+
+
+# A program that shows a scene, and writes how wide it is, a picture and a material.
+_FAKE = """
+import json, pathlib, sys
+verb, scene, option, out = [*sys.argv[1:], ""][:4]
+if option == "--show":
+    print("width = 320\\nname = 'ball'")
+elif verb == "synth":
+    folder = pathlib.Path(out)
+    folder.mkdir()
+    width = pathlib.Path(scene).read_text().split("\\n")[0].split()[-1]
+    found = {"width": int(width), "timing_s": 1.0, "models": [{"name": "GGX", "error": 0.1}], "kd": [0.5, 1e-9]}
+    (folder / "result.json").write_text(json.dumps(found))
+    (folder / "scene.xml").write_text('<scene><rgb value="0.25, 0.5 1"/></scene>')
+elif verb == "compare":
+    pathlib.Path(out).write_text("page")
+    print("all agree")
+else:
+    sys.exit(f"no command {verb}")
+"""
+
+
+def test_the_witness_keeps_what_commands_write_print_and_fail_with(tmp_path: Path) -> None:
+    fake, out = tmp_path / "fake.py", tmp_path / "out.json"
+    fake.write_text(_FAKE)
+    lines = ["synth scene.toml -o synth", "compare a -o page.html", "proces a -o none"]
+    program = shlex.join([sys.executable, str(fake)])
+    witness.keep(out, program, {"ball": {"scene": {"width": "96"}, "lines": lines}})
+    assert json.loads(out.read_text()) == {
+        "ball/none/error": "no command proces",
+        "ball/none/status": 1,
+        "ball/page.html": "a file",
+        "ball/page.html/printed/000": "all agree",
+        "ball/page.html/status": 0,
+        "ball/synth/result.json/kd/000": 0.5,
+        "ball/synth/result.json/kd/001": 1e-9,
+        "ball/synth/result.json/models/GGX/error": 0.1,
+        "ball/synth/result.json/models/GGX/name": "GGX",
+        "ball/synth/result.json/width": 96,
+        "ball/synth/scene.xml/rgb 000/value/000": 0.25,
+        "ball/synth/scene.xml/rgb 000/value/001": 0.5,
+        "ball/synth/scene.xml/rgb 000/value/002": 1.0,
+        "ball/synth/status": 0,
+    }
+    with pytest.raises(RuntimeError, match="no command -c"):
+        witness.keep(out, shlex.join([sys.executable, str(fake), "-c"]), {"ball": {}})
+
+
+def test_the_witness_keeps_mean_and_rms_of_pictures(tmp_path: Path) -> None:
+    pixels = np.zeros((1, 2, 3))
+    pixels[0, :, 1] = 3, -1
+    write_exr(tmp_path / "x.exr", pixels, layers={"A": pixels[..., 1]})
+    kept = witness.read_file(tmp_path / "x.exr", "x")
+    assert kept["x/RGB/mean/001"] == kept["x/A/mean/000"] == 1
+    assert kept["x/RGB/rms/001"] == pytest.approx(np.sqrt(5))
+    assert kept["x/RGB/rms/002"] == 0
+
+
+def test_the_witness_names_every_difference_by_run_worst_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {"a/x/kd/000": 1.0, "a/x/kd/001": 1e-9, "a/x/mu": 1.5, "a/x/word": "weak", "b/y/gone": None}
+    after = {"a/x/kd/000": 1.001, "a/x/kd/001": 2e-9, "a/x/mu": 1.8, "a/x/word": "weak", "b/y/new": True}
+    for name, kept in (("before", before), ("after", after)):
+        (tmp_path / name).write_text(json.dumps(kept))
+    paths = [str(tmp_path / name) for name in ("before", "after")]
+    with pytest.raises(SystemExit) as ended:
+        witness.main(["compare", *paths])
+    assert ended.value.code == 1
+    # The second Kd moved by a millionth of a thousandth of the first.
+    assert capsys.readouterr().out.splitlines() == [
+        "a/x: 2 differ",
+        "  a/x/mu: 1.7e-01, 1.5 -> 1.8",
+        "  a/x/kd/000: 1.0e-03, 1.0 -> 1.001",
+        "b/y: 2 differ",
+        "  b/y/gone: gone, was None",
+        "  b/y/new: new, True",
+        "4 of 6 values differ by more than 1e-06",
+    ]
+    with pytest.raises(SystemExit) as ended:
+        witness.main(["compare", paths[0], paths[0]])
+    assert ended.value.code == 0
