@@ -19,8 +19,9 @@ from scipy.sparse import csr_array
 
 from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
-from invrender.brdf.lobes import GGX_FORM, PLASTICS
+from invrender.brdf.lobes import GGX_FORM, PLASTICS, RH01_FORM
 from invrender.estimate.noise import NoiseModel
+from invrender.estimate.textured.fit import fit_textured
 from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked, tiny_sums
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, find_layout
 from invrender.estimate.textured.search import cost_at, search_point, textured_models
@@ -203,6 +204,17 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
             # Noise of 1% in some 5,000 numbers, and mu shows in what is let through as in the lobe.
             assert_allclose(found, np.log([sigma, mu - 1]), atol=0.03)
     assert (costs[form] < costs[GGX_FORM]) == plastic
+
+
+def test_points_that_one_photograph_sees_are_refused_in_plain_words() -> None:
+    columns = np.ones((1, 5, 1 + len(specular_weights(1.5, 0.1, RH01_FORM))), np.float32)
+    light = np.full((5, 3), 0.3)
+    photos = [
+        TexelRows(np.arange(5) + first, columns, light, light, np.ones(5), np.zeros(5, int))
+        for first in (0, 5)
+    ]
+    with pytest.raises(ValueError, match=r"seen by enough photographs .* 1 at most.*views overlap"):
+        fit_textured(photos, 10, lambda forms, some: {})
 
 
 def test_a_photograph_of_shadow_alone_is_told() -> None:

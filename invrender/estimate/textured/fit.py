@@ -238,6 +238,12 @@ def _weighed(
     predicted = stack.predicted(values, numbers)
     residual = (stack.radiance - predicted) * taken / np.sqrt(share)
     free = values.freedom[at] > 0
+    if not free.any():
+        seen = int(np.bincount(at).max(initial=0))
+        raise ValueError(
+            f"no point of the surface is seen by enough photographs for Kd and Ks of its own: {seen} at most, and"
+            " three or more are needed; add photographs whose views overlap, or leave texture out"
+        )
     noise = fit_noise([predicted[free]], [residual[free]])
     weight, trust = np.empty_like(predicted), np.empty_like(predicted)
     for photo in range(photos):
