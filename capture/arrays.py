@@ -53,8 +53,8 @@ _UNUSED = 3
 def reused_empty(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[Any]:
     """An uninitialised array, if large in memory that an earlier one of the same size has left.
 
-    Photograph after photograph, the system would clear fresh pages for every one, which takes half as long as
-    decoding a JPEG. Of three kinds, as many are kept as there are cores, and two.
+    The system would clear fresh pages for every photograph: 12 JPEGs of 12 megapixels then take 1.43 s of CPU time
+    instead of 1.14 s (least of eight, alternating). Of three kinds, as many are kept as there are cores, and two.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if size < _WORTH:

@@ -1,6 +1,7 @@
 """Points that fill the unit square evenly: rank-1 lattices (Sloan and Joe, Lattice Methods, 1994), shifted at random.
 
 A shifted lattice integrates without bias; smooth functions converge almost as 1/N^2, shadows' edges as N^(-3/4).
+scipy.stats.qmc has nets (Sobol, Halton), but no lattices, whose parts are lattices again.
 """
 
 from __future__ import annotations
