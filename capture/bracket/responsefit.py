@@ -129,6 +129,7 @@ def fit_curves(
     """Curves and log exposures (p,), fitted from `start` on."""
     basis = correction_basis(nominal)
     channels, log_times = tuple(start), nominal.copy()
+    # Not `capture.gaussnewton`: weights and noise are renewed with each step, so that costs can't be compared.
     for _ in range(iterations):
         left = _all_residuals(sample, channels, log_times)
         system = _system(sample, channels, left, basis)

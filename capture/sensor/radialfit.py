@@ -251,6 +251,7 @@ def _solve(
     measured = np.log(tiles.signal)
     fitted, light = np.zeros(k), np.zeros((photos, TERMS))
     levels = np.median(measured, axis=1)
+    # Undamped, not `capture.gaussnewton`: the logarithm is nearly linear in the numbers.
     for _ in range(20):
         predicted, derivatives = _log_model(tiles, basis @ fitted, light, model)
         residual = measured - levels[:, None] - predicted

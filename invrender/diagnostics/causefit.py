@@ -60,6 +60,7 @@ def _searched(
     state = CauseState(brdf, np.zeros(cause.count))
     cost = _cost(scene, cause, state, light)
     everywhere = range(len(scene.photos))
+    # Not `capture.gaussnewton`: a trial solves all photographs anew, and halvings cost less than rising damping.
     for _ in range(_ITERATIONS):
         parts = [linearised(scene, cause, state, k, light) for k in everywhere]
         step = _solve(*_normal(scene, parts, light.first_free + cause.count), cause)

@@ -56,6 +56,7 @@ def gauss_newton(
 ) -> list[Estimate]:
     """The estimate of least cost near each of the starts (f, n), one for each subset of the photographs, its
     coordinates within bounds, to a small part of their standard deviations."""
+    # Not `capture.gaussnewton`: many searches step side by side here, each by its own share of its step.
     best = newton_steps(model, subsets, np.clip(starts, lower, upper), lower, upper)
     going = list(range(len(best)))
     for _ in range(_MOST_STEPS):

@@ -164,6 +164,7 @@ def refine_pose(target: PoseTarget, start: Floats) -> RefinedPose:
     if view.whole.sum() < _FEWEST:
         return RefinedPose(start, np.eye(6), 0, np.nan, np.nan)
     before = _error(target, view, ~makes)
+    # Not `capture.gaussnewton`: a trial renders the photograph, and two halvings cost less than rising damping.
     for _ in range(_STEPS):
         judge = _judge(target, view, makes)
         now = judge.deviance(view)

@@ -206,6 +206,7 @@ def _descended(rows: _Rows, start: Floats, from_afar: bool) -> tuple[Floats, _St
     """Where Gauss-Newton steps end, (p, 6), and the first and the last of them; from_afar : as of `_viewed`."""
     view = _viewed(rows, start, from_afar)
     first = judge = _step(rows, view)
+    # Not `capture.gaussnewton`: a trial renders all photographs, and halvings cost less than rising damping.
     for _ in range(_STEPS):
         now = judge.deviance(rows, view)
         for halvings in range(_HALVINGS + 1):

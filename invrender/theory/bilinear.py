@@ -145,6 +145,7 @@ def fit_products(field: RealField, lighting: Floats, rho: Floats) -> BilinearFit
         at_rho = np.where(rho_place >= 0, numbers[rho_place], np.where(field.valid, np.nan, 0))
         return at_light, at_rho
 
+    # Undamped, not `capture.gaussnewton`: it starts at the explicit solution.
     for _ in range(_STEPS):
         lighting, rho = spread(vector, 1.0)
         residual = (values - lighting[lm] * rho[l, p, q]) / std

@@ -191,6 +191,7 @@ def _solve(touching: _Touching, guess: Floats, free: Bools) -> tuple[Floats, Flo
 def _reweighted(touching: _Touching, start: Floats, determined: Floats) -> tuple[Floats, Floats]:
     """The nearest fit that forgets outliers beyond the points' own scatter, and that scatter (n,)."""
     sphere = start
+    # Not `capture.gaussnewton`: weights are renewed with each step, so that costs can't be compared.
     for _ in range(_STEPS):
         residual, slope = touching.residuals(sphere)
         scatter = _scatter(residual, touching.view)

@@ -94,6 +94,7 @@ class CloudMatcher:
     def _iterated(self, place: Similarity, free_scale: bool, points: Floats, steps: int) -> CloudFit:
         count = 7 if free_scale else 6
         rows, gap, pivot = self._drawn(place, points)
+        # Not `capture.gaussnewton`: the kept points change with each step, so that costs can't be compared.
         for _ in range(steps):
             unit = np.array([1.0] * 3 + [place.scale * self._size / 2] * 3 + [1.0])[:count]
             step = np.zeros(7)

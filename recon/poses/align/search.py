@@ -201,6 +201,7 @@ def _refined(
 ) -> tuple[Floats, Floats, Floats]:
     """Rotations turned to fit the planes better, by Gauss-Newton; their motion and how far off they are."""
     motion, off = _fitted(corners, planes, rotations, free_scale)
+    # Not `capture.gaussnewton`: thousands of rotations step side by side.
     for _ in range(6):
         support, touching = _supports(corners, planes, rotations)
         weight = planes.per_length

@@ -126,6 +126,7 @@ def _matched(
     wanted = (templates - templates.mean(axis=1, keepdims=True)) / contrast[:, None]
     places, maps = pixels.copy(), maps.copy()
     design = np.empty((len(pixels), len(grid), 8))
+    # Not `capture.gaussnewton`: all patches step side by side.
     for _ in range(_STEPS):
         at = places[:, None] + np.einsum("nij,mj->nmi", maps, grid)
         shown = _sampled(picture, at).astype(float)
