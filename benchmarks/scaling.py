@@ -140,9 +140,10 @@ def draw_scaling(out: Path, quick: bool) -> None:
         tasks = [
             (axis.name, size, task) for axis in AXES for task in axis.expected for size in _sizes(axis, quick)
         ]
-        # One after the other, so that none disturbs another's time: but nobody looks at those of a coarse version.
+        # One after the other, so that none disturbs another's time, each in a new process, whose memory is its own: but
+        # nobody looks at those of a coarse version.
         workers, spawn = os.cpu_count() if quick else 1, multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, spawn, max_tasks_per_child=1) as pool:
+        with ProcessPoolExecutor(workers, spawn, max_tasks_per_child=None if quick else 1) as pool:
             for (axis, size, task), value in zip(
                 tasks, pool.map(measured, *zip(*tasks, strict=True)), strict=True
             ):

@@ -17,19 +17,27 @@ Result = TypeVar("Result")
 _OPENMP = "OMP_NUM_THREADS"
 
 
+def cores() -> int:
+    """How many threads share the work."""
+    return os.cpu_count() or 1
+
+
 def parallel_map(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """Results of a function over items, in their order, computed by one thread per core.
 
     Only a core's worth of items is begun ahead of what has been taken, so that memory doesn't grow with
     their number. numpy and OpenCV release the interpreter while they work.
     """
-    cores = os.cpu_count() or 1
+    threads = cores()
+    if threads == 1:
+        yield from map(function, items)
+        return
     pending: deque[Future[Result]] = deque()
-    with ThreadPoolExecutor(cores) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         try:
             for item in items:
                 pending.append(pool.submit(function, item))
-                if len(pending) > cores:
+                if len(pending) > threads:
                     yield pending.popleft().result()
             while pending:
                 yield pending.popleft().result()

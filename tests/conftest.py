@@ -16,9 +16,10 @@ sys.path.append(str(Path(__file__).parents[1]))
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _one_blas_thread() -> Iterator[None]:
+def _one_thread() -> Iterator[None]:
     """The cores are shared by processes of tests: threads within each would wait for each other."""
-    with one_blas_thread():
+    with one_blas_thread(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("capture.parallel.cores", lambda: 1)
         yield
 
 

@@ -85,6 +85,7 @@ def test_roughness_shows_in_known_light_that_the_lobe_can_blur() -> None:
     assert sharp["sigma"].status == "determined"
 
 
+@pytest.mark.slow
 def test_roughness_shows_in_unknown_light_of_frequencies_above_its_own() -> None:
     assert rough_body_at(0.05) < 1 < rough_body_at(0.25)
     assert (
@@ -105,6 +106,7 @@ def test_light_is_recovered_up_to_what_the_lobe_passes(
     assert all(holds(finding) for finding in found.values() if finding.stated)
 
 
+@pytest.mark.slow
 def test_mu_needs_grazing_views() -> None:
     assert not steepest_draw(25, 0)["mu"].stated
     assert steepest_theory(25)["mu"].status == "undetermined"
@@ -138,6 +140,7 @@ def test_bars_hold_what_a_few_outliers_do() -> None:
     assert all(holds(finding) for finding in outliers_draw(0.01, 1).values())
 
 
+@pytest.mark.slow
 def test_bars_hold_what_many_outliers_do() -> None:
     found = outliers_draw(0.06, 0)
     assert all(holds(finding) for finding in found.values() if finding.stated)
@@ -150,6 +153,7 @@ def test_near_lamps_widen_the_bars_until_nothing_is_stated(noise: dict[str, Find
     assert not any(finding.stated for finding in near_known_draw(0.25, 0).values())
 
 
+@pytest.mark.slow
 def test_two_sources_are_told_apart_beyond_the_width_of_the_lobe() -> None:
     together, apart = two_sources_draw(0.5, 0), two_sources_draw(2.0, 0)
     assert together["sources"].status == "undetermined"

@@ -113,7 +113,7 @@ def degree_draw(sharpness: float, number: int) -> dict[str, Finding]:
     stage = shiny(sharpness)
     photos = stage.noisy(stage.photographs(), np.random.default_rng(number))
     material = stage.material
-    brdf = microfacet.MicrofacetMaterial(
+    brdf = microfacet.Microfacet(
         material.kd, material.ks, None, material.sigma if material.ks.any() else None
     )
     found = estimate_coefficients([photo_rows(photo, brdf, _DEGREE) for photo in photos], brdf, _DEGREE)

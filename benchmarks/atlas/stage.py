@@ -236,7 +236,7 @@ def expected(stage: Stage, keep: Callable[[LightField, Floats], Bools] | None = 
     keep : which samples (n,) of a photograph are used, from the samples and their radiance (n, 3); None for all.
     """
     material = stage.material
-    brdf = microfacet.MicrofacetMaterial(material.kd, material.ks, material.mu, material.sigma)
+    brdf = microfacet.Microfacet(material.kd, material.ks, material.mu, material.sigma)
     experiment = Experiment(
         name="atlas",
         body=SphereBody(SPHERE),

@@ -42,7 +42,7 @@ def draw_gloss(out: Path, quick: bool) -> None:
         return
     source = Path(data) / "glossball"
     lamps = read_lamps(source)
-    places = range(0, len(lamps.names), 4 if quick else 1)
+    places = range(0, len(lamps.names), 8 if quick else 1)
     fitted = [k for k in places if k // places.step % _EVERY != _EVERY - 1]
     held_out = [k for k in places if k not in fitted]
     samples = _QUICK_SAMPLES if quick else DEFAULT_SAMPLES

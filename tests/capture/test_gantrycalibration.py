@@ -28,7 +28,10 @@ def arc_over(spec: str) -> Arc:
     return Arc(middle + np.array([0, 0, 0.4]), [0.02, -0.03, 1], 0.5, [0.3, -1, 0], MOUNT)
 
 
-@pytest.fixture(scope="module", params=["charuco:7x5:0.035:0.026", "chessboard:8x6:0.028"])
+@pytest.fixture(
+    scope="module",
+    params=["charuco:7x5:0.035:0.026", pytest.param("chessboard:8x6:0.028", marks=pytest.mark.slow)],
+)
 def gantry(request, tmp_path_factory) -> tuple[str, Arc, list[Path]]:
     """A board's spec, the arc, and photographs of the board by a camera on it, over half a turn and more."""
     spec = request.param

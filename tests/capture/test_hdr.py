@@ -206,13 +206,15 @@ def test_layers_of_an_exr_survive(tmp_path):
     assert read_pixels(tmp_path / "a é.exr").shape == (4, 5, 3)
 
 
-def test_memorial_church_agrees_with_the_published_map(data_dir):
+@pytest.mark.parametrize(("every", "median"), [pytest.param(1, 0.045, marks=pytest.mark.slow), (2, 0.06)])
+def test_memorial_church_agrees_with_the_published_map(data_dir, every, median):
     folder = data_dir / "memorial"
-    paths = sorted(folder.glob("*.png"))
-    times = read_times(str(folder / "shutter_times.txt"))
+    paths = sorted(folder.glob("*.png"))[::every]
+    times = read_times(str(folder / "shutter_times.txt"))[::every]
     bracket = open_bracket(paths, times, None, None)
     comparison = compare_maps(merge(bracket.load, times), folder / "memorial.hdr")
     # Debevec and Malik's own map, whose response nobody published: what OpenCV's Robertson reaches is 2.4 to 4.3%.
-    assert max(one.median for one in comparison.channels) < 0.045
+    # Every other photograph, two stops apart, reaches 5.3%.
+    assert max(one.median for one in comparison.channels) < median
     assert max(one.quantile90 for one in comparison.channels) < 0.2
     assert np.isfinite(comparison.difference).all(axis=2).mean() > 0.85

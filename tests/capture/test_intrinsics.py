@@ -174,7 +174,10 @@ def test_what_other_corner_windows_do_is_in_the_covariance():
     assert np.sqrt(calibration.statistical_covariance[0, 0]) < 1.0
 
 
-@pytest.mark.parametrize("tilt", [(0, 0), (30, 0), (15, -20)])
+@pytest.mark.parametrize(
+    "tilt",
+    [(0, 0), pytest.param((30, 0), marks=pytest.mark.slow), pytest.param((15, -20), marks=pytest.mark.slow)],
+)
 def test_one_tilt_leaves_the_focal_length_undetermined(tilt):
     rng = np.random.default_rng(9)
     jitter = rng.normal(0, 0.7, (10, 2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -40,6 +40,8 @@ from synthetic.scene import Scene, Shot
 from synthetic.shapes.ball import Ball
 from synthetic.staging import Staging
 from synthetic.writer import write_photoset
+
+from .fewforms import few_forms_tried
 
 Floats = np.ndarray
 Command = Callable[..., tuple[int, str, str]]
@@ -90,6 +92,19 @@ def matte_set(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
+def matte_lamp_set(tmp_path: Path) -> Path:
+    """The same of a Lambertian sphere, under both: no lobe meets the map."""
+    return _write_small_set(tmp_path / "matte", (_WINDOW,), (_LAMP,), Lambertian(_DELRIN.kd))
+
+
+@pytest.fixture
+def few_forms() -> Iterator[None]:
+    """The test's fits try few forms of highlights."""
+    with few_forms_tried():
+        yield
+
+
+@pytest.fixture
 def small_set(small_set_original: Path, tmp_path: Path) -> Path:
     """A copy of the small set that a test may damage."""
     return Path(shutil.copytree(small_set_original, tmp_path / "set"))
@@ -122,7 +137,8 @@ def workshop(small_set_original: Path, tmp_path_factory: pytest.TempPathFactory)
     """A folder with a photo set and, beside it, its result; tests that change either copy it."""
     folder = tmp_path_factory.mktemp("workshop")
     shutil.copytree(small_set_original, folder / "set")
-    run_process(folder / "set", folder / "result", 4000)
+    with few_forms_tried():
+        run_process(folder / "set", folder / "result", 4000)
     return folder
 
 

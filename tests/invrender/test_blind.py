@@ -115,11 +115,11 @@ MANY, FEW = (0.001, 0.015, 0.0003), (0.002, 0.03, 0.0006)
 @pytest.mark.parametrize(
     ("name", "views", "samples", "limits"),
     [
-        ("teflon", 12, 12000, MANY),
+        pytest.param("teflon", 12, 12000, MANY, marks=pytest.mark.slow),
         ("teflon", 3, 9000, FEW),
         # With more of specular reflection fewer samples will do.
         ("steel", 12, 4000, MANY),
-        ("painted", 12, 4000, MANY),
+        pytest.param("painted", 12, 4000, MANY, marks=pytest.mark.slow),
     ],
 )
 def test_brdf_light_and_source_are_found_from_photographs_alone(

@@ -140,7 +140,7 @@ def test_a_tenth_of_nonsense_among_the_samples_does_no_harm(bench: SimpleNamespa
     assert (std < [0.003, 0.003, 0.003, 0.03, 0.001]).all()
 
 
-@pytest.mark.parametrize("angle", [20.0, 200.0])
+@pytest.mark.parametrize("angle", [20.0, pytest.param(200.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("irradiance", "told"), [(6.0, True), (1.0, False)])
 def test_a_matte_object_shows_a_lamp_on_either_side_alike(
     bench: SimpleNamespace, rng: np.random.Generator, irradiance: float, told: bool, angle: float
@@ -170,7 +170,7 @@ def test_a_matte_object_shows_a_lamp_on_either_side_alike(
     ("half_width", "sigma"), [(0.08, 0.03), pytest.param(0.08, 0.06, marks=pytest.mark.slow), (0.0, 0.03)]
 )
 def test_a_window_is_told_from_a_lamp_and_sigma_is_doubted(
-    bench: SimpleNamespace, rng: np.random.Generator, half_width: float, sigma: float
+    bench: SimpleNamespace, rng: np.random.Generator, few_forms: None, half_width: float, sigma: float
 ):
     # A window of 9 degrees: lamps of no size, nearer to each other than the lobe is wide.
     steps = np.linspace(-half_width, half_width, 15) if half_width else np.zeros(1)

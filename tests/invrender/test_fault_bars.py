@@ -29,7 +29,9 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_the_truth_lies_within_what_a_named_fault_moves(sound: Path, tmp_path: Path, fault: str) -> None:
+def test_the_truth_lies_within_what_a_named_fault_moves(
+    sound: Path, tmp_path: Path, few_forms: None, fault: str
+) -> None:
     folder = change_pixels(Path(shutil.copytree(sound, tmp_path / "set")), FAULTS[fault])
     result = process(load_photoset(folder), samples=2000).result
     assert result.causes[0].name == fault

@@ -71,7 +71,13 @@ def photographs(material: Material, bench, samples: int = 100) -> list[PhotoColu
     return photos
 
 
-@pytest.fixture(scope="module", params=TRUTHS)
+# Each part of these is in one of the others.
+FURTHER = ("half-angle microfacet", "GGX plastic")
+
+
+@pytest.fixture(
+    scope="module", params=[pytest.param(t, marks=[pytest.mark.slow] if t in FURTHER else []) for t in TRUTHS]
+)
 def solved(request, bench) -> tuple[str, Material, Solution]:
     photos = photographs(TRUTHS[request.param], bench)
     noisy = bench.with_noise(photos, np.random.default_rng(5))

@@ -41,6 +41,8 @@ from recon.mesh.trianglemesh import TriangleMesh, area_vectors, smooth_normals, 
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
 
+pytestmark = pytest.mark.usefixtures("few_forms")
+
 Command = Callable[..., tuple[int, str, str]]
 KD = [0.28, 0.2, 0.1]
 CUP = """
@@ -113,7 +115,7 @@ def test_albedo_counts_the_lobe() -> None:
 
 def write_cup(path: Path) -> None:
     """A ball of plaster with a deep dent towards +x."""
-    ball = trimesh.creation.icosphere(subdivisions=4)
+    ball = trimesh.creation.icosphere(subdivisions=3)
     off_axis = np.arccos(np.clip(ball.vertices[:, 0], -1, 1))
     vertices = 0.03 * (1 - 0.75 * np.exp(-((off_axis / 0.7) ** 4)))[:, None] * ball.vertices
     write_mesh(path, TriangleMesh(vertices, ball.faces, smooth_normals(vertices, ball.faces)))
@@ -273,7 +275,7 @@ def test_in_unknown_light_it_is_taken_off_at_the_albedo_that_explains_most(tmp_p
     photoset = load_photoset(write_cup_set(tmp_path, GLOSSY_CUP))
     lab = replace(photoset, lightings=(LightingTable(name=photoset.lightings[0].name, unknown=True),))
     factorize = partial(factorize_blind, orders=[4], ladder=False)
-    result = solve_unknown_light(lab, find_geometry(lab), 800, Clock(), silent, factorize).result
+    result = solve_unknown_light(lab, find_geometry(lab), 400, Clock(), silent, factorize).result
     found = result.interreflection
     assert found is not None
     assert found.taken_off

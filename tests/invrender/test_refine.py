@@ -279,7 +279,7 @@ elevation_deg = 0
 
 
 def test_command_refines_a_set_and_writes_poses_that_it_can_use(lightfactor: Command, tmp_path: Path) -> None:
-    ball = trimesh.creation.icosphere(subdivisions=4)
+    ball = trimesh.creation.icosphere(subdivisions=3)
     vertices = ball.vertices * [0.02, 0.03, 0.025]
     write_mesh(tmp_path / "egg.ply", TriangleMesh(vertices, ball.faces, smooth_normals(vertices, ball.faces)))
     (tmp_path / "egg.toml").write_text(EGG)

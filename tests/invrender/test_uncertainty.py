@@ -95,7 +95,7 @@ def unknown(bench) -> list[PhotoColumns]:
         told = bench.known_lighting(
             [], [source], name=f"light {k}", recover_irradiance=True, recover_ambient=True
         )
-        photos += bench.photograph(TEFLON, pair, [ambient], [source], told, samples=250)
+        photos += bench.photograph(TEFLON, pair, [ambient], [source], told, samples=200)
     return photos
 
 
@@ -124,14 +124,14 @@ def test_stated_deviations_are_the_scatter_in_light_of_unknown_strength(unknown,
     assert covered.mean() >= 0.92
 
 
-def test_stains_of_the_surface_widen_the_intervals(bench, rng):
+def test_stains_of_the_surface_widen_the_intervals(bench, rng, few_forms):
     lamps = [bench.source, replace(bench.source, direction=bench.direction(110, 40))]
     photos = bench.photograph(TEFLON, ANGLES[::2], [], lamps, samples=80)
     told = bench.known_lighting([], lamps)
     clean = factorize(bench.with_noise(photos, rng), [told]).quantities
     truth = {"mu": TEFLON.mu, "sigma": TEFLON.sigma, "kd": TEFLON.kd, "ks": TEFLON.ks}
     covered: dict[str, list[float]] = {name: [] for name in truth}
-    for _ in range(8):
+    for _ in range(5):
         # Cells about 0.2 rad across, whose albedo strays by 5%: they are seen alike in every photograph.
         seeds = rng.normal(size=(300, 3))
         seeds /= np.linalg.norm(seeds, axis=1, keepdims=True)
@@ -148,12 +148,12 @@ def test_stains_of_the_surface_widen_the_intervals(bench, rng):
             assert (found.std > 3 * clean[name].std).all(), name
             covered[name].append(float((np.abs(found.value - true) < 1.96 * found.std).mean()))
     shares = {name: float(np.mean(hits)) for name, hits in covered.items()}
-    # 95% of 8 draws is 7.6 +- 0.6, of four such 30.4 +- 1.2: over two deviations below. Channels stray together.
-    assert min(shares.values()) >= 0.75, shares
-    assert np.mean(list(shares.values())) >= 0.86, shares
+    # 95% of 5 draws is 4.8 +- 0.5, of four such 19 +- 1: over two deviations below. Channels stray together.
+    assert min(shares.values()) >= 0.6, shares
+    assert np.mean(list(shares.values())) >= 0.84, shares
 
 
-def test_a_maps_coarse_pixels_are_part_of_sigmas_uncertainty(bench, rng):
+def test_a_maps_coarse_pixels_are_part_of_sigmas_uncertainty(bench, rng, few_forms):
     # A window of two by two pixels of 5.6 degrees, lamps all over it in truth: between pixels a map is interpolated.
     rows, sigma = 32, 0.05
     pixel = np.pi / rows

@@ -47,7 +47,7 @@ def masks(ball, views: list[Camera]) -> list[np.ndarray]:
 
 def test_the_hull_of_a_sphere_holds_it_and_little_more(ball):
     views = cameras()
-    mesh = visual_hull(views, masks(ball, views), 64)
+    mesh = visual_hull(views, masks(ball, views), 48)
     assert is_watertight(mesh)
     distance = np.linalg.norm(mesh.vertices - CENTRE, axis=1) / RADIUS
     # A pixel is 1/75 of the radius; binary masks are off by half of one at most.
@@ -85,8 +85,8 @@ def test_a_mask_that_the_images_edge_cuts_off_carves_nothing_there(ball):
     near = views[0].posed(look_at(CENTRE + 0.45 * eyes(24)[0], CENTRE, [0.1, 0.2, 1]))
     mask = body_coverage(body, near)
     assert mask[0].any()
-    whole = volume(visual_hull(views, masks(ball, views), 64))
-    cut = volume(visual_hull([*views, near], [*masks(ball, views), mask.astype(np.float32)], 64))
+    whole = volume(visual_hull(views, masks(ball, views), 48))
+    cut = volume(visual_hull([*views, near], [*masks(ball, views), mask.astype(np.float32)], 48))
     assert cut == pytest.approx(whole, rel=0.01)
 
 
@@ -107,7 +107,7 @@ def test_masks_that_contradict_each_other_are_refused(ball):
 def test_dark_parts_that_some_photographs_lose_are_located(ball):
     views = cameras()
     whole = masks(ball, views)
-    assert contradictions(visual_hull(views, whole, 64), views, whole, 64) == []
+    assert contradictions(visual_hull(views, whole, 48), views, whole, 48) == []
     # The pole of the ball is as dark as the background where two cameras see it; other cameras see it bright.
     seen = [k for k in range(len(views)) if eyes(24)[k, 2] > -0.3]
     dark = seen[2], seen[7]
@@ -117,9 +117,9 @@ def test_dark_parts_that_some_photographs_lose_are_located(ball):
         x, y = views[k].project(pole[None])[0]
         rows, columns = np.mgrid[:240, :240] + 0.5
         cut[k] = whole[k] * (np.hypot(columns - x, rows - y) > 35)
-    mesh = visual_hull(views, cut, 64)
+    mesh = visual_hull(views, cut, 48)
     assert mesh.vertices[:, 2].max() < CENTRE[2] + RADIUS - 0.02
-    found = contradictions(mesh, views, cut, 64)
+    found = contradictions(mesh, views, cut, 48)
     assert len(found) > 5
     for each in found:
         assert set(each.cut_by) <= set(dark)
@@ -135,7 +135,7 @@ def test_too_large_a_silhouette_is_told_from_dark_parts(ball):
     views = cameras()
     large = masks(ball, views)
     large[5][20:60, 20:60] = 1
-    found = contradictions(visual_hull(views, large, 64), views, large, 64)
+    found = contradictions(visual_hull(views, large, 48), views, large, 48)
     assert [(each.photo, each.cut_by) for each in found] == [(5, ())]
     assert_allclose((found[0].column, found[0].row), 40, atol=2)
 
@@ -155,8 +155,8 @@ def test_the_temple_lost_to_a_high_threshold_names_the_photograph(data_dir):
 
     def told(share: float) -> tuple[float, str | None]:
         silhouettes = [bright_region(radiance, share) for radiance in radiances]
-        mesh = visual_hull(views, silhouettes, 64)
-        found = contradictions(mesh, views, silhouettes, 64)
+        mesh = visual_hull(views, silhouettes, 48)
+        found = contradictions(mesh, views, silhouettes, 48)
         return np.ptp(mesh.vertices[:, 1]), contradiction_warning(found, names, [False] * len(names), share)
 
     height, said = told(0.08)

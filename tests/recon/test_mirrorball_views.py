@@ -61,7 +61,7 @@ def camera_at(azimuth_deg: float, elevation_deg: float = 0.0) -> Camera:
     return Camera("PINHOLE", [FOCAL, FOCAL, SIZE / 2, SIZE / 2], SIZE, SIZE, pose)
 
 
-def rendered(camera: Camera, light: Room, behind: Room | None, side: int = 4) -> tuple[Floats, Floats]:
+def rendered(camera: Camera, light: Room, behind: Room | None, side: int = 3) -> tuple[Floats, Floats]:
     """Radiance (h, w, 3) of the ball before a distant backdrop, and the ball's share (h, w) of each pixel."""
     pose = np.asarray(camera.world_to_camera)
     place = -pose[:3, :3].T @ pose[:3, 3]

@@ -102,6 +102,7 @@ def _first_of(textured: Path, folder: Path, count: int) -> Path:
     return folder / "photoset.toml"
 
 
+@pytest.mark.slow
 def test_equal_photos_give_equal_poses(textured: Path, tmp_path: Path) -> None:
     # Of two alone, poses are equal whatever the random numbers are.
     folder = _first_of(textured, tmp_path / "three", 3).parent
@@ -111,12 +112,12 @@ def test_equal_photos_give_equal_poses(textured: Path, tmp_path: Path) -> None:
 
 
 def test_a_board_in_some_photos_fixes_place_and_size(tmp_path: Path) -> None:
-    sets.write_set(tmp_path / "set", POSES[:6], boards=range(2, 6), masks=False)
+    sets.write_set(tmp_path / "set", POSES[:4], boards=range(1, 4), masks=False)
     found = _register(tmp_path / "set", tmp_path / "work", masked=False, board=sets.BOARD.spec)
-    assert (found.method, found.scale_from, len(found.names)) == ("features", "board", 6)
-    truth = np.array(POSES[:6]) @ sets.BOARD_TO_WORLD
+    assert (found.method, found.scale_from, len(found.names)) == ("features", "board", 4)
+    truth = np.array(POSES[:4]) @ sets.BOARD_TO_WORLD
     turns, shifts = _errors(found.poses, truth)
-    # No similarity is fitted here: the first two photos, which don't show the board, hang on the others.
+    # No similarity is fitted here: the first photo, which doesn't show the board, hangs on the others.
     assert np.degrees(turns).max() < 0.1
     assert shifts.max() < 0.002
     assert np.sqrt((_z(found, truth) ** 2).mean()) < 1.5
@@ -145,7 +146,12 @@ def test_a_board_in_all_photos_needs_no_features(tmp_path: Path) -> None:
             sets.ring(2, 18),
             r"features within the masks, and 0 of 1 pairs .*textured backdrop.*--board",
         ),
-        ("mirror", sets.ring(3, 12), r"could not be placed .*[Ss]hiny or untextured.*textured backdrop"),
+        pytest.param(
+            "mirror",
+            sets.ring(3, 12),
+            r"could not be placed .*[Ss]hiny or untextured.*textured backdrop",
+            marks=pytest.mark.slow,
+        ),
         ("textured", sets.ring(1, 18) * 2, r"no parallax: all photos seem to be taken from one place"),
         ("textured", sets.ring(1, 18), r"lists one photo"),
     ],

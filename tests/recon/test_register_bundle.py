@@ -100,13 +100,13 @@ def test_spread_is_the_noise(exact: Bundle) -> None:
 
 def test_covariance_is_what_noise_does(exact: Bundle) -> None:
     scores, means = [], []
-    for seed in range(40):
+    for seed in range(20):
         found = adjust(_noisy(exact, np.random.default_rng(seed), 0.2))
         std = np.sqrt(np.diag(pose_covariance(found))).reshape(-1, 6)
         scores.append(_errors(found, exact) / std)
         means.append(std)
     z = np.array(scores)
-    # RMS over 40 draws of 35 free numbers; the sandwich's own scatter is some 10%.
+    # RMS over 20 draws of 35 free numbers; the sandwich's own scatter is some 10%.
     assert 0.85 < np.sqrt((z**2).mean()) < 1.2
     assert 0.85 < np.sqrt((z[..., :3] ** 2).mean()) < 1.2
     assert 0.85 < np.sqrt((z[..., 3:] ** 2).mean()) < 1.2

@@ -67,7 +67,7 @@ def test_one_source_lights_the_side_that_faces_it() -> None:
     assert_allclose(radiance[inner], np.repeat(expected[inner, None], 3, axis=1), atol=1e-12)
 
 
-@pytest.mark.parametrize("index", [0, 18])
+@pytest.mark.parametrize("index", [0, pytest.param(18, marks=pytest.mark.slow)])
 def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = demo_staging().scene
     scene = replace(scene, shots=scene.shots[index : index + 1])
