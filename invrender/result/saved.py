@@ -64,7 +64,7 @@ def _is_known(model: str) -> str:
 class SavedBrdf(_Lenient):
     """The BRDF's numbers; None where the chosen model has no such parameter.
 
-    model : the name of the lobe's form, or "lambertian". specular : "neutral", "coloured", or None where nothing tells.
+    model : the name of the lobe's form, or "lambertian". specular : "neutral", "coloured", or None where undetermined.
     form_numbers : the form's own (a coat, a haze), if it has any. exponent : Phong's. albedo : pi Kd.
     """
 
