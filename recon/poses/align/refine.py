@@ -29,8 +29,8 @@ _FINE = (0.03, 4.0, 400)
 # Points of all photos together.
 _MOST_POINTS = 16_000
 _MOST_STEPS = 25
-# Gains that end the search, in variances of the noise: far from the end, and in the end (a tenth of a deviation).
-_NEARLY, _SETTLED = 0.1, 0.01
+# Gains that end the search, in variances of the noise: far from the end, and in the end (3% of a deviation).
+_NEARLY, _SETTLED = 1e-2, 1e-3
 # Independent points per sector of an outline, to weigh silhouettes against picks. Error bars ask the residuals.
 _PER_SECTOR = 4
 # Masks are drawn larger or smaller than the object by so many pixels, standard deviation, before anything is seen.
