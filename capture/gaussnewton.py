@@ -8,7 +8,8 @@ scipy.optimize.least_squares serves.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +19,19 @@ State = TypeVar("State")
 _RISE, _LEAST_DAMPING = 10.0, 1e-9
 
 
-class LocalProblem(Protocol[State]):
-    """A least-squares problem to first order about a state. Costs are squared residuals in variances of the noise."""
+@dataclass(frozen=True, eq=False)
+class LocalProblem(Generic[State]):
+    """A least-squares problem about a state. Its cost is the squared residuals in variances of the noise.
 
-    def step(self, damping: float) -> Floats:
-        """The Gauss-Newton step (n,), the normal matrix's diagonal raised by a share of it."""
+    step : the Gauss-Newton step (n,) under a damping, the share by which the normal matrix's diagonal is raised.
+    pull : (n,), half the negative gradient of the cost; a step promises its product with it. moved : the state after a
+    step. gain : by how much the cost is lower at another state than here.
+    """
 
-    def promise(self, step: Floats) -> float:
-        """By how much a step lowers the cost of the linear problem: its product with the negative half gradient."""
-
-    def moved(self, step: Floats) -> State:
-        """The state after a step."""
-
-    def gain(self, state: State) -> float:
-        """By how much the cost is lower at another state than here."""
+    step: Callable[[float], Floats]
+    pull: Floats
+    moved: Callable[[Floats], State]
+    gain: Callable[[State], float]
 
 
 def damped_step(matrix: Floats, right: Floats, damping: float) -> Floats:
@@ -60,7 +60,7 @@ def gauss_newton(
         here = about(state)
         while True:
             step = here.step(damping)
-            promise = here.promise(step)
+            promise = float(step @ here.pull)
             if not promise >= least:
                 return state
             tried = here.moved(step)

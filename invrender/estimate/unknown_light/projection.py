@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from capture.gaussnewton import gauss_newton
+from capture.gaussnewton import LocalProblem, gauss_newton
 from capture.parallel import parallel_map
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import LightingRows, rows_of, slopes_of
@@ -141,22 +142,10 @@ class Arrow:
     right_shared: Floats
 
     def __add__(self, other: Arrow) -> Arrow:
-        return Arrow(
-            self.gram + other.gram,
-            self.border + other.border,
-            self.corner + other.corner,
-            self.right + other.right,
-            self.right_shared + other.right_shared,
-        )
+        return Arrow(*map(np.add, vars(self).values(), vars(other).values()))
 
     def __sub__(self, other: Arrow) -> Arrow:
-        return Arrow(
-            self.gram - other.gram,
-            self.border - other.border,
-            self.corner - other.corner,
-            self.right - other.right,
-            self.right_shared - other.right_shared,
-        )
+        return Arrow(*map(np.subtract, vars(self).values(), vars(other).values()))
 
 
 def reduced(arrows: Mapping[int, Arrow]) -> SharedEquations:
@@ -249,38 +238,16 @@ def refine(
     fit = solve_lighting(designs, weights, scales, state, l_max)
     if not state.names:
         return fit
-    return gauss_newton(
-        fit,
-        lambda at: _LocalProblem(designs, weights, scales, at),
-        least=_CONVERGED,
-        most_steps=iterations,
-        told_apart=_TOLD_APART,
-    )
 
+    def about(at: BlindFit) -> LocalProblem[BlindFit]:
+        equations = _border(designs, weights, at)
+        free = ~at.state.stuck(equations.right)
+        noise = max(at.cost / sum(weight.size for weight in weights), 1)
+        return LocalProblem(
+            partial(equations.step, free),
+            equations.right / noise,
+            lambda step: solve_lighting(designs, weights, scales, at.state.moved(step), l_max),
+            lambda tried: (at.cost - tried.cost) / noise,
+        )
 
-class _LocalProblem:
-    """The search for BRDF and sources about a fit, by Kaufman's equations."""
-
-    def __init__(
-        self,
-        designs: Sequence[LightingDesign],
-        weights: Sequence[Floats],
-        scales: Mapping[int, Floats],
-        fit: BlindFit,
-    ) -> None:
-        self._problem, self._fit = (designs, weights, scales), fit
-        self._equations = _border(designs, weights, fit)
-        self._free = ~fit.state.stuck(self._equations.right)
-        self._noise = max(fit.cost / sum(weight.size for weight in weights), 1)
-
-    def step(self, damping: float) -> Floats:
-        return self._equations.step(self._free, damping)
-
-    def promise(self, step: Floats) -> float:
-        return float(step @ self._equations.right) / self._noise
-
-    def moved(self, step: Floats) -> BlindFit:
-        return solve_lighting(*self._problem, self._fit.state.moved(step), self._fit.l_max)
-
-    def gain(self, fit: BlindFit) -> float:
-        return (self._fit.cost - fit.cost) / self._noise
+    return gauss_newton(fit, about, _CONVERGED, iterations, told_apart=_TOLD_APART)

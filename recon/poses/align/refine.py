@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from capture.gaussnewton import damped_step, gauss_newton
+from capture.gaussnewton import LocalProblem, damped_step, gauss_newton
 from recon.mesh.rays import RayTracer
 from recon.poses.align.outlines import Outline
 from recon.poses.align.pixelrays import PixelRays
@@ -143,31 +143,12 @@ class _Placed:
 class _Evaluated:
     """The objective at one place: `loss` (pixels) of the Cauchy loss, cost, normal equations, what it is made of."""
 
-    problem: _Problem
-    at: _Placed
     loss: float
     cost: float
     information: Floats
     gradient: Floats
     pivot: Floats
     residuals: PlaceResiduals
-
-    def step(self, damping: float) -> Floats:
-        """Motion (7) and growth, (8,)."""
-        unit = self.problem.units(self.at.place)
-        step = damped_step(self.information * np.outer(unit, unit), -self.gradient * unit, damping)
-        # Beyond half a radian and half its size the silhouette's first derivative says nothing.
-        return unit * step * min(1.0, 0.5 / max(float(np.abs(step[:7]).max()), 1e-12))
-
-    def promise(self, step: Floats) -> float:
-        return -float(step @ self.gradient)
-
-    def moved(self, step: Floats) -> _Placed:
-        place = self.at.place.moved(step[:7], self.pivot)
-        return self.problem.placed(place, self.at.growth + float(step[7]))
-
-    def gain(self, there: _Placed) -> float:
-        return self.cost - self.problem.objective(there, self.loss).cost
 
 
 class _Problem:
@@ -188,7 +169,23 @@ class _Problem:
 
     def settled(self, place: Similarity, growth: float, least: float) -> _Placed:
         """The best place near a given one; least : as of `gauss_newton`."""
-        return gauss_newton(self.placed(place, growth), self.objective, least, _MOST_STEPS)
+        return gauss_newton(self.placed(place, growth), self._about, least, _MOST_STEPS)
+
+    def _about(self, at: _Placed) -> LocalProblem[_Placed]:
+        now, unit = self.objective(at), self._units(at.place)
+
+        def step(damping: float) -> Floats:
+            """Motion (7) and growth, (8,)."""
+            step = damped_step(now.information * np.outer(unit, unit), -now.gradient * unit, damping)
+            # Beyond half a radian and half its size the silhouette's first derivative says nothing.
+            return unit * step * min(1.0, 0.5 / max(float(np.abs(step[:7]).max()), 1e-12))
+
+        return LocalProblem(
+            step,
+            -now.gradient,
+            lambda step: self.placed(at.place.moved(step[:7], now.pivot), at.growth + float(step[7])),
+            lambda tried: now.cost - self.objective(tried, now.loss).cost,
+        )
 
     def result(self, at: _Placed) -> RefinedPlace:
         now = self.objective(at)
@@ -247,8 +244,8 @@ class _Problem:
             lines.reach,
             curvature,
         )
-        return _Evaluated(self, at, loss, cost, information, gradient, pivot, left)
+        return _Evaluated(loss, cost, information, gradient, pivot, left)
 
-    def units(self, place: Similarity) -> Floats:
+    def _units(self, place: Similarity) -> Floats:
         """What a motion (7) and growth (1) of 1 are worth: the mesh moves by about its own radius."""
         return np.array([1.0] * 3 + [place.scale * self._tracer.size / 2] * 3 + [1.0, 1.0])

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from capture.camera import Camera
-from capture.gaussnewton import gauss_newton
+from capture.gaussnewton import LocalProblem, gauss_newton
 from recon.poses.similarity import cross_matrix
 
 Floats = NDArray[np.float64]
@@ -93,6 +93,14 @@ class Bundle:
         )
         return np.concatenate([-of_local @ cross_matrix(local), of_local], axis=2)
 
+    def moved(self, step: Floats) -> Bundle:
+        """After a step (6c + 3p,) of `NormalEquations`."""
+        motions, shifts = np.split(step, [6 * len(self.poses)])
+        after = np.tile(np.eye(4), (len(self.poses), 1, 1))
+        after[:, :3, :3] = Rotation.from_rotvec(motions.reshape(-1, 6)[:, :3]).as_matrix()
+        after[:, :3, 3] = motions.reshape(-1, 6)[:, 3:]
+        return replace(self, poses=after @ self.poses, points=self.points + shifts.reshape(-1, 3))
+
     def _projected(self, local: Floats) -> Floats:
         pixels = np.empty((len(local), 2))
         lens_of = self.lens[self.photo]
@@ -126,45 +134,29 @@ class NormalEquations:
         matrix: Floats = _raised(self.matrix, damping) - (through @ self.cross.T).toarray()
         return matrix, self.vector - through @ self.pull.ravel(), inverses
 
+    def step(self, damping: float) -> Floats:
+        """The photographs' turns and shifts, then the points' shifts, (6c + 3p,)."""
+        matrix, vector, inverses = self.reduced(damping)
+        step = np.linalg.solve(matrix, vector)
+        pull = self.pull - (self.cross.T @ step).reshape(-1, 3)
+        return np.concatenate([step, np.einsum("pij,pj->pi", inverses, pull).ravel()])
+
 
 def adjust(bundle: Bundle) -> Bundle:
     """The poses and points that fit the observations best under Cauchy's loss, by Levenberg's and Marquardt's steps."""
     for _ in range(_ROUNDS):
         scale = CAUCHY * spread(bundle)
-        bundle = gauss_newton(bundle, partial(_LocalProblem, scale), _CONVERGED, _STEPS, damping=1e-4)
+        bundle = gauss_newton(bundle, partial(_about, scale), _CONVERGED, _STEPS, damping=1e-4)
     return bundle
 
 
-class _LocalProblem:
+def _about(scale: float, bundle: Bundle) -> LocalProblem[Bundle]:
     """The adjustment about a bundle under Cauchy's loss that bends at a scale, in variances of its residuals."""
-
-    def __init__(self, scale: float, bundle: Bundle) -> None:
-        self._scale, self._bundle, self._cost = scale, bundle, _cost(bundle, scale)
-        self._system = normal_equations(bundle, cauchy_weights(bundle, scale))
-
-    def step(self, damping: float) -> Floats:
-        matrix, vector, inverses = self._system.reduced(damping)
-        step = np.linalg.solve(matrix, vector)
-        pull = self._system.pull - (self._system.cross.T @ step).reshape(-1, 3)
-        return np.concatenate([step, np.einsum("pij,pj->pi", inverses, pull).ravel()])
-
-    def promise(self, step: Floats) -> float:
-        pull = np.concatenate([self._system.vector, self._system.pull.ravel()])
-        return float(step @ pull) * (CAUCHY / self._scale) ** 2
-
-    def moved(self, step: Floats) -> Bundle:
-        poses, points = np.split(step, [len(self._system.vector)])
-        after = np.tile(np.eye(4), (len(self._bundle.poses), 1, 1))
-        after[:, :3, :3] = Rotation.from_rotvec(poses.reshape(-1, 6)[:, :3]).as_matrix()
-        after[:, :3, 3] = poses.reshape(-1, 6)[:, 3:]
-        return replace(
-            self._bundle,
-            poses=after @ self._bundle.poses,
-            points=self._bundle.points + points.reshape(-1, 3),
-        )
-
-    def gain(self, bundle: Bundle) -> float:
-        return CAUCHY**2 * (self._cost - _cost(bundle, self._scale))
+    system, cost = normal_equations(bundle, cauchy_weights(bundle, scale)), _cost(bundle, scale)
+    pull = np.concatenate([system.vector, system.pull.ravel()]) * (CAUCHY / scale) ** 2
+    return LocalProblem(
+        system.step, pull, bundle.moved, lambda tried: CAUCHY**2 * (cost - _cost(tried, scale))
+    )
 
 
 def spread(bundle: Bundle) -> float:
