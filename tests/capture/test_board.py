@@ -163,8 +163,8 @@ def test_no_board_is_no_detection():
 )
 def test_a_wrong_size_is_told_with_what_was_seen(said, hint):
     board = parse_board(f"chessboard:{said}:0.025")
-    views = [board_view(photo(CHESSBOARD, seed)[0], board, f"{seed}.png") for seed in range(2)]
-    with pytest.raises(ValueError, match="9x6 inner corners were seen in 2 of 2 photos") as caught:
+    views = [board_view(photo(CHESSBOARD, seed)[0], board, f"{seed}.png") for seed in range(3)]
+    with pytest.raises(ValueError, match="9x6 inner corners were seen in 3 of 3 photos") as caught:
         check_board(views, board)
     assert hint in str(caught.value)
 

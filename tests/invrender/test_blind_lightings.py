@@ -94,7 +94,7 @@ def lit(bench: SimpleNamespace) -> tuple[list[LightField], list[str]]:
     of = [name for name, views in VIEWS.items() for _ in views]
     angles = [angle for views in VIEWS.values() for angle in views]
     photos = [
-        noisy(photograph(bench, TEFLON, lights[name], angle, 450), rng)
+        noisy(photograph(bench, TEFLON, lights[name], angle, 700), rng)
         for name, angle in zip(of, angles, strict=True)
     ]
     return photos, of

@@ -103,7 +103,7 @@ def test_the_report_is_self_contained(workshop: Path) -> None:
 
 
 def test_command_and_report_state_one_error(lightfactor: Run, lamp_set: Path, tmp_path: Path) -> None:
-    code, out, _ = lightfactor("process", lamp_set, "-o", tmp_path / "out", "--samples", 600)
+    code, out, _ = lightfactor("process", lamp_set, "-o", tmp_path / "out", "--samples", 1000)
     fit = json.loads((tmp_path / "out" / "result.json").read_text())["fit"]
     stated = errors_in_words(fit)
     share = (
@@ -120,7 +120,7 @@ def test_a_second_run_replaces_the_first(
 ) -> None:
     out = Path(shutil.copytree(workshop / "result", tmp_path / "out"))
     (out / "result.json").write_text("{}")
-    code, _, _ = lightfactor("process", lamp_set, "-o", out, "--samples", 600)
+    code, _, _ = lightfactor("process", lamp_set, "-o", out, "--samples", 1000)
     assert code == 0
     assert json.loads((out / "result.json").read_text())["format"] == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set"]
@@ -141,7 +141,7 @@ def test_files_of_one_name_do_not_displace_each_other(
     blocks = text.split("[[photo]]")
     blocks[1:] = [f'{block}lighting = "room/{1 + k % 2}"\n' for k, block in enumerate(blocks[1:])]
     (lamp_set / "photoset.toml").write_text("[[photo]]".join(blocks))
-    code, out, err = lightfactor("process", lamp_set, "-o", tmp_path / "out", "--samples", 600)
+    code, out, err = lightfactor("process", lamp_set, "-o", tmp_path / "out", "--samples", 1000)
     assert (code, err) == (0, "")
     assert "sigma" in out
     assert "report.html" in out
@@ -308,7 +308,7 @@ def test_a_finished_fit_outlives_its_predictions(
         "import os, signal, time\nfrom lightfactor.cli import main\nfrom invrender.process.run import Run\n"
         f"def _predict(run, photo): {fate}\nRun._predict = _predict\nmain()"
     )
-    command = [sys.executable, "-c", code, "process", str(lamp_set), "-o", str(out), "--samples", "300"]
+    command = [sys.executable, "-c", code, "process", str(lamp_set), "-o", str(out), "--samples", "1000"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     left = f"{out} holds the finished result but for predicted photographs and report"
     assert (done.returncode, done.stderr.strip()) == (status, f"lightfactor: {said.format(left)}")

@@ -95,9 +95,10 @@ name = "own"
 recover = ["irradiance", "ambient"]
 directional = [{ direction = [0.85, -0.31, 0.42] }]
 """
-    *fitted, held_out = text.split("[[photo]]")
-    fitted = [block + 'lighting = "lighting"\n' if k else block for k, block in enumerate(fitted)]
-    path.write_text("[[photo]]".join([*fitted, held_out + 'lighting = "own"\n']) + own)
+    # The lamp is behind what the last photograph shows.
+    head, held_out, *others, _ = text.replace("held_out = true", "").split("[[photo]]")
+    fitted = [head, *(block + '\nlighting = "lighting"\n' for block in others)]
+    path.write_text("[[photo]]".join([*fitted, held_out + '\nheld_out = true\nlighting = "own"\n']) + own)
     result = process(load_photoset(lamp_set), samples=2000).result
     known, scored = result.lightings
     assert (known.lighting.name, scored.lighting.name) == ("lighting", "own")

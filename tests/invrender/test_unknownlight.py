@@ -28,7 +28,7 @@ def without_light(folder: Path) -> str:
 def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path):
     without_light(small_set)
     truth = json.loads((small_set / "truth.json").read_text())
-    run = run_process(small_set, tmp_path / "out", samples=600)
+    run = run_process(small_set, tmp_path / "out", samples=900)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     share = truth["brdf"]["ks"][0] / (truth["brdf"]["ks"][0] + truth["brdf"]["kd"][0])
     found = {name: result["brdf"][name] for name in ("ks", "mu", "sigma")}
@@ -54,7 +54,7 @@ def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path):
 
 def test_of_a_matte_object_without_lamps_light_is_all_that_is_told(matte_set: Path, tmp_path: Path):
     without_light(matte_set)
-    result = run_process(matte_set, tmp_path / "out", samples=600).result
+    result = run_process(matte_set, tmp_path / "out", samples=900).result
     assert result.model.estimate.model.name.startswith("lambertian")
     assert (result.quantities["kd"].status, result.covariance.shape) == ("undetermined", (0, 0))
     assert (tmp_path / "out" / "result.json").exists()
@@ -78,7 +78,7 @@ def unknown(*names: str, also: str = "") -> str:
 def test_two_unknown_lightings_yield_one_brdf_and_a_map_each(small_set: Path, tmp_path: Path):
     truth = json.loads((small_set / "truth.json").read_text())
     under(small_set, unknown("day", "evening"), ["day", "evening", "day", "evening"])
-    run_process(small_set, tmp_path / "out", samples=600)
+    run_process(small_set, tmp_path / "out", samples=900)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     for name in ("mu", "sigma"):
         assert (
