@@ -255,7 +255,7 @@ format = 1
 name = "egg"
 object = { shape = "mesh", mesh = "egg.ply" }
 material = { model = "lambertian", kd = [0.2, 0.15, 0.1] }
-camera = { width = 64, height = 58, focal_px = 416 }
+camera = { width = 48, height = 44, focal_px = 312 }
 render = { directions = 64, per_side = 2 }
 faults = { pose_deg = 1.5 }
 
