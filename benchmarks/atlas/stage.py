@@ -194,7 +194,7 @@ def known_findings(stage: Stage, solution: Solution) -> dict[str, Finding]:
 
 def blind_findings(stage: Stage, solution: BlindSolution) -> dict[str, Finding]:
     share = float(solution.brdf_share[_GREEN])
-    std = _deviations(solution, "kappa g")
+    std = _deviations(solution, "share g")
     return _findings(stage, (share, solution.mu, solution.sigma), std, solution.quantities)
 
 
