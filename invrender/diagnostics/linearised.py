@@ -29,6 +29,8 @@ _SKY_DEGREE = 2
 KD, KS, SIGMA, MU = slice(0, 3), slice(3, 6), 6, 7
 _OF_BRDF = 8
 _CHANNELS = np.eye(3)
+# Radiance that stands for none where a slope is taken by its size.
+_DARKEST = 1e-100
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,8 @@ def _reported(
     total = state.brdf.kd * diffuse + state.brdf.ks * specular
     if cause.finish is None:
         return total, np.ones_like(total), diffuse, specular
-    more = 1e-4 * np.maximum(np.abs(total), 1e-6 * np.abs(total).max())
+    # A photograph that no light reaches has no level of its own.
+    more = 1e-4 * np.maximum(np.abs(total), 1e-6 * np.abs(total).max() + _DARKEST)
     reported = cause.finish(total, state.numbers)
     return reported, (cause.finish(total + more, state.numbers) - reported) / more, diffuse, specular
 
