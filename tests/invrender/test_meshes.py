@@ -93,7 +93,7 @@ def cat_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "set"
 
 
-@pytest.fixture(scope="module", params=["lamps", pytest.param("room", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["lamps", pytest.param("room", marks=pytest.mark.sweep)])
 def known_cat(
     request: pytest.FixtureRequest, cat_original: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:

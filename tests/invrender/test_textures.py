@@ -316,7 +316,7 @@ def lamp_lit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_doll_set(tmp_path_factory.mktemp("doll"), LAMP_LIT)
 
 
-@pytest.fixture(scope="module", params=["lamps", pytest.param("room", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["lamps", pytest.param("room", marks=pytest.mark.sweep)])
 def doll(request: pytest.FixtureRequest, lamp_lit: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same under lamps, or of another material in a room."""
     return lamp_lit if request.param == "lamps" else write_doll_set(tmp_path_factory.mktemp("room"), DOLL)

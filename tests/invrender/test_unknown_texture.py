@@ -148,7 +148,7 @@ def check_paint_and_light(
     assert not result.is_absolute
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_dolls_paint_and_the_light_on_it_are_recovered_together(doll: Path) -> None:
     truth = json.loads((doll / "truth.json").read_text())["brdf"]
     # 7 to 11%; pixels are as large as much of the paint. Light taken for even and paint for none are off by 80%.
