@@ -90,7 +90,7 @@ def assert_truth_is_covered(result: Factorization) -> None:
         assert (np.abs(quantity.value - truth) < 4 * quantity.std).all(), name
 
 
-@pytest.fixture(scope="module", params=["lamps", pytest.param("as it is", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["lamps", pytest.param("as it is", marks=pytest.mark.sweep)])
 def demo(request: pytest.FixtureRequest) -> tuple[Run, dict[str, object]]:
     """The demonstration, or its few photographs under lamps."""
     folder = request.getfixturevalue("lamps_original" if request.param == "lamps" else "demo_set_original")
