@@ -90,7 +90,9 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
     manifest_path = path / MANIFEST_NAME if path.is_dir() else path
     if not manifest_path.exists():
         what = "holds no photoset.toml" if path.is_dir() else "does not exist"
-        raise ValueError(f"{path}: {what}; give the folder of a photo set (docs/photosets.md describes its format)")
+        raise ValueError(
+            f"{path}: {what}; give the folder of a photo set (docs/photosets.md describes its format)"
+        )
     manifest = read_manifest(manifest_path)
     if not manifest.photo:
         raise ValueError(f"{manifest_path}: lists no [[photo]]")
