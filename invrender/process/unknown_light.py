@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
-from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import NUMBER_RANGE
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.named import named_causes
@@ -32,7 +31,6 @@ from invrender.estimate.unknown_light import (
 )
 from invrender.estimate.unknown_light.interreflection import Sent, account_for_bounces
 from invrender.estimate.unknown_light.ladder import without_rows
-from invrender.estimate.unknown_light.state import BlindState
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
@@ -218,7 +216,7 @@ def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Seq
                     fresnel=candidate.fit.state.mu is not None,
                     form=candidate.fit.state.form,
                 ),
-                _brdf(candidate.fit.state),
+                candidate.fit.state.brdf,
                 {},
                 candidate.fit.cost,
             ),
@@ -244,10 +242,6 @@ def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Seq
         covariance_names=names,
         gauge=blind.gauge,
     )
-
-
-def _brdf(state: BlindState) -> Microfacet:
-    return Microfacet(1 - state.specular_share, state.specular_share, state.mu, state.sigma, state.form)
 
 
 def _brdf_numbers(fitted: Sequence[str]) -> tuple[tuple[str, ...], Floats]:

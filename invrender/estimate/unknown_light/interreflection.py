@@ -184,11 +184,7 @@ def _sent(parts: ConcaveMesh, fit: BlindFit, albedo: Floats) -> Sent:
         number: parts.exchanged(_irradiance(parts.shadows, fit.state.under(number), light), albedo)
         for number, light in fit.light.items()
     }
-    return Sent(parts, bounced, _brdf(fit.state), albedo)
-
-
-def _brdf(state: BlindState) -> Microfacet:
-    return Microfacet(1 - state.specular_share, state.specular_share, state.mu, state.sigma, state.form)
+    return Sent(parts, bounced, fit.state.brdf, albedo)
 
 
 def _irradiance(shadows: Shadows, state: BlindState, light: Floats) -> Floats:
@@ -262,8 +258,8 @@ def _judged(
         asked_std=asked_std,
         error_with=error,
         error_without=as_they_are,
-        without=_brdf(plain.state),
-        corrected=_brdf(corrected.state),
+        without=plain.state.brdf,
+        corrected=corrected.state.brdf,
         albedo=sent.albedo,
     )
     own, share = (corrected, 1 + found.doubt) if found.taken_off else (plain, found.doubt)

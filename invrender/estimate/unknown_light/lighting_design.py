@@ -119,11 +119,11 @@ class LightingDesign:
         """Values (n, ...) less what photographs of a place have in common on a textured body; as they are on others."""
         if self.field.place is None:
             return values
-        left = self._less_in_common.astype(values.dtype) @ values.reshape(len(values), -1)
+        left = self._whitening.astype(values.dtype) @ values.reshape(len(values), -1)
         return np.asarray(left.reshape(values.shape))
 
     @cached_property
-    def _less_in_common(self) -> csr_array:
+    def _whitening(self) -> csr_array:
         assert self.field.place is not None
         return albedo_whitening(self.field.place)
 

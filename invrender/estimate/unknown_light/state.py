@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.lobes import RH01_FORM
-from invrender.brdf.microfacet import SIGMA_RANGE
+from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.brdf.richer import NUMBER_RANGE
 from recon.mesh.tangents import tangents
 
@@ -39,6 +39,11 @@ class BlindState:
     directions: Floats
     form: LobeForm = RH01_FORM
     owners: Ints = field(default_factory=lambda: np.zeros(0, int))
+
+    @property
+    def brdf(self) -> Microfacet:
+        """The BRDF in the gauge Kd + Ks = 1."""
+        return Microfacet(1 - self.specular_share, self.specular_share, self.mu, self.sigma, self.form)
 
     @property
     def roughness(self) -> float:

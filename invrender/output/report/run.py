@@ -18,6 +18,9 @@ from invrender.process.run import Run
 from invrender.result.document import errors_in_words, identifiability
 from invrender.result.factorization import Factorization
 
+# Models whose errors are printed; the report has all of them.
+_MOST_MODELS = 5
+
 
 def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
     """Process a photo set into a result folder and print the summary."""
@@ -110,9 +113,6 @@ def _ladder(result: Factorization) -> str:
     return (
         f"Error of {'each model' if not rest else 'the best models'} on unseen photographs: {ladder}{rest}."
     )
-
-
-_MOST_MODELS = 5
 
 
 def _lines(name: str, quantity: Quantity | None, is_absolute: bool = True) -> list[tuple[str, str]]:
