@@ -46,6 +46,21 @@ def as_good(
     return mean <= max(standard_errors * (error if paired else standard_error(best)), negligible)
 
 
+def plausibility(losses: Floats, best: Floats, paired: bool = True) -> float:
+    """How plausible it is that a candidate is as good as the best one, from 1 (they look alike) to 0.
+
+    losses, best, paired : as of `as_good`. It is the likelihood of equal means over that of the means that were found,
+    with an unknown variance: (1 + t^2 / (n - 1))^(-n / 2), t the excess in standard errors, of n groups [Student 1908].
+    1 where the candidate is better; 0 where it is worse and the standard error is 0.
+    """
+    mean, error = excess(losses, best)
+    error = error if paired else standard_error(best)
+    count = len(losses)
+    if mean <= 0:
+        return 1.0
+    return 0.0 if error == 0 else float((1 + (mean / error) ** 2 / (count - 1)) ** (-count / 2))
+
+
 def simplest(losses: Sequence[Floats] | Floats, parameters: Sequence[int], negligible: float = 0.0) -> int:
     """The index of the candidate with fewest parameters that is as good as the one of least mean loss.
 

@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.selection import as_good, standard_error
+from capture.selection import as_good, plausibility, standard_error
 from invrender.estimate.clusters import patch_of
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import Weights
@@ -170,6 +170,25 @@ def adequate(candidates: Sequence[Candidate]) -> NDArray[np.bool_]:
         )
 
     return np.array([candidate is best or fits(candidate) for candidate in candidates])
+
+
+def rivalry(candidates: Sequence[Candidate]) -> Floats:
+    """By how much each candidate (candidates,) is to be believed beside the chosen one: 1 as much, 0 not at all.
+
+    What `adequate` asks, with plausibilities in place of thresholds. A rival at a threshold would come in or not by the
+    order of photographs, and error bars would jump.
+    """
+    best = min(candidates, key=lambda candidate: candidate.error)
+    trusted = ~outlying(best.photo_errors)
+    least = best.photo_errors[trusted]
+
+    def weight(candidate: Candidate) -> float:
+        errors = candidate.photo_errors[trusted]
+        by_photo = plausibility(errors**2, least**2)
+        by_patch = plausibility(candidate.patch_energy, best.patch_energy)
+        return min(plausibility(errors, least, paired=False), max(by_photo, by_patch))
+
+    return np.array([1.0 if candidate is best else weight(candidate) for candidate in candidates])
 
 
 def outlying(photo_errors: Floats) -> NDArray[np.bool_]:

@@ -68,7 +68,7 @@ def explain(
     if not candidates[chosen].estimate.model.specular and not shows_more(candidates):
         return Explanation(candidates, chosen, tuple(photos), tuple(weights), noise)
     elements = {lighting.name: light_elements(lighting) for lighting in lightings}
-    trials = try_forms(photos, weights, elements, on_step)
+    trials = try_forms(photos, weights, elements, candidates[-1].estimate, on_step)
     others = _others(candidates[-1], RH01_FORM, trials)
     all_candidates = (*candidates, *others)
     if candidates[chosen].estimate.model.specular or (

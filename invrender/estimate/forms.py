@@ -1,8 +1,9 @@
 """Forms of the specular part, tried on a share of the samples beside RH01's own.
 
 What a form is worth shows in its error on unseen photographs less RH01's on the same samples; added to RH01's on all
-samples it stands in one ladder with the other models. Few samples determine the form only roughly: where two forms
-differ by a share of the noise too small for them, numbers differ by less than their error bars hold.
+samples it stands in one ladder with the other models. The share holds more of the samples that RH01's form explains
+badly: there forms differ. Where two forms differ by a share of the noise too small for so few, numbers differ by less
+than their error bars hold.
 """
 
 from __future__ import annotations
@@ -12,23 +13,25 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import Richer, extended, tabulated
 from invrender.brdf.smith import Smith
 from invrender.estimate.evidence import Candidate, climb_ladder, patches_of
-from invrender.estimate.models import Model
+from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import OTHER_FORMS, fit, models_of
 from invrender.estimate.statistics import total_statistics
 from invrender.estimate.weighing import weigh
 from invrender.transport.columns import PhotoColumns, columns_of_forms, sample_count
+from invrender.transport.predict import predict_photos
 from invrender.transport.transfer import LightElement
+from recon.sampling.draw import by_information
 
-# Two forms that differ by a tenth of the noise are three standard errors apart on so many.
-_SAMPLES = 1500
+# Two forms that differ by a tenth of the noise are three standard errors apart on 1500; of a highlight twice as many
+# tell its flanks apart.
+_SAMPLES = 3000
 # Photographs with fewer are not worth their part.
 _FEWEST = 20
 # Variances of the noise by which the cost must fall for a form of more numbers to be tried: three standard deviations.
@@ -61,17 +64,16 @@ def try_forms(
     photos: Sequence[PhotoColumns],
     weights: Sequence[Weights],
     elements: Elements,
+    first: Estimate,
     on_step: Callable[[], None] = lambda: None,
 ) -> dict[LobeForm, FormTrial]:
-    """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's.
+    """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's, `first` its best fit.
 
     Beside `OTHER_FORMS` those that the best of facets extends to, where they fit better, and the same with light
     and viewer hidden apart. The noise is read off the residuals of the form that fits best: what another misses is no
     noise. `on_step` is called `len(OTHER_FORMS)` times at most.
     """
-    total = sample_count(photos)
-    kept = [_share(photo, total) for photo in photos]
-    share = [photo.where(keep) for photo, keep in zip(photos, kept, strict=True)]
+    share, weighed = _share(photos, weights, first)
     columns: dict[LobeForm, list[PhotoColumns]] = {RH01_FORM: share}
     single = [form for form in OTHER_FORMS if isinstance(form, Smith)]
     # Made of the same lobes, they share their columns.
@@ -79,10 +81,9 @@ def try_forms(
     for group in together((*OTHER_FORMS, *chain.from_iterable(richer.values()))):
         columns |= columns_of(group, share, elements)
         on_step()
-    first = [Weights(w.trust[keep], w.weight[keep]) for w, keep in zip(weights, kept, strict=True)]
 
     def costs_of(forms: Iterable[LobeForm]) -> dict[LobeForm, float]:
-        return {form: _cost(models_of(form)[-1], columns[form], first) for form in forms}
+        return {form: _cost(models_of(form)[-1], columns[form], weighed) for form in forms}
 
     costs = costs_of((RH01_FORM, *OTHER_FORMS))
     facets = min(single, key=lambda form: costs[form])
@@ -93,7 +94,7 @@ def try_forms(
         columns |= columns_of((apart,), share, elements)
         costs |= costs_of((apart,))
     best = min(costs, key=lambda form: costs[form])
-    own = weigh(columns[best], models_of(best)[-1], first)[1]
+    own = weigh(columns[best], models_of(best)[-1], weighed)[1]
     patches = patches_of(photos)
     return {
         form: FormTrial(
@@ -143,8 +144,21 @@ def beside(reference: Candidate, tried: Candidate, own: Candidate) -> Candidate:
     )
 
 
-def _share(photo: PhotoColumns, total: int) -> NDArray[np.bool_]:
-    """Which samples (n,) of a photograph to try forms on, of so many in all."""
-    count = min(len(photo.field), max(int(_SAMPLES * len(photo.field) / total), _FEWEST))
-    # The same at any number of photographs, so that results don't hang on their order.
-    return np.random.default_rng(0).permutation(len(photo.field)) < count
+def _share(
+    photos: Sequence[PhotoColumns], weights: Sequence[Weights], first: Estimate
+) -> tuple[list[PhotoColumns], list[Weights]]:
+    """The samples to try forms on and their weights: half drawn evenly, half by what a first fit leaves of them."""
+    part, weighed = [], []
+    total = sample_count(photos)
+    predictions = predict_photos(photos, first.brdf, first.strengths)
+    for photo, own, predicted in zip(photos, weights, predictions, strict=True):
+        size = len(photo.field)
+        budget = min(size, max(int(_SAMPLES * size / total), _FEWEST))
+        left = photo.field.shares * (own.trust * (photo.radiance - predicted) ** 2).sum(axis=1)
+        # The same at any number of photographs, so that results don't hang on their order.
+        rng = np.random.default_rng(0)
+        taken, stand_for = by_information(np.full(size, budget / size), left, budget, rng)
+        some = photo.where(np.isin(np.arange(size), taken))
+        part.append(replace(some, field=replace(some.field, stands_for=stand_for * some.field.shares)))
+        weighed.append(Weights(own.trust[taken], own.weight[taken] * stand_for[:, None]))
+    return part, weighed

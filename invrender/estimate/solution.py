@@ -16,7 +16,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.phong import phong_exponent
 from invrender.brdf.richer import core
 from invrender.estimate.clusters import structured_rms
-from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Candidate, adequate, misfit_reason, outlying
+from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Candidate, misfit_reason, outlying, rivalry
 from invrender.estimate.explanation import Explanation, explain, refitted
 from invrender.estimate.identifiability import (
     UNIFORM_LIGHT,
@@ -37,6 +37,9 @@ from invrender.transport.half_vectors import is_rough
 from invrender.transport.predict import predict_photos
 
 Floats = NDArray[np.float64]
+
+# Weight of a rival below which it isn't measured: it would move a number by a thirtieth of what they differ.
+_NO_RIVAL = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,18 +184,18 @@ def _beyond_chance(folds: int) -> float:
 
 
 def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
-    """By how much models that fit as well put each number elsewhere, beyond their own doubts of it.
+    """By how much other models put each number elsewhere, beyond their own doubts of it, as far as they are rivals.
 
-    The photographs don't speak against those models either: what they say belongs into the error bar. Either may be
-    the true one: then the number is off by nothing or by all that they differ, RMS by 1 / sqrt(2) of it.
+    What a model says that the photographs don't speak against belongs into the error bar. With the weights 1 of the
+    chosen model and w of a rival, the number is off by nothing or by all that they differ: RMS by sqrt(w / (1 + w)) of
+    it.
     """
     model = known.candidates[known.chosen].estimate.model
     apart = np.zeros(len(chosen.values))
-    for candidate, fits in list(zip(known.candidates, adequate(known.candidates), strict=True))[
-        known.chosen + 1 :
-    ]:
+    rivals = list(zip(known.candidates, rivalry(known.candidates), strict=True))[known.chosen + 1 :]
+    for candidate, weight in rivals:
         other = candidate.estimate.model
-        if not fits or not other.specular:
+        if weight < _NO_RIVAL or not other.specular:
             continue
         here, doubt = chosen, 1.0
         if other.form is model.form:
@@ -210,8 +213,8 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
             ours, values = here.values[here.report.places[name]], there.values[theirs]
             difference = np.abs(ours - values * _core_alone(name, there, here)) - 2 * std[theirs]
             mine = chosen.report.places[name]
-            apart[mine] = np.maximum(apart[mine], difference)
-    return apart / np.sqrt(2)
+            apart[mine] = np.maximum(apart[mine], np.sqrt(weight / (1 + weight)) * difference)
+    return apart
 
 
 def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:

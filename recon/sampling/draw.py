@@ -181,9 +181,20 @@ def draw(
     stay unbiased.
     """
     even = _inclusion(_cells(normals), budget)
+    return by_information(even, telling, budget, rng)
+
+
+def by_information(
+    even: Floats, telling: Floats, budget: float, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], Floats]:
+    """About `budget` of n samples, ascending, and what each stands for: a part by probabilities, the rest by
+    information.
+
+    even : (n,), of each sample to be drawn by an even draw of the budget. telling : (n,) >= 0, as of `draw`.
+    """
     drawn = 1 - (1 - (1 - _TELLING) * even) * (1 - _proportional(telling, _TELLING * budget))
     # Systematically along a random order: as many as the probabilities add up to, none twice.
-    order = rng.permutation(len(normals))
+    order = rng.permutation(len(even))
     total = np.cumsum(drawn[order]) + rng.random()
     taken = np.sort(order[np.floor(total) > np.floor(total - drawn[order])])
     shares = even[taken] / drawn[taken]
