@@ -192,6 +192,8 @@ def by_information(
 
     even : (n,), of each sample to be drawn by an even draw of the budget. telling : (n,) >= 0, as of `draw`.
     """
+    if budget >= len(even):
+        return np.arange(len(even)), np.ones(len(even))
     drawn = 1 - (1 - (1 - _TELLING) * even) * (1 - _proportional(telling, _TELLING * budget))
     # Systematically along a random order: as many as the probabilities add up to, none twice.
     order = rng.permutation(len(even))

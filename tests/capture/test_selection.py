@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import norm
 
-from capture.selection import as_good, excess, simplest
+from capture.selection import as_good, excess, plausibility, simplest
 
 
 def test_standard_error_is_that_of_the_paired_difference() -> None:
@@ -43,3 +45,17 @@ def test_rule_keeps_the_true_model_about_as_often_as_one_standard_error_says() -
     draws = [rng.normal(1, 0.3, (2, 40)) for _ in range(2000)]
     lost = np.mean([simplest(losses, [1, 2]) == 1 for losses in draws])
     assert lost == pytest.approx(0.16, abs=0.03)
+
+
+def test_plausibility_is_the_ratio_of_likelihoods_of_paired_differences() -> None:
+    rng = np.random.default_rng(3)
+    best = rng.normal(5.0, 2.0, 9)
+    losses = best + rng.normal(0.3, 0.4, 9)
+    off = losses - best
+
+    def likelihood(mean: float) -> float:
+        return float(norm.logpdf(off, mean, np.sqrt(np.mean((off - mean) ** 2))).sum())
+
+    assert_allclose(plausibility(losses, best), np.exp(likelihood(0.0) - likelihood(float(off.mean()))))
+    assert plausibility(best, losses) == 1.0
+    assert plausibility(np.array([1.1]), np.array([1.0])) == 0.0

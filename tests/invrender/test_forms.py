@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from invrender.brdf.lobes import BECKMANN, RH01_FORM
+from invrender.estimate import forms
 from invrender.estimate.explanation import explain
+from invrender.estimate.search import LADDER, fit
 from invrender.estimate.solution import Solution, factorize
-from invrender.transport.columns import PhotoColumns
+from invrender.estimate.statistics import total_statistics
+from invrender.estimate.weighing import weigh
+from invrender.transport.columns import PhotoColumns, sample_count
+from invrender.transport.transfer import light_elements
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials import facets
@@ -116,6 +122,24 @@ def test_the_other_forms_stand_in_the_ladder_as_worse(solved):
     # These lights show grazing highlights, where forms differ by several percent of the radiance.
     apart = [candidate for candidate in others if candidate.estimate.model.form.name in TRUTHS]
     assert min(candidate.error for candidate in apart if candidate.estimate.model.specular) > 2 * best
+
+
+def test_a_share_of_the_samples_judges_forms_as_all_of_them_do(bench, monkeypatch):
+    photos = bench.with_noise(photographs(TRUTHS["Phong"], bench), np.random.default_rng(5))
+    elements = {photo.lighting: light_elements(bench.known_lighting()) for photo in photos}
+    noise, weights = weigh(photos, LADDER[-1])
+    first = fit(LADDER[-1], total_statistics(photos, [own.weight for own in weights]))
+    errors = []
+    total = sample_count(photos)
+    for samples in (total, round(0.3 * total)):
+        monkeypatch.setattr(forms, "_SAMPLES", samples)
+        trials = forms.try_forms(photos, weights, elements, first)
+        errors.append([trials[form].candidates[-1].error for form in (RH01_FORM, BECKMANN)])
+        drawn = sum(len(photo.field) for photo in trials[RH01_FORM].photos)
+        assert drawn == pytest.approx(samples, rel=0.1)
+    # Three in ten leave up to 15% of chance. Samples not weighed for how they are drawn raise the error by half.
+    assert_allclose(errors[1], errors[0], rtol=0.15)
+    assert noise.relative > 0.01
 
 
 def test_a_matte_object_tries_no_forms(bench):
