@@ -116,7 +116,8 @@ class Camera:
         plane = np.asarray(self._colmap.cam_from_img(pixels), float)
         local = np.column_stack([plane, np.ones(len(plane))])
         directions = local @ rotation.T
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        # As `np.linalg.norm` has it, in a third of the time.
+        directions /= np.sqrt(np.einsum("nc,nc->n", directions, directions))[:, None]
         return np.broadcast_to(self.centre, directions.shape), directions
 
     def project(self, points: ArrayLike) -> Floats:

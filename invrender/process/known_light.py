@@ -45,9 +45,17 @@ _PLACED_WELL = 8e-4
 
 
 def solve_known_light(
-    photoset: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track
+    photoset: PhotoSet,
+    geometry: SceneGeometry,
+    samples: int,
+    clock: Clock,
+    track: Track,
+    find_causes: bool = True,
 ) -> Run:
-    """Recover the BRDF of an object, and what of its lighting is free."""
+    """Recover the BRDF of an object, and what of its lighting is free.
+
+    find_causes : whether to look for the causes of what the model doesn't explain.
+    """
     with clock.on("recon"):
         lightings = _used_lightings(photoset)
     sources = {name: lighting.directions for name, lighting in lightings.items()}
@@ -99,7 +107,7 @@ def solve_known_light(
     if chosen.error > POOR and not any(light.recovers for light in used):
         elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
     causes: tuple[NamedCause, ...] = ()
-    if elsewhere is None:
+    if find_causes and elsewhere is None:
         left = {photo.label: columns[photo.label] for photo in fitted}
         scene = known_light_remainders(solution, geometry, left, lightings, elements, residuals)
         diagnosis = diagnose(scene, bool(outlying(chosen.photo_errors).any()))

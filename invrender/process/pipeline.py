@@ -21,18 +21,23 @@ DEFAULT_SAMPLES = 60_000
 
 
 def process(
-    photoset: PhotoSet, samples: int = DEFAULT_SAMPLES, track: Track = silent, shadowing: bool = True
+    photoset: PhotoSet,
+    samples: int = DEFAULT_SAMPLES,
+    track: Track = silent,
+    shadowing: bool = True,
+    causes: bool = True,
 ) -> Run:
     """Recover the BRDF of an object, and what of its lighting is free, from a photo set.
 
     samples : about how many pixels of all photographs together enter the fit. shadowing : False leaves the
-    shadows of a mesh on itself out, to show what they amount to.
+    shadows of a mesh on itself out, to show what they amount to. causes : False leaves the search for causes of what
+    a model without textures under known light doesn't explain out; error bars then don't hold them.
     """
     with one_blas_thread():
-        return _process(photoset, samples, track, shadowing)
+        return _process(photoset, samples, track, shadowing, causes)
 
 
-def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) -> Run:
+def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool, causes: bool) -> Run:
     begun = time.perf_counter()
     clock = Clock()
     _check_scope(photoset, [photo for photo in photoset.photos if not photo.held_out])
@@ -43,7 +48,7 @@ def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool) ->
     if unknown & {photo.lighting for photo in photoset.photos}:
         run = (solve_unknown_texture if photoset.object.texture else solve_unknown_light)(*given)
     else:
-        run = (solve_textured if photoset.object.texture else solve_known_light)(*given)
+        run = solve_textured(*given) if photoset.object.texture else solve_known_light(*given, causes)
     return replace(run, seconds={**clock.seconds, "total": time.perf_counter() - begun})
 
 

@@ -80,7 +80,8 @@ def refine_poses(
     best: RefinedPoses | None = None
     for _ in range(_ROUNDS + 1):
         moved = photoset if best is None else _moved(photoset, best.given, poses)
-        run = process(moved, samples, track)
+        # Causes of what is left over would be looked for in every round, and nobody reads them.
+        run = process(moved, samples, track, causes=False)
         error = run.result.model.error
         if best is not None and error > _STALLS * best.errors[-1]:
             break

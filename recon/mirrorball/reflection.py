@@ -23,7 +23,7 @@ def mirrored_directions(sphere: Sphere, camera: Camera, points: Floats) -> tuple
     """
     origins, rays = camera.rays(points)
     hit, normals = sphere.hits(origins, rays)
-    reflected = rays - 2 * (rays * normals).sum(axis=1, keepdims=True) * normals
+    reflected = rays - 2 * np.einsum("nc,nc->n", rays, normals)[:, None] * normals
     return hit, np.where(hit[:, None], reflected, 0.0)
 
 

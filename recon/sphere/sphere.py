@@ -44,9 +44,10 @@ class Sphere:
         camera is the caller's question.
         """
         offset = self.centre - origins
-        along = (offset * directions).sum(axis=1)
+        # Sums of products over an axis as short as this take three times as long.
+        along = np.einsum("nc,nc->n", offset, directions)
         gap = offset - along[:, None] * directions
-        inside = self.radius**2 - (gap**2).sum(axis=1)
+        inside = self.radius**2 - np.einsum("nc,nc->n", gap, gap)
         hit = inside > 0
         normals = np.zeros_like(directions)
         depth = np.sqrt(inside[hit])
