@@ -191,16 +191,22 @@ def _with_strengths(
         for entry in lightings
     ]
 
+    # Of all lightings side by side, before shares are tried: (3, 2, 2, size, size) and (3, 2, size).
+    whole, whole_right = np.zeros((3, 2, 2, size, size)), np.zeros((3, 2, size))
+    for index, (small, small_right) in zip(indices, normal, strict=True):
+        whole[..., index[:, None], index] += small.transpose(0, 2, 4, 1, 3)
+        whole_right[..., index] += small_right.transpose(0, 2, 1)
+    unit = np.eye(size)
+
     def solve(shares: Floats) -> tuple[Floats, Floats]:
         """Explained energy (s, 3) and solutions (s, 3, size) at shares (s, 3)."""
-        split = np.stack([1 - shares, shares], axis=-1)
-        gram, right = np.zeros((len(shares), 3, size, size)), np.zeros((len(shares), 3, size))
-        for index, (small, small_right) in zip(indices, normal, strict=True):
-            gram[:, :, index[:, None], index] += np.einsum("sci,ceifj,scj->scef", split, small, split)
-            right[:, :, index] += np.einsum("sci,cei->sce", split, small_right)
+        split = np.stack([1 - shares.T, shares.T], axis=-1)
+        pairs = (split[..., :, None] * split[..., None, :]).reshape(3, -1, 4)
+        gram = (pairs @ whole.reshape(3, 4, -1)).reshape(3, -1, size, size)
+        right = split @ whole_right
         ridge = 1e-12 * np.trace(gram, axis1=2, axis2=3)[:, :, None, None] / size
-        solution = np.linalg.solve(gram + (ridge + 1e-300) * np.eye(size), right[..., None])[..., 0]
-        return (solution * right).sum(axis=-1), solution
+        solution = np.linalg.solve(gram + (ridge + 1e-300) * unit, right[..., None])[..., 0]
+        return (solution * right).sum(axis=-1).T, solution.transpose(1, 0, 2)
 
     shares = _best_shares(lambda s: solve(s)[0]) if specular else np.zeros(3)
     explained, solutions = solve(shares[None])
