@@ -7,13 +7,15 @@ from contextlib import contextmanager
 
 import pytest
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import BECKMANN, RH01_FORM
 
 
 @contextmanager
-def few_forms_tried() -> Iterator[None]:
-    """Beside RH01's form that of Beckmann's facets alone, and what it extends to."""
+def few_forms_tried(*others: LobeForm) -> Iterator[None]:
+    """Beside RH01's form the given ones alone, and what they extend to; that of Beckmann's facets if none is given."""
+    others = others or (BECKMANN,)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("invrender.estimate.forms.OTHER_FORMS", (BECKMANN,))
-        patch.setattr("invrender.estimate.unknown_light.forms.FIRST_FORMS", (RH01_FORM, BECKMANN))
+        patch.setattr("invrender.estimate.forms.OTHER_FORMS", others)
+        patch.setattr("invrender.estimate.unknown_light.forms.FIRST_FORMS", (RH01_FORM, *others))
         yield

@@ -111,7 +111,7 @@ def processed(known_cat: Path, tmp_path_factory: pytest.TempPathFactory) -> tupl
     """What `process` finds of the cat in known light, and where it wrote it."""
     out = tmp_path_factory.mktemp("processed") / "out"
     with few_forms_tried():
-        return run_process(known_cat, out, 4000).result, out
+        return run_process(known_cat, out, 2500).result, out
 
 
 @pytest.fixture(scope="module")
