@@ -198,7 +198,7 @@ def test_a_lambertian_object_is_told_and_shows_light_up_to_degree_two(
 
 
 def test_the_ladder_needs_fresnel_light_and_source_and_no_more(
-    bench: SimpleNamespace, rng: np.random.Generator
+    bench: SimpleNamespace, rng: np.random.Generator, few_forms: None
 ):
     found = factorize_blind(noisy(photographs(bench, TEFLON, 5, 1500), rng), orders=[4, 8])
     assert found.model == "microfacet, lighting of degree 8, 1 source"

@@ -17,7 +17,7 @@ from .test_blind import TEFLON, noisy
 
 @pytest.mark.parametrize(("width_rad", "degree", "highest"), [(0.25, 12, 16), (0.5, 6, 12)])
 def test_finer_light_is_tried_as_long_as_photographs_ask_for_it(
-    bench: SimpleNamespace, width_rad: float, degree: int, highest: int
+    bench: SimpleNamespace, few_forms: None, width_rad: float, degree: int, highest: int
 ):
     # Windows whose light ends at degree 2 / width or so.
     windows = [

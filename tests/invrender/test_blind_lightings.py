@@ -127,11 +127,9 @@ def test_three_lightings_and_what_they_shine_on(
     # The lamp was seen from two sides that lie close together: its slow light is known to 1%.
     assert_allclose(np.array(off), 0, atol=0.02)
     assert np.abs(off[0]).max() < 0.003
-    # No lighting says as much alone as all of them do; two of three would even get the model wrong.
-    for name in VIEWS:
-        alone = factorize_blind([p for p, own in zip(photos, of, strict=True) if own == name], ladder=False)
-        if alone.mu is not None:
-            assert (errors(alone, TEFLON)[1] > std).all()
+    # The window says less alone than all of them do; the other two would even get the model wrong.
+    alone = factorize_blind([p for p, own in zip(photos, of, strict=True) if own == "window"], ladder=False)
+    assert (errors(alone, TEFLON)[1] > std).all()
 
 
 def test_working_on_photographs_together_changes_nothing(
@@ -182,7 +180,9 @@ def test_one_light_under_two_names_is_the_same_light(bench: SimpleNamespace, rng
     assert warning.startswith("a single photograph was taken under lighting 'b'")
 
 
-def test_lamps_in_the_dark_are_told_from_a_single_side(bench: SimpleNamespace, rng: np.random.Generator):
+def test_lamps_in_the_dark_are_told_from_a_single_side(
+    bench: SimpleNamespace, rng: np.random.Generator, few_forms: None
+):
     ways = [(-30, 20), (40, 45), (10, 70), (75, 10), (-80, 40)]
     lamps = [
         DirectionalSource(bench.direction(*way), np.full(3, 1.0 + 0.3 * k)) for k, way in enumerate(ways)

@@ -31,7 +31,7 @@ from .faultysets import (
     write_set,
 )
 
-SAMPLES = 1000
+SAMPLES = 900
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_a_sound_set_has_no_cause(sound: dict[str, Path], surface: str) -> None:
     assert result.warnings == ()
 
 
-def test_a_near_lamp_is_named_with_its_distance(tmp_path: Path) -> None:
+def test_a_near_lamp_is_named_with_its_distance(tmp_path: Path, few_forms: None) -> None:
     # Fewer samples don't tell it from shading.
     cause = cause_of(write_set(tmp_path / "set", distance=25 * RADIUS), 2000)
     assert cause.name == "near lamp"
@@ -141,7 +141,7 @@ def test_a_near_lamp_is_named_with_its_distance(tmp_path: Path) -> None:
     assert "radii of the object (0.49" in cause.text or "radii of the object (0.5" in cause.text
 
 
-def test_brushed_metal_is_named_with_its_widths(tmp_path: Path) -> None:
+def test_brushed_metal_is_named_with_its_widths(tmp_path: Path, few_forms: None) -> None:
     cause = cause_of(write_set(tmp_path / "set", BRUSHED))
     assert cause.name == "brushed about z"
     # Facets' slopes are 0.1 wide along the sphere's horizontal circles, 0.3 across them.

@@ -21,7 +21,7 @@ from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 from synthetic.writer import write_photoset
 
-SAMPLES = 1_500
+SAMPLES = 1_000
 TRUTH = {"kd": 0.243634, "ks": 0.030112, "mu": 1.78, "sigma": 0.12}
 
 

@@ -47,7 +47,7 @@ def test_degree_of_light(bench):
     assert lighting_degree([bench.known_lighting([], [], recover_ambient=True)]) == 0
 
 
-def test_roughness_is_not_claimed_in_soft_light_until_a_source_is_added(bench):
+def test_roughness_is_not_claimed_in_soft_light_until_a_source_is_added(bench, few_forms):
     # Degrees up to 2 pass a lobe of 0.1 rad all but unchanged: exp(-(0.1 l)^2) takes 4% of the second
     # [RH01, eq. 20]. Grazing views are left out: there the horizon cuts the lobe, and shows its width in any light.
     metal = MicrofacetMaterial(np.full(3, 0.1), np.full(3, 0.1), None, 0.1)

@@ -25,7 +25,7 @@ def without_light(folder: Path) -> str:
     return manifest.read_text()
 
 
-def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path):
+def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path, few_forms: None):
     without_light(small_set)
     truth = json.loads((small_set / "truth.json").read_text())
     run = run_process(small_set, tmp_path / "out", samples=900)
@@ -52,7 +52,9 @@ def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path):
     assert "lighting" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_of_a_matte_object_without_lamps_light_is_all_that_is_told(matte_set: Path, tmp_path: Path):
+def test_of_a_matte_object_without_lamps_light_is_all_that_is_told(
+    matte_set: Path, tmp_path: Path, few_forms: None
+):
     without_light(matte_set)
     result = run_process(matte_set, tmp_path / "out", samples=900).result
     assert result.model.estimate.model.name.startswith("lambertian")
@@ -75,7 +77,9 @@ def unknown(*names: str, also: str = "") -> str:
     return "".join(f'[[lighting]]\nname = "{name}"\nunknown = true\n{also}' for name in names)
 
 
-def test_two_unknown_lightings_yield_one_brdf_and_a_map_each(small_set: Path, tmp_path: Path):
+def test_two_unknown_lightings_yield_one_brdf_and_a_map_each(
+    small_set: Path, tmp_path: Path, few_forms: None
+):
     truth = json.loads((small_set / "truth.json").read_text())
     under(small_set, unknown("day", "evening"), ["day", "evening", "day", "evening"])
     run_process(small_set, tmp_path / "out", samples=900)
