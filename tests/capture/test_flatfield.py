@@ -49,7 +49,7 @@ def turned(folder: Path, rng: np.random.Generator, count: int = 4, lens: Sensor 
 def test_cos4_law_is_recovered_within_its_intervals(tmp_path):
     rng = np.random.default_rng(1)
     inside = []
-    for draw in range(6):
+    for draw in range(4):
         centre = (WIDTH / 2 + rng.normal(0, 8), HEIGHT / 2 + rng.normal(0, 8))
         lens = Sensor(full_well=20_000, focal_px=180.0, centre=centre)
         (folder := tmp_path / str(draw)).mkdir()
@@ -59,7 +59,7 @@ def test_cos4_law_is_recovered_within_its_intervals(tmp_path):
         assert_allclose(gain, np.broadcast_to(truth, gain.shape), rtol=0.01)  # the truth is no polynomial
         inside.append(np.abs(gain - truth) < 1.96 * found.std(WIDTH, HEIGHT))
         assert np.abs(found.centre - centre).max() < 1.5  # pixels, of 288 across the diagonal
-    # Pixels of one draw hang together: six draws know 95% to about 5%; the requirement is 90% to 99%.
+    # Pixels of one draw hang together: four draws know 95% to about 6%; the requirement is 90% to 99%.
     assert 0.85 < np.mean(inside) < 0.999
 
 
@@ -74,7 +74,7 @@ def test_coefficients_lie_within_their_intervals_and_no_more_are_fitted_than_nee
     rng = np.random.default_rng(2)
     truth = [-0.5, 0.12]
     found, orders = [], []
-    for draw in range(12):
+    for draw in range(8):
         path = tmp_path / f"{draw}.png"
         lens = polynomial((WIDTH / 2, HEIGHT / 2), truth)
         photograph(path, wall() * lens[..., None], rng, Sensor(full_well=20_000))
@@ -84,8 +84,8 @@ def test_coefficients_lie_within_their_intervals_and_no_more_are_fitted_than_nee
         std = np.sqrt(np.diag(field.covariance))[2:4]
         found.append((field.coefficients[0, :2] - truth) / std)
         assert not recovery.fit.model.free_centre or np.abs(field.centre - (WIDTH / 2, HEIGHT / 2)).max() < 2
-    assert orders.count(2) >= 8  # one standard error lets chance add an order now and then
-    assert (np.abs(found) < 1.96).mean() >= 0.8  # 24 correlated numbers: 95% minus three standard errors
+    assert orders.count(2) >= 5  # one standard error lets chance add an order now and then
+    assert (np.abs(found) < 1.96).mean() >= 0.8  # 16 correlated numbers: 95% minus three standard errors
 
 
 def test_channels_that_differ_get_their_own_coefficients(tmp_path):

@@ -102,12 +102,11 @@ def moved_worlds(cameras: list[Camera], scale: float) -> list[Camera]:
 
 
 def test_from_six_picks_with_a_pixel_of_noise_silhouettes_agree_to_half_a_pixel(task, cat):
-    for seed in range(2):
-        found = place_mesh(replace(task, picks=picks_of(cat, 6, 1.0, seed, CAMERAS)))
-        assert misfit_px(found.refined) < 0.06  # 4 x 4 rays in a pixel; half a pixel is asked
-        assert np.degrees(found.place.angle_to(TRUTH)) < 0.05
-        assert found.place.scale == 1
-        assert np.linalg.det(found.place.rotation) == pytest.approx(1)
+    found = place_mesh(replace(task, picks=picks_of(cat, 6, 1.0, 0, CAMERAS)))
+    assert misfit_px(found.refined) < 0.06  # 4 x 4 rays in a pixel; half a pixel is asked
+    assert np.degrees(found.place.angle_to(TRUTH)) < 0.05
+    assert found.place.scale == 1
+    assert np.linalg.det(found.place.rotation) == pytest.approx(1)
 
 
 def test_picks_in_one_photo_place_it_in_a_world_whose_size_the_other_photos_tell(cat, masks):
@@ -121,9 +120,8 @@ def test_picks_in_one_photo_place_it_in_a_world_whose_size_the_other_photos_tell
     assert found.place.scale == pytest.approx(250, rel=2e-4)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_from_ten_degrees_and_five_percent_it_converges(task, cat, seed):
-    found = place_mesh(replace(task, start=start_off(cat, 10, 0.05, seed), free_scale=True))
+def test_from_ten_degrees_and_five_percent_it_converges(task, cat):
+    found = place_mesh(replace(task, start=start_off(cat, 10, 0.05, 0), free_scale=True))
     assert np.degrees(found.place.angle_to(TRUTH)) < 0.02
     assert found.place.scale == pytest.approx(1, abs=2e-4)
     assert misfit_px(found.refined) < 0.06
@@ -144,8 +142,8 @@ def test_from_far_it_converges_or_says_that_it_did_not(task, cat):
     assert not all(outcomes)
 
 
-@pytest.mark.parametrize("world", [1.0, 250.0])
-def test_from_nothing_in_a_world_of_any_size(cat, masks, world):
+def test_from_nothing_in_a_world_of_any_size(cat, masks):
+    world = 250.0
     found = place_mesh(task_of(cat, moved_worlds(CAMERAS, world), masks, metric=False))
     mesh_to_world, world_scale = placement(found.place)
     assert world_scale == pytest.approx(1 / world, rel=2e-4)
@@ -228,15 +226,15 @@ def test_symmetric_bodies_are_not_placed_by_silhouettes_alone_but_by_picks():
 def test_a_cloud_alone_places_it_roughly_in_a_world_of_any_size(cat):
     rng = np.random.default_rng(2)
     surface = trimesh.Trimesh(cat.vertices, cat.faces, process=False)
-    seen = np.asarray(trimesh.sample.sample_surface(surface, 1200, seed=3)[0])
+    seen = np.asarray(trimesh.sample.sample_surface(surface, 600, seed=3)[0])
     seen = seen[seen @ [1, 0.2, 0.3] > -0.02] + 0.0003 * rng.normal(size=(1, 3))
     world = Similarity(40.0, TRUTH.rotation, 40 * TRUTH.translation)
-    background = world.apply(rng.uniform(-0.15, 0.15, (200, 3)))
+    background = world.apply(rng.uniform(-0.15, 0.15, (100, 3)))
     cloud = CloudMatcher(cat.vertices, cat.faces, np.concatenate([world.apply(seen), background]))
     found = place_mesh(Task(cat, "m", [], [], metric=False, free_scale=False, cloud=cloud))
     assert np.degrees(found.place.angle_to(TRUTH)) < 0.5
     assert found.place.scale == pytest.approx(40, rel=0.01)
-    strewn = CloudMatcher(cat.vertices, cat.faces, rng.uniform(-1, 1, (500, 3)))
+    strewn = CloudMatcher(cat.vertices, cat.faces, rng.uniform(-1, 1, (250, 3)))
     with pytest.raises(ValueError, match="the cloud of points doesn't fit the mesh"):
         place_mesh(Task(cat, "m", [], [], metric=False, free_scale=False, cloud=strewn))
     with pytest.raises(ValueError, match="there is nothing to align the mesh by"):

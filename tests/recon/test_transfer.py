@@ -98,7 +98,7 @@ def test_the_published_transfer_of_the_clamped_cosine() -> None:
 
 def test_an_overhead_sphere_takes_its_share_of_the_sky() -> None:
     radius, distance = 0.3, 0.8
-    ball = trimesh.creation.icosphere(subdivisions=4, radius=radius)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=radius)
     floor = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]])
     vertices = np.concatenate([floor, ball.vertices + np.array([0, 0, distance])])
     faces = np.concatenate([[[0, 1, 2]], ball.faces + 3])
@@ -113,8 +113,8 @@ def test_an_overhead_sphere_takes_its_share_of_the_sky() -> None:
     assert rms(vectors.coefficients[0] - expected[0]) < 4 * vectors.std[0]
     # Under a white sky only the first counts: (r / d)^2 of the cosine-weighted sky is gone.
     white = vectors.coefficients[0, 0] * np.sqrt(4 * np.pi) / np.pi
-    # Sixty draws of directions scatter by 7e-4; the sphere's facets take 2e-4 less.
-    assert white == pytest.approx(1 - sine**2, abs=2.5e-3)
+    # Sixty draws of directions scatter by 7e-4; the sphere's facets take 8e-4 less.
+    assert white == pytest.approx(1 - sine**2 + 8e-4, abs=2.5e-3)
 
 
 def test_a_valley_sees_what_its_walls_leave() -> None:
@@ -186,7 +186,7 @@ def test_transfer_is_that_of_brute_force(rng: np.random.Generator) -> None:
 
 def test_the_stated_error_is_the_error() -> None:
     mesh = lumps()
-    truth = transfer_vectors(mesh, L_MAX, 16384)
+    truth = transfer_vectors(mesh, L_MAX, 8192)
     for rays in (64, 256):
         vectors = transfer_vectors(mesh, L_MAX, rays)
         error = np.sqrt(((vectors.coefficients - truth.coefficients) ** 2).mean(axis=1))
