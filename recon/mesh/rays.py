@@ -94,13 +94,8 @@ class RayTracer:
         weights = np.zeros((3, len(origins)))  # corner by corner: rows are written at one go
 
         def trace(part: slice) -> None:
-            starts = self._starts(origins[part], None if facets is None else facets[part])
-            ways = _columns(directions[part])
-            # An origin so far that single precision would lose digits moves along its ray to 1 size before the centre.
-            beyond = np.einsum("cn,cn->n", starts, ways)
-            _check_finite(beyond, given, part)
-            beyond += 1
-            starts -= np.minimum(beyond, 0, out=beyond) * ways
+            own_facets = None if facets is None else facets[part]
+            starts, ways = self._before(origins[part], directions[part], own_facets, given, part)
             found = self._scene.run(_single(starts).T, _single(ways).T, output=1)
             faces[part] = found["primID"]
             hit = faces[part] >= 0
@@ -113,6 +108,20 @@ class RayTracer:
 
         self._spread(trace, len(origins))
         return Hits(faces, weights.T)
+
+    def met(self, origins: AnyFloats, directions: AnyFloats) -> Mask:
+        """Whether rays from origins (n, 3), metres, in unit directions (n, 3) meet anything, (n,): `first_hits` in less
+        time."""
+        given = {"origins": origins, "directions": directions}
+        _check_shapes(given)
+        result = np.empty(len(origins), bool)
+
+        def trace(part: slice) -> None:
+            starts, ways = self._before(origins[part], directions[part], None, given, part)
+            result[part] = self._scene.run(_single(starts).T, _single(ways).T, query="OCCLUDED") >= 0
+
+        self._spread(trace, len(origins))
+        return result
 
     def occluded(
         self,
@@ -180,6 +189,23 @@ class RayTracer:
 
         self._spread(trace, len(positions), rays_each=count)
         return result
+
+    def _before(
+        self,
+        origins: AnyFloats,
+        directions: AnyFloats,
+        facets: AnyFloats | None,
+        given: dict[str, AnyFloats],
+        part: slice,
+    ) -> tuple[Floats, Floats]:
+        """Starts and ways (3, n) of rays that may come from afar; given, part : as of `_check_finite`."""
+        starts, ways = self._starts(origins, facets), _columns(directions)
+        # An origin so far that single precision would lose digits moves along its ray to 1 size before the centre.
+        beyond = np.einsum("cn,cn->n", starts, ways)
+        _check_finite(beyond, given, part)
+        beyond += 1
+        starts -= np.minimum(beyond, 0, out=beyond) * ways
+        return starts, ways
 
     def _starts(self, points: AnyFloats, facets: AnyFloats | None) -> Floats:
         """Where rays begin, in sizes of the mesh from its centre, (3, n)."""

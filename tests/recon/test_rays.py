@@ -85,6 +85,7 @@ def test_first_hits_are_those_of_brute_force(rng: np.random.Generator) -> None:
     assert 3000 < hit.sum() < 4900
     # Not one in 300,000 passed a border so near that single precision took it for its neighbour.
     np.testing.assert_array_equal(found.faces, np.where(hit, first, -1))
+    np.testing.assert_array_equal(tracer.met(origins, directions), hit)
     assert (found.weights[~hit] == 0).all()
     assert_on_the_rays(tracer, found, origins, directions)
 

@@ -160,7 +160,7 @@ def _in_mesh(
 
 
 def _hit(tracer: RayTracer, place: Similarity, origins: Floats, directions: Floats, parallel: Bools) -> Bools:
-    return np.asarray(tracer.first_hits(*_in_mesh(tracer, place, origins, directions, parallel)).faces >= 0)
+    return tracer.met(*_in_mesh(tracer, place, origins, directions, parallel))
 
 
 def _touched(

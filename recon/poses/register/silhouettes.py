@@ -86,7 +86,7 @@ def filled_shares(cameras: Sequence[Camera], coverages: Sequence[Coverage]) -> F
         some = np.linspace(0, len(rows) - 1, min(len(rows), _POINTS)).astype(int)
         origins, directions = camera.rays(np.column_stack([columns, rows])[some] + 0.5)
         known = np.isfinite(directions).all(axis=1)
-        shares.append((tracer.first_hits(origins[known], directions[known]).faces >= 0).mean())
+        shares.append(tracer.met(origins[known], directions[known]).mean())
     return np.array(shares)
 
 
