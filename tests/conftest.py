@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 
 from capture.parallel import one_blas_thread
+from recon.mesh.trianglemesh import TriangleMesh
+from synthetic.shapes.cat import REACH, cat_field
+from synthetic.shapes.meshing import mesh_implicit
 
 # The benchmarks aren't installed; what is installed comes first.
 sys.path.append(str(Path(__file__).parents[1]))
@@ -46,3 +49,9 @@ def find_data() -> Callable[[Mapping[str, str]], Path]:
 def data_dir() -> Path:
     """The folder of real photographs, named by the environment variable LIGHTFACTOR_DATA."""
     return _find_data(os.environ)
+
+
+@pytest.fixture(scope="session")
+def cat_mesh() -> TriangleMesh:
+    """RH01's cat (section 6.4) with edges of 2 mm."""
+    return mesh_implicit(cat_field, REACH, 0.002)

@@ -50,10 +50,16 @@ def photos(folder: Path) -> list[Path]:
     return sorted(folder.glob("ansicht *.png"))
 
 
-def test_a_camera_file_with_its_figure(shots: Path, tmp_path: Path) -> None:
-    out = tmp_path / "Käme ra.json"
-    text = run(camera, *photos(shots), "--board", SPEC, "-o", out)
-    assert {path.name for path in tmp_path.iterdir()} == {"Käme ra.json", "Käme ra-figure.png"}
+@pytest.fixture(scope="module")
+def calibrated(shots: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The camera file of these photographs, and what the command printed."""
+    out = tmp_path_factory.mktemp("calibrated") / "Käme ra.json"
+    return out, run(camera, *photos(shots), "--board", SPEC, "-o", out)
+
+
+def test_a_camera_file_with_its_figure(shots: Path, calibrated: tuple[Path, str]) -> None:
+    out, text = calibrated
+    assert {path.name for path in out.parent.iterdir()} == {"Käme ra.json", "Käme ra-figure.png"}
     assert "held out" in text or "left out" in text
     document = json.loads(out.read_text(encoding="utf-8"))
     assert document["format"] == 1
@@ -66,16 +72,13 @@ def test_a_camera_file_with_its_figure(shots: Path, tmp_path: Path) -> None:
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), document["std"], rtol=1e-12)
     assert abs(document["params"][0] - 500) < 3 * document["std"][0]
-    picture = cv2.imdecode(np.fromfile(tmp_path / "Käme ra-figure.png", np.uint8), cv2.IMREAD_COLOR)
+    picture = cv2.imdecode(np.fromfile(out.parent / "Käme ra-figure.png", np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape[1] > 1000
 
 
-def test_colmap_and_opencv_project_alike_through_the_saved_camera(shots: Path, tmp_path: Path) -> None:
-    out = tmp_path / "camera.json"
-    run(camera, *photos(shots), "--board", SPEC, "-o", out)
-    saved = build_camera(
-        tmp_path / "photoset.toml", (CameraTable(file="camera.json"),), np.eye(4), "[camera]"
-    )
+def test_colmap_and_opencv_project_alike_through_the_saved_camera(calibrated: tuple[Path, str]) -> None:
+    out = calibrated[0]
+    saved = build_camera(out.parent / "photoset.toml", (CameraTable(file=out.name),), np.eye(4), "[camera]")
     document = json.loads(out.read_text())
     values = dict(zip(document["param_names"], document["params"], strict=True))
     fx, fy = values.get("fx", values.get("f")), values.get("fy", values.get("f"))
@@ -103,17 +106,18 @@ def test_bad_photographs_are_named_and_leave_nothing_behind(shots: Path, tmp_pat
         assert not out.exists()
 
 
-def test_photographs_of_another_size_are_left_out_and_named(shots: Path, tmp_path: Path) -> None:
+def test_photographs_of_another_size_are_left_out_and_named(
+    shots: Path, calibrated: tuple[Path, str], tmp_path: Path
+) -> None:
     wide = [tmp_path / f"wide {k}.png" for k in range(2)]
     for path in wide:
         # The board itself shows: without a word it would be one more view of another lens.
         picture = cv2.imdecode(np.fromfile(photos(shots)[0], np.uint8), cv2.IMREAD_UNCHANGED)
         cv2.imwrite(str(path), cv2.resize(picture, (800, 600)))
-    alone, both = tmp_path / "alone.json", tmp_path / "both.json"
-    run(camera, *photos(shots), "--board", SPEC, "-o", alone)
+    both = tmp_path / "both.json"
     text = run(camera, *wide, *photos(shots), "--board", SPEC, "-o", both)
     assert "wide 0.png: left out because its size is 800x600 pixels, and 6 of 8 photos have 400x300" in text
-    documents = [json.loads(path.read_text(encoding="utf-8")) for path in (alone, both)]
+    documents = [json.loads(path.read_text(encoding="utf-8")) for path in (calibrated[0], both)]
     # Sums in another order: rounding.
     np.testing.assert_allclose(documents[0]["params"], documents[1]["params"], rtol=1e-5, atol=1e-5)
     dropped = [view["photo"] for view in documents[1]["views"] if view["dropped"] is not None]

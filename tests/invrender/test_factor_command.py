@@ -83,7 +83,7 @@ def test_other_commands_read_the_result(done: tuple[Path, str], small_set_origin
 @pytest.fixture(scope="module")
 def published(small_set_original: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("published") / "out"
-    run = factor(small_set_original, out, "--published", "--samples", "4000")
+    run = factor(small_set_original, out, "--published", "--samples", "2500")
     assert run.exit_code == 0, run.output
     assert "no error bar" in run.output
     return out

@@ -20,8 +20,8 @@ from synthetic.render.lobes import reflected_radiance
 BRDF = known_brdf([0.05], [0.2], None, 0.2)
 DEGREE, SPARE = 12, 4
 # A half circle, as gantries have it: light from behind it shows in grazing highlights only.
-VIEWS = tuple(range(0, 180, 9))
-LIGHTS, NOISE = 8, 0.002
+VIEWS = tuple(range(0, 180, 12))
+LIGHTS, NOISE = 6, 0.002
 # Highest degree of what is not lamps.
 SMOOTH = 4
 

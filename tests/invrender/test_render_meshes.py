@@ -24,8 +24,6 @@ from synthetic.materials.facets import BeckmannSlopes
 from synthetic.materials.smith import SmithMaterial
 from synthetic.render.photograph import photographs
 from synthetic.scene import Scene, Shot
-from synthetic.shapes.cat import REACH, cat_field
-from synthetic.shapes.meshing import mesh_implicit
 from synthetic.shapes.meshsurface import MeshSurface
 
 from .renders import KD, KS, cameras, plates, read, tile, within, write_result
@@ -36,10 +34,10 @@ NOTHING_BOUNCES = {"interreflection": {"taken_off": False}}
 
 
 def test_a_cat_is_what_brute_force_integration_says(
-    lightfactor: Command, bench: SimpleNamespace, tmp_path: Path
+    lightfactor: Command, bench: SimpleNamespace, cat_mesh: TriangleMesh, tmp_path: Path
 ) -> None:
     # Its edges are shorter than a pixel.
-    write_mesh(tmp_path / "cat.ply", mesh_implicit(cat_field, REACH, 0.002))
+    write_mesh(tmp_path / "cat.ply", cat_mesh)
     write_result(tmp_path / "result", "half-angle microfacet", 1.5, 0.2, **NOTHING_BOUNCES)
     area = AreaLight(np.array([0.5, -0.4, 0.77]), np.array([0.8, 1.0, 1.3]), width_rad=0.5)
     write_exr(tmp_path / "room.exr", latlong_map([area], 64))

@@ -341,7 +341,9 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(painted: tuple[Run, 
     assert result["brdf"]["model"] == form
     names = [model["name"] for model in result["models"]]
     assert next(m["name"] for m in result["models"] if m["chosen"]) == f"{form}, Kd and Ks vary"
-    assert {f"{name}, {vary}" for name in ("microfacet", "GGX") for vary in ("Kd varies", "Kd and Ks vary")} <= set(names)
+    assert {
+        f"{name}, {vary}" for name in ("microfacet", "GGX") for vary in ("Kd varies", "Kd and Ks vary")
+    } <= set(names)
     sigma = result["brdf"]["sigma"]
     # A lobe of another form in its place is off by 20% or so.
     assert sigma["value"] == pytest.approx(truth.get("alpha", truth.get("sigma")), rel=0.05)

@@ -23,8 +23,6 @@ from recon.poses.align.task import PickedPoints, Task
 from recon.poses.align.uncertainty import in_mesh_metres
 from recon.poses.align.verdicts import misfit_px, wrong_size
 from recon.poses.similarity import Similarity
-from synthetic.shapes.cat import REACH, cat_field
-from synthetic.shapes.meshing import mesh_implicit
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 1050
 TRUTH = Similarity(1.0, Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix(), [0.004, -0.003, 0.006])
@@ -53,9 +51,8 @@ def drawn(tracer: RayTracer, place: Similarity, camera: Camera, n: int = 4) -> n
 
 
 @pytest.fixture(scope="module")
-def cat() -> RayTracer:
-    mesh = mesh_implicit(cat_field, REACH, 0.002)
-    return RayTracer(mesh.vertices, mesh.faces)
+def cat(cat_mesh) -> RayTracer:
+    return RayTracer(cat_mesh.vertices, cat_mesh.faces)
 
 
 @pytest.fixture(scope="module")

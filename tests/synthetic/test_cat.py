@@ -9,14 +9,13 @@ from scipy.spatial import ConvexHull
 
 from recon.mesh.trianglemesh import TriangleMesh, is_watertight, volume
 from synthetic.shapes.cat import REACH, cat_field, contains
-from synthetic.shapes.meshing import mesh_implicit
 
 Floats = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
-def cat() -> TriangleMesh:
-    return mesh_implicit(cat_field, REACH, 0.002)
+def cat(cat_mesh: TriangleMesh) -> TriangleMesh:
+    return cat_mesh
 
 
 def test_the_mesh_is_one_closed_surface_on_the_cat(cat: TriangleMesh) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from capture.arc.gantry import look_at
 from capture.camera import Camera
+from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Illumination
@@ -30,10 +31,8 @@ from synthetic.render.photograph import photographs
 from synthetic.scene import Effort, Scene, Shot
 from synthetic.scenes.views import towards
 from synthetic.shapes.ball import Ball
-from synthetic.shapes.cat import REACH, cat_field
 from synthetic.shapes.doll import doll_mesh
 from synthetic.shapes.dollpaint import doll_textures
-from synthetic.shapes.meshing import mesh_implicit
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Surface
 
@@ -107,8 +106,8 @@ def vectorised(variant: None) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def cat() -> MeshSurface:
-    return MeshSurface(mesh_implicit(cat_field, REACH, 0.002))
+def cat(cat_mesh: TriangleMesh) -> MeshSurface:
+    return MeshSurface(cat_mesh)
 
 
 def photographed(

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.latlong import LatLongLight
@@ -21,8 +22,6 @@ from synthetic.render.gather import direct_light
 from synthetic.render.lattice import lattice
 from synthetic.render.paths import indirect_light
 from synthetic.shapes.ball import Ball
-from synthetic.shapes.cat import REACH, cat_field
-from synthetic.shapes.meshing import mesh_implicit
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Points, Surface
 from synthetic.shapes.tangents import tangents
@@ -40,8 +39,8 @@ def unit(vectors: Floats) -> Floats:
 
 
 @pytest.fixture(scope="module")
-def cat() -> MeshSurface:
-    return MeshSurface(mesh_implicit(cat_field, REACH, 0.002))
+def cat(cat_mesh: TriangleMesh) -> MeshSurface:
+    return MeshSurface(cat_mesh)
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource
@@ -17,8 +18,6 @@ from synthetic.materials.smith import SmithMaterial
 from synthetic.render.lattice import lattice
 from synthetic.render.paths import indirect_light
 from synthetic.render.radiosity import bounced_light, parts_light
-from synthetic.shapes.cat import REACH, cat_field
-from synthetic.shapes.meshing import mesh_implicit
 from synthetic.shapes.meshsurface import MeshSurface
 from synthetic.shapes.surface import Points
 
@@ -36,8 +35,8 @@ GLOSSY = SmithMaterial(np.array([0.12, 0.1, 0.08]), np.array([0.4, 0.35, 0.3]), 
 
 
 @pytest.fixture(scope="module")
-def cat() -> MeshSurface:
-    return MeshSurface(mesh_implicit(cat_field, REACH, 0.002))
+def cat(cat_mesh: TriangleMesh) -> MeshSurface:
+    return MeshSurface(cat_mesh)
 
 
 def hollows(cat: MeshSurface, rng: np.random.Generator) -> tuple[Points, Floats]:
