@@ -224,7 +224,7 @@ lighting = "lab"
 def test_what_is_matte_does_not_tell_its_paint_from_light(lightfactor: Command, tmp_path: Path) -> None:
     trimesh.creation.icosphere(subdivisions=3, radius=0.04).export(tmp_path / "ball.obj")
     folder = in_unknown_light(write_doll_set(tmp_path, MATTE))
-    code, _, err = lightfactor("process", folder, "-o", tmp_path / "out", "--samples", 1200)
+    code, _, err = lightfactor("process", folder, "-o", tmp_path / "out", "--samples", 1000)
     assert code == 1
     for words in ("no highlights determine it", "can't be separated", "mirror ball"):
         assert words in " ".join(err.split())
