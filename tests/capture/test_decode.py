@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -23,6 +22,8 @@ from capture.sensor.flatfield import FlatFieldMap
 from capture.sensor.noise import SensorNoise
 from capture.srgb import linear_to_srgb, srgb_to_linear
 
+from .pictures import write
+
 NO_NOISE = SensorNoise(np.zeros(3), np.zeros(3))
 FLOAT32 = 2.0**-23  # relative rounding of a float32 result
 
@@ -31,12 +32,6 @@ def ramp(dtype) -> np.ndarray:
     """Every code of an integer type once, as a colour image whose channels differ."""
     codes = np.arange(np.iinfo(dtype).max + 1).astype(dtype).reshape(-1, 16)
     return np.stack([codes, codes[::-1], codes[:, ::-1]], axis=-1)
-
-
-def write(path: Path, rgb: np.ndarray) -> Path:
-    """With OpenCV, whose channels are in the order blue, green, red."""
-    assert cv2.imwrite(str(path), rgb[..., ::-1] if rgb.ndim == 3 else rgb)
-    return path
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -375,151 +370,3 @@ def test_a_photo_that_disagrees_with_its_set_is_named(tmp_path):
     path = write(tmp_path / "a.png", np.zeros((6, 4, 3), np.uint8))
     with pytest.raises(ValueError, match=r"a\.png: is 4x6 pixels, but its camera is 6x4"):
         decode_photo(*photo_of_set(path, Radiometry()))
-
-
-# Bad files: each is named, and the codecs keep silent.
-
-
-def noise(suffix: str, folder: Path) -> bytes:
-    """A valid file of noise, which hardly compresses."""
-    rgb = np.random.default_rng(8).integers(0, 256, (40, 50, 3), np.uint8)
-    path = folder / f"good{suffix}"
-    if suffix == ".exr":
-        write_exr(path, rgb / 255)
-    else:
-        write(path, rgb if suffix != ".hdr" else rgb.astype(np.float32))
-    return path.read_bytes()
-
-
-@pytest.mark.parametrize("share", [0.01, 0.5, 0.95])
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".exr", ".hdr"])
-def test_a_truncated_file_is_named_in_silence(tmp_path, capfd, suffix, share):
-    whole = noise(suffix, tmp_path)
-    path = tmp_path / f"cut{suffix}"
-    path.write_bytes(whole[: int(len(whole) * share)])
-    with pytest.raises(ValueError, match=rf"cut{suffix}: cannot be decoded.* truncated, damaged or not an"):
-        decode(path)
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".exr", ".hdr"])
-def test_a_file_that_is_no_image_is_named_in_silence(tmp_path, capfd, suffix):
-    path = tmp_path / f"text{suffix}"
-    path.write_text("This is a text file.\n" * 100)
-    with pytest.raises(ValueError, match=rf"text{suffix}: cannot be decoded"):
-        decode(path)
-    path.write_bytes(b"")
-    with pytest.raises(ValueError, match=rf"text{suffix}: (is an empty file|cannot be decoded)"):
-        decode(path)
-    with pytest.raises(ValueError, match=rf"nowhere{suffix}: does not exist"):
-        decode(tmp_path / f"nowhere{suffix}")
-    (tmp_path / f"folder{suffix}").mkdir()
-    with pytest.raises(ValueError, match=rf"folder{suffix}: is a folder"):
-        decode(tmp_path / f"folder{suffix}")
-    assert capfd.readouterr() == ("", "")
-
-
-def test_what_is_printed_around_a_decoding_is_not_lost(tmp_path, capfd):
-    print("before")  # noqa: T201
-    (tmp_path / "a.png").write_text("text")
-    with pytest.raises(ValueError, match="cannot be decoded"):
-        decode(tmp_path / "a.png")
-    print("after")  # noqa: T201
-    assert capfd.readouterr().out == "before\nafter\n"
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_values_that_are_not_finite_are_counted_and_located(tmp_path, value):
-    radiance = np.ones((5, 6, 3), np.float32)
-    radiance[2, 4, 1] = value
-    radiance[3, 0] = value
-    write_exr(tmp_path / "a.exr", radiance)
-    with pytest.raises(ValueError, match=r"a\.exr: 2 pixels are not finite.* column 4, row 2"):
-        decode(tmp_path / "a.exr")
-
-
-def test_exr_channels_are_grey_or_colour_and_nothing_else(tmp_path):
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    grey = np.random.default_rng(9).random((4, 5)).astype(np.float32)
-
-    def write_channels(*names: str) -> Path:
-        with OpenEXR.File(header, dict.fromkeys(names, grey)) as file:
-            file.write(str(tmp_path / "a.exr"))
-        return tmp_path / "a.exr"
-
-    assert_array_equal(read_pixels(write_channels("Y")), np.stack([grey] * 3, axis=-1))
-    assert_array_equal(read_pixels(write_channels("R", "G", "B", "A", "Z")), np.stack([grey] * 3, axis=-1))
-    with pytest.raises(ValueError, match=r"a\.exr: holds the channels G, R; R, G, B \(or Y\) are needed"):
-        read_pixels(write_channels("R", "G"))
-    with pytest.raises(ValueError, match=r"a\.exr: holds luminance and chroma"):
-        read_pixels(write_channels("Y", "RY", "BY"))
-
-
-def test_integers_of_another_size_are_named(tmp_path):
-    Image.fromarray(np.zeros((4, 5), np.int32)).save(tmp_path / "a.tif")
-    with pytest.raises(ValueError, match=r"a\.tif: pixels are int32; 8- or 16-bit"):
-        decode(tmp_path / "a.tif")
-
-
-def shaded_ball(colour: Sequence[float], highlight: float = 4.0, size: int = 160) -> np.ndarray:
-    """A matte ball with a soft highlight before a black background, noise-free."""
-    y, x = (np.mgrid[:size, :size] + 0.5) / size * 2 - 1
-    z = np.sqrt(np.clip(0.9 - x**2 - y**2, 0, None))
-    towards = (0.5 * x - 0.4 * y + 0.77 * z) * (z > 0)
-    shading = np.clip(towards, 0, None)[..., None] * np.array(colour)
-    return (shading + highlight * np.exp((towards[..., None] - 0.95) / 0.02) * (z > 0)[..., None]).astype(
-        np.float32
-    )
-
-
-@pytest.mark.parametrize("level", [1.0, 0.37])
-@pytest.mark.parametrize(
-    ("name", "half"), [("a.exr", False), ("a.exr", True), ("a.hdr", False), ("a.tif", False)]
-)
-def test_floats_that_pile_up_at_their_largest_value_are_saturated(
-    tmp_path: Path, name: str, half: bool, level: float
-):
-    def saturated(pixels: np.ndarray) -> np.ndarray:
-        if name.endswith(".exr"):
-            write_exr(tmp_path / name, pixels.astype(np.float16 if half else np.float32), half=half)
-        else:
-            write(tmp_path / name, pixels)
-        return decode(tmp_path / name).saturated
-
-    whole = shaded_ball([0.3, 0.25, 0.15])
-    assert not saturated(whole).any()
-    # As in integer files, the same pixels; what is a step of its format below the level may be rounded up to it.
-    rounded = (np.abs(whole / level - 1) < (1 / 128 if name == "a.hdr" else 1 / 1024)).any(axis=2)
-    found = saturated(np.minimum(whole, level))
-    assert_array_equal(found | rounded, (whole >= level).any(axis=2) | rounded)
-    assert found.sum() > 100
-
-
-@pytest.mark.parametrize(
-    "scene",
-    [
-        pytest.param(np.zeros((90, 120, 3), np.float32), id="black"),
-        pytest.param(np.full((90, 120, 3), [0.8, 0.5, 0.3], np.float32), id="a constant wall"),
-        pytest.param(
-            np.where(np.mgrid[:90, :120][1][..., None] < 60, [0.8, 0.5, 0.3], [0.4, 0.3, 0.2]).astype(
-                np.float32
-            ),
-            id="flat faces, noise-free",
-        ),
-        pytest.param(shaded_ball([0.9, 0.6, 0.4], 0.0), id="a matte ball, noise-free"),
-        pytest.param(shaded_ball([0.9, 0.9, 0.9], 0.0, 600), id="a large grey one"),
-    ],
-)
-def test_what_is_constant_or_smooth_in_a_float_file_is_not_saturated(tmp_path: Path, scene: np.ndarray):
-    for half in (False, True):
-        write_exr(tmp_path / "a.exr", scene.astype(np.float16 if half else np.float32), half=half)
-        assert not decode(tmp_path / "a.exr").saturated.any()
-    assert not decode(write(tmp_path / "a.hdr", scene)).saturated.any()
-
-
-def test_a_grey_picture_cut_off_at_white_is_saturated_there(tmp_path: Path):
-    grey = np.minimum(shaded_ball([0.3, 0.3, 0.3]), 1)
-    write_exr(tmp_path / "a.exr", grey)
-    assert_array_equal(decode(tmp_path / "a.exr").saturated, (grey == 1).all(axis=2))
