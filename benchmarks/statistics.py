@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
 from invrender.brdf.fresnel import FresnelBasis
+from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import sigma_nodes
 from invrender.estimate.models import bounds_of, coordinates, estimate_at
 from invrender.estimate.newton import newton_steps
 from invrender.estimate.search import LADDER, fit
 from invrender.estimate.statistics import Subsets, by_lighting, weighted_statistics
 from invrender.theory.specialcases import lobe
-from invrender.transport.columns import PhotoColumns, specular_weights
+from invrender.transport.column_basis import whole_range
+from invrender.transport.columns import PhotoColumns
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -76,7 +78,8 @@ def _photographs(count: int, channels: int) -> tuple[list[PhotoColumns], list[Fl
         diffuse = rng.uniform(0.5, 3, (channels, _SAMPLES, 1))
         tint = rng.uniform(0.8, 1.2, (channels, 1, 1))
         columns = np.concatenate([diffuse, tint * specular], axis=2).astype(np.float32)
-        radiance = columns @ np.concatenate([[0.2], 0.03 * specular_weights(1.6, 0.12)]).astype(np.float32)
+        lobe_weights = whole_range().weights(1.6, 0.12, RH01_FORM)
+        radiance = columns @ np.concatenate([[0.2], 0.03 * lobe_weights]).astype(np.float32)
         clean = np.broadcast_to(radiance.T, (_SAMPLES, 3)).astype(float)
         deviation = 0.01 * clean + 1e-4
         noisy = clean + deviation * rng.standard_normal(clean.shape)

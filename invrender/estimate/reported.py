@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.uncertainty import Parameters
+from invrender.estimate.jacobian import Parameters
 
 Floats = NDArray[np.float64]
 

@@ -27,11 +27,12 @@ from invrender.estimate.identifiability import (
     assess_sigma,
     lighting_degree,
 )
+from invrender.estimate.jacobian import pack
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.reported import Report
-from invrender.estimate.uncertainty import FINEST, NUMERICAL, pack, uncertainty_of
+from invrender.estimate.uncertainty import FINEST, NUMERICAL, uncertainty_of
 from invrender.transport.columns import PhotoColumns, sample_count
 from invrender.transport.half_vectors import is_rough
 from invrender.transport.predict import predict_photos

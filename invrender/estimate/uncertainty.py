@@ -17,15 +17,14 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
-from invrender.brdf.richer import NUMBER_RANGE
+from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.clusters import patch_of, sums_by, tiles_of
+from invrender.estimate.jacobian import Parameters, jacobians
 from invrender.estimate.linear import symmetric_pinv
 from invrender.estimate.models import Estimate
 from invrender.transport.columns import PhotoColumns, together
-from invrender.transport.predict import predict_columns, transfers
+from invrender.transport.predict import predict_columns
 from recon.sampling.lightfield import pools
 
 Floats = NDArray[np.float64]
@@ -44,51 +43,6 @@ PRIOR_STD = {
     "mu": (MU_RANGE[1] - MU_RANGE[0]) / np.sqrt(12),
     "sigma": (SIGMA_RANGE[1] - SIGMA_RANGE[0]) / np.sqrt(12),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Parameters:
-    """An estimate as one vector: mu, sigma, the form's own numbers (where the model has them), Kd, Ks, free strengths.
-
-    places : name of a block -> slice. Names are "mu", "sigma", those of the form's numbers, "kd", "ks" and
-    "lighting/element"; the last three have three numbers each, and a neutral Ks one. form : of the specular part.
-    """
-
-    vector: Floats
-    places: Mapping[str, slice]
-    form: LobeForm
-
-    def brdf(self, vector: Floats) -> Microfacet:
-        """The BRDF of a vector of this layout."""
-        mu = float(vector[self.places["mu"]][0]) if "mu" in self.places else None
-        sigma = float(vector[self.places["sigma"]][0]) if "sigma" in self.places else None
-        ks = vector[self.places["ks"]] if "ks" in self.places else np.zeros(3)
-        form = self.form.with_numbers(
-            {name: float(vector[self.places[name]][0]) for name in self.form.numbers}
-        )
-        return Microfacet(vector[self.places["kd"]], np.broadcast_to(ks, 3), mu, sigma, form)
-
-
-def pack(estimate: Estimate, elements: Mapping[str, Sequence[str]]) -> Parameters:
-    """The parameters of an estimate; `elements` gives each lighting's element names."""
-    blocks: dict[str, Floats] = {}
-    if estimate.brdf.mu is not None:
-        blocks["mu"] = np.array([estimate.brdf.mu])
-    if estimate.brdf.sigma is not None:
-        blocks["sigma"] = np.array([estimate.brdf.sigma])
-        blocks |= {name: np.array([value]) for name, value in estimate.brdf.form.numbers.items()}
-    blocks["kd"] = estimate.brdf.kd
-    if estimate.model.specular:
-        blocks["ks"] = estimate.brdf.ks[:1] if estimate.model.neutral else estimate.brdf.ks
-    for lighting, names in elements.items():
-        for name, strength in zip(names, estimate.strengths[lighting], strict=True):
-            if name != "known":
-                blocks[f"{lighting}/{name}"] = strength
-    places, start = {}, 0
-    for name, values in blocks.items():
-        places[name] = slice(start, start + len(values))
-        start += len(values)
-    return Parameters(np.concatenate(list(blocks.values())), places, estimate.brdf.form)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +88,7 @@ def uncertainty_of(
         # Side by side, the scores of the residuals and those of a model that is off by all its radiance.
         scores, shares = np.zeros((len(photo.field), 2 * size)), photo.field.shares[:, None]
         known = np.zeros((len(photo.field), size))
-        for channel, jacobian in enumerate(_jacobians(photo, parameters, estimate)):
+        for channel, jacobian in enumerate(jacobians(photo, parameters, estimate)):
             weighted = jacobian * weight[:, channel, None]
             information += weighted.T @ jacobian
             # A sample that stands for several has the noise of one.
@@ -203,42 +157,6 @@ def _halves_apart(sums: Mapping[int, Floats], parameters: Parameters, reduced: f
     beyond = difference**2 > 9 * (variances[0] + variances[1])
     result[kd] = np.where(beyond & dark.any(axis=0) & (~dark).any(axis=0), difference / 2, 0)
     return result
-
-
-def _jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -> list[Floats]:
-    """Derivatives (n, parameters) of a photograph's radiance, one per channel."""
-    brdf, strengths = estimate.brdf, estimate.strengths[photo.lighting]
-    diffuse, specular = transfers(photo, brdf)
-    scalars = ("mu", "sigma", *brdf.form.numbers)
-    slopes = {name: _slope(photo, brdf, name) for name in scalars if name in parameters.places}
-    result = []
-    for c in range(3):
-        row = min(c, diffuse.shape[0] - 1)
-        jacobian = np.zeros((len(photo.field), len(parameters.vector)))
-        jacobian[:, parameters.places["kd"].start + c] = diffuse[row] @ strengths[:, c]
-        if "ks" in parameters.places:
-            ks = parameters.places["ks"]
-            jacobian[:, min(ks.start + c, ks.stop - 1)] = specular[row] @ strengths[:, c]
-        for name, slope in slopes.items():
-            moved = brdf.kd[c] * slope[0][row] + brdf.ks[c] * slope[1][row]
-            jacobian[:, parameters.places[name].start] = moved @ strengths[:, c]
-        for e, name in enumerate(photo.elements):
-            place = parameters.places.get(f"{photo.lighting}/{name}")
-            if place is not None:
-                shading = brdf.kd[c] * diffuse[row][:, e] + brdf.ks[c] * specular[row][:, e]
-                jacobian[:, place.start + c] = shading
-        result.append(jacobian)
-    return result
-
-
-def _slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> Floats:
-    """Central difference (2, ...) of the transfers in mu, sigma or a number of the form, within the search's bounds."""
-    value = brdf.form.numbers[name] if name in brdf.form.numbers else getattr(brdf, name)
-    low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE, **NUMBER_RANGE}[name]
-    step = 1e-3 * max(value, 0.01)
-    ends = np.clip([value - step, value + step], low, high)
-    moved = [np.stack(transfers(photo, brdf.moved_to(name, float(end)))) for end in ends]
-    return (moved[1] - moved[0]) / (ends[1] - ends[0])
 
 
 def _numerical_jacobian(report: Callable[[Floats], Floats], vector: Floats) -> Floats:

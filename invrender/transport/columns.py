@@ -14,18 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import field as defaulted
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from invrender.brdf.form import LobeForm, Numbers, part_width
-from invrender.brdf.fresnel import FresnelBasis
+from invrender.brdf.form import LobeForm, Numbers
 from invrender.brdf.lobes import RH01_FORM
-from invrender.brdf.microfacet import sigma_nodes, sigma_weights
+from invrender.transport.column_basis import ColumnBasis, whole_range
 from invrender.transport.diffuse_base import base_columns, base_size, base_weights
-from invrender.transport.form_transfer import FresnelFunctions, OneIndex, forms_transfer
+from invrender.transport.form_transfer import forms_transfer
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Rays, Shadows, seen_specular
 from recon.sampling.lightfield import LightField, blocks, joined, pools
@@ -43,7 +42,8 @@ class PhotoColumns:
     lighting : name of its lighting. elements : names of the lighting's elements.
     columns : (channels, n, elements, q) float32; channels is 1 where all share them. The first of the last axis are the
         d, one of a Lambertian base, then m with j fastest.
-    field : the samples. form : of the specular part. shadows : that they were made with, if any.
+    field : the samples. form : of the specular part. shadows : that they were made with, if any. basis : what m are
+        tabulated for.
     """
 
     lighting: str
@@ -52,6 +52,7 @@ class PhotoColumns:
     field: LightField
     form: LobeForm = RH01_FORM
     shadows: Shadows | None = None
+    basis: ColumnBasis = defaulted(default_factory=whole_range)
 
     @property
     def radiance(self) -> Floats:
@@ -79,16 +80,6 @@ def together(photos: Sequence[PhotoColumns]) -> PhotoColumns:
     return replace(photos[0], columns=columns, field=joined([photo.field for photo in photos]))
 
 
-@lru_cache(maxsize=1)
-def fresnel_basis() -> FresnelBasis:
-    """The one basis that columns and weights share."""
-    return FresnelBasis()
-
-
-def _fresnel_functions(form: LobeForm) -> FresnelFunctions:
-    return fresnel_basis().functions if form.has_fresnel else OneIndex(None)
-
-
 def photo_columns(
     lighting: str,
     elements: Sequence[LightElement],
@@ -96,12 +87,14 @@ def photo_columns(
     form: LobeForm = RH01_FORM,
     shadows: Shadows | None = None,
     diffuse: NDArray[np.float32] | None = None,
+    basis: ColumnBasis | None = None,
 ) -> PhotoColumns:
     """Columns of a photograph's samples under a lighting given by its elements.
 
     shadows : of a mesh, if it has any. diffuse : (channels, n, elements), d of a Lambertian base if it is known.
+    basis : `whole_range` if None.
     """
-    return _photo_columns(lighting, elements, field, (form,), shadows, diffuse)[0]
+    return _photo_columns(lighting, elements, field, (form,), shadows, diffuse, basis or whole_range())[0]
 
 
 def _photo_columns(
@@ -111,11 +104,12 @@ def _photo_columns(
     forms: Sequence[LobeForm],
     shadows: Shadows | None,
     diffuse: NDArray[np.float32] | None,
+    basis: ColumnBasis,
 ) -> list[PhotoColumns]:
-    nodes, fresnel = sigma_nodes(), _fresnel_functions(forms[0])
+    nodes, fresnel = basis.sigmas, basis.functions(forms[0])
     channels = max(element.channels for element in elements)
     lobes = list(dict.fromkeys(form.lobe for form in forms))
-    size = len(specular_weights(None, nodes[0], forms[0]))
+    size = fresnel(np.ones(1)).shape[-1] * len(nodes)
     shape = channels, len(field), len(elements)
     # By lobe and size of the base, which separates the kinds of base; forms that share both share columns.
     found = {
@@ -129,8 +123,10 @@ def _photo_columns(
             def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
                 return forms_transfer(lobes, light, part.normals[rays], part.views[rays], nodes, fresnel)
 
-            specular = seen_specular(element, visible, gather)
-            means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
+            means: NDArray[np.floating] = np.zeros((len(part), len(lobes), size, channels))
+            if size:
+                specular = seen_specular(element, visible, gather)
+                means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
             below: dict[int, NDArray[np.floating]] = {}
             for first, form in bases.items():
                 if first == 1 and diffuse is not None:
@@ -143,7 +139,7 @@ def _photo_columns(
                 columns[:, block, e, first:] = means[:, lobes.index(lobe)].transpose(2, 0, 1)
     names = tuple(element.name for element in elements)
     return [
-        PhotoColumns(lighting, names, found[form.lobe, base_size(form)], field, form, shadows)
+        PhotoColumns(lighting, names, found[form.lobe, base_size(form)], field, form, shadows, basis)
         for form in forms
     ]
 
@@ -155,13 +151,14 @@ def all_columns(
     form: LobeForm = RH01_FORM,
     shadows: Shadows | None = None,
     diffuse: Sequence[NDArray[np.float32]] | None = None,
+    basis: ColumnBasis | None = None,
 ) -> list[PhotoColumns]:
     """`photo_columns` of each photograph, spread over the cores, those with few samples made together.
 
     lightings : the name of each one's. elements : of lightings by their names. diffuse : the column d of each, of a
-    Lambertian base.
+    Lambertian base. basis : `whole_range` if None.
     """
-    return columns_of_forms(lightings, elements, fields, (form,), shadows, diffuse)[form]
+    return columns_of_forms(lightings, elements, fields, (form,), shadows, diffuse, basis)[form]
 
 
 def columns_of_forms(
@@ -171,13 +168,16 @@ def columns_of_forms(
     forms: Sequence[LobeForm],
     shadows: Shadows | None = None,
     diffuse: Sequence[NDArray[np.float32]] | None = None,
+    basis: ColumnBasis | None = None,
 ) -> dict[LobeForm, list[PhotoColumns]]:
     """`all_columns` of several forms of facets, or of one form of any kind: facets look at the same rays of light."""
 
     def of(pool: list[int]) -> list[list[PhotoColumns]]:
         parts, name = [fields[k] for k in pool], lightings[pool[0]]
         known = None if diffuse is None else np.concatenate([diffuse[k] for k in pool], axis=1)
-        wholes = _photo_columns(name, elements[name], joined(parts), forms, shadows, known)
+        wholes = _photo_columns(
+            name, elements[name], joined(parts), forms, shadows, known, basis or whole_range()
+        )
         ends = np.cumsum([len(part) for part in parts])[:-1]
         return [
             [replace(whole, columns=own, field=part) for whole, own in zip(wholes, each, strict=True)]
@@ -197,38 +197,18 @@ def columns_of_forms(
     return {form: [found[k][place] for k in range(len(fields))] for place, form in enumerate(forms)}
 
 
-def specular_weights(
-    mu: float | Floats | None,
-    sigma: float | Floats,
-    form: LobeForm = RH01_FORM,
-    numbers: Numbers | None = None,
-) -> Floats:
-    """a_k(mu) c_j(sigma) in the columns' order, (rank * nodes,); of several mu and sigma (f,), (f, rank * nodes).
-
-    numbers : the form's own, one or (f,) each; those that it has if None.
-    """
-    parts = form.parts if numbers is None else form.parts_at(numbers)
-    sigma = np.asarray(sigma, float)
-    nodes = sum(
-        np.asarray(share)[..., None] * sigma_weights(part_width(factor, sigma)) for share, factor in parts
-    )
-    if not form.has_fresnel:
-        return np.asarray(nodes)
-    products = fresnel_basis().coefficients(mu)[..., :, None] * np.asarray(nodes)[..., None, :]
-    return np.asarray(products.reshape(*np.shape(nodes)[:-1], -1))
-
-
 def column_weights(
     mu: float | Floats | None,
     sigma: float | Floats,
     form: LobeForm = RH01_FORM,
     numbers: Numbers | None = None,
+    basis: ColumnBasis | None = None,
 ) -> Floats:
     """What columns count for in the transfers of base and lobe, (q, 2); at several mu and sigma, (f, q, 2).
 
-    numbers : as of `specular_weights`.
+    numbers : as of `ColumnBasis.weights`. basis : `whole_range` if None.
     """
-    specular = specular_weights(mu, sigma, form, numbers)
+    specular = (basis or whole_range()).weights(mu, sigma, form, numbers)
     size = base_size(form)
     result = np.zeros((*specular.shape[:-1], size + specular.shape[-1], 2))
     result[..., :size, 0] = base_weights(form, mu, (numbers or {}).get("coat"))

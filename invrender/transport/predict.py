@@ -66,7 +66,8 @@ def transfers(photo: PhotoColumns, brdf: Microfacet) -> tuple[Floats, Floats]:
         return diffuse, np.zeros_like(diffuse)
     if brdf.form.family is not photo.form.family or brdf.sigma is None:
         raise ValueError(f"columns of the form {photo.form.name!r} can't predict {brdf.form.name!r}")
-    both = photo.columns @ column_weights(brdf.mu, brdf.sigma, brdf.form).astype(np.float32)
+    weights = column_weights(brdf.mu, brdf.sigma, brdf.form, basis=photo.basis)
+    both = photo.columns @ weights.astype(np.float32)
     return both[..., 0].astype(float), both[..., 1].astype(float)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from invrender.brdf.microfacet import Microfacet
+from invrender.transport.column_basis import around, step_ends
 from invrender.transport.columns import photo_columns
 from invrender.transport.predict import predict, predict_columns
 from invrender.transport.transfer import light_elements
@@ -45,3 +46,27 @@ def test_a_lambertian_has_no_highlight(bench):
         np.abs(predict_columns(photo, matte, np.ones((1, 3))) - direct).max() < 1e-6 * direct.max()
     )  # float32
     assert direct.max() > 0.1
+
+
+@pytest.mark.parametrize("name", ["mu", "sigma"])
+def test_columns_around_one_brdf_hold_its_radiance_and_that_of_a_small_step(bench, name):
+    truth = radiometric(RH01_MATERIALS["teflon"])
+    brdf = Microfacet(truth.kd, truth.ks, truth.mu, truth.sigma)
+    elements, field = light_elements(bench.known_lighting()), bench.sphere_field(150.0)
+    photo = photo_columns("light", elements, field, basis=around(brdf.mu, brdf.sigma))
+    assert photo.columns.shape[-1] == 1 + 3 * 3
+    for end in (getattr(brdf, name), *step_ends(getattr(brdf, name)), 1.0003 * getattr(brdf, name)):
+        moved = brdf.moved_to(name, end)
+        direct = predict(moved, elements, np.ones((1, 3)), field)
+        through = predict_columns(photo, moved, np.ones((1, 3)))
+        # Single precision, a thousandth of what the step itself changes.
+        assert np.abs(through - direct).max() < 1e-6 * direct.max()
+
+
+def test_columns_of_the_base_alone_hold_no_lobe(bench):
+    matte = Microfacet(np.full(3, 0.2), np.zeros(3), None, None)
+    elements, field = light_elements(bench.known_lighting()), bench.sphere_field(20.0)
+    photo = photo_columns("light", elements, field, basis=around(None, None))
+    assert photo.columns.shape[-1] == 1
+    direct = predict(matte, elements, np.ones((1, 3)), field)
+    assert np.abs(predict_columns(photo, matte, np.ones((1, 3))) - direct).max() < 1e-6 * direct.max()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from invrender.brdf.fresnel import MU_RANGE, fresnel_reflectance, normalised_fresnel
-from invrender.transport.columns import fresnel_basis
+from invrender.brdf.fresnel import MU_RANGE, FresnelBasis, fresnel_reflectance, normalised_fresnel
 from recon.sampling.draw import MIN_COS_EXITANT
 
 INDICES = 1 + np.geomspace(MU_RANGE[0] - 1, MU_RANGE[1] - 1, 77)  # not the basis's own 200
@@ -41,7 +40,7 @@ def test_normalised_to_one_at_normal_exitance_and_flat_for_metals():
 
 
 def test_the_short_sum_agrees_with_the_exact_factor():
-    basis = fresnel_basis()
+    basis = FresnelBasis()
     # Denser than the table and off its nodes.
     cos = np.linspace(MIN_COS_EXITANT, 1.0, 3001)
     functions = basis.functions(cos)

@@ -13,10 +13,11 @@ from invrender.brdf.lobes import GGX_FORM, PLASTICS, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import COATED, HAZY
 from invrender.estimate.forms import columns_of
+from invrender.estimate.jacobian import pack
 from invrender.estimate.models import Estimate, Model, bounds_of, coordinates, estimate_at
 from invrender.estimate.search import LADDER, fit, fit_subsets, models_of, with_neutral
 from invrender.estimate.statistics import Statistics, Subsets, by_lighting, photo_statistics
-from invrender.estimate.uncertainty import pack, uncertainty_of
+from invrender.estimate.uncertainty import uncertainty_of
 from invrender.transport.predict import predict_columns
 from invrender.transport.transfer import light_elements
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric

@@ -12,9 +12,10 @@ from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting, latlong_directions
 from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.jacobian import pack
 from invrender.estimate.search import LADDER, fit
 from invrender.estimate.statistics import by_lighting, photo_statistics
-from invrender.estimate.uncertainty import pack, uncertainty_of
+from invrender.estimate.uncertainty import uncertainty_of
 from invrender.plan.advice import advise
 from invrender.plan.experiment import Experiment, PlannedLight, angles_deg
 from invrender.plan.from_scene import experiment_of

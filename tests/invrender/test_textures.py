@@ -32,7 +32,7 @@ from invrender.output.export.shape import tessellated
 from invrender.output.report.run import run_process
 from invrender.process import run as solved
 from invrender.process.run import Run, TexturedRun
-from invrender.transport.columns import specular_weights
+from invrender.transport.column_basis import whole_range
 from invrender.transport.diffuse_base import base_columns
 from invrender.transport.transfer import LightElement
 from recon.mesh import atlas
@@ -159,7 +159,7 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
 def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plastic: bool) -> None:
     photos, points, mu, sigma = 6, 300, 1.5, 0.15
     form = PLASTICS[GGX_FORM]
-    lobe = len(specular_weights(mu, sigma, form))
+    lobe = len(whole_range().weights(mu, sigma, form))
     kd = rng.uniform(0.1, 0.3, (points, 3))
     rows, printed = [], []
     for _ in range(photos):
@@ -176,7 +176,7 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
             ]
         )[..., 0]
         gloss = rng.uniform(0, 1, (points, lobe))
-        seen = 0.05 * (gloss @ specular_weights(mu, sigma, form))[:, None]
+        seen = 0.05 * (gloss @ whole_range().weights(mu, sigma, form))[:, None]
         below = kd * cos_i[:, None]
         if plastic:
             # By a formula of its own.
@@ -207,7 +207,7 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
 
 
 def test_points_that_one_photograph_sees_are_refused_in_plain_words() -> None:
-    columns = np.ones((1, 5, 1 + len(specular_weights(1.5, 0.1, RH01_FORM))), np.float32)
+    columns = np.ones((1, 5, 1 + len(whole_range().weights(1.5, 0.1, RH01_FORM))), np.float32)
     light = np.full((5, 3), 0.3)
     photos = [
         TexelRows(np.arange(5) + first, columns, light, light, np.ones(5), np.zeros(5, int))

@@ -11,12 +11,13 @@ from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.jacobian import Parameters, pack
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import fit_noise, photo_weights
 from invrender.estimate.search import LADDER, fit
 from invrender.estimate.solution import factorize
 from invrender.estimate.statistics import by_lighting, photo_statistics
-from invrender.estimate.uncertainty import Parameters, pack, uncertainty_of
+from invrender.estimate.uncertainty import uncertainty_of
 from invrender.transport.columns import PhotoColumns
 from invrender.transport.predict import predict_columns
 from synthetic.lights.sources import DirectionalSource

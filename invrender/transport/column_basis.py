@@ -1,0 +1,108 @@
+"""At which roughnesses and indices columns hold transfers, and how these add up to those of any mu and sigma."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.form import LobeForm, Numbers, part_width
+from invrender.brdf.fresnel import FresnelBasis
+from invrender.brdf.microfacet import sigma_nodes, sigma_weights
+from invrender.transport.form_transfer import FresnelFunctions, OneIndex
+from invrender.transport.lobe_transfer import Indices
+
+Floats = NDArray[np.float64]
+
+# Relative step of central differences in mu and sigma.
+_STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnBasis:
+    """Nodes in sigma, functions for Fresnel's factor, and the weights with which both add up.
+
+    sigmas : (j,), radians. sigma_weights : of sigma (...,), radians, to (..., j). fresnel : k functions whose sum
+    Fresnel's factor is. fresnel_weights : of mu to (k,), of several mu (f,) to (f, k).
+    """
+
+    sigmas: Floats
+    sigma_weights: Callable[[float | Floats], Floats]
+    fresnel: FresnelFunctions
+    fresnel_weights: Callable[[float | Floats | None], Floats]
+
+    def functions(self, form: LobeForm) -> FresnelFunctions:
+        """The functions in place of Fresnel's factor that a form's columns hold."""
+        return self.fresnel if form.has_fresnel else OneIndex(None)
+
+    def weights(
+        self,
+        mu: float | Floats | None,
+        sigma: float | Floats,
+        form: LobeForm,
+        numbers: Numbers | None = None,
+    ) -> Floats:
+        """a_k(mu) c_j(sigma), j fastest, (k * j,); of several mu and sigma (f,), (f, k * j).
+
+        numbers : the form's own, one or (f,) each; those that it has if None.
+        """
+        parts = form.parts if numbers is None else form.parts_at(numbers)
+        sigma = np.asarray(sigma, float)
+        nodes = sum(
+            np.asarray(share)[..., None] * self.sigma_weights(part_width(factor, sigma))
+            for share, factor in parts
+        )
+        if not form.has_fresnel:
+            return np.asarray(nodes)
+        products = self.fresnel_weights(mu)[..., :, None] * np.asarray(nodes)[..., None, :]
+        return np.asarray(products.reshape(*np.shape(nodes)[:-1], -1))
+
+
+@lru_cache(maxsize=1)
+def whole_range() -> ColumnBasis:
+    """The basis for all mu and sigma between which a fit searches."""
+    fresnel = FresnelBasis()
+    return ColumnBasis(sigma_nodes(), sigma_weights, fresnel.functions, fresnel.coefficients)
+
+
+def around(mu: float | None, sigma: float | None) -> ColumnBasis:
+    """The basis for values and slopes at one mu and sigma, of lobes of one width: a twentieth of the whole range's.
+
+    Interpolation is quadratic, through the ends of the steps that slopes are taken over (`step_ends`). sigma : None for
+    columns of the base alone.
+    """
+    if sigma is None:
+        return ColumnBasis(np.zeros(0), lambda _: np.zeros(0), OneIndex(None), lambda _: np.ones(1))
+    low, high = step_ends(sigma)
+    sigmas = np.array([low, sigma, high])
+    if mu is None:
+        return ColumnBasis(sigmas, _quadratic(sigmas), OneIndex(None), lambda _: np.ones(1))
+    low, high = step_ends(mu)
+    return ColumnBasis(
+        sigmas, _quadratic(sigmas), Indices((low, mu, high)), _quadratic(np.array([low, mu, high]))
+    )
+
+
+def step_ends(value: float) -> tuple[float, float]:
+    """Mu or sigma a small step less and a small step more."""
+    step = _STEP * max(value, 0.01)
+    return value - step, value + step
+
+
+def _quadratic(nodes: Floats) -> Callable[[float | Floats | None], Floats]:
+    """Lagrange's weights (..., 3) of three nodes at any place (...,)."""
+
+    def weights(place: float | Floats | None) -> Floats:
+        from_nodes = np.asarray(place, float)[..., None] - nodes
+        return np.stack(
+            [
+                np.prod(np.delete(from_nodes, k, axis=-1), axis=-1) / np.prod(nodes[k] - np.delete(nodes, k))
+                for k in range(3)
+            ],
+            axis=-1,
+        )
+
+    return weights
