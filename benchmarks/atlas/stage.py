@@ -18,7 +18,7 @@ from invrender.estimate.solution import Solution, factorize
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.plan.experiment import Experiment, PlannedLight, PlannedView
 from invrender.plan.from_scene import NoisySensor
-from invrender.plan.information import Marginal, Posterior, Tally
+from invrender.plan.information import Marginal, Posterior
 from invrender.plan.photographs import Draw, unexposed
 from invrender.plan.prepared import Bench
 from invrender.plan.prospect import brdf_prospect
@@ -247,8 +247,7 @@ def expected(stage: Stage, keep: Callable[[LightField, Floats], Bools] | None = 
         sensor=NoisySensor(stage.noise),
     )
     bench = Bench(experiment, stage.l_max, _LOOKED_AT)
-    unknowns = bench.unknowns[0]
-    told, fields = Tally.none(unknowns.size), []
+    told, fields = bench.nothing(0), []
     draws = list(bench.draws(experiment.views))
     for view, drawn, seen in zip(experiment.views, draws, bench.shown(0, draws), strict=True):
         use = np.ones(len(drawn.field), bool) if keep is None else keep(drawn.field, seen.radiance)
@@ -256,9 +255,9 @@ def expected(stage: Stage, keep: Callable[[LightField, Floats], Bools] | None = 
         fields.append(drawn.field.where(use))
         some = Draw(fields[-1], stands_for)
         told += bench.information(0, some, seen.where(use), bench.brightness(view), 1.0)
-    posterior = Posterior([Marginal(unknowns, told, np.zeros((0, unknowns.size - unknowns.shared)))])
+    posterior = Posterior([Marginal(bench.unknowns.lights[0], told, np.zeros((0, len(told.pull))))])
     degree = lighting_degree([stage.lighting])
-    prospect = brdf_prospect(brdf, unknowns, posterior, False, degree, fields)
+    prospect = brdf_prospect(brdf, bench.unknowns, posterior, False, degree, fields)
     found = {one.name: one for one in prospect}
     return {
         name: Finding(None, float(found[key].noise_std[-1]), found[key].quantity.status)

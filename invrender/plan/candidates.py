@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
 from capture.progress import Track
-from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.identifiability import lighting_degree
 from invrender.plan.experiment import PlannedView
-from invrender.plan.photographs import Draw, ShownSamples, steady, unexposed
+from invrender.plan.photographs import Draw, sees
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
-from invrender.plan.reflected import Reflected
-from recon.sampling.draw import samples_at
+from invrender.plan.shown import ShownSamples
+from recon.sampling.lightfield import clear_of_terminators
 
 Floats = NDArray[np.float64]
 Task = TypeVar("Task")
@@ -90,13 +89,11 @@ def view_candidates(
 class _Viewpoint:
     """A view that is there, made ready for further lights.
 
-    visible : (m, n), which rays see which of the n places' directions. irradiance : (3,) that each would give. degree :
-    of all lightings with one of them, if its highlight is seen.
+    irradiance : (3,) that each would give. degree : of all lightings with one of them, if its highlight is seen.
     """
 
     drawn: Draw
     seen: ShownSamples
-    visible: NDArray[np.bool_]
     irradiance: Floats
     degree: int | None
 
@@ -111,16 +108,18 @@ def lamp_candidates(
     tasks = []
     for those in of_viewpoint.values():
         viewpoint = _viewpoint(plan, those, looked_at)
-        tasks += [(place, viewpoint, k) for k, place in enumerate(those)]
+        tasks += [(place, viewpoint) for place in those]
 
-    def candidate(task: tuple[TrialPlace, _Viewpoint, int]) -> AddedPhoto:
-        place, at, k = task
-        field, light, visible = at.drawn.field, place.view.light, at.visible[:, k]
-        further = plan.bench.optics.of_source(place.direction, field, visible).times(at.irradiance)
-        keep = steady(field, place.direction[None], visible[:, None])
-        both = replace(at.seen, reflected=at.seen.reflected + further)
-        added = plan.bench.one_more(light, replace(at.drawn, field=field.where(keep)), both.where(keep))
-        seen = _shows_highlight(further, at.irradiance, plan.experiment.brdf)
+    def candidate(task: tuple[TrialPlace, _Viewpoint]) -> AddedPhoto:
+        place, at = task
+        bench, field, light = plan.bench, at.drawn.field, place.view.light
+        further = bench.object.under_lamp(place.direction, at.irradiance, field)
+        towards = place.direction[None]
+        visible = sees(plan.experiment.body, field, towards)
+        keep = clear_of_terminators(replace(field, sources_visible=visible), towards)
+        both = at.seen.under_more(further).where(keep)
+        added = bench.one_more(light, replace(at.drawn, field=field.where(keep)), both)
+        seen = _shows_highlight(further, at.irradiance, plan)
         posterior = plan.posterior.with_information(light, added)
         return AddedPhoto(
             place, at.irradiance, plan.outlook(posterior, at.degree if seen else plan.degree, [field])
@@ -130,28 +129,28 @@ def lamp_candidates(
 
 
 def _viewpoint(plan: Plan, places: Sequence[TrialPlace], looked_at: int) -> _Viewpoint:
-    view, directions = places[0].view, np.array([place.direction for place in places])
+    view = places[0].view
     lights = plan.experiment.lights
     lighting, irradiance = lights[view.light].lighting, lights[view.light].total / 4
     (drawn,) = plan.bench.draws([view], looked_at)
     (seen,) = plan.bench.shown(view.light, [drawn])
-    rows, columns = drawn.field.rows, drawn.field.columns
-    rays = samples_at(plan.experiment.body, view.camera, unexposed(view.camera), rows, columns, directions)
     # Turning a light changes no degree of it: one direction speaks for all.
     added = replace(
         lighting,
-        directions=np.vstack([lighting.directions, directions[:1]]),
+        directions=np.vstack([lighting.directions, places[0].direction]),
         irradiances=np.vstack([lighting.irradiances, irradiance]),
     )
     degree = lighting_degree([*(light.lighting for light in lights), added])
-    return _Viewpoint(drawn, seen, rays.sources_visible, irradiance, degree)
+    return _Viewpoint(drawn, seen, irradiance, degree)
 
 
-def _shows_highlight(further: Reflected, irradiance: Floats, brdf: Microfacet) -> bool:
+def _shows_highlight(further: ShownSamples, irradiance: Floats, plan: Plan) -> bool:
     """Whether samples see a source's highlight up to where the lobe has fallen to 1/e of its peak, head-on."""
-    if brdf.sigma is None:
+    sigma, places = plan.experiment.brdf.sigma, plan.bench.unknowns.brdf.places
+    if sigma is None:
         return False
-    return bool((further.lobe > irradiance / (4 * np.pi * brdf.sigma**2) / np.e).any())
+    lobe = np.stack([further.shared[channel][:, places["ks"]][:, channel] for channel in range(3)], axis=-1)
+    return bool((lobe > irradiance / (4 * np.pi * sigma**2) / np.e).any())
 
 
 def _tracked(

@@ -13,6 +13,7 @@ from invrender.estimate.identifiability import _WEAK as WEAK
 from invrender.estimate.identifiability import ACCURACY, Scalar
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.reached import reached_share
+from invrender.estimate.unknown_light.state import turns
 from invrender.plan.experiment import PlannedLight
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.prospect import Expected, counted
@@ -20,7 +21,6 @@ from invrender.plan.unknowns import Unknowns
 from recon.harmonics.basis import degree_of, degrees, evaluate_harmonics
 from recon.harmonics.complex import project_sources
 from recon.harmonics.latlong import map_coefficients
-from recon.mesh.tangents import tangents
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -71,23 +71,26 @@ class LightProspect:
 class UnknownLight:
     """A light that is not given, and what is asked of it.
 
-    coefficients : ((l_max + 1)^2, 3), of all of it, its sources among it. rows : (3 (l_max + 1)^2, p - b), their
-    derivatives in the light's unknown numbers, in units of the prior, channels fastest.
+    index : which of the lights of `unknowns`. coefficients : ((l_max + 1)^2, 3), of all of it, its sources among it.
+    rows : (3 (l_max + 1)^2, s), their derivatives in its own numbers and the shared ones, as `Tally` has them, in units
+    of the prior, channels fastest.
     """
 
     light: PlannedLight
     unknowns: Unknowns
+    index: int
     coefficients: Floats
     rows: Floats
 
     @classmethod
-    def of(cls, light: PlannedLight, unknowns: Unknowns) -> UnknownLight:
-        """A light whose unknown coefficients are those of `unknowns`."""
-        lighting, l_max = light.lighting, degree_of(len(unknowns.harmonics))
+    def of(cls, light: PlannedLight, unknowns: Unknowns, index: int) -> UnknownLight:
+        """One of the lights of `unknowns`."""
+        lighting, own = light.lighting, unknowns.lights[index]
+        l_max = degree_of(own.size - own.sources)
         total = project_sources(lighting.directions, lighting.irradiances, l_max)
         if lighting.radiance_map is not None:
             total = total + map_coefficients(lighting.radiance_map, l_max)
-        return cls(light, unknowns, np.asarray(total), coefficient_rows(light, unknowns))
+        return cls(light, unknowns, index, np.asarray(total), coefficient_rows(light, unknowns, index))
 
     @property
     def l_max(self) -> int:
@@ -96,11 +99,11 @@ class UnknownLight:
     @property
     def prior(self) -> Floats:
         """(3,), of any coefficient."""
-        return self.unknowns.scale[self.unknowns.harmonics[0]]
+        return self.unknowns.lights[self.index].std[:, 0]
 
-    def prospect(self, posterior: Posterior, index: int, fields: Sequence[LightField]) -> LightProspect:
-        """How much of it is known after a posterior, in which it is the lighting of the marginal `index`."""
-        spread = posterior.asked(index, self.rows).of_lighting(index)
+    def prospect(self, posterior: Posterior, fields: Sequence[LightField]) -> LightProspect:
+        """How much of it is known after a posterior."""
+        spread = posterior.asked(self.index, self.rows).of_lighting(self.index)
         std, _ = counted(spread, np.abs(self.coefficients).ravel())
         doubt = (std**2 + (ACCURACY * spread.fragility) ** 2).reshape(-1, 3) / self.prior**2
         per_degree = np.bincount(degrees(self.l_max), doubt.mean(axis=1)) / (
@@ -113,23 +116,27 @@ class UnknownLight:
 
     @cached_property
     def asked(self) -> Floats:
-        """Rows (r, p - b) of `quantities`: the first nine coefficients, sources' irradiances, their directions."""
-        shared = self.unknowns.shared
-        unit = np.diag(self.unknowns.scale[shared:])
-        sources = [
-            unit[places.ravel() - shared] for places in (self.unknowns.irradiance, self.unknowns.direction)
-        ]
-        return np.concatenate([self.rows[: 3 * (FIRST_NINE + 1) ** 2], *sources])
+        """Rows (r, s) of `quantities`: the first nine coefficients, sources' irradiances, their directions."""
+        own = self.unknowns.lights[self.index]
+        unit = np.diag(_std(self.unknowns, self.index))
+        irradiance = np.arange(3 * own.size).reshape(3, -1)[:, own.size - own.sources :]
+        return np.concatenate(
+            [
+                self.rows[: 3 * (FIRST_NINE + 1) ** 2],
+                unit[irradiance.T.ravel()],
+                unit[3 * own.size :][own.turns],
+            ]
+        )
 
-    def quantities(self, posterior: Posterior, index: int) -> list[Expected]:
+    def quantities(self, posterior: Posterior) -> list[Expected]:
         """Its first nine coefficients as one quantity, and each source's irradiance and direction.
 
-        The posterior's marginal `index` must have been asked the rows `asked`.
+        The posterior's marginal of the light must have been asked the rows `asked`.
         """
         lighting = self.light.lighting
         highest = min(FIRST_NINE, self.l_max)
         nine, count = 3 * (highest + 1) ** 2, len(lighting.directions)
-        spread = posterior.of_lighting(index)
+        spread = posterior.of_lighting(self.index)
         found = [
             _assessed(
                 f"{lighting.name}/degrees 0 to {highest}",
@@ -149,7 +156,7 @@ class UnknownLight:
                 f"source {k + 1} of {lighting.name!r}, irradiance",
                 lighting.irradiances[k],
                 Spread(spread.std[at], spread.fragility[at]),
-                self.unknowns.scale[self.unknowns.irradiance[k]],
+                self.unknowns.lights[self.index].std[:, -1],
                 _HIDDEN,
                 _SHOW_IT,
             )
@@ -166,23 +173,28 @@ class UnknownLight:
         return found
 
 
-def coefficient_rows(light: PlannedLight, unknowns: Unknowns) -> Floats:
-    """Derivatives (3 (l_max + 1)^2, p - b) of all the light's coefficients in its unknown numbers, in prior's units."""
-    lighting, count = light.lighting, len(unknowns.harmonics)
+def coefficient_rows(light: PlannedLight, unknowns: Unknowns, index: int) -> Floats:
+    """Derivatives (3 (l_max + 1)^2, s) of all the light's coefficients in what is unknown of it, in prior's units."""
+    lighting, own = light.lighting, unknowns.lights[index]
+    count = own.size - own.sources
     l_max = degree_of(count)
-    rows = np.zeros((count, 3, unknowns.size - unknowns.shared))
+    lit, shared = np.zeros((count, 3, 3, own.size)), np.zeros((count, 3, len(unknowns.std)))
     for channel in range(3):
-        rows[np.arange(count), channel, unknowns.harmonics[:, channel] - unknowns.shared] = 1
-    for k, (direction, irradiance) in enumerate(zip(lighting.directions, lighting.irradiances, strict=True)):
-        harmonics = evaluate_harmonics(direction[None], l_max)[0]
-        for channel in range(3):
-            rows[:, channel, unknowns.irradiance[k, channel] - unknowns.shared] = harmonics
-        for tangent, place in zip(tangents(direction), unknowns.direction[k] - unknowns.shared, strict=True):
-            ends = direction + np.outer([-_STEP, _STEP], tangent)
-            ends /= np.linalg.norm(ends, axis=1, keepdims=True)
-            before, after = evaluate_harmonics(ends, l_max)
-            rows[:, :, place] = np.outer((after - before) / (2 * _STEP), irradiance)
-    return rows.reshape(3 * count, -1) * unknowns.scale[unknowns.shared :]
+        lit[:, channel, channel, :count] = np.eye(count)
+        lit[:, channel, channel, count:] = evaluate_harmonics(lighting.directions, l_max).T
+    ends = (
+        evaluate_harmonics(turns(lighting.directions, step).reshape(-1, 3), l_max) for step in (-_STEP, _STEP)
+    )
+    before, after = ends
+    by_turn = ((after - before) / (2 * _STEP)).T
+    shared[:, :, own.turns] = by_turn[:, None] * np.repeat(lighting.irradiances.T, 2, axis=1)
+    rows = np.hstack([lit.reshape(3 * count, -1), shared.reshape(3 * count, -1)])
+    return rows * _std(unknowns, index)
+
+
+def _std(unknowns: Unknowns, index: int) -> Floats:
+    """The prior's standard deviations (s,) of a lighting's numbers, channel by channel, then of the shared ones."""
+    return np.concatenate([unknowns.lights[index].std.ravel(), unknowns.std])
 
 
 def _norm(values: Floats) -> Floats:

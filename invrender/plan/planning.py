@@ -70,20 +70,19 @@ class Plan:
     def lights(self) -> tuple[LightProspect, ...]:
         """How much of each unknown light is determined."""
         return tuple(
-            light.prospect(self.posterior, k, self._fields(k))
-            for k, light in self.bench.unknown_lights.items()
+            light.prospect(self.posterior, self._fields(k)) for k, light in self.bench.unknown_lights.items()
         )
 
     def outlook(
         self, posterior: Posterior, degree: int | None, more: Sequence[LightField] = ()
     ) -> tuple[Expected, ...]:
         """All quantities under a posterior, in lightings of a degree as `degree` is, with `more` samples."""
-        experiment, unknowns = self.experiment, self.bench.unknowns[0]
+        experiment, unknowns = self.experiment, self.bench.unknowns
         fields = [self._most_grazing, *(field for field in more if len(field))]
         absolute = experiment.gauge_light is None
         found = brdf_prospect(experiment.brdf, unknowns, posterior, absolute, degree, fields)
-        for k, light in self.bench.unknown_lights.items():
-            found += light.quantities(posterior, k)
+        for light in self.bench.unknown_lights.values():
+            found += light.quantities(posterior)
         return tuple(found)
 
     @cached_property
@@ -95,13 +94,12 @@ class Plan:
         return [drawn.field for drawn, view in zip(self.draws, views, strict=True) if view.light == light]
 
     def _posterior(self, times: float) -> Posterior:
-        bench = self.bench
-        asked = [
-            bench.unknown_lights[k].asked if k in bench.unknown_lights else np.zeros((0, 0))
-            for k in range(len(bench.unknowns))
-        ]
-        parts = zip(bench.unknowns, self.found, asked, strict=True)
-        return Posterior([Marginal(unknowns, found.times(times), rows) for unknowns, found, rows in parts])
+        bench, marginals = self.bench, []
+        for k, (light, found) in enumerate(zip(bench.unknowns.lights, self.found, strict=True)):
+            none = np.zeros((0, 3 * light.size + len(bench.unknowns.std)))
+            rows = bench.unknown_lights[k].asked if k in bench.unknown_lights else none
+            marginals.append(Marginal(light, found.times(times), rows))
+        return Posterior(marginals)
 
 
 def make_plan(
@@ -129,7 +127,7 @@ def make_plan(
                 f"{experiment.name}: no light reaches what the photographs show; turn the lights"
             )
         exposure_s = experiment.sensor.exposure_s(brightness)
-        found = [Tally.none(unknowns.size) for unknowns in bench.unknowns]
+        found = [bench.nothing(light) for light in range(len(experiment.lights))]
         seen = {
             light: bench.shown(
                 light, [one for one, view in zip(draws, views, strict=True) if view.light == light]

@@ -11,9 +11,9 @@ from capture.parallel import parallel_map
 from invrender.plan.experiment import Experiment, PlannedView
 from invrender.plan.information import Tally, photograph_tally
 from invrender.plan.light_prospect import UnknownLight
-from invrender.plan.photographs import Draw, ShownSamples, draw, picture, reflected, shown
-from invrender.plan.reflected import LightParts, ReflectingObject
-from invrender.plan.unknowns import Unknowns, unknowns_of
+from invrender.plan.photographs import Draw, draw, picture
+from invrender.plan.shown import PlannedObject, ShownSamples
+from invrender.plan.unknowns import unknowns_of
 from invrender.process.pipeline import DEFAULT_SAMPLES as FIT_SAMPLES
 
 Floats = NDArray[np.float64]
@@ -27,24 +27,18 @@ _LEAST_NOISE = 1e-4
 class Bench:
     """An experiment made ready.
 
-    unknowns, parts : one per light. unknown_lights : by their index, those that are not given. budget : samples that a
-    fit takes of a photograph. looked_at : how many of them are looked at here.
+    unknown_lights : by their index, those that are not given. budget : samples that a fit takes of a photograph.
+    looked_at : how many of them are looked at here.
     """
 
     def __init__(self, experiment: Experiment, degree: int, samples: int) -> None:
         self.experiment = experiment
-        gauge = experiment.gauge_light
-        self.unknowns: list[Unknowns] = [
-            unknowns_of(experiment.brdf, light, degree, k == gauge)
-            for k, light in enumerate(experiment.lights)
-        ]
+        lights = experiment.lights
+        self.unknowns = unknowns_of(experiment.brdf, lights, degree, experiment.gauge_light)
         self.unknown_lights = {
-            k: UnknownLight.of(light, self.unknowns[k])
-            for k, light in enumerate(experiment.lights)
-            if not light.known
+            k: UnknownLight.of(light, self.unknowns, k) for k, light in enumerate(lights) if not light.known
         }
-        self.optics = ReflectingObject(experiment.body, experiment.brdf, degree)
-        self.parts: list[LightParts] = [self.optics.parts(light) for light in experiment.lights]
+        self.object = PlannedObject(experiment.body, lights, self.unknowns, degree)
         count = len(experiment.views)
         self.budget = max(FIT_SAMPLES // (count * experiment.sensor.exposures), 4 * FEWEST)
         self.looked_at = max(samples // count, 4 * FEWEST)
@@ -56,36 +50,38 @@ class Bench:
             # Seeded by place, so that threads don't change what is drawn.
             rng = np.random.default_rng(numbered[0])
             view, count = numbered[1], looked_at or self.looked_at
-            return draw(self.experiment.body, view.camera, self.parts[view.light], self.budget, count, rng)
+            sources = self.experiment.lights[view.light].lighting.directions
+            return draw(self.experiment.body, view.camera, sources, self.budget, count, rng)
 
         return parallel_map(one, enumerate(views))
 
     def brightness(self, view: PlannedView) -> Floats:
         """Radiance (k, 3) of the object's pixels in a photograph."""
-        parts = self.parts[view.light]
-        field = picture(self.experiment.body, view.camera, parts)
-        return reflected(self.optics, parts, field).radiance(self.experiment.brdf)
+        return self.object.radiance(view.light, picture(self.experiment.body, view.camera))
 
     def shown(self, light: int, draws: Sequence[Draw]) -> Iterator[ShownSamples]:
         """What photographs under a light show."""
-        return shown(self.optics, self.parts[light], self.unknowns[light], [one.field for one in draws])
+        return self.object.shown(light, [one.field for one in draws])
 
     def information(
         self, light: int, drawn: Draw, seen: ShownSamples, brightness: Floats, exposure_s: float
     ) -> Tally:
         """The information in a photograph, all the files of its bracket together; brightness : (k, 3), its radiance."""
         sensor = self.experiment.sensor
-        radiance = seen.radiance
-        weights = sensor.information(radiance, brightness, exposure_s)
+        weights = sensor.information(seen.radiance, brightness, exposure_s)
         least = _LEAST_NOISE * float(np.sqrt(np.mean(brightness**2)))
         weights = np.minimum(weights, 1 / max(least, 1e-150) ** 2)
-        found = photograph_tally(self.unknowns[light], drawn.field, radiance, seen.columns, weights)
-        return found.times(drawn.stands_for * sensor.exposures)
+        weights = drawn.stands_for * sensor.exposures * weights
+        return photograph_tally(self.unknowns, light, drawn.field, seen, weights)
+
+    def nothing(self, light: int) -> Tally:
+        """The information of no photograph under a light."""
+        return Tally.none(self.unknowns.lights[light].size, len(self.unknowns.std))
 
     def one_more(self, light: int, drawn: Draw, seen: ShownSamples) -> Tally:
         """The information in one more photograph, exposed for itself, by the samples that are looked at."""
         brightness = seen.radiance
         if not brightness.any():
-            return Tally.none(self.unknowns[light].size)
+            return self.nothing(light)
         exposure_s = self.experiment.sensor.exposure_s([brightness])
         return self.information(light, drawn, seen, brightness, exposure_s)

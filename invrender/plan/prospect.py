@@ -82,7 +82,7 @@ def brdf_prospect(
     if not rows:
         return []
     names = list(rows)
-    spread = posterior.of_brdf(np.concatenate(list(rows.values())) * unknowns.scale[: unknowns.shared])
+    spread = posterior.of_shared(np.concatenate(list(rows.values())) * unknowns.std)
     weight = brdf.kd + brdf.ks
     share = float(np.mean(brdf.ks / np.maximum(weight, 1e-300)))
     found, start = [], 0
@@ -119,23 +119,17 @@ def counted(spread: Spread, scale: Floats) -> tuple[Floats, Floats]:
 
 
 def brdf_rows(brdf: Microfacet, unknowns: Unknowns, absolute: bool) -> dict[str, Floats]:
-    """Derivatives (k, b) of the quantities in the BRDF's numbers, by name."""
-    unit = np.eye(unknowns.shared)
-    rows: dict[str, Floats] = {}
-    kd = unit[unknowns.brdf["kd"]]
+    """Derivatives (k, t) of the quantities in the shared numbers, by name."""
+    rows = {name: np.eye(len(unknowns.std))[place] for name, place in unknowns.brdf.places.items()}
     if brdf.sigma is None:
         # A matte object's colour is its light's: without a scale there is nothing to determine.
-        return {"kd": kd} if absolute else {}
-    ks = unit[unknowns.brdf["ks"]]
+        return rows if absolute else {}
+    shape: dict[str, Floats] = {name: rows[name] for name in ("sigma", "mu") if name in rows}
     if absolute:
-        rows = {"kd": kd, "ks": ks}
-    else:
-        weight = np.maximum(brdf.kd + brdf.ks, 1e-300)[:, None]
-        rows["ks_normalised"] = (brdf.kd[:, None] * ks - brdf.ks[:, None] * kd) / weight**2
-    rows["sigma"] = unit[unknowns.brdf["sigma"]]
-    if brdf.mu is not None:
-        rows["mu"] = unit[unknowns.brdf["mu"]]
-    return rows
+        return {"kd": rows["kd"], "ks": rows["ks"], **shape}
+    weight = np.maximum(brdf.kd + brdf.ks, 1e-300)[:, None]
+    share = (brdf.kd[:, None] * rows["ks"] - brdf.ks[:, None] * rows["kd"]) / weight**2
+    return {"ks_normalised": share, **shape}
 
 
 def _truth(brdf: Microfacet, name: str) -> Floats:

@@ -1,4 +1,4 @@
-"""What is not known beforehand, as one vector: the BRDF's numbers, then those of a lighting that is not given.
+"""What is not known beforehand, in the layout of a fit: numbers that all photographs share, and those of each lighting.
 
 All are counted in standard deviations of a weak prior, so that the prior's precision is the identity and the share
 of a number that photographs determine is 1 less its variance.
@@ -6,107 +6,106 @@ of a number that photographs determine is 1 less its variance.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.jacobian import Parameters, pack
+from invrender.estimate.models import Estimate, Model
 from invrender.estimate.uncertainty import PRIOR_STD
+from invrender.estimate.unknown_light.projection import prior_precision
 from invrender.plan.experiment import PlannedLight
 from recon.harmonics.basis import check_degree
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Kd and Ks beforehand: up to so many times their sum.
 _WEIGHT_PRIOR = 10.0
 # Of a source's direction along either tangent, radians: from anywhere.
-_DIRECTION_PRIOR = 1.0
+_TURN_PRIOR = 1.0
 # The scale that light and BRDF share is taken for known to this.
 _GAUGE_STD = 1e-4
+# The lighting that columns of planned photographs are under, by name: its strengths are 1.
+KNOWN = "known"
+
+
+@dataclass(frozen=True, eq=False)
+class LightUnknowns:
+    """A lighting's p numbers in each channel: coefficients, then its sources' irradiances; none where it is known.
+
+    std : (3, p), the prior's. precision : (3, p, p), of the prior in its own units, with what the gauge adds. turns :
+    places of its sources' turns along two tangents, a pair each, among the shared numbers.
+    """
+
+    std: Floats
+    precision: Floats
+    turns: slice
+
+    @property
+    def size(self) -> int:
+        return self.std.shape[1]
+
+    @property
+    def sources(self) -> int:
+        return (self.turns.stop - self.turns.start) // 2
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The layout of the vector, of p numbers in all, for photographs under one lighting.
+    """What is not known of a set of photographs.
 
-    brdf : "kd", "ks" (3 each), "mu", "sigma", as the BRDF has them -> their places; `shared` numbers in all.
-    harmonics : ((l_max + 1)^2, 3), irradiance : (k, 3) and direction : (k, 2) places of an unknown lighting's
-        coefficients, of its sources' irradiances and of their directions along two tangents; none where it is known.
-    scale : (p,), the prior's standard deviations.
-    gauge : (g, p), what is taken for known to one part in `_GAUGE_STD`: the total of each channel's light, or nothing.
+    estimate : the truth, as a fit would find it. brdf : its numbers, which are the first of the t shared ones; turns
+    of unknown lightings' sources follow. std : (t,), the prior's. lights : one per lighting.
     """
 
-    brdf: dict[str, Ints]
-    harmonics: Ints
-    irradiance: Ints
-    direction: Ints
-    scale: Floats
-    gauge: Floats
-
-    @property
-    def size(self) -> int:
-        return len(self.scale)
-
-    @property
-    def shared(self) -> int:
-        return sum(len(places) for places in self.brdf.values())
-
-    @property
-    def places(self) -> Ints:
-        """(3, q), of what each channel depends on: Kd, Ks, mu, sigma, coefficients, irradiances, directions."""
-        return np.stack([self._of_channel(channel) for channel in range(3)])
-
-    @property
-    def precision(self) -> Floats:
-        """The prior's precision of the lighting's own numbers, (p - shared, p - shared)."""
-        own = self.gauge[:, self.shared :] / _GAUGE_STD
-        return np.eye(self.size - self.shared) + own.T @ own
-
-    def _of_channel(self, channel: int) -> Ints:
-        brdf = [places[channel] if len(places) == 3 else places[0] for places in self.brdf.values()]
-        return np.concatenate(
-            [brdf, self.harmonics[:, channel], self.irradiance[:, channel], self.direction.ravel()]
-        ).astype(np.int64)
+    estimate: Estimate
+    brdf: Parameters
+    std: Floats
+    lights: tuple[LightUnknowns, ...]
 
 
-def unknowns_of(brdf: Microfacet, light: PlannedLight, degree: int, is_gauge: bool) -> Unknowns:
-    """The unknowns of photographs under a light; degree : the highest of an unknown one's coefficients, >= 0.
+def unknowns_of(
+    brdf: Microfacet, lights: Sequence[PlannedLight], degree: int, gauge_light: int | None
+) -> Unknowns:
+    """The unknowns of photographs under some lights; degree : the highest of unknown ones' coefficients, >= 0.
 
     A priori a coefficient of any degree is as large as that of degree 0 of all the light: no light of this
-    total has larger ones in the mean, and a single source has such. is_gauge : the light's total sets the scale.
+    total has larger ones in the mean, and a single source has such. gauge_light : whose total sets the scale, if any.
     """
     check_degree(degree, "degree")
-    blocks: dict[str, Floats] = {}
+    model = Model("planned", brdf.sigma is not None, brdf.mu is not None)
+    estimate = Estimate(model, brdf, {KNOWN: np.ones((1, 3))}, 0.0)
+    parameters = pack(estimate, {})
     weight = np.maximum(brdf.kd + brdf.ks, 1e-3 * (brdf.kd + brdf.ks).max())
-    blocks["kd"] = _WEIGHT_PRIOR * weight
-    if brdf.sigma is not None:
-        blocks["ks"] = _WEIGHT_PRIOR * weight
-        if brdf.mu is not None:
-            blocks["mu"] = np.array([PRIOR_STD["mu"]])
-        blocks["sigma"] = np.array([PRIOR_STD["sigma"]])
-    names = tuple(blocks)
-    count, sources = (0, 0) if light.known else ((degree + 1) ** 2, len(light.lighting.directions))
+    prior = {"kd": _WEIGHT_PRIOR * weight, "ks": _WEIGHT_PRIOR * weight, **PRIOR_STD}
+    std = [
+        np.broadcast_to(prior[name], place.stop - place.start) for name, place in parameters.places.items()
+    ]
+    start, found = len(parameters.vector), []
+    for k, light in enumerate(lights):
+        sources = 0 if light.known else len(light.lighting.directions)
+        turns = slice(start, start + 2 * sources)
+        start = turns.stop
+        found.append(_of_light(light, degree, turns, k == gauge_light))
+    std.append(np.full(start - len(parameters.vector), _TURN_PRIOR))
+    return Unknowns(estimate, parameters, np.concatenate(std), tuple(found))
+
+
+def _of_light(light: PlannedLight, degree: int, turns: slice, is_gauge: bool) -> LightUnknowns:
+    if light.known:
+        return LightUnknowns(np.zeros((3, 0)), np.zeros((3, 0, 0)), turns)
     total = np.maximum(light.total, 1e-3 * light.total.max())
-    blocks["harmonics"] = np.tile(total / np.sqrt(4 * np.pi), count)
-    blocks["irradiance"] = np.tile(total, sources)
-    blocks["direction"] = np.full(2 * sources, _DIRECTION_PRIOR)
-    places, start = {}, 0
-    for name, values in blocks.items():
-        places[name] = np.arange(start, start + len(values))
-        start += len(values)
-    scale = np.concatenate(list(blocks.values()))
-    harmonics, irradiance = places["harmonics"].reshape(-1, 3), places["irradiance"].reshape(-1, 3)
-    gauge = np.zeros((3 if is_gauge and not light.known else 0, start))
-    for channel in range(len(gauge)):
-        gauge[channel, harmonics[0, channel]] = np.sqrt(4 * np.pi) / total[channel]
-        gauge[channel, irradiance[:, channel]] = 1 / total[channel]
-    return Unknowns(
-        brdf={name: places[name] for name in names},
-        harmonics=harmonics,
-        irradiance=irradiance,
-        direction=places["direction"].reshape(-1, 2),
-        scale=scale,
-        gauge=gauge * scale,
-    )
+    sources = len(light.lighting.directions)
+    std = prior_precision(total / np.sqrt(4 * np.pi), degree, sources) ** -0.5
+    precision = np.broadcast_to(np.eye(std.shape[1]), (3, std.shape[1], std.shape[1])).copy()
+    if is_gauge:
+        # What coefficients of degree 0 and irradiances add to the total of a channel's light.
+        per_total = np.zeros(std.shape)
+        per_total[:, 0] = np.sqrt(4 * np.pi)
+        per_total[:, len(std[0]) - sources :] = 1
+        held = per_total * std / total[:, None] / _GAUGE_STD
+        precision += held[:, :, None] * held[:, None, :]
+    return LightUnknowns(std, precision, turns)

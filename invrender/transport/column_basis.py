@@ -94,15 +94,13 @@ def step_ends(value: float) -> tuple[float, float]:
 
 def _quadratic(nodes: Floats) -> Callable[[float | Floats | None], Floats]:
     """Lagrange's weights (..., 3) of three nodes at any place (...,)."""
+    low, middle, high = nodes
+    scale = np.array(
+        [(low - middle) * (low - high), (middle - low) * (middle - high), (high - low) * (high - middle)]
+    )
 
     def weights(place: float | Floats | None) -> Floats:
-        from_nodes = np.asarray(place, float)[..., None] - nodes
-        return np.stack(
-            [
-                np.prod(np.delete(from_nodes, k, axis=-1), axis=-1) / np.prod(nodes[k] - np.delete(nodes, k))
-                for k in range(3)
-            ],
-            axis=-1,
-        )
+        off = np.asarray(place, float)[..., None] - nodes
+        return off[..., [1, 0, 0]] * off[..., [2, 2, 1]] / scale
 
     return weights

@@ -188,10 +188,12 @@ def off_terminators(field: LightField, directions: Floats) -> LightField:
     There the light is neither on nor off: a source has a size, a pixel a width, and the model's highlight
     ends abruptly [RH01, eq. 23 has no shadowing term], so that dim pixels would carry large errors.
     """
-    if not len(directions):
-        return field
+    return field.where(clear_of_terminators(field, directions)) if len(directions) else field
+
+
+def clear_of_terminators(field: LightField, directions: Floats) -> NDArray[np.bool_]:
+    """Which samples (n,) `off_terminators` keeps."""
     cos = field.normals @ directions.T
     lit_share = np.asarray(field.mean_over_rays(((cos > 0) & field.sources_visible).astype(float)))
     at_horizon = np.abs(field.mean_over_rays(cos)) < _PENUMBRA
-    keep = ~(((lit_share > 0) & (lit_share < 1)) | at_horizon).any(axis=1)
-    return field.where(keep)
+    return np.asarray(~(((lit_share > 0) & (lit_share < 1)) | at_horizon).any(axis=1))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import block_diag
 
 from capture.lighting import Lighting, latlong_directions
 from invrender.brdf.microfacet import Microfacet
@@ -16,15 +17,15 @@ from invrender.estimate.jacobian import pack
 from invrender.estimate.search import LADDER, fit
 from invrender.estimate.statistics import by_lighting, photo_statistics
 from invrender.estimate.uncertainty import uncertainty_of
+from invrender.estimate.unknown_light.projection import arrow_of
 from invrender.plan.advice import advise
 from invrender.plan.experiment import Experiment, PlannedLight, angles_deg
 from invrender.plan.from_scene import experiment_of
 from invrender.plan.information import Marginal, Posterior, Tally, photograph_tally
 from invrender.plan.light_prospect import UnknownLight
-from invrender.plan.photographs import shown
 from invrender.plan.planning import Plan, make_plan
 from invrender.plan.prospect import Expected
-from invrender.plan.reflected import ReflectingObject
+from invrender.plan.shown import PlannedObject
 from invrender.plan.unknowns import unknowns_of
 from invrender.process.pipeline import process
 from invrender.transport.predict import predict
@@ -97,9 +98,8 @@ def statuses(expected: tuple[Expected, ...]) -> dict[str, str]:
 
 
 def columns_of(brdf: Microfacet, light: PlannedLight, fields, degree: int = 3):
-    unknowns = unknowns_of(brdf, light, degree, is_gauge=False)
-    optics = ReflectingObject(BALL, brdf, degree)
-    return unknowns, list(shown(optics, optics.parts(light), unknowns, fields))
+    unknowns = unknowns_of(brdf, [light], degree, None)
+    return unknowns, list(PlannedObject(BALL, [light], unknowns, degree).shown(0, fields))
 
 
 # --- against the solver
@@ -110,13 +110,12 @@ def test_expected_deviations_are_the_scatter_of_estimates_and_what_the_solver_st
     fields = [photo.field for photo in photos]
     unknowns, seen = columns_of(BRDF, PlannedLight(bench.known_lighting(), known=True), fields)
     weights = [1 / ((0.01 * one.radiance) ** 2 + (0.001 * one.radiance.mean()) ** 2) for one in seen]
-    told = Tally.none(unknowns.size)
+    told = Tally.none(0, len(unknowns.std))
     for field, one, weight in zip(fields, seen, weights, strict=True):
-        told += photograph_tally(unknowns, field, one.radiance, one.columns, weight)
-    posterior = Posterior([Marginal(unknowns, told, np.zeros((0, 0)))])
-    spread = posterior.of_brdf(np.diag(unknowns.scale))
-    order = [unknowns.brdf[name] for name in ("mu", "sigma", "kd", "ks")]
-    expected, fragility = (values[np.concatenate(order)] for values in (spread.std, spread.fragility))
+        told += photograph_tally(unknowns, 0, field, one, weight)
+    posterior = Posterior([Marginal(unknowns.lights[0], told, np.zeros((0, len(unknowns.std))))])
+    spread = posterior.of_shared(np.diag(unknowns.std))
+    expected, fragility = spread.std, spread.fragility
 
     def estimated(noisy):
         statistics = by_lighting(photo_statistics(p, w) for p, w in zip(noisy, weights, strict=True))
@@ -185,30 +184,32 @@ def test_columns_are_the_slopes_of_predicted_radiance(bench, brdf):
         elements = light_elements(under)
         return predict(of, elements, np.ones((len(elements), 3)), field)
 
-    def column(place: int, channel: int) -> np.ndarray:
-        return seen.columns[channel][:, list(unknowns.places[channel]).index(place)]
-
-    def check(places, up, down, width: float, rtol: float, channels=range(3)) -> None:
+    def check(jacobian, up, down, width: float, rtol: float, channels=range(3)) -> None:
+        """A number's own column (3, n) of the Jacobian, in those channels that depend on it."""
         slope = (radiance(*up) - radiance(*down)) / width
         for channel in channels:
-            found = column(places[channel] if len(places) == 3 else places[0], channel)
             scale = max(np.abs(slope).max(), 1e-6)  # of degree 3 a matte object shows nothing
-            assert_allclose(found, slope[:, channel], rtol=0, atol=rtol * scale)
+            assert_allclose(jacobian[channel], slope[:, channel], rtol=0, atol=rtol * scale)
 
-    assert_allclose(seen.radiance, radiance(brdf, lighting), rtol=1e-9)
-    names = ["kd"] if brdf is MATTE else ["kd", "ks", "mu", "sigma"]
-    for name in names:
+    # Single precision.
+    assert_allclose(seen.radiance, radiance(brdf, lighting), rtol=1e-5)
+    assert list(unknowns.brdf.places) == (["kd"] if brdf is MATTE else ["mu", "sigma", "kd", "ks"])
+    for name, place in unknowns.brdf.places.items():
         h = 1e-4
-        # The map's half-vector rule sums other rings for other roughnesses: 1e-3 of the slope in sigma.
         up, down = shifted(brdf, name, h), shifted(brdf, name, -h)
-        check(unknowns.brdf[name], (up, lighting), (down, lighting), 2 * h, 2e-3)
+        # Kd and Ks of each channel, and what all share, as the columns of one matrix.
+        of_channels = seen.shared[:, :, place].sum(axis=2)
+        # The map's half-vector rule sums other rings for other roughnesses: 1e-3 of the slope in sigma.
+        check(of_channels, (up, lighting), (down, lighting), 2 * h, 2e-3)
+        if name in ("kd", "ks"):
+            assert not seen.shared[0, :, place.start + 1 : place.stop].any()
     # The source: one more unit of irradiance, and a turn about either axis.
     more = replace(lighting, irradiances=lighting.irradiances + 1)
-    check(unknowns.irradiance[0], (brdf, more), (brdf, lighting), 1.0, 1e-6)
-    for tangent, place in zip(tangents(lighting.directions[0]), unknowns.direction[0], strict=True):
+    check(seen.lit[:, :, -1], (brdf, more), (brdf, lighting), 1.0, 1e-6)
+    turned = seen.shared[:, :, unknowns.lights[0].turns]
+    for tangent, jacobian in zip(tangents(lighting.directions[0]), np.moveaxis(turned, 2, 0), strict=True):
         ends = [replace(lighting, directions=lighting.directions + s * 1e-4 * tangent) for s in (1, -1)]
-        # Differences over 1e-3 and over 1e-4 of a lobe 0.12 wide.
-        check([place], (brdf, ends[0]), (brdf, ends[1]), 2e-4, 1e-3)
+        check(jacobian, (brdf, ends[0]), (brdf, ends[1]), 2e-4, 1e-3)
     # A harmonic of the light: by the half-vector walk through a map that has more of it, not by the operator.
     assert lighting.radiance_map is not None
     directions = latlong_directions(len(lighting.radiance_map))
@@ -221,36 +222,39 @@ def test_columns_are_the_slopes_of_predicted_radiance(bench, brdf):
             )
             for s in (0, 1)
         )
-        # 3%: rows are at the mean normal of pixels that curve by up to a quarter of a radian; of most it is 0.2%.
-        check(unknowns.harmonics[k], (brdf, brighter), (brdf, bright), 1.0, 3e-2)
+        # 2% where some of a sample's rays are more grazing than the lobe's table; of most it is 0.1%.
+        check(seen.lit[:, :, k], (brdf, brighter), (brdf, bright), 1.0, 2e-2)
 
 
 def test_marginals_add_up_to_the_inverse_of_the_whole(bench, rng):
     """Two unknown lightings that share a BRDF, against one matrix of all numbers, and scores against brute force."""
     lights = [PlannedLight(bench.known_lighting(name=name), known=False) for name in ("one", "two")]
-    unknowns = [unknowns_of(BRDF, light, 1, is_gauge=k == 0) for k, light in enumerate(lights)]
-    b, p = unknowns[0].shared, unknowns[0].size
-    tallies, matrices = [], []
-    tile_scores, patch_scores = np.zeros((0, 2 * p - b)), {}
-    for k in range(2):
-        places = np.r_[:b, b + k * (p - b) : b + (k + 1) * (p - b)]
-        rows = rng.normal(size=(3 * p, p))
-        tiles, patch = rng.normal(size=(5, p)), rng.normal(size=(4, p))
-        tallies.append(Tally(rows.T @ rows, tiles.T @ tiles, {k + j: score for j, score in enumerate(patch)}))
-        whole = np.zeros((2 * p - b, 2 * p - b))
-        whole[np.ix_(places, places)] = tallies[k].matrix
-        whole[np.ix_(places[b:], places[b:])] += unknowns[k].precision
-        matrices.append(whole)
-        padded = np.zeros((5, 2 * p - b))
+    unknowns = unknowns_of(BRDF, lights, 1, 0)
+    p, t = unknowns.lights[0].size, len(unknowns.std)
+    s, whole_size = 3 * p + t, 6 * p + t
+    tallies, whole = [], np.diag(np.r_[np.zeros(6 * p), np.ones(t)])
+    tile_scores, patch_scores = np.zeros((0, whole_size)), {}
+    for k, own in enumerate(unknowns.lights):
+        places = np.r_[3 * p * k : 3 * p * (k + 1), 6 * p : whole_size]
+        lit, shared = rng.normal(size=(3, 2 * s, p)), rng.normal(size=(3, 2 * s, t))
+        weights = rng.uniform(0.5, 2, (2 * s, 3))
+        tiles, patch = rng.normal(size=(5, s)), rng.normal(size=(4, s))
+        equations = arrow_of(lit, shared, weights, np.zeros((2 * s, 3)))
+        tallies.append(Tally(equations, tiles.T @ tiles, {k + j: score for j, score in enumerate(patch)}))
+        for channel in range(3):
+            rows = np.zeros((2 * s, s))
+            rows[:, channel * p : (channel + 1) * p], rows[:, 3 * p :] = lit[channel], shared[channel]
+            whole[np.ix_(places, places)] += rows.T @ (weights[:, channel, None] * rows)
+        whole[np.ix_(places[: 3 * p], places[: 3 * p])] += block_diag(*own.precision)
+        padded = np.zeros((5, whole_size))
         padded[:, places] = tiles
         tile_scores = np.vstack([tile_scores, padded])
         for j, score in enumerate(patch):
-            total = patch_scores.setdefault(k + j, np.zeros(2 * p - b))
+            total = patch_scores.setdefault(k + j, np.zeros(whole_size))
             total[places] += score
-    prior = np.diag(np.r_[np.ones(b), np.zeros(2 * (p - b))])
-    covariance = np.linalg.inv(sum(matrices) + prior)
-    asked = rng.normal(size=(4, p - b))
-    posterior = Posterior([Marginal(u, t, asked) for u, t in zip(unknowns, tallies, strict=True)])
+    covariance = np.linalg.inv(whole)
+    asked = rng.normal(size=(4, s))
+    posterior = Posterior([Marginal(u, t, asked) for u, t in zip(unknowns.lights, tallies, strict=True)])
     patches = np.array(list(patch_scores.values()))
 
     def check(spread, rows: np.ndarray) -> None:
@@ -258,14 +262,14 @@ def test_marginals_add_up_to_the_inverse_of_the_whole(bench, rng):
         pulls = [((rows @ covariance @ scores.T) ** 2).sum(axis=1) for scores in (tile_scores, patches)]
         assert_allclose(spread.fragility**2, np.maximum(*pulls), rtol=1e-9)
 
-    of_brdf = rng.normal(size=(3, b))
-    check(posterior.of_brdf(of_brdf), np.hstack([of_brdf, np.zeros((3, 2 * (p - b)))]))
-    check(posterior.of_lighting(0), np.hstack([np.zeros((4, b)), asked, np.zeros((4, p - b))]))
-    check(posterior.of_lighting(1), np.hstack([np.zeros((4, p)), asked]))
+    of_shared, none = rng.normal(size=(3, t)), np.zeros((4, 3 * p))
+    check(posterior.of_shared(of_shared), np.hstack([np.zeros((3, 6 * p)), of_shared]))
+    check(posterior.of_lighting(0), np.hstack([asked[:, : 3 * p], none, asked[:, 3 * p :]]))
+    check(posterior.of_lighting(1), np.hstack([none, asked]))
     # The gauge holds the first light's total, sources among it, to a part in ten thousand: its degree 0.
     for k, held in ((0, True), (1, False)):
         per_total = np.sqrt(4 * np.pi) / lights[k].total[:, None]
-        total = UnknownLight.of(lights[k], unknowns[k]).rows[:3] * per_total
+        total = UnknownLight.of(lights[k], unknowns, k).rows[:3] * per_total
         assert ((posterior.asked(k, total).of_lighting(k).std < 1.001e-4) == held).all()
 
 
@@ -277,17 +281,17 @@ def test_information_is_additive(bench):
     half = np.arange(len(field)) % 2 == 0
 
     def tally(keep: np.ndarray) -> Tally:
-        one = seen.where(keep)
-        return photograph_tally(unknowns, field.where(keep), one.radiance, one.columns, weights[keep])
+        return photograph_tally(unknowns, 0, field.where(keep), seen.where(keep), weights[keep])
 
     whole, parts = tally(np.ones(len(field), bool)), tally(half) + tally(~half)
-    assert_allclose(parts.matrix, whole.matrix, rtol=1e-12, atol=1e-12 * whole.matrix.max())
+    for name, matrix in vars(whole.equations).items():
+        assert_allclose(getattr(parts.equations, name), matrix, rtol=1e-12, atol=1e-12 * np.abs(matrix).max())
     assert parts.patches.keys() == whole.patches.keys()
     # A patch is seen in both, and its scores add up, unlike those of tiles, which are of one photograph.
     for patch, score in whole.patches.items():
         assert_allclose(parts.patches[patch], score, atol=1e-12 * np.abs(score).max())
     twice = whole.times(2)
-    assert_allclose(twice.matrix, 2 * whole.matrix, rtol=1e-15)
+    assert_allclose(twice.equations.corner, 2 * whole.equations.corner, rtol=1e-15)
     assert_allclose(twice.pull, 4 * whole.pull, rtol=1e-15)
 
 
@@ -410,7 +414,9 @@ def test_meshes_show_and_hide_as_their_photographs_do(tmp_path: Path):
     (seen,) = plan.bench.shown(0, [plan.draws[0]])
     level = np.sqrt(np.mean(seen.radiance**2))
     error = np.sqrt(np.mean((seen.radiance - truth[field.rows, field.columns]) ** 2, axis=1)) / level
-    turned_to_the_lamp = field.mean_over_rays(field.normals) @ plan.bench.parts[0].sources[0] > 0.1
+    turned_to_the_lamp = (
+        field.mean_over_rays(field.normals) @ plan.experiment.lights[0].lighting.directions[0] > 0.1
+    )
     hidden = turned_to_the_lamp & ~np.isin(
         np.arange(len(field)), field.ray_sample[field.sources_visible[:, 0]]
     )

@@ -19,7 +19,14 @@ from capture.parallel import parallel_map
 from invrender.estimate.clusters import tile_of
 from invrender.estimate.evidence import MAX_FOLDS, relative_rms
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
-from invrender.estimate.unknown_light.projection import Arrow, BlindFit, joint_rows, predicted, reduced
+from invrender.estimate.unknown_light.projection import (
+    Arrow,
+    BlindFit,
+    arrow_of,
+    joint_rows,
+    predicted,
+    reduced,
+)
 from invrender.estimate.unknown_light.rows import LightingRows
 from invrender.estimate.unknown_light.start import Search
 from recon.sampling.lightfield import LightField
@@ -126,9 +133,7 @@ def joint_equations(search: Search, fit: BlindFit) -> Joint:
         lit, shared = joint_rows(design, fit, rows)
         residual = design.radiance - predicted(design, fit, rows)
         return {
-            int(k): _equations(
-                lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k]
-            )
+            int(k): arrow_of(lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k])
             for k in np.unique(fold)
         }
 
@@ -148,18 +153,6 @@ def joint_equations(search: Search, fit: BlindFit) -> Joint:
 
 def _add(arrows: dict[int, Arrow], lighting: int, part: Arrow) -> None:
     arrows[lighting] = arrows[lighting] + part if lighting in arrows else part
-
-
-def _equations(lit: Floats, shared: Floats, weight: Floats, residual: Floats) -> Arrow:
-    root = np.sqrt(weight.T)[:, :, None]
-    lit, shared, left = lit * root, shared * root, residual.T[:, :, None] * root
-    return Arrow(
-        lit.transpose(0, 2, 1) @ lit,
-        lit.transpose(0, 2, 1) @ shared,
-        (shared.transpose(0, 2, 1) @ shared).sum(axis=0),
-        (lit.transpose(0, 2, 1) @ left)[:, :, 0],
-        (shared.transpose(0, 2, 1) @ left).sum(axis=(0, 2)),
-    )
 
 
 def left_out_whole(designs: Sequence[LightingDesign]) -> bool:

@@ -32,7 +32,7 @@ from invrender.estimate.unknown_light.warnings import remarks
 from invrender.transport.lobe_table import TRANSFERS, Transfer
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import check_degree
-from recon.sampling.lightfield import LightField, off_terminators, pools
+from recon.sampling.lightfield import LightField, clear_of_terminators, pools
 
 Floats = NDArray[np.float64]
 
@@ -237,9 +237,8 @@ def _weighed(search: Search, fit: BlindFit) -> tuple[Search, NoiseModel, tuple[W
 
 def _off_terminators(design: LightingDesign, directions: Floats) -> NDArray[np.bool_]:
     """Which samples (n,) are clear of the sources' horizons and of the borders of the shadows that they cast."""
-    field = design.field
-    numbered = replace(field, rows=np.arange(len(field)), sources_visible=design.free(directions))
-    clear = np.isin(numbered.rows, off_terminators(numbered, directions).rows)
+    seen = replace(design.field, sources_visible=design.free(directions))
+    clear = clear_of_terminators(seen, directions)
     return clear & design.off_borders(directions)
 
 

@@ -147,6 +147,26 @@ class Arrow:
     def __sub__(self, other: Arrow) -> Arrow:
         return Arrow(*map(np.subtract, vars(self).values(), vars(other).values()))
 
+    def times(self, count: float) -> Arrow:
+        """Of so many samples for each."""
+        return Arrow(*(count * part for part in vars(self).values()))
+
+
+def arrow_of(lit: Floats, shared: Floats, weight: Floats, residual: Floats) -> Arrow:
+    """Equations of samples: Jacobian over their lighting (3, n, p) and over the shared parameters (3, n, t).
+
+    weight, residual : (n, 3), inverse variances and what is left.
+    """
+    root = np.sqrt(weight.T)[:, :, None]
+    lit, shared, left = lit * root, shared * root, residual.T[:, :, None] * root
+    return Arrow(
+        lit.transpose(0, 2, 1) @ lit,
+        lit.transpose(0, 2, 1) @ shared,
+        (shared.transpose(0, 2, 1) @ shared).sum(axis=0),
+        (lit.transpose(0, 2, 1) @ left)[:, :, 0],
+        (shared.transpose(0, 2, 1) @ left).sum(axis=(0, 2)),
+    )
+
 
 def reduced(arrows: Mapping[int, Arrow]) -> SharedEquations:
     """The shared parameters' equations, all lightings eliminated."""
