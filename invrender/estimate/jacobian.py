@@ -13,13 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.form import LobeForm
-from invrender.brdf.fresnel import MU_RANGE
-from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
-from invrender.brdf.richer import NUMBER_RANGE
+from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.models import Estimate
-from invrender.transport.column_basis import step_ends
 from invrender.transport.columns import PhotoColumns
-from invrender.transport.predict import transfers
+from invrender.transport.predict import transfer_slope, transfers
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +71,7 @@ def jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -
     brdf, strengths = estimate.brdf, estimate.strengths[photo.lighting]
     diffuse, specular = transfers(photo, brdf)
     scalars = ("mu", "sigma", *brdf.form.numbers)
-    slopes = {name: _slope(photo, brdf, name) for name in scalars if name in parameters.places}
+    slopes = {name: transfer_slope(photo, brdf, name) for name in scalars if name in parameters.places}
     result = []
     for c in range(3):
         row = min(c, diffuse.shape[0] - 1)
@@ -93,15 +90,3 @@ def jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -
                 jacobian[:, place.start + c] = shading
         result.append(jacobian)
     return result
-
-
-def _slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> Floats:
-    """Central difference (2, ...) of the transfers in mu, sigma or a number of the form.
-
-    Within the search's bounds, and beyond them where the value is.
-    """
-    value = brdf.form.numbers[name] if name in brdf.form.numbers else getattr(brdf, name)
-    low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE, **NUMBER_RANGE}[name]
-    ends = np.clip(step_ends(value), min(low, value), max(high, value))
-    moved = [np.stack(transfers(photo, brdf.moved_to(name, float(end)))) for end in ends]
-    return (moved[1] - moved[0]) / (ends[1] - ends[0])

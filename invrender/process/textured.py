@@ -163,7 +163,7 @@ def solve_textured(
         # All that is known of a lighting is one element. Its map integrated pixel by pixel takes twenty times as long.
         element, light = elements[photo.lighting][0], prepared(photo.lighting)
         bounced = bench.bounced.get(photo.lighting)
-        return shade(own, element, field, geometry.shadows, reflected=light, bounced=bounced)[0]
+        return shade(own, element, field, geometry.shadows, light, bounced)
 
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
         # Albedo is the mean around each ray, across which light varies little. It may be as fine as the photograph's

@@ -10,6 +10,6 @@ All modules take light as a sequence of `transfer.LightElement` and samples as a
 - `lobe_table`, `form_table`, `harmonic_rows`: lobes as filters of harmonic light, where light is unknown.
 - `visibility`, `radiosity`: what a mesh hides from itself, and what its parts send each other.
 
-They rest on `transfer` (RH01's lobe), `form_transfer` (any form), `half_vectors` (the integral over a map),
-`lobe_transfer` (several widths) and `diffuse_base` (what lies under the lobe).
+They rest on `transfer` (RH01's lobe), `form_transfer` (any form), `half_vectors` (the integral over a map) and
+`diffuse_base` (what lies under the lobe).
 """

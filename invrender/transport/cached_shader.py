@@ -70,7 +70,7 @@ class CachedShader:
 
     def _looked_up(self, lighting: str, strengths: Floats, samples: LightField) -> Floats:
         parts = (
-            shade(self.brdf, element, samples, self.shadows, reflected=prepared_map(self.brdf, element))[0]
+            shade(self.brdf, element, samples, self.shadows, prepared_map(self.brdf, element))
             for element in self.elements[lighting]
         )
         return np.asarray(sum(strength * part for strength, part in zip(strengths, parts, strict=True)))

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.form import LobeForm, Numbers, part_width
-from invrender.brdf.fresnel import FresnelBasis
+from invrender.brdf.fresnel import FresnelBasis, normalised_fresnel
 from invrender.brdf.microfacet import sigma_nodes, sigma_weights
 from invrender.transport.form_transfer import FresnelFunctions, OneIndex
-from invrender.transport.lobe_transfer import Indices
 
 Floats = NDArray[np.float64]
 
@@ -26,13 +25,19 @@ class ColumnBasis:
     """Nodes in sigma, functions for Fresnel's factor, and the weights with which both add up.
 
     sigmas : (j,), radians. sigma_weights : of sigma (...,), radians, to (..., j). fresnel : k functions whose sum
-    Fresnel's factor is. fresnel_weights : of mu to (k,), of several mu (f,) to (f, k).
+    Fresnel's factor is. fresnel_weights : of mu to (k,), of several mu (f,) to (f, k). splits : whether of a form that
+    is a sum of lobes the single lobe is tabulated, whose widths then add up.
     """
 
     sigmas: Floats
     sigma_weights: Callable[[float | Floats], Floats]
     fresnel: FresnelFunctions
     fresnel_weights: Callable[[float | Floats | None], Floats]
+    splits: bool = True
+
+    def tabulated(self, form: LobeForm) -> LobeForm:
+        """What columns hold of a form's specular part: its single lobe, or all of it."""
+        return form.lobe if self.splits else form
 
     def functions(self, form: LobeForm) -> FresnelFunctions:
         """The functions in place of Fresnel's factor that a form's columns hold."""
@@ -47,9 +52,11 @@ class ColumnBasis:
     ) -> Floats:
         """a_k(mu) c_j(sigma), j fastest, (k * j,); of several mu and sigma (f,), (f, k * j).
 
-        numbers : the form's own, one or (f,) each; those that it has if None.
+        numbers : the form's own, one or (f,) each; those that it has if None, as columns hold them without `splits`.
         """
         parts = form.parts if numbers is None else form.parts_at(numbers)
+        if not self.splits:
+            parts = [(1.0, 1.0)]
         sigma = np.asarray(sigma, float)
         nodes = sum(
             np.asarray(share)[..., None] * self.sigma_weights(part_width(factor, sigma))
@@ -69,7 +76,7 @@ def whole_range() -> ColumnBasis:
 
 
 def around(mu: float | None, sigma: float | None) -> ColumnBasis:
-    """The basis for values and slopes at one mu and sigma, of lobes of one width: a twentieth of the whole range's.
+    """The basis for values and slopes at one mu and sigma, at a twentieth of the size of `whole_range`.
 
     Interpolation is quadratic, through the ends of the steps that slopes are taken over (`step_ends`). sigma : None for
     columns of the base alone.
@@ -79,17 +86,27 @@ def around(mu: float | None, sigma: float | None) -> ColumnBasis:
     low, high = step_ends(sigma)
     sigmas = np.array([low, sigma, high])
     if mu is None:
-        return ColumnBasis(sigmas, _quadratic(sigmas), OneIndex(None), lambda _: np.ones(1))
+        return ColumnBasis(sigmas, _quadratic(sigmas), OneIndex(None), lambda _: np.ones(1), splits=False)
     low, high = step_ends(mu)
-    return ColumnBasis(
-        sigmas, _quadratic(sigmas), Indices((low, mu, high)), _quadratic(np.array([low, mu, high]))
-    )
+    mus = (low, mu, high)
+    return ColumnBasis(sigmas, _quadratic(sigmas), _Indices(mus), _quadratic(np.array(mus)), splits=False)
 
 
 def step_ends(value: float) -> tuple[float, float]:
     """Mu or sigma a small step less and a small step more."""
     step = _STEP * max(value, 0.01)
     return value - step, value + step
+
+
+@dataclass(frozen=True)
+class _Indices:
+    """Fresnel's factors of several refractive indices."""
+
+    mus: tuple[float, ...]
+
+    def __call__(self, cos: Floats) -> Floats:
+        """F (..., k), each relative to normal incidence, at cosines (...,)."""
+        return np.stack([normalised_fresnel(mu, np.clip(cos, 0, 1)) for mu in self.mus], axis=-1)
 
 
 def _quadratic(nodes: Floats) -> Callable[[float | Floats | None], Floats]:

@@ -108,12 +108,13 @@ def _photo_columns(
 ) -> list[PhotoColumns]:
     nodes, fresnel = basis.sigmas, basis.functions(forms[0])
     channels = max(element.channels for element in elements)
-    lobes = list(dict.fromkeys(form.lobe for form in forms))
+    lobes = list(dict.fromkeys(basis.tabulated(form) for form in forms))
     size = fresnel(np.ones(1)).shape[-1] * len(nodes)
     shape = channels, len(field), len(elements)
     # By lobe and size of the base, which separates the kinds of base; forms that share both share columns.
     found = {
-        (form.lobe, base_size(form)): np.empty((*shape, base_size(form) + size), np.float32) for form in forms
+        (basis.tabulated(form), base_size(form)): np.empty((*shape, base_size(form) + size), np.float32)
+        for form in forms
     }
     bases = {base_size(form): form for form in forms}
     for block, part in blocks(field, _RAYS_AT_A_TIME):
@@ -139,7 +140,9 @@ def _photo_columns(
                 columns[:, block, e, first:] = means[:, lobes.index(lobe)].transpose(2, 0, 1)
     names = tuple(element.name for element in elements)
     return [
-        PhotoColumns(lighting, names, found[form.lobe, base_size(form)], field, form, shadows, basis)
+        PhotoColumns(
+            lighting, names, found[basis.tabulated(form), base_size(form)], field, form, shadows, basis
+        )
         for form in forms
     ]
 

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.fresnel import MU_RANGE
+from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
+from invrender.brdf.richer import NUMBER_RANGE
+from invrender.transport.column_basis import step_ends
 from invrender.transport.columns import PhotoColumns, column_weights, together
 from invrender.transport.diffuse_base import base_transfer
 from invrender.transport.form_transfer import OneIndex, form_transfer
+from invrender.transport.reflected import ReflectedMap
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Rays, Shadows, seen_specular
+from recon.sampling.draw import MIN_COS_EXITANT
 from recon.sampling.lightfield import LightField, pools
 
 Floats = NDArray[np.float64]
@@ -39,20 +45,34 @@ def reflected(
     strengths: Floats,
     field: LightField,
     shadows: Shadows | None = None,
+    prepared: ReflectedMap | None = None,
 ) -> tuple[Floats, Floats]:
-    """What rays (m, 3) reflect per unit of Kd, and of Ks: zero where `brdf` has no specular part."""
+    """What rays (m, 3) reflect per unit of Kd, and of Ks: zero where `brdf` has no specular part.
+
+    prepared : of the elements' map, looked up in place of an integral for each ray.
+    """
     diffuse, specular = np.zeros((2, len(field.normals), 3))
     sigma, fresnel = np.array([brdf.sigma or np.nan]), OneIndex(brdf.mu)
 
-    def gather(light: LightElement, rays: Rays) -> NDArray[np.floating]:
-        return form_transfer(brdf.form, light, field.normals[rays], field.views[rays], sigma, fresnel)
+    def integrated(light: LightElement, normals: Floats, views: Floats) -> Floats:
+        return np.asarray(form_transfer(brdf.form, light, normals, views, sigma, fresnel)[:, 0, 0])
+
+    def gather(light: LightElement, rays: Rays) -> Floats:
+        normals, views = field.normals[rays], field.views[rays]
+        if prepared is None or light.slow_map is None:
+            return integrated(light, normals, views)
+        rest = integrated(replace(light, slow_map=None), normals, views)
+        steep = (normals * views).sum(axis=1) < MIN_COS_EXITANT
+        rest[~steep] += prepared.towards(normals[~steep], views[~steep])
+        rest[steep] = integrated(light, normals[steep], views[steep])
+        return rest
 
     for element, strength in zip(elements, strengths, strict=True):
         visible = None if shadows is None else shadows.visible(element, field)
         base = base_transfer(brdf.form, brdf.mu, element, field.normals, field.views, visible)
         diffuse += strength * base
         if brdf.sigma is not None and brdf.ks.any():
-            specular += strength * seen_specular(element, visible, gather)[:, 0, 0]
+            specular += strength * seen_specular(element, visible, gather)
     return diffuse, specular
 
 
@@ -69,6 +89,19 @@ def transfers(photo: PhotoColumns, brdf: Microfacet) -> tuple[Floats, Floats]:
     weights = column_weights(brdf.mu, brdf.sigma, brdf.form, basis=photo.basis)
     both = photo.columns @ weights.astype(np.float32)
     return both[..., 0].astype(float), both[..., 1].astype(float)
+
+
+def transfer_slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> tuple[Floats, Floats]:
+    """Derivatives of `transfers` in mu, sigma or a number of the form, by central differences.
+
+    Within the search's bounds, and beyond them where the value is.
+    """
+    value = brdf.form.numbers[name] if name in brdf.form.numbers else getattr(brdf, name)
+    low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE, **NUMBER_RANGE}[name]
+    before, after = np.clip(step_ends(value), min(low, value), max(high, value)).tolist()
+    ends = (transfers(photo, brdf.moved_to(name, end)) for end in (before, after))
+    diffuse, specular = ((more - less) / (after - before) for less, more in zip(*ends, strict=True))
+    return diffuse, specular
 
 
 def predict_columns(photo: PhotoColumns, brdf: Microfacet, strengths: Floats) -> Floats:

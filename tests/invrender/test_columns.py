@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from invrender.brdf.lobes import GGX_FORM, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.richer import COATED_HAZY
 from invrender.transport.column_basis import around, step_ends
 from invrender.transport.columns import photo_columns
+from invrender.transport.diffuse_base import base_size
 from invrender.transport.predict import predict, predict_columns
 from invrender.transport.transfer import light_elements
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
@@ -48,13 +51,14 @@ def test_a_lambertian_has_no_highlight(bench):
     assert direct.max() > 0.1
 
 
+@pytest.mark.parametrize("form", [RH01_FORM, COATED_HAZY[GGX_FORM]], ids=["one lobe", "several"])
 @pytest.mark.parametrize("name", ["mu", "sigma"])
-def test_columns_around_one_brdf_hold_its_radiance_and_that_of_a_small_step(bench, name):
+def test_columns_around_one_brdf_hold_its_radiance_and_that_of_a_small_step(bench, name, form):
     truth = radiometric(RH01_MATERIALS["teflon"])
-    brdf = Microfacet(truth.kd, truth.ks, truth.mu, truth.sigma)
+    brdf = Microfacet(truth.kd, truth.ks, truth.mu, truth.sigma, form)
     elements, field = light_elements(bench.known_lighting()), bench.sphere_field(150.0)
-    photo = photo_columns("light", elements, field, basis=around(brdf.mu, brdf.sigma))
-    assert photo.columns.shape[-1] == 1 + 3 * 3
+    photo = photo_columns("light", elements, field, form, basis=around(brdf.mu, brdf.sigma))
+    assert photo.columns.shape[-1] == base_size(form) + 3 * 3
     for end in (getattr(brdf, name), *step_ends(getattr(brdf, name)), 1.0003 * getattr(brdf, name)):
         moved = brdf.moved_to(name, end)
         direct = predict(moved, elements, np.ones((1, 3)), field)

@@ -14,7 +14,7 @@ from invrender.result.reflectance import Reflectance
 from invrender.result.saved_textures import SavedTextures
 from invrender.transport.radiosity import Bounced
 from invrender.transport.reflected import ReflectedMap, prepared_map
-from invrender.transport.shading import shade
+from invrender.transport.shading import shade, shade_with_slopes
 from invrender.transport.transfer import LightElement
 from recon.mesh.bodies import Body, body_window
 from recon.sampling.draw import NO_SOURCES, samples_at
@@ -123,17 +123,11 @@ def _enter(
     if reflectance.textures is not None:
         weights = _pixel_reflectance(subject, camera, reflectance.textures, field, alpha)
         brdf = replace(brdf, kd=weights.kd[field.ray_sample], ks=weights.ks[field.ray_sample])
-    radiance, slopes = shade(
-        brdf, element, field, subject.shadows, picture.std is not None, reflected, bounced
-    )
     pixels = field.rows, field.columns
-    picture.radiance[pixels] = radiance * alpha[:, None]
-    picture.coverage[pixels] = alpha
-    if weights is not None:
-        # Where the photographs left Kd and Ks open, both are zero, and the body counts as not there.
-        picture.coverage[pixels] *= weights.known
-    if picture.std is not None:
-        assert slopes is not None
+    if picture.std is None:
+        radiance = shade(brdf, element, field, subject.shadows, reflected, bounced)
+    else:
+        radiance, slopes = shade_with_slopes(brdf, element, field, subject.shadows, bounced)
         variance = np.einsum("nkc,ckl,nlc->nc", slopes, reflectance.covariance, slopes)
         if weights is not None:
             # A texel's deviation is much the same all over a pixel.
@@ -141,6 +135,11 @@ def _enter(
                 variance += (slope * std) ** 2
         # Rounding may leave the tiniest variances below zero.
         picture.std[pixels] = np.sqrt(np.maximum(variance, 0)) * alpha[:, None]
+    picture.radiance[pixels] = radiance * alpha[:, None]
+    picture.coverage[pixels] = alpha
+    if weights is not None:
+        # Where the photographs left Kd and Ks open, both are zero, and the body counts as not there.
+        picture.coverage[pixels] *= weights.known
 
 
 def _pixel_reflectance(
