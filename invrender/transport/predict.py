@@ -86,22 +86,30 @@ def transfers(photo: PhotoColumns, brdf: Microfacet) -> tuple[Floats, Floats]:
         return diffuse, np.zeros_like(diffuse)
     if brdf.form.family is not photo.form.family or brdf.sigma is None:
         raise ValueError(f"columns of the form {photo.form.name!r} can't predict {brdf.form.name!r}")
-    weights = column_weights(brdf.mu, brdf.sigma, brdf.form, basis=photo.basis)
-    both = photo.columns @ weights.astype(np.float32)
-    return both[..., 0].astype(float), both[..., 1].astype(float)
+    return _combined(photo, _weights(photo, brdf))
 
 
 def transfer_slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> tuple[Floats, Floats]:
-    """Derivatives of `transfers` in mu, sigma or a number of the form, by central differences.
+    """Derivatives of `transfers` in mu, sigma or a number of the form, by central differences of the columns' weights.
 
     Within the search's bounds, and beyond them where the value is.
     """
     value = brdf.form.numbers[name] if name in brdf.form.numbers else getattr(brdf, name)
     low, high = {"mu": MU_RANGE, "sigma": SIGMA_RANGE, **NUMBER_RANGE}[name]
     before, after = np.clip(step_ends(value), min(low, value), max(high, value)).tolist()
-    ends = (transfers(photo, brdf.moved_to(name, end)) for end in (before, after))
-    diffuse, specular = ((more - less) / (after - before) for less, more in zip(*ends, strict=True))
-    return diffuse, specular
+    less, more = (_weights(photo, brdf.moved_to(name, end)) for end in (before, after))
+    return _combined(photo, (more - less) / (after - before))
+
+
+def _weights(photo: PhotoColumns, brdf: Microfacet) -> Floats:
+    assert brdf.sigma is not None, "without a lobe nothing is interpolated"
+    return column_weights(brdf.mu, brdf.sigma, brdf.form, basis=photo.basis)
+
+
+def _combined(photo: PhotoColumns, weights: Floats) -> tuple[Floats, Floats]:
+    """Diffuse and specular combinations (channels, n, elements) of a photograph's columns; weights : (q, 2)."""
+    both = photo.columns @ weights.astype(np.float32)
+    return both[..., 0].astype(float), both[..., 1].astype(float)
 
 
 def predict_columns(photo: PhotoColumns, brdf: Microfacet, strengths: Floats) -> Floats:
