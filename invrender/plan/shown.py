@@ -13,7 +13,7 @@ from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import rows_of, slopes_of
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.plan.experiment import PlannedLight
-from invrender.plan.unknowns import KNOWN, Unknowns
+from invrender.plan.unknowns import Unknowns
 from invrender.transport.column_basis import around
 from invrender.transport.columns import PhotoColumns, all_columns, photo_columns
 from invrender.transport.predict import predict, predict_columns
@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 
 # Rays per vertex that look for shadows of the sky: what is planned needs no more.
 _RAYS = 96
+# Name of the one lighting whose strength an estimate gives.
+_LIGHT = "light"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +73,13 @@ class PlannedObject:
 
     def shown(self, light: int, fields: Sequence[LightField]) -> Iterator[ShownSamples]:
         """What photographs under one of the lights show, one after the other."""
-        names, elements = [KNOWN] * len(fields), {KNOWN: self.elements[light]}
+        names, elements = [_LIGHT] * len(fields), {_LIGHT: self.elements[light]}
         basis = around(self.brdf.mu, self.brdf.sigma)
         for photo in all_columns(names, elements, fields, shadows=self.shadows, basis=basis):
-            seen = self._in_known_light(photo, np.ones((1, 3)))
+            seen = self._over_brdf(photo, np.ones((1, 3)))
             own = self.unknowns.lights[light]
             if own.size:
-                lit, turned = self._in_unknown_light(light, photo.field)
+                lit, turned = self._over_light(light, photo.field)
                 seen.shared[:, :, own.turns] = turned
                 seen = replace(seen, lit=lit)
             yield seen
@@ -86,19 +88,20 @@ class PlannedObject:
         """What samples show of a known lamp alone: direction (3,) unit, irradiance (3,)."""
         lamp = LightElement("lamp", direction[None], np.ones((1, 1)))
         basis = around(self.brdf.mu, self.brdf.sigma)
-        photo = photo_columns(KNOWN, (lamp,), field, shadows=self.shadows, basis=basis)
-        return self._in_known_light(photo, irradiance[None])
+        photo = photo_columns(_LIGHT, (lamp,), field, shadows=self.shadows, basis=basis)
+        return self._over_brdf(photo, irradiance[None])
 
-    def _in_known_light(self, photo: PhotoColumns, strengths: Floats) -> ShownSamples:
+    def _over_brdf(self, photo: PhotoColumns, strengths: Floats) -> ShownSamples:
+        """Radiance and Jacobian over the BRDF's numbers, under the true light: elements times strengths (1, 3)."""
         unknowns, count = self.unknowns, len(photo.field)
         shared = np.zeros((3, count, len(unknowns.std)))
-        truth = replace(unknowns.estimate, strengths={KNOWN: strengths})
+        truth = replace(unknowns.estimate, strengths={_LIGHT: strengths})
         by_brdf = np.stack(jacobians(photo, unknowns.brdf, truth))
         shared[:, :, : by_brdf.shape[2]] = by_brdf
         radiance = predict_columns(photo, self.brdf, strengths)
         return ShownSamples(radiance, np.zeros((3, count, 0)), shared)
 
-    def _in_unknown_light(self, light: int, field: LightField) -> tuple[Floats, Floats]:
+    def _over_light(self, light: int, field: LightField) -> tuple[Floats, Floats]:
         """Jacobian over the numbers of an unknown lighting (3, n, p), and over its sources' turns (3, n, 2 k).
 
         Rows are those of the gauge Kd + Ks = 1: light counts for as many times as much as this is.

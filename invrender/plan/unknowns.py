@@ -28,8 +28,6 @@ _WEIGHT_PRIOR = 10.0
 _TURN_PRIOR = 1.0
 # The scale that light and BRDF share is taken for known to this.
 _GAUGE_STD = 1e-4
-# The lighting that columns of planned photographs are under, by name: its strengths are 1.
-KNOWN = "known"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +55,8 @@ class LightUnknowns:
 class Unknowns:
     """What is not known of a set of photographs.
 
-    estimate : the truth, as a fit would find it. brdf : its numbers, which are the first of the t shared ones; turns
-    of unknown lightings' sources follow. std : (t,), the prior's. lights : one per lighting.
+    estimate : the true BRDF, as a fit would find it. brdf : its numbers, which are the first of the t shared ones;
+    turns of unknown lightings' sources follow. std : (t,), the prior's. lights : one per lighting.
     """
 
     estimate: Estimate
@@ -77,7 +75,7 @@ def unknowns_of(
     """
     check_degree(degree, "degree")
     model = Model("planned", brdf.sigma is not None, brdf.mu is not None)
-    estimate = Estimate(model, brdf, {KNOWN: np.ones((1, 3))}, 0.0)
+    estimate = Estimate(model, brdf, {}, 0.0)
     parameters = pack(estimate, {})
     weight = np.maximum(brdf.kd + brdf.ks, 1e-3 * (brdf.kd + brdf.ks).max())
     prior = {"kd": _WEIGHT_PRIOR * weight, "ks": _WEIGHT_PRIOR * weight, **PRIOR_STD}
