@@ -21,7 +21,7 @@ from invrender.plan.from_scene import NoisySensor
 from invrender.plan.information import Marginal, Posterior
 from invrender.plan.photographs import Draw, unexposed
 from invrender.plan.prepared import Bench
-from invrender.plan.prospect import brdf_prospect
+from invrender.plan.prospect import AskedBrdf
 from invrender.transport.columns import all_columns
 from invrender.transport.transfer import light_elements
 from recon.mesh.bodies import SphereBody
@@ -257,7 +257,7 @@ def expected(stage: Stage, keep: Callable[[LightField, Floats], Bools] | None = 
         told += bench.information(0, some, seen.where(use), bench.brightness(view), 1.0)
     posterior = Posterior([Marginal(bench.unknowns.lights[0], told, np.zeros((0, len(told.pull))))])
     degree = lighting_degree([stage.lighting])
-    prospect = brdf_prospect(brdf, bench.unknowns, posterior, False, degree, fields)
+    prospect = AskedBrdf.of(bench.unknowns, absolute=False).quantities(posterior, degree, fields)
     found = {one.name: one for one in prospect}
     return {
         name: Finding(None, float(found[key].noise_std[-1]), found[key].quantity.status)

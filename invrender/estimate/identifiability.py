@@ -18,9 +18,9 @@ from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.quantities import Quantity, Status
 from invrender.estimate.uncertainty import PRIOR_STD
-from invrender.transport.columns import PhotoColumns
 from recon.harmonics.complex import project_sources
 from recon.harmonics.latlong import map_coefficients
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
@@ -100,14 +100,14 @@ class Scalar:
         return ""
 
 
-def assess_mu(found: Scalar, photos: Sequence[PhotoColumns], ks_share: float) -> Quantity:
+def assess_mu(found: Scalar, fields: Sequence[LightField], ks_share: float) -> Quantity:
     """mu with its status; undetermined where grazing angles don't show it, weak where it can't be what it is called."""
     what = found.unknown(PRIOR_STD["mu"], MU_RANGE)
     if not what and found.value > _MOST_COMMON:
         return Quantity(np.array([found.value]), np.array([found.std]), "weak", *_METAL)
     if not what:
         return _determined(found, "add photographs with highlights at grazing angles")
-    steepest = np.degrees(np.arccos(min(photo.field.cos_exitant.min() for photo in photos)))
+    steepest = np.degrees(np.arccos(min(field.cos_exitant.min() for field in fields)))
     return Quantity(
         None,
         None,

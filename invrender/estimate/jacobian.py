@@ -6,7 +6,7 @@ Fits state their standard deviations by it, and `plan` what photographs will det
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,3 +90,17 @@ def jacobians(photo: PhotoColumns, parameters: Parameters, estimate: Estimate) -
                 jacobian[:, place.start + c] = shading
         result.append(jacobian)
     return result
+
+
+def numerical_jacobian(report: Callable[[Floats], Floats], vector: Floats) -> Floats:
+    """Derivatives (k, p) of reported numbers, `report(vector)`, in a vector (p,), by central differences."""
+    columns = []
+    for k in range(len(vector)):
+        step = 1e-6 * max(abs(vector[k]), 1e-3)
+        ends = []
+        for sign in (-1, 1):
+            moved = vector.copy()
+            moved[k] += sign * step
+            ends.append(report(moved))
+        columns.append((ends[1] - ends[0]) / (2 * step))
+    return np.stack(columns, axis=-1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -79,3 +79,10 @@ class PhotoScore:
     samples: int
     rms: float
     cross_validated: float | None
+
+
+def scaled(quantity: Quantity, factor: float) -> Quantity:
+    """The same quantity in another unit: value and standard deviation times a factor."""
+    if quantity.value is None or quantity.std is None:
+        return quantity
+    return replace(quantity, value=quantity.value * factor, std=quantity.std * factor)

@@ -1,11 +1,26 @@
-"""The numbers that are reported, as a function of the fitted ones, in a fixed gauge."""
+"""The numbers that are reported, as a function of the fitted ones, in a fixed gauge, and their statuses."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.lobes import PHONG
+from invrender.brdf.phong import phong_exponent
+from invrender.estimate.identifiability import (
+    UNIFORM_LIGHT,
+    Scalar,
+    assess_linear,
+    assess_mu,
+    assess_number,
+    assess_sigma,
+)
 from invrender.estimate.jacobian import Parameters
+from invrender.estimate.quantities import Quantity, scaled
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
@@ -76,10 +91,65 @@ class Report:
         blocks["strengths"] = np.concatenate(strengths) if strengths else np.zeros(0)
         return blocks
 
+    def quantities(
+        self,
+        values: Floats,
+        std: Floats,
+        fragility: Floats,
+        fields: Sequence[LightField],
+        degree: int | None,
+    ) -> dict[str, Quantity]:
+        """Those of reported numbers that results state, each with its status.
+
+        values, std, fragility : laid out as reported. fields : samples of photographs. degree : of `lighting_degree`.
+        """
+
+        def block(name: str) -> tuple[Floats, Floats]:
+            return values[self.places[name]], std[self.places[name]]
+
+        if degree == 0:
+            unknown = Quantity(None, None, "undetermined", *UNIFORM_LIGHT)
+            return {name: unknown for name in ("kd", "ks", "sigma", "mu") if name in self.places}
+        kd, kd_std = block("kd")
+        ks, ks_std = block("ks") if "ks" in self.places else (np.zeros(3), np.zeros(3))
+        scale = kd + ks
+        quantities = {"kd": assess_linear(kd, kd_std, scale, "Kd")}
+        if self.is_absolute:
+            quantities["albedo"] = scaled(quantities["kd"], np.pi)
+        if "ks" not in self.places:
+            return quantities
+        quantities["ks"] = assess_linear(ks, ks_std, scale, "Ks")
+        for name in ("kd_normalised", "ks_normalised"):
+            share, share_std = block(name)
+            quantities[name] = assess_linear(share, share_std, np.ones(3), name[:2].capitalize())
+        ks_share = float(np.mean(values[self.places["ks_normalised"]]))
+        places = {name: self.places[name].start for name in ("mu", "sigma") if name in self.places}
+        scalars = {
+            name: Scalar(*(float(a[k]) for a in (values, std, fragility))) for name, k in places.items()
+        }
+        quantities["sigma"] = assess_sigma(scalars["sigma"], degree, ks_share)
+        form = self.parameters.form
+        if form is PHONG:
+            quantities["exponent"] = _as_exponent(quantities["sigma"])
+        for name in form.numbers:
+            quantities[name] = assess_number(*block(name))
+        if "mu" in scalars:
+            quantities["mu"] = assess_mu(scalars["mu"], fields, ks_share)
+        return quantities
+
     def strength(self, values: Floats, name: str) -> Floats:
         """The three numbers of a recovered strength in a vector laid out as reported."""
         first = self.places["strengths"].start + 3 * self.strengths.index(name)
         return values[first : first + 3]
+
+
+def _as_exponent(sigma: Quantity) -> Quantity:
+    """The exponent of Phong's lobe of a width."""
+    if sigma.value is None or sigma.std is None:
+        return sigma
+    exponent = phong_exponent(sigma.value)
+    # To the first order: the exponent goes as 1 / sigma squared.
+    return replace(sigma, value=exponent, std=2 * exponent * sigma.std / sigma.value)
 
 
 def _indices(parameters: Parameters, name: str) -> NDArray[np.int64]:

@@ -10,23 +10,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from capture.lighting import Lighting
-from invrender.brdf.form import LobeForm
-from invrender.brdf.lobes import PHONG
 from invrender.brdf.microfacet import Microfacet
-from invrender.brdf.phong import phong_exponent
 from invrender.brdf.richer import core
 from invrender.estimate.clusters import structured_rms
 from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Candidate, misfit_reason, outlying, rivalry
 from invrender.estimate.explanation import Explanation, explain, refitted
-from invrender.estimate.identifiability import (
-    UNIFORM_LIGHT,
-    Scalar,
-    assess_linear,
-    assess_mu,
-    assess_number,
-    assess_sigma,
-    lighting_degree,
-)
+from invrender.estimate.identifiability import lighting_degree
 from invrender.estimate.jacobian import pack
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import NoiseModel, Weights
@@ -102,8 +91,8 @@ def solution_of(
         moved = _reported(known, other) - values
         covariance += np.outer(moved, moved)
     std = np.sqrt(np.diag(covariance))
-    form = known.candidates[chosen].estimate.model.form
-    quantities = _quantities(form, report, values, std, fragility, photos, lightings)
+    fields, degree = [photo.field for photo in photos], lighting_degree(lightings)
+    quantities = report.quantities(values, std, fragility, fields, degree)
     brdf_size = report.places["strengths"].start
     return Solution(
         estimate=known.candidates[chosen].estimate,
@@ -272,68 +261,12 @@ def _width_of_pixels(lightings: Sequence[Lighting], sigma: float) -> float:
     return float(min(pixels, default=0.0) ** 2 / (24 * sigma))
 
 
-def _quantities(
-    form: LobeForm,
-    report: Report,
-    values: Floats,
-    std: Floats,
-    fragility: Floats,
-    photos: Sequence[PhotoColumns],
-    lightings: Sequence[Lighting],
-) -> dict[str, Quantity]:
-    def block(name: str) -> tuple[Floats, Floats]:
-        return values[report.places[name]], std[report.places[name]]
-
-    degree = lighting_degree(lightings)
-    if degree == 0:
-        unknown = Quantity(None, None, "undetermined", *UNIFORM_LIGHT)
-        return {name: unknown for name in ("kd", "ks", "sigma", "mu") if name in report.places}
-    kd, kd_std = block("kd")
-    ks, ks_std = block("ks") if "ks" in report.places else (np.zeros(3), np.zeros(3))
-    scale = kd + ks
-    quantities = {"kd": assess_linear(kd, kd_std, scale, "Kd")}
-    if report.is_absolute:
-        quantities["albedo"] = scaled(quantities["kd"], np.pi)
-    if "ks" not in report.places:
-        return quantities
-    quantities["ks"] = assess_linear(ks, ks_std, scale, "Ks")
-    for name in ("kd_normalised", "ks_normalised"):
-        share, share_std = block(name)
-        quantities[name] = assess_linear(share, share_std, np.ones(3), name[:2].capitalize())
-    ks_share = float(np.mean(values[report.places["ks_normalised"]]))
-    places = {name: report.places[name].start for name in ("mu", "sigma") if name in report.places}
-    scalars = {name: Scalar(*(float(a[k]) for a in (values, std, fragility))) for name, k in places.items()}
-    quantities["sigma"] = assess_sigma(scalars["sigma"], degree, ks_share)
-    if form is PHONG:
-        quantities["exponent"] = _as_exponent(quantities["sigma"])
-    for name in form.numbers:
-        quantities[name] = assess_number(*block(name))
-    if "mu" in scalars:
-        quantities["mu"] = assess_mu(scalars["mu"], photos, ks_share)
-    return quantities
-
-
-def _as_exponent(sigma: Quantity) -> Quantity:
-    """The exponent of Phong's lobe of a width."""
-    if sigma.value is None or sigma.std is None:
-        return sigma
-    exponent = phong_exponent(sigma.value)
-    # To the first order: the exponent goes as 1 / sigma squared.
-    return replace(sigma, value=exponent, std=2 * exponent * sigma.std / sigma.value)
-
-
 def unless_misfit(quantities: dict[str, Quantity], error: float) -> dict[str, Quantity]:
     """The quantities, or none of them where the model explains so little that they mean nothing."""
     if error < HOPELESS:
         return quantities
     reason = misfit_reason(error)
     return {name: Quantity(None, None, "undetermined", reason, MISFIT_REMEDY) for name in quantities}
-
-
-def scaled(quantity: Quantity, factor: float) -> Quantity:
-    if quantity.value is None or quantity.std is None:
-        return quantity
-    return replace(quantity, value=quantity.value * factor, std=quantity.std * factor)
 
 
 def _fitted_lighting(lighting: Lighting, report: Report, values: Floats, std: Floats) -> FittedLighting:

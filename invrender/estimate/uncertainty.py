@@ -20,7 +20,7 @@ from scipy.stats import t as student
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.clusters import patch_of, sums_by, tiles_of
-from invrender.estimate.jacobian import Parameters, jacobians
+from invrender.estimate.jacobian import Parameters, jacobians, numerical_jacobian
 from invrender.estimate.linear import symmetric_pinv
 from invrender.estimate.models import Estimate
 from invrender.transport.columns import PhotoColumns, together
@@ -112,7 +112,7 @@ def uncertainty_of(
             prior[parameters.places[name]] = 1 / std**2
     reduced = chi2 / max(count - size, 1)
     inverse = symmetric_pinv(information / reduced + np.diag(prior))
-    derivative = _numerical_jacobian(report, parameters.vector)
+    derivative = numerical_jacobian(report, parameters.vector)
     moved = derivative @ inverse
     independent = moved @ (noisy / reduced + np.diag(prior)) @ moved.T
     ratio, fragility = np.ones(len(independent)), np.zeros(len(independent))
@@ -157,16 +157,3 @@ def _halves_apart(sums: Mapping[int, Floats], parameters: Parameters, reduced: f
     beyond = difference**2 > 9 * (variances[0] + variances[1])
     result[kd] = np.where(beyond & dark.any(axis=0) & (~dark).any(axis=0), difference / 2, 0)
     return result
-
-
-def _numerical_jacobian(report: Callable[[Floats], Floats], vector: Floats) -> Floats:
-    columns = []
-    for k in range(len(vector)):
-        step = 1e-6 * max(abs(vector[k]), 1e-3)
-        ends = []
-        for sign in (-1, 1):
-            moved = vector.copy()
-            moved[k] += sign * step
-            ends.append(report(moved))
-        columns.append((ends[1] - ends[0]) / (2 * step))
-    return np.stack(columns, axis=-1)

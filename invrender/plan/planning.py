@@ -17,7 +17,7 @@ from invrender.plan.information import Marginal, Posterior, Tally
 from invrender.plan.light_prospect import LightProspect
 from invrender.plan.photographs import Draw
 from invrender.plan.prepared import FEWEST, Bench
-from invrender.plan.prospect import Expected, brdf_prospect
+from invrender.plan.prospect import Expected
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -77,10 +77,8 @@ class Plan:
         self, posterior: Posterior, degree: int | None, more: Sequence[LightField] = ()
     ) -> tuple[Expected, ...]:
         """All quantities under a posterior, in lightings of a degree as `degree` is, with `more` samples."""
-        experiment, unknowns = self.experiment, self.bench.unknowns
         fields = [self._most_grazing, *(field for field in more if len(field))]
-        absolute = experiment.gauge_light is None
-        found = brdf_prospect(experiment.brdf, unknowns, posterior, absolute, degree, fields)
+        found = self.bench.asked_brdf.quantities(posterior, degree, fields)
         for light in self.bench.unknown_lights.values():
             found += light.quantities(posterior)
         return tuple(found)

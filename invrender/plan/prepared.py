@@ -12,6 +12,7 @@ from invrender.plan.experiment import Experiment, PlannedView
 from invrender.plan.information import Tally, photograph_tally
 from invrender.plan.light_prospect import UnknownLight
 from invrender.plan.photographs import Draw, draw, picture
+from invrender.plan.prospect import AskedBrdf
 from invrender.plan.shown import PlannedObject, ShownSamples
 from invrender.plan.unknowns import unknowns_of
 from invrender.process.pipeline import DEFAULT_SAMPLES as FIT_SAMPLES
@@ -38,6 +39,7 @@ class Bench:
         self.unknown_lights = {
             k: UnknownLight.of(light, self.unknowns, k) for k, light in enumerate(lights) if not light.known
         }
+        self.asked_brdf = AskedBrdf.of(self.unknowns, absolute=experiment.gauge_light is None)
         self.object = PlannedObject(experiment.body, lights, self.unknowns, degree)
         count = len(experiment.views)
         self.budget = max(FIT_SAMPLES // (count * experiment.sensor.exposures), 4 * FEWEST)

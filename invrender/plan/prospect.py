@@ -8,19 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.identifiability import (
-    UNIFORM_LIGHT,
-    Scalar,
-    assess_linear,
-    assess_mu,
-    assess_sigma,
-)
+from invrender.estimate.identifiability import UNIFORM_LIGHT
+from invrender.estimate.jacobian import numerical_jacobian
 from invrender.estimate.quantities import Quantity
+from invrender.estimate.reported import Report
 from invrender.estimate.uncertainty import FINEST, NUMERICAL
 from invrender.plan.information import Posterior, Spread
 from invrender.plan.unknowns import Unknowns
-from invrender.transport.columns import PhotoColumns
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -66,38 +60,59 @@ class Expected:
         return self.quantity.status == "undetermined", self.doubt
 
 
-def brdf_prospect(
-    brdf: Microfacet,
-    unknowns: Unknowns,
-    posterior: Posterior,
-    absolute: bool,
-    degree: int | None,
-    fields: Sequence[LightField],
-) -> list[Expected]:
-    """The BRDF's quantities: Kd and Ks, or their shares where no light is known; sigma and mu.
+@dataclass(frozen=True, eq=False)
+class AskedBrdf:
+    """What is asked of the BRDF: Kd and Ks, or their shares where no light is known; sigma and mu.
 
-    degree : of `identifiability.lighting_degree`. fields : samples, the most grazing ones among them.
+    names : of these among the reported numbers. rows : (k, t), derivatives of all reported numbers in the shared ones,
+    in units of the prior.
     """
-    rows = brdf_rows(brdf, unknowns, absolute)
-    if not rows:
-        return []
-    names = list(rows)
-    spread = posterior.of_shared(np.concatenate(list(rows.values())) * unknowns.std)
-    weight = brdf.kd + brdf.ks
-    share = float(np.mean(brdf.ks / np.maximum(weight, 1e-300)))
-    found, start = [], 0
-    for name in names:
-        part = slice(start, start + len(rows[name]))
-        start = part.stop
-        one = Spread(spread.std[part], spread.fragility[part])
-        truth = _truth(brdf, name)
-        # As `solve.factorize` has it: shares are of 1, Kd and Ks of their sum.
-        scale = np.ones(3) if name.endswith("normalised") else weight if name in ("kd", "ks") else truth
-        std, reducible = counted(one, scale)
-        size = np.maximum(truth, 1e-3 * scale.max())
-        quantity = _assessed(name, truth, std, one.fragility, scale, degree, share, fields)
-        found.append(Expected(name, LABELS[name], truth, std, one.std, quantity, size, reducible))
-    return found
+
+    report: Report
+    names: tuple[str, ...]
+    rows: Floats
+
+    @classmethod
+    def of(cls, unknowns: Unknowns, absolute: bool) -> AskedBrdf:
+        """absolute : whether some light is known."""
+        report = Report(unknowns.brdf, has_known=True)
+        by_brdf = numerical_jacobian(report, unknowns.brdf.vector)
+        rows = np.zeros((len(by_brdf), len(unknowns.std)))
+        rows[:, : by_brdf.shape[1]] = by_brdf
+        # A matte object's colour is its light's: without a scale there is nothing to determine.
+        asked = ("kd", "ks", "sigma", "mu") if absolute else ("ks_normalised", "sigma", "mu")
+        return cls(report, tuple(name for name in asked if name in report.places), rows * unknowns.std)
+
+    def quantities(
+        self, posterior: Posterior, degree: int | None, fields: Sequence[LightField]
+    ) -> list[Expected]:
+        """How well they will be known.
+
+        degree : of `identifiability.lighting_degree`. fields : samples, the most grazing ones among them.
+        """
+        values = self.report(self.report.parameters.vector)
+        scale = self.report.scale(values)
+        spread = posterior.of_shared(self.rows)
+        std, reducible = counted(spread, scale)
+        quantities = self.report.quantities(values, std, spread.fragility, fields, degree)
+        unknown = Quantity(None, None, "undetermined", *UNIFORM_LIGHT)
+        found = []
+        for name in self.names:
+            own = self.report.places[name]
+            size = np.maximum(values[own], 1e-3 * scale[own].max())
+            found.append(
+                Expected(
+                    name,
+                    LABELS[name],
+                    values[own],
+                    std[own],
+                    spread.std[own],
+                    unknown if degree == 0 else quantities[name],
+                    size,
+                    reducible[own],
+                )
+            )
+        return found
 
 
 LABELS = {
@@ -116,48 +131,3 @@ def counted(spread: Spread, scale: Floats) -> tuple[Floats, Floats]:
     """
     reducible = np.hypot(spread.std, NUMERICAL * spread.fragility)
     return np.asarray(np.hypot(reducible, FINEST * scale)), np.asarray(reducible)
-
-
-def brdf_rows(brdf: Microfacet, unknowns: Unknowns, absolute: bool) -> dict[str, Floats]:
-    """Derivatives (k, t) of the quantities in the shared numbers, by name."""
-    rows = {name: np.eye(len(unknowns.std))[place] for name, place in unknowns.brdf.places.items()}
-    if brdf.sigma is None:
-        # A matte object's colour is its light's: without a scale there is nothing to determine.
-        return rows if absolute else {}
-    shape: dict[str, Floats] = {name: rows[name] for name in ("sigma", "mu") if name in rows}
-    if absolute:
-        return {"kd": rows["kd"], "ks": rows["ks"], **shape}
-    weight = np.maximum(brdf.kd + brdf.ks, 1e-300)[:, None]
-    share = (brdf.kd[:, None] * rows["ks"] - brdf.ks[:, None] * rows["kd"]) / weight**2
-    return {"ks_normalised": share, **shape}
-
-
-def _truth(brdf: Microfacet, name: str) -> Floats:
-    if name == "ks_normalised":
-        return np.asarray(brdf.ks / np.maximum(brdf.kd + brdf.ks, 1e-300))
-    return np.atleast_1d(np.asarray(getattr(brdf, name), float))
-
-
-def _assessed(
-    name: str,
-    truth: Floats,
-    std: Floats,
-    fragility: Floats,
-    scale: Floats,
-    degree: int | None,
-    share: float,
-    fields: Sequence[LightField],
-) -> Quantity:
-    if degree == 0:
-        return Quantity(None, None, "undetermined", *UNIFORM_LIGHT)
-    if name == "sigma":
-        return assess_sigma(Scalar(float(truth[0]), float(std[0]), float(fragility[0])), degree, share)
-    if name == "mu":
-        found = Scalar(float(truth[0]), float(std[0]), float(fragility[0]))
-        return assess_mu(found, [_without_columns(field) for field in fields], share)
-    return assess_linear(truth, std, scale, name[:2].capitalize())
-
-
-def _without_columns(field: LightField) -> PhotoColumns:
-    """A photograph for `assess_mu`, which asks for its samples only."""
-    return PhotoColumns("", (), np.zeros((1, len(field), 0, 0), np.float32), field)

@@ -160,7 +160,8 @@ def blocks(field: LightField, rays: int) -> Iterator[tuple[slice, LightField]]:
     ends = np.searchsorted(last, np.arange(rays, last[-1], rays))
     place = np.arange(len(field))
     for start, stop in pairwise(np.unique([0, *ends, len(field)]).tolist()):
-        yield slice(start, stop), field.where((place >= start) & (place < stop))
+        whole = stop - start == len(field)
+        yield slice(start, stop), field if whole else field.where((place >= start) & (place < stop))
 
 
 def pools(photos: Sequence[LightField], lightings: Sequence[Any]) -> list[list[int]]:

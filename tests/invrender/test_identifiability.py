@@ -97,7 +97,7 @@ HOPELESS = [(0.6, 0.0), (0.01, 60.0), (np.nan, 0.0), (0.01, np.nan)]
 @pytest.mark.parametrize(("std", "fragility"), HOPELESS)
 def test_wide_posterior_leaves_mu_undetermined(std: float, fragility: float, bench):
     photo = bench.photograph(TEFLON, [0.0], samples=50)[0]
-    found = assess_mu(Scalar(1.8, std, fragility), [photo], 0.11)
+    found = assess_mu(Scalar(1.8, std, fragility), [photo.field], 0.11)
     assert (found.status, found.value, found.std) == ("undetermined", None, None)
     assert f"{np.degrees(np.arccos(photo.field.cos_exitant.min())):.0f} degrees" in found.reason
     assert "grazing" in found.remedy
@@ -120,7 +120,7 @@ def test_wide_posterior_leaves_sigma_undetermined(std: float, fragility: float, 
 def test_a_fit_at_the_edge_of_its_range_is_no_value(bench):
     photo = bench.photograph(TEFLON, [0.0], samples=50)[0]
     for value in (*MU_RANGE, np.nan):
-        found = assess_mu(Scalar(value, 0.01, 0.0), [photo], 0.11)
+        found = assess_mu(Scalar(value, 0.01, 0.0), [photo.field], 0.11)
         assert found.status == "undetermined"
         assert "edge of its range, 1.1 to 4" in found.reason
     for value in (*SIGMA_RANGE, np.nan):
@@ -132,7 +132,7 @@ def test_a_fit_at_the_edge_of_its_range_is_no_value(bench):
 def test_a_tenth_of_the_value_parts_weak_from_determined(bench):
     photo = bench.photograph(TEFLON, [0.0], samples=50)[0]
     for std, status in [(0.17, "determined"), (0.19, "weak")]:
-        mu = assess_mu(Scalar(1.8, std, 0.0), [photo], 0.11)
+        mu = assess_mu(Scalar(1.8, std, 0.0), [photo.field], 0.11)
         sigma = assess_sigma(Scalar(0.18, std / 10, 0.0), lighting_degree([bench.known_lighting()]), 0.11)
         for found, value, deviation in ((mu, 1.8, std), (sigma, 0.18, std / 10)):
             assert (found.status, found.value[0], found.std[0]) == (status, value, deviation)
@@ -154,8 +154,8 @@ def test_an_index_beyond_glass_is_told_to_be_a_metals(bench):
     photo = bench.photograph(TEFLON, [0.0], samples=50)[0]
     # Diamond's; and what copper comes out as.
     for value, status in [(2.42, "determined"), (3.76, "weak")]:
-        found = assess_mu(Scalar(value, 0.05, 0.0), [photo], 0.11)
+        found = assess_mu(Scalar(value, 0.05, 0.0), [photo.field], 0.11)
         assert (found.status, found.value[0], found.std[0]) == (status, value, 0.05)
         assert ("no refractive index" in found.reason) == ("Ks" in found.remedy) == (status == "weak")
     # Where photographs tell none, that is all that is said.
-    assert "grazing" in assess_mu(Scalar(3.76, 3.0, 0.0), [photo], 0.11).reason
+    assert "grazing" in assess_mu(Scalar(3.76, 3.0, 0.0), [photo.field], 0.11).reason

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import cast
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +14,11 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.clusters import structured_rms
 from invrender.estimate.identifiability import Scalar, assess_linear, assess_mu, assess_sigma, lighting_degree
 from invrender.estimate.noise import photo_weights
-from invrender.estimate.quantities import FittedLighting, Quantity
-from invrender.estimate.solution import Solution, scaled, unless_misfit
+from invrender.estimate.quantities import FittedLighting, Quantity, scaled
+from invrender.estimate.solution import Solution, unless_misfit
 from invrender.estimate.textured.fit import TexturedFit
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.estimate.uncertainty import NUMERICAL
-from invrender.transport.columns import PhotoColumns
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -117,14 +115,7 @@ def _quantities(
         scalars[name] = Scalar(number, deviation, float(span * fit.fragility[k]))
     quantities["sigma"] = assess_sigma(scalars["sigma"], lighting_degree(list(lightings.values())), ks_share)
     if "mu" in scalars:
-        # It asks for their samples only.
-        seen = cast("Sequence[PhotoColumns]", [_Seen(field) for field in fields.values()])
-        quantities["mu"] = assess_mu(scalars["mu"], seen, ks_share)
+        quantities["mu"] = assess_mu(scalars["mu"], list(fields.values()), ks_share)
     order = [str(name) for name in ("mu", "sigma") if name in scalars]
     std = np.concatenate([[scalars[name].std for name in order], kd_std, ks_std])
     return quantities, (*order, *(f"{name}.{channel}" for name in ("kd", "ks") for channel in "rgb")), std
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    field: LightField

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from invrender.estimate.reached import reached_share
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
-from invrender.transport.columns import PhotoColumns
 from recon.harmonics.basis import degrees
 from recon.sampling.lightfield import LightField
 
@@ -60,8 +58,7 @@ def quantities_of(
     }
     if state.mu is not None:
         scalar = Scalar(state.mu, std["mu"], fragility["mu"])
-        # Only the fields of the photographs are asked for.
-        found["mu"] = assess_mu(scalar, cast("Sequence[PhotoColumns]", designs), share)
+        found["mu"] = assess_mu(scalar, [design.field for design in designs], share)
     if state.sigma is not None:
         scalar = Scalar(state.sigma, std["sigma"], fragility["sigma"])
         found["sigma"] = assess_sigma(scalar, varying_degree(fit), share)
