@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
-from capture.progress import Track
+from capture.progress import Track, counted
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.known_light import known_light_remainders
 from invrender.diagnostics.named import NamedCause, named_causes
@@ -67,18 +67,15 @@ def solve_known_light(
     _check_lit(photoset, lightings, columns)
     fitted = [photo for photo in photoset.photos if not photo.held_out]
     with clock.on("invrender"):
-        steps = iter(track(range(EXPLANATION_STEPS), "Fitting and cross-validating"))
-        next(steps)
         # A light that only held-out photographs are under is no evidence: it is scored, not fitted.
         seen = {photo.lighting for photo in fitted}
         used = [lighting for name, lighting in lightings.items() if name in seen]
-        known = explain([columns[photo.label] for photo in fitted], used, lambda: next(steps, None))
-        for _ in steps:
-            pass
+        given = [columns[photo.label] for photo in fitted]
+        with counted(track, EXPLANATION_STEPS, "Fitting and cross-validating") as on_step:
+            known = explain(given, used, on_step)
         parts = None if geometry.shadows is None else ConcaveMesh.of(geometry.shadows)
         bounces, remarks = None, []
         if parts is not None and any(element.name == "known" for name in seen for element in elements[name]):
-            given = [columns[photo.label] for photo in fitted]
             bounces = _bounces(parts, given, known, used, elements, track)
         elif parts is not None:
             remarks = unknown_scale(parts, known, elements)
@@ -172,12 +169,8 @@ def _bounces(
     track: Track,
 ) -> CorrectedExplanation | None:
     """What light that bounces between a mesh's parts changes; None where there is none that matters."""
-    steps = iter(track(range(EXPLANATION_STEPS), "Judging light that bounces"))
-    next(steps)
-    found = account_for_bounces(parts, photos, known, lightings, elements, lambda: next(steps, None))
-    for _ in steps:
-        pass
-    return found
+    with counted(track, EXPLANATION_STEPS, "Judging light that bounces") as on_step:
+        return account_for_bounces(parts, photos, known, lightings, elements, on_step)
 
 
 def _of_place(

@@ -17,7 +17,7 @@ from capture.arrays import release_memory
 from capture.lighting import Lighting
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
-from capture.progress import Track
+from capture.progress import Track, counted
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
@@ -293,13 +293,9 @@ def _fit(
                         result[form].append(replace(own, radiance=seen.radiance))
             return result
 
-        steps = iter(track(range(FIT_STEPS), doing))
-        next(steps)
         given = [replace(own, radiance=seen.radiance) for own, seen in zip(subset.rows, shown, strict=True)]
-        fit = fit_textured(given, len(subset.points), in_forms, lambda: next(steps, None))
-        for _ in steps:
-            pass
-        return fit
+        with counted(track, FIT_STEPS, doing) as on_step:
+            return fit_textured(given, len(subset.points), in_forms, on_step)
 
     with bench.clock.on("invrender"):
         fit = fitted(subset.shown, "Fitting and cross-validating")

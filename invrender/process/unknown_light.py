@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
-from capture.progress import Track
+from capture.progress import Track, counted
 from invrender.brdf.richer import NUMBER_RANGE
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.named import named_causes
@@ -88,11 +88,8 @@ def solve_unknown_light(
         names, seen = [photo.lighting for photo in fitted], [fields[photo.label] for photo in fitted]
 
         def solve(photos: Sequence[LightField], doing: str) -> BlindSolution:
-            steps = iter(track(range(blind_steps(orders)), doing))
-            next(steps)
-            found = factorize(photos, names, on_step=lambda: next(steps, None), shadows=geometry.shadows)
-            for _ in steps:
-                pass
+            with counted(track, blind_steps(orders), doing) as on_step:
+                found = factorize(photos, names, on_step=on_step, shadows=geometry.shadows)
             # Rows take up far more than all else, and nobody asks for them again.
             return replace(found, candidates=tuple(map(without_rows, found.candidates)))
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
-from capture.progress import Track
+from capture.progress import Track, counted
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import SurfacePoints, scattered
@@ -76,13 +76,8 @@ def solve_unknown_texture(
     names = [photo.lighting for photo in fitted]
     photos = _at_places(photoset, geometry, geometry.body, fitted, min(samples, _SAMPLES), clock, track)
     with clock.on("invrender"):
-        steps = iter(track(range(blind_steps(orders)), "Separating light and albedo"))
-        next(steps)
-        blind = factorize_blind(
-            photos, names, orders, on_step=lambda: next(steps, None), shadows=geometry.shadows
-        )
-        for _ in steps:
-            pass
+        with counted(track, blind_steps(orders), "Separating light and albedo") as on_step:
+            blind = factorize_blind(photos, names, orders, on_step=on_step, shadows=geometry.shadows)
         if (
             blind.sigma is None
             or min(_unsure_light(own).max() for own in blind.lights.values()) > _UNDETERMINED
