@@ -24,7 +24,7 @@ from invrender.estimate.unknown_light.solution import GAUGE
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
-from invrender.process.run import Run, factorization
+from invrender.process.run import Run, factorization, pixel_by_pixel
 from invrender.process.warnings import find_warnings
 from recon.harmonics.latlong import synthesise_latlong
 from recon.sampling.lightfield import LightField
@@ -61,15 +61,7 @@ def solve_as_published(
     def radiance(_: Photo, field: LightField) -> Floats:
         return found.radiance(field)
 
-    return Run(
-        photoset,
-        geometry,
-        result,
-        fields,
-        residuals,
-        radiance,
-        lambda photo, field, binning: radiance(photo, field),
-    )
+    return Run(photoset, geometry, result, fields, residuals, radiance, pixel_by_pixel(radiance))
 
 
 def _unseen(fields: Sequence[LightField], region: Region | None) -> Floats:

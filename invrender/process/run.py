@@ -26,6 +26,7 @@ from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Radiance = Callable[[Photo, LightField], Floats]
+Pictured = Callable[[Photo, LightField, int], Floats]
 
 # Places in a pixel at the outline that rays go through, in parts of it.
 _WITHIN = (np.stack(np.meshgrid(*2 * [np.arange(8)]), axis=-1).reshape(-1, 2) + 0.5) / 8
@@ -74,7 +75,7 @@ class Run:
     fields: Mapping[str, LightField]
     residuals: Mapping[str, Floats]
     radiance: Radiance
-    pictured: Callable[[Photo, LightField, int], Floats]
+    pictured: Pictured
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
@@ -152,6 +153,11 @@ class TexturedRun(Run):
 
     transfers: Callable[[Photo, LightField], tuple[Floats, Floats]] = field(kw_only=True)
     shaded: Callable[[Photo, LightField, Floats, Floats], Floats] = field(kw_only=True)
+
+
+def pixel_by_pixel(radiance: Radiance) -> Pictured:
+    """Pictures made of the radiance itself, where that takes no longer for many samples."""
+    return lambda photo, field, binning: radiance(photo, field)
 
 
 def factorization(

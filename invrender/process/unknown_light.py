@@ -35,7 +35,7 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
 from invrender.process.held_out_light import HeldOutLight, held_out_lights, scored_lighting, used_tables
-from invrender.process.run import Run, factorization
+from invrender.process.run import Run, factorization, pixel_by_pixel
 from invrender.process.warnings import find_warnings
 from invrender.transport.predict import predict
 from invrender.transport.radiosity import Bounced, ConcaveMesh
@@ -143,15 +143,7 @@ def solve_unknown_light(
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
     result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored)
     result = replace(result, causes=causes, interreflection=None if bounces is None else bounces.found)
-    return Run(
-        photoset,
-        geometry,
-        result,
-        fields,
-        residuals,
-        radiance,
-        lambda photo, field, binning: radiance(photo, field),
-    )
+    return Run(photoset, geometry, result, fields, residuals, radiance, pixel_by_pixel(radiance))
 
 
 def _under(
