@@ -60,7 +60,7 @@ class PhotoColumns:
 
     def less(self, radiance: Floats) -> PhotoColumns:
         """The same samples without a part (n, 3) of their radiance."""
-        return replace(self, field=replace(self.field, radiance=self.radiance - radiance))
+        return replace(self, field=self.field.less(radiance))
 
     def where(self, keep: NDArray[np.bool_]) -> PhotoColumns:
         """The samples marked by a mask (n,)."""

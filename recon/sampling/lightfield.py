@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from math import prod
@@ -86,6 +86,10 @@ class LightField:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def less(self, radiance: Floats) -> LightField:
+        """The same samples without a part (n, 3) of their radiance."""
+        return replace(self, radiance=self.radiance - radiance)
 
     @property
     def shares(self) -> Floats:

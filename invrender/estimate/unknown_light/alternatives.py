@@ -71,22 +71,26 @@ def with_alternatives(
     certainty: BlindUncertainty, fit: BlindFit, rivals: Sequence[BlindFit]
 ) -> BlindUncertainty:
     """Standard deviations that hold by how much rivals put each number and the light elsewhere."""
+    std = dict(zip(fit.state.names, np.sqrt(np.diag(certainty.covariance)), strict=True))
+    other_mu = {
+        rival.state.form.name: rival.state.mu
+        for rival in rivals
+        if rival.state.mu is not None
+        and abs(_moved(fit.state, rival.state).get("mu", 0.0)) > std.get("mu", np.inf)
+    }
+    return replace(widened(certainty, fit, rivals), other_mu=other_mu)
+
+
+def widened(certainty: BlindUncertainty, fit: BlindFit, others: Sequence[BlindFit]) -> BlindUncertainty:
+    """Standard deviations that hold by how much other fits put each number and the light elsewhere."""
     names = fit.state.names
-    std = dict(zip(names, np.sqrt(np.diag(certainty.covariance)), strict=True))
-    apart, light_std, other_mu = np.zeros(len(names)), dict(certainty.light_std), {}
-    for rival in rivals:
-        moved = _moved(fit.state, rival.state)
+    apart, light_std = np.zeros(len(names)), dict(certainty.light_std)
+    for other in others:
+        moved = _moved(fit.state, other.state)
         apart = np.maximum(apart, [abs(moved.get(name, 0.0)) for name in names])
-        if rival.state.mu is not None and abs(moved.get("mu", 0.0)) > std.get("mu", np.inf):
-            other_mu[rival.state.form.name] = rival.state.mu
         for k, own in certainty.light_std.items():
-            light_std[k] = np.maximum(light_std[k], np.hypot(own, rival.light[k] - fit.light[k]))
-    return replace(
-        certainty,
-        covariance=certainty.covariance + np.diag(apart**2),
-        light_std=light_std,
-        other_mu=other_mu,
-    )
+            light_std[k] = np.maximum(light_std[k], np.hypot(own, other.light[k] - fit.light[k]))
+    return replace(certainty, covariance=certainty.covariance + np.diag(apart**2), light_std=light_std)
 
 
 def _moved(own: BlindState, rival: BlindState) -> dict[str, float]:
@@ -95,7 +99,8 @@ def _moved(own: BlindState, rival: BlindState) -> dict[str, float]:
         f"share {c}": float(there - here)
         for c, here, there in zip("rgb", own.specular_share, rival.specular_share, strict=True)
     }
-    moved["sigma"] = rival.roughness - own.roughness
+    if own.sigma is not None and rival.sigma is not None:
+        moved["sigma"] = rival.sigma - own.sigma
     numbers = own.form.numbers
     moved |= {name: value - numbers[name] for name, value in rival.form.numbers.items() if name in numbers}
     if own.mu is not None and rival.mu is not None:

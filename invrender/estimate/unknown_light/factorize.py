@@ -280,12 +280,9 @@ def _solution(
 
 def _light(search: Search, fit: BlindFit, certainty: BlindUncertainty, number: int) -> BlindLight:
     size, light, std = (fit.l_max + 1) ** 2, fit.light[number], certainty.light_std[number]
-    count = len(fit.state.directions)
-    turns = np.sqrt(np.diag(certainty.covariance))[len(fit.state.names) - 2 * count :].reshape(count, 2)
     own = fit.state.owners == number
-    sources = BlindSources(
-        fit.state.directions[own], light[size:], std[size:], np.degrees(turns[own].max(axis=1, initial=0))
-    )
+    turns = certainty.directions_std_deg(len(own))[own]
+    sources = BlindSources(fit.state.directions[own], light[size:], std[size:], turns)
     shares = certainty.degree_shares[number]
     degree, doubt = doubt_of(fit, shares, [design.field for design in search.designs])
     return BlindLight(light[:size], std[:size], sources, shares, degree, doubt)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,10 @@ from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate
+from invrender.estimate.unknown_light.identifiability import quantities_of
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
+from invrender.estimate.unknown_light.projection import light_scale
+from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
 from invrender.transport.diffuse_base import interface_transmittance, sky_factors
@@ -22,7 +26,7 @@ from invrender.transport.lobe_table import Transfer, specular_radiance
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics
 from recon.harmonics.complex import project_sources
-from recon.sampling.lightfield import LightField
+from recon.sampling.lightfield import LightField, pools
 
 Floats = NDArray[np.float64]
 
@@ -112,6 +116,46 @@ class BlindSolution:
         if len(self.lights) > 1:
             raise ValueError(f"there are {len(self.lights)} lightings; name one of {', '.join(self.lights)}")
         return next(iter(self.lights.values()))
+
+
+def with_certainty(
+    solution: BlindSolution, certainty: BlindUncertainty, designs: Sequence[LightingDesign]
+) -> BlindSolution:
+    """A solution with other standard deviations; designs : of its samples, or some of them."""
+    fit = solution.candidates[solution.chosen].fit
+    turns, lights = certainty.directions_std_deg(len(fit.state.directions)), {}
+    for number, (name, light) in enumerate(solution.lights.items()):
+        size, std = len(light.coefficients), certainty.light_std[number]
+        own = turns[fit.state.owners == number]
+        sources = replace(light.sources, irradiance_std=std[size:], direction_std_deg=own)
+        lights[name] = replace(light, coefficients_std=std[:size], sources=sources)
+    return replace(
+        solution,
+        lights=lights,
+        quantities=quantities_of(fit, certainty, designs),
+        covariance=certainty.covariance,
+        certainty=certainty,
+    )
+
+
+def weighed_search(
+    solution: BlindSolution,
+    photos: Sequence[LightField],
+    lighting_of: Sequence[str],
+    shadows: Shadows | None,
+) -> Search:
+    """Photographs weighed as a solution has them; prepared for uniform light."""
+    numbers = [list(solution.lights).index(name) for name in lighting_of]
+    together = pools(photos, numbers)
+    designs = [
+        LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], solution.transfer, shadows)
+        for pool in together
+    ]
+    weights, trust = (
+        [np.concatenate([getattr(solution.weights[k], name) for k in pool]) for pool in together]
+        for name in ("weight", "trust")
+    )
+    return Search(designs, weights, trust, light_scale(designs))
 
 
 def predict_blind(

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from invrender.estimate.clusters import outstanding
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
-from invrender.estimate.unknown_light.projection import ITERATIONS, BlindFit, refine, solve_lighting
+from invrender.estimate.unknown_light.projection import (
+    ITERATIONS,
+    BlindFit,
+    predicted,
+    refine,
+    solve_lighting,
+)
 from invrender.estimate.unknown_light.state import FIRST_MU, BlindState
 from recon.harmonics.basis import degree_of, degrees, evaluate_harmonics, sphere_directions
 from recon.sampling.lightfield import LightField, pools
@@ -103,6 +109,21 @@ class Search:
     def fit(self, state: BlindState, l_max: int, iterations: int = ITERATIONS) -> BlindFit:
         """The best fit near a state."""
         return refine(*self.problem, state, l_max, iterations)
+
+    def residuals(self, fit: BlindFit) -> list[Floats]:
+        """What a fit to these leaves, (n, 3) per design."""
+        return [
+            design.radiance - predicted(design, fit, rows)
+            for design, rows in zip(self.designs, fit.rows, strict=True)
+        ]
+
+    def less(self, radiance: Sequence[Floats]) -> Search:
+        """The same without a part (n, 3) of each design's radiance."""
+        designs = [
+            replace(design, field=design.field.less(off))
+            for design, off in zip(self.designs, radiance, strict=True)
+        ]
+        return replace(self, designs=designs)
 
     def at(self, state: BlindState, l_max: int) -> BlindFit:
         """The best lightings at a state."""

@@ -55,6 +55,11 @@ class BlindUncertainty:
     radii: Floats = field(default_factory=lambda: np.zeros(0))
     other_mu: Mapping[str, float] = field(default_factory=dict)
 
+    def directions_std_deg(self, sources: int) -> Floats:
+        """Of directions of so many sources, (k,), along the worse of two ways."""
+        turns = np.sqrt(np.diag(self.covariance))[len(self.covariance) - 2 * sources :]
+        return np.degrees(turns.reshape(sources, 2).max(axis=1, initial=0))
+
 
 def blind_uncertainty(
     search: Search, fit: BlindFit, split: BlindFit | None = None, sides: SourceAmbiguity | None = None
