@@ -6,7 +6,7 @@ strength: each element of such a light takes the factor that suits its photograp
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from capture.lighting import Lighting
 from capture.manifest import LightingTable
 from capture.photoset import PhotoSet
 from invrender.estimate.evidence import fit_strengths
+from invrender.estimate.interreflection.correction import Sent
 from invrender.estimate.quantities import FittedLighting
 from invrender.estimate.solution import Solution
 from invrender.transport.columns import photo_columns
@@ -27,6 +28,8 @@ from recon.sampling.lightfield import LightField
 Floats = NDArray[np.float64]
 
 _UP_TO_SCALE = "known up to its scale"
+# Turns of strengths and what bounces by them; each leaves a share of the error that is as small as what bounces.
+_TURNS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,24 @@ class HeldOutLight:
         form = solution.estimate.model.form
         columns = photo_columns(self.lighting.name, self.elements, field, form, shadows)
         return fit_strengths(columns, 1 / solution.noise.variance(field.radiance), solution.estimate)
+
+
+def lit_by_itself(
+    sent: Sent,
+    name: str,
+    elements: Sequence[LightElement],
+    field: LightField,
+    strengths: Callable[[LightField], Floats],
+) -> tuple[Floats, Sent]:
+    """Strengths (elements, 3) of a lighting that suit a photograph without what bounces by them, and that.
+
+    strengths : those that suit samples best.
+    """
+    found = strengths(field)
+    for _ in range(_TURNS):
+        sent = sent.under(name, elements, found)
+        found = strengths(field.less(sent.radiance(name, field)))
+    return found, sent
 
 
 def scored_lighting(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,21 +18,22 @@ from invrender.diagnostics.known_light import known_light_remainders
 from invrender.diagnostics.named import NamedCause, named_causes
 from invrender.estimate.evidence import fit_strengths, outlying
 from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
-from invrender.estimate.interreflection import CorrectedExplanation, account_for_bounces, unknown_scale
+from invrender.estimate.interreflection.correction import Sent
+from invrender.estimate.interreflection.known_light import correct_known_light, unknown_scale
 from invrender.estimate.solution import Solution, solution_of
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.lighting_axes import other_frame
 from invrender.observation.samples import read_samples
 from invrender.observation.sphere_place import place_changes
-from invrender.process.held_out_light import scored_lighting, used_tables
+from invrender.process.held_out_light import lit_by_itself, scored_lighting, used_tables
 from invrender.process.leverage import importances
 from invrender.process.run import Run, factorization
 from invrender.process.warnings import POOR, find_warnings
 from invrender.transport.cached_shader import CachedShader
 from invrender.transport.columns import PhotoColumns, all_columns, photo_columns
 from invrender.transport.predict import predict, predict_columns
-from invrender.transport.radiosity import Bounced, ConcaveMesh
+from invrender.transport.radiosity import ConcaveMesh
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
 from recon.lighting import read_lighting
@@ -71,23 +73,29 @@ def solve_known_light(
         seen = {photo.lighting for photo in fitted}
         used = [lighting for name, lighting in lightings.items() if name in seen]
         given = [columns[photo.label] for photo in fitted]
-        with counted(track, EXPLANATION_STEPS, "Fitting and cross-validating") as on_step:
-            known = explain(given, used, on_step)
+
+        def explained(photos: Sequence[PhotoColumns], doing: str) -> Explanation:
+            with counted(track, EXPLANATION_STEPS, doing) as on_step:
+                return explain(photos, used, on_step)
+
+        known = explained(given, "Fitting and cross-validating")
         parts = None if geometry.shadows is None else ConcaveMesh.of(geometry.shadows)
         bounces, remarks = None, []
         if parts is not None and any(element.name == "known" for name in seen for element in elements[name]):
-            bounces = _bounces(parts, given, known, used, elements, track)
+            without = partial(explained, doing="Judging light that bounces")
+            bounces = correct_known_light(parts, given, known, elements, without)
         elif parts is not None:
             remarks = unknown_scale(parts, known, elements)
-        concluded = bounces.known if bounces else known
-        doubts = [bounces.doubts] if bounces and bounces.doubts is not None else []
+        concluded = known if bounces is None else bounces.solution
+        doubts = [] if bounces is None else [bounces.doubts]
         doubts += _of_place(geometry.body, concluded, elements)
         solution = solution_of(concluded, used, doubts)
         columns = _in_form(photoset, solution, columns, elements)
-        bounced: Mapping[str, Bounced] = {}
-        if bounces is not None and bounces.bounced:
+        sent = None if bounces is None else bounces.taken
+        if sent is not None:
             held_out = [photo for photo in photoset.photos if photo.held_out]
-            columns, bounced = _less_bounced(solution, columns, held_out, elements, bounces)
+            sent = replace(sent, brdf=solution.estimate.brdf)
+            columns, sent = _less_bounced(solution, columns, held_out, elements, sent)
         strengths = {
             photo.label: _strengths(solution, columns[photo.label], photo.held_out)
             for photo in photoset.photos
@@ -120,7 +128,7 @@ def solve_known_light(
     result = replace(result, interreflection=None if bounces is None else bounces.found, causes=causes)
 
     def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
-        return shown + bounced[photo.lighting].radiance(field, result.brdf) if bounced else shown
+        return shown if sent is None else shown + sent.radiance(photo.lighting, field)
 
     def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
         light = elements[photo.lighting], strengths[photo.label]
@@ -160,19 +168,6 @@ def _columns(
     return {photo.label: columns for photo, columns in zip(photos, found, strict=True)}
 
 
-def _bounces(
-    parts: ConcaveMesh,
-    photos: Sequence[PhotoColumns],
-    known: Explanation,
-    lightings: Sequence[Lighting],
-    elements: Mapping[str, Sequence[LightElement]],
-    track: Track,
-) -> CorrectedExplanation | None:
-    """What light that bounces between a mesh's parts changes; None where there is none that matters."""
-    with counted(track, EXPLANATION_STEPS, "Judging light that bounces") as on_step:
-        return account_for_bounces(parts, photos, known, lightings, elements, on_step)
-
-
 def _of_place(
     body: Body, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
 ) -> list[list[NDArray[np.float64]]]:
@@ -196,18 +191,21 @@ def _less_bounced(
     columns: Mapping[str, PhotoColumns],
     held_out: Sequence[Photo],
     elements: Mapping[str, Sequence[LightElement]],
-    bounces: CorrectedExplanation,
-) -> tuple[dict[str, PhotoColumns], dict[str, Bounced]]:
+    sent: Sent,
+) -> tuple[dict[str, PhotoColumns], Sent]:
     """Columns, those of held-out photographs without bounced light too, and what bounces under every lighting."""
-    columns, bounced = dict(columns), dict(bounces.bounced)
+    columns = dict(columns)
     for photo in held_out:
         own = columns[photo.label]
-        if photo.lighting not in bounced:
-            guess = _strengths(solution, own, held_out=True)
-            light = elements[photo.lighting], guess, solution.estimate.brdf
-            bounced[photo.lighting] = bounces.parts.bounced(*light)
-        columns[photo.label] = own.less(bounced[photo.lighting].radiance(own.field, solution.estimate.brdf))
-    return columns, bounced
+        if photo.lighting not in sent.bounced:
+
+            def strengths(field: LightField, own: PhotoColumns = own) -> NDArray[np.float64]:
+                return _strengths(solution, replace(own, field=field), held_out=True)
+
+            light = photo.lighting, elements[photo.lighting]
+            sent = lit_by_itself(sent, *light, own.field, strengths)[1]
+        columns[photo.label] = own.less(sent.radiance(photo.lighting, own.field))
+    return columns, sent
 
 
 def _in_form(

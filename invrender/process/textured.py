@@ -22,10 +22,10 @@ from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.forms import together
+from invrender.estimate.interreflection.textured import CorrectedTextures, correct_textures
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
-from invrender.estimate.textured.interreflection import CorrectedTextures, account_for_bounces
 from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked
 from invrender.estimate.textured.layout import Layout, SurfacePoints, find_layout
 from invrender.estimate.textured.observe import observe, points_for
@@ -303,7 +303,7 @@ def _fit(
         if parts is None:
             return fit, None
         again = partial(fitted, doing="Judging light that bounces")
-        accounted = account_for_bounces(parts, subset.shown, subset.points, bench.elements, fit, again)
+        accounted = correct_textures(parts, subset.shown, subset.points, bench.elements, fit, again)
     return (fit, None) if accounted is None else (accounted.fit, accounted)
 
 

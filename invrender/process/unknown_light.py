@@ -18,6 +18,8 @@ from invrender.diagnostics.named import named_causes
 from invrender.diagnostics.unknown_light import unknown_light_remainders
 from invrender.estimate.clusters import structured_rms
 from invrender.estimate.evidence import Candidate
+from invrender.estimate.interreflection.correction import Sent
+from invrender.estimate.interreflection.unknown_light import correct_unknown_light
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.solution import Solution, unless_misfit
@@ -29,16 +31,21 @@ from invrender.estimate.unknown_light import (
     factorize_blind,
     predict_blind,
 )
-from invrender.estimate.unknown_light.interreflection import Sent, account_for_bounces
 from invrender.estimate.unknown_light.ladder import without_rows
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
-from invrender.process.held_out_light import HeldOutLight, held_out_lights, scored_lighting, used_tables
+from invrender.process.held_out_light import (
+    HeldOutLight,
+    held_out_lights,
+    lit_by_itself,
+    scored_lighting,
+    used_tables,
+)
 from invrender.process.run import Run, factorization, pixel_by_pixel
 from invrender.process.warnings import find_warnings
 from invrender.transport.predict import predict
-from invrender.transport.radiosity import Bounced, ConcaveMesh
+from invrender.transport.radiosity import ConcaveMesh
 from invrender.transport.visibility import Shadows
 from invrender.wording import sentences
 from recon.harmonics.basis import degree_of
@@ -50,8 +57,6 @@ Floats = NDArray[np.float64]
 _MAP_HEIGHT = 64
 # Turns to a map that is nowhere negative; the degree up to which it keeps the light's harmonics.
 _CUTS, _SHADED = 30, 4
-# Turns of strengths and what bounces by them; each leaves a share of the error that is as small as what bounces.
-_TURNS = 3
 # Of the light in a dark room: the same from all sides.
 _DARK = (0,)
 _NO_SCALE = Quantity(
@@ -98,14 +103,15 @@ def solve_unknown_light(
         bounces = None
         if parts is not None:
             without = partial(solve, doing="Fitting without light that bounces")
-            bounces = account_for_bounces(parts, seen, names, blind, without)
-            blind = blind if bounces is None else bounces.blind
-        sent = None if bounces is None else bounces.sent
-        numbers = {name: number for number, name in enumerate(blind.lights)}
+            bounces = correct_unknown_light(parts, seen, names, blind, without)
+            blind = blind if bounces is None else bounces.solution
+        sent = None if bounces is None else bounces.taken
+        if sent is not None:
+            sent = replace(sent, brdf=blind.candidates[blind.chosen].fit.state.brdf)
 
         def recovered(photo: Photo, field: LightField) -> Floats:
             shown = predict_blind(blind, field, blind.lights[photo.lighting], geometry.shadows)
-            return shown if sent is None else shown + sent.radiance(numbers[photo.lighting], field)
+            return shown if sent is None else shown + sent.radiance(photo.lighting, field)
 
         left = [field.radiance - recovered(photo, field) for photo, field in zip(fitted, seen, strict=True)]
         solution = _solution(blind, seen, left)
@@ -122,7 +128,7 @@ def solve_unknown_light(
                 return recovered(photo, field)
             own, bounced = under[photo.label]
             shown = predict(brdf, others[photo.lighting].elements, own, field, geometry.shadows)
-            return shown if bounced is None else shown + bounced.radiance(field, brdf)
+            return shown if bounced is None else shown + bounced.radiance(photo.lighting, field)
 
         residuals = dict(zip([photo.label for photo in fitted], left, strict=True))
         for photo in photoset.photos:
@@ -148,17 +154,15 @@ def solve_unknown_light(
 
 def _under(
     other: HeldOutLight, solution: Solution, field: LightField, shadows: Shadows | None, sent: Sent | None
-) -> tuple[Floats, Bounced | None]:
+) -> tuple[Floats, Sent | None]:
     """Strengths of a known light that suit a photograph under it best, and what bounces there at a known albedo."""
-    strengths = other.strengths(solution, field, shadows)
+
+    def strengths(field: LightField) -> Floats:
+        return other.strengths(solution, field, shadows)
+
     if sent is None:
-        return strengths, None
-    brdf = solution.estimate.brdf
-    for _ in range(_TURNS):
-        bounced = sent.parts.bounced(other.elements, strengths, brdf, sent.albedo)
-        less = replace(field, radiance=field.radiance - bounced.radiance(field, brdf))
-        strengths = other.strengths(solution, less, shadows)
-    return strengths, bounced
+        return strengths(field), None
+    return lit_by_itself(sent, other.lighting.name, other.elements, field, strengths)
 
 
 def _check_held_out(photoset: PhotoSet, others: Collection[str]) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture.files.documents import numbers, software
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import MISFIT_REMEDY, PictureError, misfit_reason
-from invrender.estimate.interreflection import Interreflection
+from invrender.estimate.interreflection.statement import Interreflection
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.textured.layout import TexelLayout
 from invrender.estimate.textured.textures import (

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import HOPELESS, Candidate
-from invrender.estimate.interreflection import Interreflection
+from invrender.estimate.interreflection.statement import Interreflection
 from invrender.estimate.quantities import FittedLighting, PhotoScore, Quantity
 from invrender.estimate.textured.textures import FittedTextures
 

@@ -22,11 +22,17 @@ from capture.lighting import Lighting
 from capture.manifest import LightingTable
 from capture.photoset import load_photoset
 from capture.progress import silent
-from invrender.brdf.lobes import RH01_FORM
+from invrender.brdf.lobes import GGX_FORM, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.richer import COATED_HAZY
 from invrender.estimate.evidence import relative_rms
-from invrender.estimate.interreflection import relaxed, rms, settled
+from invrender.estimate.interreflection.correction import relaxed, settled
+from invrender.estimate.interreflection.statement import rms
 from invrender.estimate.unknown_light import factorize_blind
+from invrender.estimate.unknown_light.alternatives import widened
+from invrender.estimate.unknown_light.projection import BlindFit
+from invrender.estimate.unknown_light.state import BlindState
+from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
 from invrender.process.pipeline import process
@@ -44,7 +50,7 @@ from synthetic.writer import write_photoset
 pytestmark = pytest.mark.usefixtures("few_forms")
 
 Command = Callable[..., tuple[int, str, str]]
-KD = [0.28, 0.2, 0.1]
+KD, WHITE = [0.28, 0.2, 0.1], np.ones((2, 3))
 CUP = """
 format = 1
 name = "cup"
@@ -251,11 +257,32 @@ def test_fits_that_explain_less_are_not_followed() -> None:
     def predict(fit: SimpleNamespace) -> list[np.ndarray]:
         return [np.full((4, 3), fit.x)]
 
+    def explains_less(other: SimpleNamespace) -> bool:
+        return other.cost > fit.cost
+
     photographed = [np.ones((4, 3))]
     asked = 1.0
-    assert settled(fit, predict, refit, photographed) is None
+    assert settled(fit, predict, refit, photographed, explains_less) is None
     asked = -1.0
-    assert settled(fit, predict, refit, photographed) is not None
+    assert settled(fit, predict, refit, photographed, explains_less) is not None
+
+
+def test_what_is_not_certain_widens_the_numbers_of_every_form() -> None:
+    form = COATED_HAZY[GGX_FORM]
+    state = BlindState(np.full(3, 0.2), 1.5, 0.1, np.array([[0.0, 0.0, 1.0]]), form, np.zeros(1, int))
+    moved = state.moved(np.full(len(state.names), 0.01))
+    here, there = (
+        BlindFit(at, 0, {0: light}, {}, {}, ()) for at, light in ((state, WHITE), (moved, 2 * WHITE))
+    )
+    before = BlindUncertainty(np.eye(len(state.names)), {0: WHITE}, np.zeros(len(state.names)), {})
+    after = widened(before, here, [there])
+    added = dict(zip(state.names, np.diag(after.covariance) - 1, strict=True))
+    assert form.numbers
+    for name, value in form.numbers.items():
+        assert added[name] == pytest.approx((moved.form.numbers[name] - value) ** 2)
+    assert added["share r"] == pytest.approx(1e-4)
+    assert added["source 1 a"] == pytest.approx(1e-4, rel=1e-3)
+    assert_allclose(after.light_std[0], np.hypot(WHITE, WHITE))
 
 
 GLOSSY_CUP = (
