@@ -92,13 +92,13 @@ def solve_unknown_light(
     with clock.on("invrender"):
         names, seen = [photo.lighting for photo in fitted], [fields[photo.label] for photo in fitted]
 
-        def solve(photos: Sequence[LightField], doing: str) -> BlindSolution:
+        def solve(photos: Sequence[LightField], near: BlindSolution | None, doing: str) -> BlindSolution:
             with counted(track, blind_steps(orders), doing) as on_step:
-                found = factorize(photos, names, on_step=on_step, shadows=geometry.shadows)
+                found = factorize(photos, names, on_step=on_step, shadows=geometry.shadows, near=near)
             # Rows take up far more than all else, and nobody asks for them again.
             return replace(found, candidates=tuple(map(without_rows, found.candidates)))
 
-        blind = solve(seen, "Fitting light and BRDF")
+        blind = solve(seen, None, "Fitting light and BRDF")
         parts = None if geometry.shadows is None else ConcaveMesh.of(geometry.shadows)
         bounces = None
         if parts is not None:

@@ -147,16 +147,17 @@ def correct_unknown_light(
     photos: Sequence[LightField],
     lighting_of: Sequence[str],
     blind: BlindSolution,
-    factorized: Callable[[list[LightField]], BlindSolution],
+    factorized: Callable[[list[LightField], BlindSolution | None], BlindSolution],
 ) -> Correction[BlindSolution, Sent, UnknownLightEvidence] | None:
     """`correction.corrected` in unknown light, what isn't known of it in the standard deviations.
 
-    blind : the solution of the photographs as they are. factorized : that of photographs without what bounces.
+    blind : the solution of the photographs as they are. factorized : that of photographs without what bounces, near
+    another such if there is one.
     """
 
-    def solved(light: Sent, _: BlindSolution | None) -> tuple[BlindSolution, UnknownLightEvidence]:
+    def solved(light: Sent, last: BlindSolution | None) -> tuple[BlindSolution, UnknownLightEvidence]:
         less = [light.radiance(name, photo) for name, photo in zip(lighting_of, photos, strict=True)]
-        better = factorized([photo.less(off) for photo, off in zip(photos, less, strict=True)])
+        better = factorized([photo.less(off) for photo, off in zip(photos, less, strict=True)], last)
         shown, trust = [photo.radiance for photo in photos], [own.trust for own in better.weights]
         better = replace(better, candidates=of_all(better.candidates, shown, trust, less))
         return better, evidence_of(better)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,21 @@ from invrender.estimate.unknown_light.alternatives import alternatives_of, with_
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate, cross_validate, simplest
 from invrender.estimate.unknown_light.forms import MOST_FORMS, Formed, choose_form
 from invrender.estimate.unknown_light.identifiability import doubt_of, quantities_of
-from invrender.estimate.unknown_light.ladder import climb, confirm, model_name, neighbours, without_rows
+from invrender.estimate.unknown_light.ladder import (
+    climb,
+    climb_again,
+    confirm,
+    model_name,
+    neighbours,
+    without_rows,
+)
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import BlindFit, light_scale, predicted
 from invrender.estimate.unknown_light.robust_start import judged, noise_and_weights, robust_start
 from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSolution, BlindSources
 from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity, likelier_sides
 from invrender.estimate.unknown_light.source_count import needed_sources
-from invrender.estimate.unknown_light.sources import FoundSources
+from invrender.estimate.unknown_light.sources import FoundSources, examined
 from invrender.estimate.unknown_light.start import Region, Search, of_degree, thinned
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty, blind_uncertainty
@@ -59,6 +66,7 @@ def factorize_blind(
     on_step: Callable[[], None] = lambda: None,
     transfer: Transfer = "exact",
     shadows: Shadows | None = None,
+    near: BlindSolution | None = None,
 ) -> BlindSolution:
     """Lightings and BRDF from light-field samples of a homogeneous body under unknown light.
 
@@ -67,9 +75,10 @@ def factorize_blind(
     takes the one before. source_region : where sources may be; None for anywhere. ladder : whether other forms of the
     lobe and simpler models are tried; False fits RH01's microfacet model at the highest order up to 10. `on_step` is
     called after each model. transfer : what the lobe makes of the light, of RH01's form alone unless `exact`; sources
-    have closed forms in any case [eq. 23]. shadows : of a mesh on itself; None of a convex body. Raises ValueError for
-    photographs that can't determine anything: a single one, too few samples, all at one angle, radiance that is not
-    finite or mostly negative.
+    have closed forms in any case [eq. 23]. shadows : of a mesh on itself; None of a convex body. near : a solution of
+    the same samples with nearly the same radiance, whose candidates are fitted and compared again instead of a new
+    search. Raises ValueError for photographs that can't determine anything: a single one, too few samples, all at one
+    angle, radiance that is not finite or mostly negative.
     """
     orders = sorted(set(orders))
     lighting_of = [ONLY_LIGHT] * len(photos) if lighting_of is None else list(lighting_of)
@@ -78,38 +87,18 @@ def factorize_blind(
     numbers = [names.index(name) for name in lighting_of]
     together = pools(photos, numbers)
     with one_blas_thread():
-        degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
         # Prepared for uniform light as yet: parts of the samples are, for more.
         designs = [
             LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows)
             for pool in together
         ]
-        search = _first_weights(designs, source_region)
-        dark = degree == 0 or (ladder and orders[0] == 0)
-        thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
-        assumed = _assumed(photos)
-        any_form = ladder and transfer == "exact"
-        form = COATED_HAZY[GGX_FORM] if any_form else RH01_FORM
-        kept, found, lamps = robust_start(thin, degree, dark, assumed, form)
-        outliers, thin = kept is not thin, kept
-        formed = Formed(found, ())
-        if any_form:
-            formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
-        found = formed.found
-        # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
-        few = thinned(search, degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
-        if outliers:
-            few = judged(few, found.fit, assumed)
-        fit = few.fit(found.fit.state, degree)
-        few, noise, weights = _weighed(few, fit)
-        # What a lamp in the dark explains is judged again by the noise that was found.
-        state = fit.state if degree else needed_sources(few, fit)
-        fit = few.fit(state, degree)
-        on_step()
-        candidates = [cross_validate(model_name(fit), few, fit)]
-        if ladder:
-            candidates = climb(few, thin, lamps, candidates[0], orders, formed.others, on_step)
-        candidates[0] = without_rows(candidates[0])
+        search, assumed = _first_weights(designs, source_region), _assumed(photos)
+        if near is None:
+            climbed = _ladder(search, assumed, orders, ladder, transfer, on_step)
+        else:
+            climbed = _ladder_again(search, assumed, near, on_step)
+        few, candidates, found = climbed.search, climbed.candidates, climbed.found
+        noise, weights = climbed.noise, climbed.weights
         chosen = simplest(candidates)
         pair = [chosen] if few.numbers == search.numbers else neighbours(candidates, chosen)
         own, degree = candidates[chosen].fit, max(candidates[index].fit.l_max for index in pair)
@@ -117,7 +106,7 @@ def factorize_blind(
             search = of_degree(few, degree)
         else:
             # What all samples take up shall not come on top of what parts of them did.
-            del few, thin, kept, fit
+            del few, climbed
             search = of_degree(search, degree, settled=True)
             search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
         chosen = confirm(search, candidates, pair)
@@ -135,6 +124,70 @@ def factorize_blind(
     by_photo = [of for design, own in zip(search.designs, weights, strict=True) for of in _split(design, own)]
     weights = tuple(by_photo[k] for k in back)
     return _solution(search, candidates, chosen, certainty, noise, weights, found, sides, names, transfer)
+
+
+@dataclass(frozen=True, eq=False)
+class _Climbed:
+    """The ladder of models: some samples, weighed by the noise that a fit leaves, and the evidence there."""
+
+    search: Search
+    noise: NoiseModel
+    weights: tuple[Weights, ...]
+    candidates: list[BlindCandidate]
+    found: FoundSources
+
+
+def _ladder(
+    search: Search,
+    assumed: NoiseModel,
+    orders: Sequence[int],
+    ladder: bool,
+    transfer: Transfer,
+    on_step: Callable[[], None],
+) -> _Climbed:
+    """The ladder from nothing."""
+    degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
+    dark = degree == 0 or (ladder and orders[0] == 0)
+    thin = thinned(search, _SEARCH_DEGREE if dark else degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
+    any_form = ladder and transfer == "exact"
+    form = COATED_HAZY[GGX_FORM] if any_form else RH01_FORM
+    kept, found, lamps = robust_start(thin, degree, dark, assumed, form)
+    outliers, thin = kept is not thin, kept
+    formed = Formed(found, ())
+    if any_form:
+        formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
+    found = formed.found
+    # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
+    few = thinned(search, degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
+    if outliers:
+        few = judged(few, found.fit, assumed)
+    fit = few.fit(found.fit.state, degree)
+    few, noise, weights = _weighed(few, fit)
+    # What a lamp in the dark explains is judged again by the noise that was found.
+    state = fit.state if degree else needed_sources(few, fit)
+    fit = few.fit(state, degree)
+    on_step()
+    candidates = [cross_validate(model_name(fit), few, fit)]
+    if ladder:
+        candidates = climb(few, thin, lamps, candidates[0], orders, formed.others, on_step)
+    candidates[0] = without_rows(candidates[0])
+    return _Climbed(few, noise, weights, candidates, found)
+
+
+def _ladder_again(
+    search: Search, assumed: NoiseModel, near: BlindSolution, on_step: Callable[[], None]
+) -> _Climbed:
+    """The ladder of nearly the same photographs: each candidate from where it was."""
+    chosen, degree = near.candidates[near.chosen].fit, max(each.fit.l_max for each in near.candidates)
+    few = thinned(search, degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
+    few = judged(few, few.at(chosen.state, chosen.l_max), assumed)
+    few, noise, weights = _weighed(few, few.fit(chosen.state, chosen.l_max))
+    on_step()
+    candidates = climb_again(few, near.candidates, on_step)
+    thin = thinned(few, degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
+    fit = thin.fit(candidates[near.chosen].fit.state, chosen.l_max)
+    found = examined(thin, fit) if chosen.l_max else FoundSources(fit, None)
+    return _Climbed(few, noise, weights, candidates, found)
 
 
 def blind_steps(orders: Sequence[int] = ORDERS) -> int:

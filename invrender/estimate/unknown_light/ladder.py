@@ -78,6 +78,20 @@ def climb(
     return candidates
 
 
+def climb_again(
+    search: Search, candidates: Sequence[BlindCandidate], on_step: Callable[[], None]
+) -> list[BlindCandidate]:
+    """Candidates of nearly the same samples, fitted to these and judged by them, from where they were."""
+    dark, found = of_degree(search, 0), []
+    for candidate in candidates:
+        own = search if candidate.fit.l_max else dark
+        forget_rows(dark if own is search else search)
+        fit = bright(own, own.fit(candidate.fit.state, candidate.fit.l_max, _ENOUGH))
+        found.append(without_rows(cross_validate(model_name(fit), own, fit)))
+        on_step()
+    return found
+
+
 def _takes_the_highest(candidates: Sequence[BlindCandidate]) -> bool:
     """Whether no light of a lower degree than the highest that was tried suffices."""
     return candidates[simplest(candidates)].fit.l_max == max(candidate.fit.l_max for candidate in candidates)
