@@ -76,6 +76,16 @@ class PhotoSet:
     def folder(self) -> Path:
         return self.manifest.parent
 
+    @property
+    def fitted(self) -> tuple[Photo, ...]:
+        """The photographs that are fitted."""
+        return tuple(photo for photo in self.photos if not photo.held_out)
+
+    @property
+    def held_out(self) -> tuple[Photo, ...]:
+        """Those that only score predictions."""
+        return tuple(photo for photo in self.photos if photo.held_out)
+
     def resolve(self, path: str) -> Path:
         """A path of the manifest, relative to it, with environment variables filled in."""
         return resolve(self.manifest, path)

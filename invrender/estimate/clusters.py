@@ -89,6 +89,14 @@ def structured_rms(
     return float(np.sqrt(beyond / max(count, 1))) if beyond > 2 * np.sqrt(variance) else 0.0
 
 
+def structured_share(
+    fields: Sequence[LightField], residuals: Sequence[Floats], across: int = _TILES_ACROSS
+) -> float:
+    """`structured_rms` relative to the radiance (RMS over photographs)."""
+    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
+    return structured_rms(fields, residuals, across) / max(float(energy), 1e-300)
+
+
 def lobe_misfit(
     specular: Floats, predicted: Floats, residual: Floats, trust: Floats, inverse_variance: Floats
 ) -> float:

@@ -12,7 +12,7 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.clusters import structured_rms
+from invrender.estimate.clusters import structured_share
 from invrender.estimate.evidence import Candidate, relative_rms
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import fit_noise, photo_weights
@@ -48,7 +48,7 @@ def solve_as_published(
 ) -> Run:
     """Light and BRDF of a sphere by RH01's procedure; weights and noise are of its residuals, for reports only."""
     fields, left_out = read_samples(photoset, geometry.found, {}, samples, clock, track)
-    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    fitted = photoset.fitted
     with clock.on("invrender"):
         found = published_factors([fields[photo.label] for photo in fitted], region=region)
         predicted = {label: found.radiance(field) for label, field in fields.items()}
@@ -84,12 +84,11 @@ def _solution(
     predicted: Mapping[str, Floats],
     unseen: Floats,
 ) -> Solution:
-    labels = [photo.label for photo in photoset.photos if not photo.held_out]
+    labels = [photo.label for photo in photoset.fitted]
     seen, made = [fields[label] for label in labels], [predicted[label] for label in labels]
     left = [field.radiance - own for field, own in zip(seen, made, strict=True)]
     noise = fit_noise(made, left)
     weights = tuple(photo_weights(noise, *pair) for pair in zip(made, left, strict=True))
-    energy = float(np.sqrt(np.mean([np.mean(field.radiance**2) for field in seen])))
     brdf = Microfacet(1 - found.share, found.share, found.mu, found.sigma)
     model = Model("RH01, section 6.3", specular=True, fresnel=found.mu is not None)
     parameters = 3 + 9 * 3 + sum(value is not None for value in (found.mu, found.sigma))
@@ -101,7 +100,7 @@ def _solution(
         chosen=0,
         noise=noise,
         weights=weights,
-        structured=structured_rms(seen, left) / energy,
+        structured=structured_share(seen, left),
         quantities=unless_misfit(_quantities(found), candidate.error),
         lightings=(_lighting(found, photoset.photos[0].lighting),),
         covariance=np.full((len(names), len(names)), np.nan),

@@ -45,7 +45,7 @@ def read_samples(
     how many in all, evenly over the photographs that are fitted; each that is held out gets as many. importance : per
     lighting, how informative pixels are; of one without it samples are spread evenly. highlights : as of `sample_body`.
     """
-    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    fitted = photoset.fitted
     budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
 
     def read(index: int) -> tuple[LightField, float, float, NDArray[np.floating] | None]:

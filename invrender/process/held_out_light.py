@@ -118,6 +118,11 @@ def held_out_lights(photoset: PhotoSet) -> Mapping[str, HeldOutLight]:
     return found
 
 
+def used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
+    """What the set gives of the lightings that photographs are under, by name."""
+    return {table.name: read_lighting(photoset, table) for table in used_tables(photoset)}
+
+
 def used_tables(photoset: PhotoSet) -> list[LightingTable]:
     """The manifest's tables of those lightings that photographs are under."""
     used = {photo.lighting for photo in photoset.photos}

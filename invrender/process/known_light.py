@@ -26,7 +26,7 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.observation.lighting_axes import other_frame
 from invrender.observation.samples import read_samples
 from invrender.observation.sphere_place import place_changes
-from invrender.process.held_out_light import lit_by_itself, scored_lighting, used_tables
+from invrender.process.held_out_light import lit_by_itself, scored_lighting, used_lightings
 from invrender.process.leverage import importances
 from invrender.process.run import Run, factorization
 from invrender.process.warnings import POOR, find_warnings
@@ -36,7 +36,6 @@ from invrender.transport.predict import predict, predict_columns
 from invrender.transport.radiosity import ConcaveMesh
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
-from recon.lighting import read_lighting
 from recon.mesh.bodies import Body, SphereBody
 from recon.sampling.lightfield import LightField
 
@@ -59,7 +58,7 @@ def solve_known_light(
     find_causes : whether to look for the causes of what the model doesn't explain.
     """
     with clock.on("recon"):
-        lightings = _used_lightings(photoset)
+        lightings = used_lightings(photoset)
     sources = {name: lighting.directions for name, lighting in lightings.items()}
     importance = importances(photoset, geometry, lightings, clock)
     fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, importance)
@@ -67,7 +66,7 @@ def solve_known_light(
         elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
         columns = _columns(photoset, fields, elements, geometry.shadows)
     _check_lit(photoset, lightings, columns)
-    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    fitted = photoset.fitted
     with clock.on("invrender"):
         # A light that only held-out photographs are under is no evidence: it is scored, not fitted.
         seen = {photo.lighting for photo in fitted}
@@ -93,7 +92,7 @@ def solve_known_light(
         columns = _in_form(photoset, solution, columns, elements)
         sent = None if bounces is None else bounces.taken
         if sent is not None:
-            held_out = [photo for photo in photoset.photos if photo.held_out]
+            held_out = photoset.held_out
             sent = replace(sent, brdf=solution.estimate.brdf)
             columns, sent = _less_bounced(solution, columns, held_out, elements, sent)
         strengths = {
@@ -124,8 +123,10 @@ def solve_known_light(
             solution = solution_of(concluded, used, doubts, instead)
     warnings = [*left_out, *find_warnings(photoset, solution, geometry, lightings, causes), *remarks]
     warnings += [elsewhere] if elsewhere else []
-    result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored)
-    result = replace(result, interreflection=None if bounces is None else bounces.found, causes=causes)
+    found = None if bounces is None else bounces.found
+    result = factorization(
+        photoset, geometry, solution, fields, residuals, warnings, found, causes=causes, scored=scored
+    )
 
     def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
         return shown if sent is None else shown + sent.radiance(photo.lighting, field)
@@ -224,10 +225,6 @@ def _in_form(
             own = photo_columns(photo.lighting, elements[photo.lighting], own.field, form, own.shadows)
         found[photo.label] = own
     return found
-
-
-def _used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
-    return {table.name: read_lighting(photoset, table) for table in used_tables(photoset)}
 
 
 def _check_lit(

@@ -40,7 +40,7 @@ def process(
 def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool, causes: bool) -> Run:
     begun = time.perf_counter()
     clock = Clock()
-    _check_scope(photoset, [photo for photo in photoset.photos if not photo.held_out])
+    _check_scope(photoset, photoset.fitted)
     with clock.on("recon"):
         geometry = find_geometry(photoset, track, shadowing)
     unknown = {table.name for table in photoset.lightings if table.unknown}

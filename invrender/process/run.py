@@ -14,7 +14,9 @@ from capture.decode import decode_photo
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import RadianceImage
+from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import PictureError, picture_error, relative_rms
+from invrender.estimate.interreflection.statement import Interreflection
 from invrender.estimate.quantities import FittedLighting, PhotoScore
 from invrender.estimate.solution import Solution
 from invrender.observation.geometry import SceneGeometry
@@ -167,6 +169,8 @@ def factorization(
     fields: Mapping[str, LightField],
     residuals: Mapping[str, Floats],
     warnings: Sequence[str],
+    interreflection: Interreflection | None = None,
+    causes: Sequence[NamedCause] = (),
     scored: Sequence[FittedLighting] = (),
 ) -> Factorization:
     """The result of a set from the solution of its fitted photographs; scored : lightings of held-out ones only."""
@@ -186,6 +190,8 @@ def factorization(
         covariance=solution.covariance,
         covariance_names=solution.covariance_names,
         warnings=tuple(warnings),
+        interreflection=interreflection,
+        causes=tuple(causes),
     )
 
 

@@ -37,6 +37,7 @@ from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import usable_pixels
+from invrender.process.held_out_light import used_lightings
 from invrender.process.run import TexturedRun, factorization
 from invrender.process.warnings import find_warnings
 from invrender.transport.predict import predict
@@ -45,7 +46,6 @@ from invrender.transport.reflected import ReflectedMap, prepared_map
 from invrender.transport.shading import shade
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.wording import sentences
-from recon.lighting import read_lighting
 from recon.mesh.bodies import MeshBody
 from recon.sampling.lightfield import LightField
 
@@ -178,10 +178,9 @@ def solve_textured(
         *find_warnings(photoset, solution, geometry, lightings),
         *_remarks([*faults, *dark], textures),
     ]
-    result = factorization(photoset, geometry, solution, fields, residuals, warnings)
-    result = replace(
-        result, textures=textures, interreflection=None if accounted is None else accounted.found
-    )
+    found = None if accounted is None else accounted.found
+    result = factorization(photoset, geometry, solution, fields, residuals, warnings, found)
+    result = replace(result, textures=textures)
     return TexturedRun(
         photoset, geometry, result, fields, residuals, radiance, pictured, transfers=transfers, shaded=shaded
     )
@@ -196,9 +195,8 @@ def _check_any(photoset: PhotoSet, textures: FittedTextures) -> None:
 
 
 def _given(photoset: PhotoSet, clock: Clock) -> dict[str, Lighting]:
-    used = {photo.lighting for photo in photoset.photos}
     with clock.on("recon"):
-        lightings = {t.name: read_lighting(photoset, t) for t in photoset.lightings if t.name in used}
+        lightings = used_lightings(photoset)
     _check_known(photoset, lightings)
     return lightings
 
@@ -217,11 +215,9 @@ def _footprint(photoset: PhotoSet, body: MeshBody) -> float:
     """Metres on the object that a pixel of a photograph spans, the median over the fitted ones."""
     centre = body.mesh.vertices.mean(axis=0)
     spans = []
-    for photo in photoset.photos:
-        if not photo.held_out:
-            camera = photo.camera
-            depth = 1.0 if camera.is_orthographic else float(camera.depth(centre)[0])
-            spans.append(depth / camera.focal_px)
+    for camera in (photo.camera for photo in photoset.fitted):
+        depth = 1.0 if camera.is_orthographic else float(camera.depth(centre)[0])
+        spans.append(depth / camera.focal_px)
     return float(np.median(spans))
 
 
@@ -237,8 +233,7 @@ class _Subset:
 
 def _first_pass(bench: _Bench, points: SurfacePoints, samples: int, track: Track) -> _Subset:
     """A subset of the points, about as many as are seen in so many samples."""
-    photos = bench.photoset.photos
-    fitted = [photo for photo in photos if not photo.held_out]
+    photos, fitted = bench.photoset.photos, bench.photoset.fitted
     rng = np.random.default_rng(0)
     count = min(len(points), points_for(samples, len(fitted)))
     chosen = np.sort(rng.choice(len(points), count, replace=False))
@@ -312,7 +307,7 @@ def _second_pass(
 ) -> tuple[FittedTextures, list[str]]:
     """Kd and Ks of every point, and sentences on photographs that say nothing of them."""
     finer, parents = layout.finer()
-    fitted = [photo for photo in bench.photoset.photos if not photo.held_out]
+    fitted = bench.photoset.fitted
     brdf, most = fit.brdf, _MOST_PIXELS // len(fitted)
 
     def read(photo: Photo) -> PixelsOfPoints:

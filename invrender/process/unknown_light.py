@@ -16,7 +16,7 @@ from invrender.brdf.richer import NUMBER_RANGE
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.named import named_causes
 from invrender.diagnostics.unknown_light import unknown_light_remainders
-from invrender.estimate.clusters import structured_rms
+from invrender.estimate.clusters import structured_share
 from invrender.estimate.evidence import Candidate
 from invrender.estimate.interreflection.correction import Sent
 from invrender.estimate.interreflection.unknown_light import correct_unknown_light
@@ -88,7 +88,7 @@ def solve_unknown_light(
     fields, left_out = read_samples(
         photoset, geometry.found, sources, samples, clock, track, highlights=orders == _DARK
     )
-    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    fitted = photoset.fitted
     with clock.on("invrender"):
         names, seen = [photo.lighting for photo in fitted], [fields[photo.label] for photo in fitted]
 
@@ -131,15 +131,14 @@ def solve_unknown_light(
             return shown if bounced is None else shown + bounced.radiance(photo.lighting, field)
 
         residuals = dict(zip([photo.label for photo in fitted], left, strict=True))
-        for photo in photoset.photos:
-            if photo.held_out:
-                field = fields[photo.label]
-                residuals[photo.label] = field.radiance - radiance(photo, field)
+        for photo in photoset.held_out:
+            field = fields[photo.label]
+            residuals[photo.label] = field.radiance - radiance(photo, field)
         given = [(photo.label, photo.lighting, fields[photo.label]) for photo in fitted]
         scene = unknown_light_remainders(blind, solution.estimate.brdf, geometry, given, left)
         causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
-    found = find_warnings(photoset, solution, geometry, {}, causes)
-    warnings = (*left_out, *sentences(blind.warnings), *found)
+    warnings = [*left_out, *sentences(blind.warnings)]
+    warnings += find_warnings(photoset, solution, geometry, {}, causes)
     # Of several photographs under such a light the first gives its strength in the result.
     firsts = {
         photo.lighting: strengths[photo.label]
@@ -147,8 +146,10 @@ def solve_unknown_light(
         if photo.label in strengths
     }
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
-    result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored)
-    result = replace(result, causes=causes, interreflection=None if bounces is None else bounces.found)
+    found = None if bounces is None else bounces.found
+    result = factorization(
+        photoset, geometry, solution, fields, residuals, warnings, found, causes=causes, scored=scored
+    )
     return Run(photoset, geometry, result, fields, residuals, radiance, pixel_by_pixel(radiance))
 
 
@@ -166,7 +167,7 @@ def _under(
 
 
 def _check_held_out(photoset: PhotoSet, others: Collection[str]) -> None:
-    seen = {photo.lighting for photo in photoset.photos if not photo.held_out}
+    seen = {photo.lighting for photo in photoset.fitted}
     for photo in photoset.photos:
         if photo.lighting not in seen and photo.lighting not in others:
             raise ValueError(
@@ -221,14 +222,13 @@ def _solution(blind: BlindSolution, fields: Sequence[LightField], residuals: Seq
     )
     names, of_brdf = _brdf_numbers(blind.covariance_names)
     trusted = [np.sqrt(own.trust) * residual for own, residual in zip(blind.weights, residuals, strict=True)]
-    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     return Solution(
         estimate=candidates[blind.chosen].estimate,
         candidates=candidates,
         chosen=blind.chosen,
         noise=blind.noise,
         weights=blind.weights,
-        structured=structured_rms(fields, trusted) / float(energy),
+        structured=structured_share(fields, trusted),
         quantities=unless_misfit(_quantities(blind), candidates[blind.chosen].error),
         lightings=tuple(recovered_lighting(name, light) for name, light in blind.lights.items()),
         covariance=of_brdf @ blind.covariance @ of_brdf.T,

@@ -72,7 +72,7 @@ def solve_unknown_texture(
     assert isinstance(geometry.body, MeshBody)
     _check_unknown(photoset)
     orders = orders_of(photoset, ())
-    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    fitted = photoset.fitted
     names = [photo.lighting for photo in fitted]
     photos = _at_places(photoset, geometry, geometry.body, fitted, min(samples, _SAMPLES), clock, track)
     with clock.on("invrender"):

@@ -59,7 +59,7 @@ def find_warnings(
             f"{outliers:.1%} of the samples lie farther from the fit than noise explains, and count for less; look at"
             " the difference pictures."
         )
-    fitted = [photo for photo in photoset.photos if not photo.held_out]
+    fitted = photoset.fitted
     usual = float(np.median(candidate.photo_errors))
     worse = {
         photo.label: error

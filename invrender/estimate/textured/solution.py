@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.clusters import structured_rms
+from invrender.estimate.clusters import structured_share
 from invrender.estimate.identifiability import Scalar, assess_linear, assess_mu, assess_sigma, lighting_degree
 from invrender.estimate.noise import photo_weights
 from invrender.estimate.quantities import FittedLighting, Quantity, scaled
@@ -38,15 +38,14 @@ def textured_solution(
     fields, residuals : of each photograph by its label, samples where the texture is known, and what is left of them.
     unsure : (6,), the shares of themselves by which Kd and Ks are uncertain all over, besides.
     """
-    labels = [photo.label for photo in photoset.photos if not photo.held_out]
+    labels = [photo.label for photo in photoset.fitted]
     left = [residuals[label] for label in labels]
     weights = [
         photo_weights(fit.noise, fields[label].radiance - residuals[label], residuals[label])
         for label in labels
     ]
     trusted = [np.sqrt(own.trust) * residual for own, residual in zip(weights, left, strict=True)]
-    energy = np.sqrt(np.mean([np.mean(fields[label].radiance ** 2) for label in labels]))
-    structured = structured_rms([fields[label] for label in labels], trusted) / float(energy)
+    structured = structured_share([fields[label] for label in labels], trusted)
     candidate = fit.candidates[fit.chosen]
     kd, ks = textures.mean(textures.kd), textures.mean(textures.ks)
     estimate = replace(candidate.estimate, brdf=replace(fit.brdf, kd=kd, ks=ks))

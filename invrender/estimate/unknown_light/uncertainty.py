@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.richer import NUMBER_RANGE
-from invrender.estimate.clusters import finest_tiles, lobe_misfit, patch_of, structured_rms, sums_by, tiles_of
+from invrender.estimate.clusters import (
+    finest_tiles,
+    lobe_misfit,
+    patch_of,
+    structured_share,
+    sums_by,
+    tiles_of,
+)
 from invrender.estimate.uncertainty import NUMERICAL, PRIOR_STD
 from invrender.estimate.unknown_light.cross_validation import joint_equations
 from invrender.estimate.unknown_light.projection import (
@@ -76,9 +83,8 @@ def blind_uncertainty(
         for design, trust, rows in zip(search.designs, search.trust, fit.rows, strict=True)
         for photo in design.split(np.sqrt(trust) * (design.radiance - predicted(design, fit, rows)))
     ]
-    energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     # In clean sets nothing of it is left.
-    structured = structured_rms(fields, left, finest_tiles(fields)) / max(float(energy), 1e-300)
+    structured = structured_share(fields, left, finest_tiles(fields))
     # As for known light: how misfit is shared among the numbers is unknown, as a share of each, and of a
     # radian: by as much does shading that is wrong by so much of itself turn a source.
     # A lobe that a wrong model has made narrow is not the better known for it.
