@@ -132,7 +132,7 @@ def test_a_sound_set_has_no_cause(sound: dict[str, Path], surface: str) -> None:
     assert result.warnings == ()
 
 
-def test_a_near_lamp_is_named_with_its_distance(tmp_path: Path, few_forms: None) -> None:
+def test_a_near_lamp_is_named_with_its_distance(tmp_path: Path) -> None:
     # Fewer samples don't tell it from shading.
     cause = cause_of(write_set(tmp_path / "set", distance=25 * RADIUS), 2000)
     assert cause.name == "near lamp"
