@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -17,11 +18,14 @@ def module_name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
-TREES = {
-    module_name(path): ast.parse(path.read_text())
-    for name in PACKAGES
-    for path in (ROOT / name).rglob("*.py")
-}
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Every module of ours, parsed; not where tests are collected, which every process does."""
+    return {
+        module_name(path): ast.parse(path.read_text())
+        for name in PACKAGES
+        for path in (ROOT / name).rglob("*.py")
+    }
 
 
 def imported(tree: ast.Module) -> set[str]:
@@ -30,12 +34,12 @@ def imported(tree: ast.Module) -> set[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module:
             found |= {
-                full if (full := f"{node.module}.{name.name}") in TREES else node.module
+                full if (full := f"{node.module}.{name.name}") in trees() else node.module
                 for name in node.names
             }
         elif isinstance(node, ast.Import):
             found |= {name.name for name in node.names}
-    return {name for name in found if name in TREES}
+    return {name for name in found if name in trees()}
 
 
 def package(module: str) -> str:
@@ -44,12 +48,15 @@ def package(module: str) -> str:
     return ".".join(parts[:2]) if parts[0] in ("invrender", "recon") else parts[0]
 
 
-IMPORTS = {module: imported(tree) for module, tree in TREES.items()}
+@cache
+def imports() -> dict[str, set[str]]:
+    """Modules of ours that each imports."""
+    return {module: imported(tree) for module, tree in trees().items()}
 
 
 def test_packages_import_one_way() -> None:
     rooms = defaultdict(set)
-    for module, targets in IMPORTS.items():
+    for module, targets in imports().items():
         rooms[package(module)] |= {package(target) for target in targets} - {package(module)}
     assert len(rooms) > 20
     TopologicalSorter(rooms).prepare()  # CycleError names the circle
@@ -58,7 +65,7 @@ def test_packages_import_one_way() -> None:
 def test_modules_import_without_circles() -> None:
     # A package's own __init__ hands names on; who imports them goes through it.
     TopologicalSorter(
-        {module: {target for target in targets if target != module} for module, targets in IMPORTS.items()}
+        {module: {target for target in targets if target != module} for module, targets in imports().items()}
     ).prepare()
 
 
@@ -76,7 +83,7 @@ def test_modules_import_without_circles() -> None:
 def test_what_is_below_does_not_know_what_is_above(below: str, above: tuple[str, ...]) -> None:
     wrong = [
         (module, target)
-        for module, targets in IMPORTS.items()
+        for module, targets in imports().items()
         if module.startswith(below)
         for target in targets
         if target.startswith(above)
@@ -87,7 +94,7 @@ def test_what_is_below_does_not_know_what_is_above(below: str, above: tuple[str,
 def test_only_the_program_imports_commands() -> None:
     wrong = [
         (module, target)
-        for module, targets in IMPORTS.items()
+        for module, targets in imports().items()
         for target in targets
         if ".commands." in target and ".commands" not in module and module != "lightfactor.cli"
     ]
@@ -96,7 +103,7 @@ def test_only_the_program_imports_commands() -> None:
 
 def test_a_public_class_is_defined_once() -> None:
     homes = defaultdict(list)
-    for module, tree in TREES.items():
+    for module, tree in trees().items():
         for node in tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 homes[node.name].append(module)
