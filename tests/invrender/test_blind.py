@@ -291,3 +291,22 @@ def test_photographs_that_determine_nothing_are_refused(bench: SimpleNamespace, 
     photos = photographs(bench, TEFLON, 2, 600, sources=[])
     with pytest.raises(ValueError, match=message):
         factorize_blind(spoil(photos))
+
+
+def test_a_solution_near_another_starts_from_its_candidates_and_outliers_do_not_spoil_it(
+    bench: SimpleNamespace, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+):
+    photos = noisy(photographs(bench, TEFLON, 4, 1600), rng)
+    dusty = []
+    for photo in photos:
+        dust = np.where(rng.random(len(photo)) < 0.02, 30, 1)
+        dusty.append(replace(photo, radiance=photo.radiance * dust[:, None]))
+    first = factorize_blind(dusty, orders=[4], ladder=False)
+    # One percent less of all light, and no search: the reflectance is the same.
+    less = [photo.less(0.01 * photo.radiance) for photo in dusty]
+    monkeypatch.setattr("invrender.estimate.unknown_light.factorize.robust_start", None)
+    second = factorize_blind(less, orders=[4], ladder=False, near=first)
+    std = np.sqrt(np.diag(first.covariance))
+    numbers = [np.array([*each.brdf_share, each.mu, each.sigma]) for each in (first, second)]
+    assert (np.abs(numbers[1] - numbers[0]) < 0.5 * std[:5]).all(), (numbers, std)
+    assert_allclose(second.light.coefficients[0], 0.99 * first.light.coefficients[0], rtol=0.01)
