@@ -2,10 +2,9 @@
 
 What bounces depends on the albedo and is part of what the albedo is read off, so fit and prediction take turns until
 neither changes; a fit that explains less than that to the photographs as they are gives no information on what bounces,
-and isn't followed. The candidates are then fitted to the photographs without it, and again if their best model predicts
-notably more or less of it. Then the photographs judge (`statement`): it stays taken off where photographs that were not
-fitted are then predicted better; by how much they ask for more or less of it, and by how much that is uncertain, is how
-far the prediction isn't believed.
+and isn't followed. The candidates are then fitted to the photographs without it. Then the photographs judge
+(`statement`): it stays taken off where photographs that were not fitted are then predicted better; by how much they ask
+for more or less of it, and by how much that is uncertain, is how far the prediction isn't believed.
 """
 
 from __future__ import annotations
@@ -106,7 +105,7 @@ def corrected(
     photographs: Evidence,
     once: Light,
     solved: Callable[[Light, Solution | None], tuple[Solution, Evidence]],
-    times: int = 2,
+    times: int = 1,
 ) -> Correction[Solution, Light, Evidence] | None:
     """Take light that bounces off photographs if it matters and they bear it out; None where it can't matter.
 

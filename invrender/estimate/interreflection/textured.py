@@ -228,8 +228,7 @@ def correct_textures(
         rows.fits.append(replace(better, candidates=whole))
         return rows.fits[-1], rows
 
-    # mu and sigma, which alone may change by it, hardly change what bounces: it is asked for once.
-    correction = corrected(fit, rows, rows.sent(rows.values), solved_without, times=1)
+    correction = corrected(fit, rows, rows.sent(rows.values), solved_without)
     if correction is None:
         return None
     own, without, known = rows.solved(correction.light.transfers), rows.values, rows.known

@@ -170,7 +170,8 @@ def correct_unknown_light(
 
     photographs = evidence_of(blind)
     once = photographs.sent(photographs.fit, np.full(3, SUPPOSED))
-    correction = corrected(blind, photographs, once, solved)
+    # The light that predicts what bounces is itself of a fit that bounced light had spoilt.
+    correction = corrected(blind, photographs, once, solved, times=2)
     if correction is None:
         return None
     solution, evidence, found = correction.solution, correction.evidence, correction.found
