@@ -31,7 +31,7 @@ from .faultysets import (
     write_set,
 )
 
-SAMPLES = 900
+SAMPLES = 1000
 
 
 @pytest.fixture(scope="module")

@@ -61,7 +61,7 @@ def test_gathered_light_is_that_of_random_paths(
     cat: MeshSurface, rng: np.random.Generator, material: Material, bounces: int, everywhere: bool
 ) -> None:
     points, views = hollows(cat, rng)
-    count, rounds = len(points), 150
+    count, rounds = len(points), 250
     again = np.tile(np.arange(count), rounds)
     paths = indirect_light(cat, material, LAB, points[again], views[again], bounces, rng)
     means = paths.reshape(rounds, count, 3).mean(axis=1)
