@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-def excess(losses: Floats, best: Floats) -> tuple[float, float]:
+def excess(losses: Floats, best: Floats, paired: bool = True) -> tuple[float, float]:
     """By how much losses (groups,) exceed the best candidate's in the mean, and the standard error of that difference.
 
     Differences are paired by group: what is hard for both candidates then adds nothing to the standard error, which is
-    0 for a single group.
+    0 for a single group. paired : False takes that of the best's own mean instead, as Breiman et al. do.
     """
-    return float((losses - best).mean()), standard_error(losses - best)
+    return float((losses - best).mean()), standard_error(losses - best if paired else best)
 
 
 def standard_error(losses: Floats) -> float:
@@ -39,11 +39,10 @@ def as_good(
     """Whether a candidate predicts unseen data as well as the best one.
 
     losses, best : (groups,), of the two candidates on the same groups. standard_errors : by how many its mean loss may
-    exceed the best's. negligible : an excess that never matters, in the unit of the losses. paired : the standard error
-    is that of the paired difference; False takes that of the best's own mean, as Breiman et al. do.
+    exceed the best's. negligible : an excess that never matters, in the unit of the losses. paired : as of `excess`.
     """
-    mean, error = excess(losses, best)
-    return mean <= max(standard_errors * (error if paired else standard_error(best)), negligible)
+    mean, error = excess(losses, best, paired)
+    return mean <= max(standard_errors * error, negligible)
 
 
 def plausibility(losses: Floats, best: Floats, paired: bool = True) -> float:
@@ -53,8 +52,7 @@ def plausibility(losses: Floats, best: Floats, paired: bool = True) -> float:
     with an unknown variance: (1 + t^2 / (n - 1))^(-n / 2), t the excess in standard errors, of n groups [Student 1908].
     1 where the candidate is better; 0 where it is worse and the standard error is 0.
     """
-    mean, error = excess(losses, best)
-    error = error if paired else standard_error(best)
+    mean, error = excess(losses, best, paired)
     count = len(losses)
     if mean <= 0:
         return 1.0

@@ -26,7 +26,8 @@ Floats = NDArray[np.float64]
 
 # Beyond half of the prior's width a posterior is as wide as the prior for all a user can do with it.
 _PRIOR_SHARE = 0.5
-_WEAK = 0.1
+# Standard deviation, over the value, beyond which a number is weak.
+WEAK = 0.1
 # Specular share below which a highlight may be too faint to be measured.
 _FAINT = 0.3
 _DEGREE = 30
@@ -141,7 +142,7 @@ def assess_sigma(found: Scalar, degree: int | None, ks_share: float) -> Quantity
 def assess_linear(value: Floats, std: Floats, scale: Floats, name: str) -> Quantity:
     """Kd or Ks (3,) with its status; `scale` is Kd + Ks, against which a std is judged hopeless."""
     if np.all(std < 0.5 * np.maximum(scale, 1e-300)):
-        status: Status = "weak" if np.any(std > _WEAK * np.abs(value)) else "determined"
+        status: Status = "weak" if np.any(std > WEAK * np.abs(value)) else "determined"
         if status == "determined":
             return Quantity(value, std, status)
         return Quantity(
@@ -163,7 +164,7 @@ def assess_linear(value: Floats, std: Floats, scale: Floats, name: str) -> Quant
 
 def assess_number(value: Floats, std: Floats) -> Quantity:
     """A number of the form's own (1,) with its status; it always has a value, without which the form means nothing."""
-    if (std <= _WEAK * np.maximum(value, 1.0)).all():
+    if (std <= WEAK * np.maximum(value, 1.0)).all():
         return Quantity(value, std, "determined")
     why = "its standard deviation is above a tenth: what it adds to the form is small or looks like another part"
     return Quantity(value, std, "weak", why, "add photographs with highlights in view, and at grazing angles")
@@ -171,6 +172,6 @@ def assess_number(value: Floats, std: Floats) -> Quantity:
 
 def _determined(found: Scalar, remedy: str) -> Quantity:
     value, std = np.array([found.value]), np.array([found.std])
-    if found.std <= _WEAK * found.value:
+    if found.std <= WEAK * found.value:
         return Quantity(value, std, "determined")
     return Quantity(value, std, "weak", "its standard deviation is above a tenth of its value", remedy)

@@ -96,7 +96,7 @@ def estimate_light(
     """
     _check_scope(photoset, choices)
     found = find_body(photoset, track)
-    names = list(dict.fromkeys(photo.lighting for photo in photoset.photos if not photo.held_out))
+    names = list(dict.fromkeys(photo.lighting for photo in photoset.fitted))
     degree = candidate_degree(brdf, choices.samples) if choices.degree is None else choices.degree
     l_max = min(max(degree, _LEAST_DEGREE) + _SPARE_DEGREES, HIGHEST_DEGREE)
     sources = {photo.lighting: NO_SOURCES for photo in photoset.photos}

@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.identifiability import _WEAK as WEAK
-from invrender.estimate.identifiability import ACCURACY, Scalar
+from invrender.estimate.identifiability import ACCURACY, WEAK, Scalar
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.reached import reached_share
 from invrender.estimate.unknown_light.state import turns

@@ -187,10 +187,9 @@ def draw(
 def by_information(
     even: Floats, telling: Floats, budget: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], Floats]:
-    """About `budget` of n samples, ascending, and what each stands for: a part by probabilities, the rest by
-    information.
+    """As `draw`, of samples whose even draw is given; all of them where the budget holds all.
 
-    even : (n,), of each sample to be drawn by an even draw of the budget. telling : (n,) >= 0, as of `draw`.
+    even : (n,), the probability with which an even draw of the budget takes each sample. telling : (n,) >= 0.
     """
     if budget >= len(even):
         return np.arange(len(even)), np.ones(len(even))

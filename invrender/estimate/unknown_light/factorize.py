@@ -25,7 +25,7 @@ from invrender.estimate.unknown_light.ladder import (
     neighbours,
     without_rows,
 )
-from invrender.estimate.unknown_light.lighting_design import LightingDesign
+from invrender.estimate.unknown_light.lighting_design import LightingDesign, pooled
 from invrender.estimate.unknown_light.projection import BlindFit, light_scale, predicted
 from invrender.estimate.unknown_light.robust_start import judged, noise_and_weights, robust_start
 from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSolution, BlindSources
@@ -39,7 +39,7 @@ from invrender.estimate.unknown_light.warnings import remarks
 from invrender.transport.lobe_table import TRANSFERS, Transfer
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import check_degree
-from recon.sampling.lightfield import LightField, clear_of_terminators, pools
+from recon.sampling.lightfield import LightField, clear_of_terminators
 
 Floats = NDArray[np.float64]
 
@@ -85,13 +85,9 @@ def factorize_blind(
     names = tuple(dict.fromkeys(lighting_of))
     _check(photos, lighting_of, orders, transfer)
     numbers = [names.index(name) for name in lighting_of]
-    together = pools(photos, numbers)
     with one_blas_thread():
         # Prepared for uniform light as yet: parts of the samples are, for more.
-        designs = [
-            LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows)
-            for pool in together
-        ]
+        together, designs = pooled(photos, numbers, transfer, shadows)
         search, assumed = _first_weights(designs, source_region), _assumed(photos)
         if near is None:
             climbed = _ladder(search, assumed, orders, ladder, transfer, on_step)

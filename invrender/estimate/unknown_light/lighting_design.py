@@ -33,7 +33,7 @@ from invrender.transport.form_table import mean_form_rows
 from invrender.transport.lobe_table import Transfer, lobe_table, mean_lobe_rows, specular_rows
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics
-from recon.sampling.lightfield import LightField, blocks, joined
+from recon.sampling.lightfield import LightField, blocks, joined, pools
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -342,6 +342,21 @@ class LightingDesign:
                 rows *= self.field.reflected_visible[:, None]
             self._nodes[node] = rows
         return self._nodes[node]
+
+
+def pooled(
+    photos: Sequence[LightField], numbers: Sequence[int], transfer: Transfer, shadows: Shadows | None
+) -> tuple[list[list[int]], list[LightingDesign]]:
+    """Photographs as designs for uniform light, many with few samples in one, and which of them each holds.
+
+    numbers : of their lightings.
+    """
+    together = pools(photos, numbers)
+    designs = [
+        LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows)
+        for pool in together
+    ]
+    return together, designs
 
 
 def _irradiance(field: LightField, l_max: int, shadows: Shadows | None) -> Singles:

@@ -15,7 +15,7 @@ from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate
 from invrender.estimate.unknown_light.identifiability import quantities_of
-from invrender.estimate.unknown_light.lighting_design import LightingDesign
+from invrender.estimate.unknown_light.lighting_design import LightingDesign, pooled
 from invrender.estimate.unknown_light.projection import light_scale
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import BlindState
@@ -26,7 +26,7 @@ from invrender.transport.lobe_table import Transfer, specular_radiance
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics
 from recon.harmonics.complex import project_sources
-from recon.sampling.lightfield import LightField, pools
+from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
@@ -146,11 +146,7 @@ def weighed_search(
 ) -> Search:
     """Photographs weighed as a solution has them; prepared for uniform light."""
     numbers = [list(solution.lights).index(name) for name in lighting_of]
-    together = pools(photos, numbers)
-    designs = [
-        LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], solution.transfer, shadows)
-        for pool in together
-    ]
+    together, designs = pooled(photos, numbers, solution.transfer, shadows)
     weights, trust = (
         [np.concatenate([getattr(solution.weights[k], name) for k in pool]) for pool in together]
         for name in ("weight", "trust")
