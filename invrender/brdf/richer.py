@@ -126,6 +126,11 @@ def core(form: LobeForm, sigma: float, lobe: LobeForm) -> tuple[float, float]:
     return density(0.0) / float(lobe.density(np.zeros(()), width * sigma)), width
 
 
+def share_of_core(share: Floats, part: float) -> Floats:
+    """The share of Ks in Kd + Ks without what isn't its core; share : of all of Ks. part : of it that is the core."""
+    return part * share / (1 - (1 - part) * share)
+
+
 def _family(of: LobeForm, *names: str) -> Richer:
     return Richer(of, {name: FIRST_NUMBER[name] for name in names})
 

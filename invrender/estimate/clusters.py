@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from recon.sampling.highlights import small_highlights, tile_numbers
 from recon.sampling.lightfield import LightField
@@ -95,6 +96,12 @@ def structured_share(
     """`structured_rms` relative to the radiance (RMS over photographs)."""
     energy = np.sqrt(np.mean([np.mean(field.radiance**2) for field in fields]))
     return structured_rms(fields, residuals, across) / max(float(energy), 1e-300)
+
+
+def beyond_chance(groups: int) -> float:
+    """How many times the true variance one estimated from so many groups is by chance in one number of a hundred."""
+    freedom = max(groups - 1, 1)
+    return float(chi2.ppf(0.99, freedom) / freedom)
 
 
 def lobe_misfit(

@@ -191,6 +191,15 @@ def rivalry(candidates: Sequence[Candidate]) -> Floats:
     return np.array([1.0 if candidate is best else weight(candidate) for candidate in candidates])
 
 
+def of_rival(weight: float) -> float:
+    """The part of a rival's difference that is the error bar's.
+
+    With the weights 1 of the chosen model and w of a rival, a number is off by nothing or by all that they differ: RMS
+    by sqrt(w / (1 + w)) of it.
+    """
+    return float(np.sqrt(weight / (1 + weight)))
+
+
 def outlying(photo_errors: Floats) -> NDArray[np.bool_]:
     """Photographs (n,) whose error is out of all proportion to the others': wrong, rather than hard to explain."""
     if len(photo_errors) < _FEWEST_TO_COMPARE:

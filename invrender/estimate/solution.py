@@ -7,13 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
-from invrender.brdf.richer import core
-from invrender.estimate.clusters import structured_rms
-from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Candidate, misfit_reason, outlying, rivalry
+from invrender.brdf.richer import core, share_of_core
+from invrender.estimate.clusters import beyond_chance, structured_rms
+from invrender.estimate.evidence import (
+    HOPELESS,
+    MISFIT_REMEDY,
+    Candidate,
+    misfit_reason,
+    of_rival,
+    outlying,
+    rivalry,
+)
 from invrender.estimate.explanation import Explanation, explain, refitted
 from invrender.estimate.identifiability import lighting_degree
 from invrender.estimate.jacobian import pack
@@ -144,7 +151,7 @@ def _measure(candidate: Candidate, photos: Sequence[PhotoColumns], weights: Sequ
     apart = _between_photographs(candidate, report, elements)
     variance = np.diag(found.covariance)
     own = np.hypot(
-        own, np.sqrt(np.where(apart > _beyond_chance(len(candidate.folds)) * variance, apart - variance, 0))
+        own, np.sqrt(np.where(apart > beyond_chance(len(candidate.folds)) * variance, apart - variance, 0))
     )
     if candidate.estimate.model.neutral:
         # One number has one error bar.
@@ -167,18 +174,10 @@ def _between_photographs(
     return np.asarray((len(whole) - 1) / len(whole) * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
 
 
-def _beyond_chance(folds: int) -> float:
-    """How many times the variance a jackknife over so many folds finds by chance in one number of a hundred."""
-    freedom = max(folds - 1, 1)
-    return float(chi2.ppf(0.99, freedom) / freedom)
-
-
 def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
     """By how much other models put each number elsewhere, beyond their own doubts of it, as far as they are rivals.
 
-    What a model says that the photographs don't speak against belongs into the error bar. With the weights 1 of the
-    chosen model and w of a rival, the number is off by nothing or by all that they differ: RMS by sqrt(w / (1 + w)) of
-    it.
+    What a model says that the photographs don't speak against belongs into the error bar.
     """
     model = known.candidates[known.chosen].estimate.model
     apart = np.zeros(len(chosen.values))
@@ -203,7 +202,7 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
             ours, values = here.values[here.report.places[name]], there.values[theirs]
             difference = np.abs(ours - values * _core_alone(name, there, here)) - 2 * std[theirs]
             mine = chosen.report.places[name]
-            apart[mine] = np.maximum(apart[mine], np.sqrt(weight / (1 + weight)) * difference)
+            apart[mine] = np.maximum(apart[mine], of_rival(weight) * difference)
     return apart
 
 
@@ -224,8 +223,9 @@ def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
     if name == "ks":
         return np.array([share])
     if name in ("ks_normalised", "kd_normalised"):
-        rest = 1 - (1 - share) * there.values[there.report.places["ks_normalised"]]
-        return np.asarray((share if name == "ks_normalised" else 1) / rest)
+        whole = there.values[there.report.places["ks_normalised"]]
+        of_core = share_of_core(whole, share)
+        return of_core / whole if name == "ks_normalised" else (1 - of_core) / (1 - whole)
     return np.ones(1)
 
 

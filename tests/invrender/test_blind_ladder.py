@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from invrender.brdf.lobes import GGX_FORM
+from invrender.brdf.richer import extended
 from invrender.estimate.unknown_light import factorize_blind
+from invrender.estimate.unknown_light.cross_validation import BlindCandidate, simplest
+from invrender.estimate.unknown_light.projection import BlindFit
 from synthetic.lights.arealight import AreaLight
 from synthetic.render.lobes import reflected_radiance
 
@@ -35,3 +40,21 @@ def test_finer_light_is_tried_as_long_as_photographs_ask_for_it(
     mu = found.quantities["mu"]
     # 0.009 is what noise does; degree 6 alone states 1.92 ± 0.23 of the narrow ones.
     assert abs(mu.value[0] - TEFLON.mu) < 3 * mu.std[0] < 0.036
+
+
+def test_a_lobe_with_more_numbers_must_be_clearly_better() -> None:
+    # The scatter between photographs is 1; the difference is the same in each but for 0.01.
+    scatter, unequal = np.array([1.0, 2.0, 3.0, 4.0]), 0.01 * np.array([1, -1, 1, -1])
+    hazy = next(iter(extended(GGX_FORM)))
+
+    def candidates(better_by: float) -> list[BlindCandidate]:
+        plain = SimpleNamespace(parameters=5, state=SimpleNamespace(form=GGX_FORM))
+        richer = SimpleNamespace(parameters=7, state=SimpleNamespace(form=hazy))
+        losses = (scatter + better_by + unequal, scatter)
+        return [
+            BlindCandidate("", cast(BlindFit, fit), scatter, loss)
+            for fit, loss in zip((plain, richer), losses, strict=True)
+        ]
+
+    # The standard error of the best's own mean is 0.65, that of the paired difference 0.006.
+    assert [simplest(candidates(by)) for by in (0.01, 0.5, 0.8)] == [0, 0, 1]

@@ -49,8 +49,8 @@ def test_error_bars_hold_forms_that_explain_as_well(
     form = GGX_FORM if material is SmithMaterial else UNCORRELATED[GGX_FORM]
     assert (found.form, len(found.light.sources.directions)) == (form, 2)
     error, std = abs(found.quantities["mu"].value[0] - MU), found.quantities["mu"].std[0]
-    # The photographs tell: the other form puts mu 0.005 elsewhere, and nothing of it is added to 0.0015.
-    assert error < 3 * std < 3 * 0.002
+    # The photographs tell: the other form puts mu 0.005 elsewhere, of which next to nothing is added to 0.0015.
+    assert error < 3 * std < 3 * 0.0025
     assert not [text for text in found.warnings if text.startswith("mu hinges on the form of the lobe")]
 
 

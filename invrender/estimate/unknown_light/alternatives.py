@@ -1,20 +1,23 @@
-"""Other forms of the lobe that explain the photographs as well, and what they put elsewhere.
+"""Other forms of the lobe that explain the photographs nearly as well, and what they put elsewhere.
 
-As under known light, what models say that the photographs don't speak against belongs into the error bars. The forms
-are those that were tried before the ladder, and the chosen one's with light and viewer hidden apart, or together. All
-are fitted to the same samples, whose noise is in each alike: what they differ by counts whole.
+As under known light, what models say that the photographs don't speak against belongs into the error bars, as far as
+they are plausible. The forms are those that were tried before the ladder, and the chosen one's with light and viewer
+hidden apart, or together. All are fitted to the same samples, whose noise is in each alike.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.selection import plausibility
 from invrender.brdf.lobes import UNCORRELATED
-from invrender.estimate.unknown_light.cross_validation import BlindCandidate, as_good, cross_validate
+from invrender.brdf.richer import core, share_of_core
+from invrender.estimate.evidence import of_rival
+from invrender.estimate.unknown_light.cross_validation import BlindCandidate, cross_validate
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import BlindState
@@ -29,14 +32,26 @@ _PROMISING = 1.1
 _ITERATIONS = 4
 
 
-def alternatives_of(
-    search: Search, chosen: BlindCandidate, tried: Sequence[BlindCandidate]
-) -> tuple[BlindFit, ...]:
-    """Fits with lobes of other forms that predict samples as well, as on the ladder; without their rows.
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A fit with another form of the lobe, without its rows.
 
-    chosen : fitted to all samples of the search. tried : the ladder, from whose fits of other forms they start.
+    weight : how plausible it is beside the best, from 1 (as good) to 0.
     """
-    own, error = chosen.fit.state, chosen.error
+
+    fit: BlindFit
+    weight: float
+
+
+def alternatives_of(
+    search: Search, chosen: BlindCandidate, tried: Sequence[BlindCandidate], error: float
+) -> tuple[Rival, ...]:
+    """Fits with lobes of other forms, and how plausible each is.
+
+    chosen : fitted to all samples of the search. tried : the ladder, from whose fits of other forms they start. error :
+    of the chosen one on the samples of the ladder.
+    """
+    own = chosen.fit.state
     if own.sigma is None:
         return ()
     # The same with what hides light and viewer hidden together or apart starts at the chosen one itself.
@@ -45,8 +60,6 @@ def alternatives_of(
         _instead(own, candidate.fit.state)
         for candidate in tried
         if candidate.fit.state.sigma is not None
-        # One with more numbers is as good by these alone.
-        and candidate.parameters <= chosen.parameters
         and candidate.fit.state.form.family is not own.form.family
         and candidate.fit.state.form is not like
         and candidate.error < _PROMISING * error
@@ -58,7 +71,7 @@ def alternatives_of(
         candidate = cross_validate(fit.state.form.name, search, fit)
         candidates.append(replace(candidate, fit=replace(fit, rows=())))
     best = min(candidates, key=lambda candidate: candidate.deviance.mean())
-    return tuple(candidate.fit for candidate in candidates[1:] if as_good(candidate, best))
+    return tuple(Rival(each.fit, plausibility(each.deviance, best.deviance)) for each in candidates[1:])
 
 
 def _instead(own: BlindState, other: BlindState) -> BlindState:
@@ -68,39 +81,61 @@ def _instead(own: BlindState, other: BlindState) -> BlindState:
 
 
 def with_alternatives(
-    certainty: BlindUncertainty, fit: BlindFit, rivals: Sequence[BlindFit]
+    certainty: BlindUncertainty, fit: BlindFit, rivals: Sequence[Rival]
 ) -> BlindUncertainty:
     """Standard deviations that hold by how much rivals put each number and the light elsewhere."""
     std = dict(zip(fit.state.names, np.sqrt(np.diag(certainty.covariance)), strict=True))
     other_mu = {
-        rival.state.form.name: rival.state.mu
+        rival.fit.state.form.name: rival.fit.state.mu
         for rival in rivals
-        if rival.state.mu is not None
-        and abs(_moved(fit.state, rival.state).get("mu", 0.0)) > std.get("mu", np.inf)
+        if rival.fit.state.mu is not None
+        and of_rival(rival.weight) * abs(_moved(fit.state, rival.fit.state).get("mu", 0.0))
+        > std.get("mu", np.inf)
     }
-    return replace(widened(certainty, fit, rivals), other_mu=other_mu)
+    others, weights = [rival.fit for rival in rivals], [of_rival(rival.weight) for rival in rivals]
+    return replace(widened(certainty, fit, others, weights), other_mu=other_mu)
 
 
-def widened(certainty: BlindUncertainty, fit: BlindFit, others: Sequence[BlindFit]) -> BlindUncertainty:
-    """Standard deviations that hold by how much other fits put each number and the light elsewhere."""
+def widened(
+    certainty: BlindUncertainty, fit: BlindFit, others: Sequence[BlindFit], parts: Sequence[float]
+) -> BlindUncertainty:
+    """Standard deviations that hold by how much other fits put each number and the light elsewhere.
+
+    parts : of those differences, one for each fit.
+    """
     names = fit.state.names
-    apart, light_std = np.zeros(len(names)), dict(certainty.light_std)
-    for other in others:
+    apart, light_apart = (
+        np.zeros(len(names)),
+        {k: np.zeros_like(own) for k, own in certainty.light_std.items()},
+    )
+    for other, part in zip(others, parts, strict=True):
         moved = _moved(fit.state, other.state)
-        apart = np.maximum(apart, [abs(moved.get(name, 0.0)) for name in names])
-        for k, own in certainty.light_std.items():
-            light_std[k] = np.maximum(light_std[k], np.hypot(own, other.light[k] - fit.light[k]))
-    return replace(certainty, covariance=certainty.covariance + np.diag(apart**2), light_std=light_std)
+        apart = np.maximum(apart, [part * abs(moved.get(name, 0.0)) for name in names])
+        for k, own in light_apart.items():
+            light_apart[k] = np.maximum(own, part * np.abs(other.light[k] - fit.light[k]))
+    return replace(
+        certainty,
+        covariance=certainty.covariance + np.diag(apart**2),
+        light_std={k: np.hypot(own, light_apart[k]) for k, own in certainty.light_std.items()},
+    )
 
 
 def _moved(own: BlindState, rival: BlindState) -> dict[str, float]:
-    """By how much another state has the numbers elsewhere that both have, by the names of `BlindState.names`."""
+    """By how much another state has the numbers elsewhere that both have, by the names of `BlindState.names`.
+
+    Where only one of the forms has more than a core, cores are compared, as under known light.
+    """
+    shares, width = rival.specular_share, 1.0
+    if own.sigma is not None and rival.sigma is not None:
+        part, width = core(rival.form, rival.sigma, own.form.lobe)
+        width /= core(own.form, own.sigma, own.form.lobe)[1]
+        shares = shares if len(own.form.parts) > 1 else share_of_core(shares, part)
     moved = {
         f"share {c}": float(there - here)
-        for c, here, there in zip("rgb", own.specular_share, rival.specular_share, strict=True)
+        for c, here, there in zip("rgb", own.specular_share, shares, strict=True)
     }
     if own.sigma is not None and rival.sigma is not None:
-        moved["sigma"] = rival.sigma - own.sigma
+        moved["sigma"] = rival.sigma * width - own.sigma
     numbers = own.form.numbers
     moved |= {name: value - numbers[name] for name, value in rival.form.numbers.items() if name in numbers}
     if own.mu is not None and rival.mu is not None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from capture import selection
 from capture.parallel import parallel_map
 from invrender.estimate.clusters import tile_of
-from invrender.estimate.evidence import MAX_FOLDS, relative_rms
+from invrender.estimate.evidence import CLEARLY_WORSE, MAX_FOLDS, relative_rms
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import (
     Arrow,
@@ -65,9 +65,28 @@ class BlindCandidate:
 
 
 def simplest(candidates: Sequence[BlindCandidate]) -> int:
-    """The index of the candidate with fewest parameters whose error is within one standard error of the best one's."""
-    return selection.simplest(
-        [candidate.deviance for candidate in candidates], [candidate.parameters for candidate in candidates]
+    """The index of the candidate with fewest parameters whose error is within one standard error of the best one's.
+
+    One whose lobe has numbers of its own is only taken where `needs_richer` says so of those without.
+    """
+    plain = [index for index, own in enumerate(candidates) if not own.fit.state.form.numbers]
+    chosen = plain[
+        selection.simplest(
+            [candidates[index].deviance for index in plain], [candidates[index].parameters for index in plain]
+        )
+    ]
+    richer = set(range(len(candidates))) - set(plain)
+    for index in sorted(richer, key=lambda index: candidates[index].parameters):
+        chosen = index if needs_richer(candidates[chosen], candidates[index]) else chosen
+    return chosen
+
+
+def needs_richer(simpler: BlindCandidate, richer: BlindCandidate) -> bool:
+    """Whether photographs speak clearly enough for a lobe with more numbers: of several, one is a little better by
+    chance."""
+    return not (
+        as_good(simpler, richer, CLEARLY_WORSE)
+        or selection.as_good(simpler.deviance, richer.deviance, paired=False)
     )
 
 

@@ -96,6 +96,7 @@ def factorize_blind(
         few, candidates, found = climbed.search, climbed.candidates, climbed.found
         noise, weights = climbed.noise, climbed.weights
         chosen = simplest(candidates)
+        error = candidates[chosen].error
         pair = [chosen] if few.numbers == search.numbers else neighbours(candidates, chosen)
         own, degree = candidates[chosen].fit, max(candidates[index].fit.l_max for index in pair)
         if few.numbers == search.numbers:
@@ -111,9 +112,8 @@ def factorize_blind(
         if sides is not None and sides.fit is not candidates[chosen].fit:
             candidates[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
         certainty = blind_uncertainty(search, candidates[chosen].fit, found.split, sides)
-        certainty = with_alternatives(
-            certainty, candidates[chosen].fit, alternatives_of(search, candidates[chosen], candidates)
-        )
+        rivals = alternatives_of(search, candidates[chosen], candidates, error)
+        certainty = with_alternatives(certainty, candidates[chosen].fit, rivals)
     # As they were given.
     back = np.argsort(np.concatenate(together))
     candidates = [replace(candidate, photo_errors=candidate.photo_errors[back]) for candidate in candidates]

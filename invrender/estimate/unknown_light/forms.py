@@ -13,8 +13,12 @@ from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import FORMS, GGX_FORM, PLASTICS, RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import extended
 from invrender.brdf.smith import Smith
-from invrender.estimate.evidence import CLEARLY_WORSE
-from invrender.estimate.unknown_light.cross_validation import BlindCandidate, as_good, cross_validate
+from invrender.estimate.unknown_light.cross_validation import (
+    BlindCandidate,
+    as_good,
+    cross_validate,
+    needs_richer,
+)
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_count import brightest_each, is_endless
 from invrender.estimate.unknown_light.sources import FoundSources, examined, find_sources, off_borders
@@ -98,8 +102,7 @@ def _simplest(candidates: Mapping[LobeForm, BlindCandidate]) -> LobeForm:
         (form for form in candidates if form.numbers), key=lambda form: candidates[form].parameters
     )
     for form in richer:
-        if not as_good(candidates[chosen], candidates[form], CLEARLY_WORSE):
-            chosen = form
+        chosen = form if needs_richer(candidates[chosen], candidates[form]) else chosen
     return chosen
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from invrender.brdf.richer import NUMBER_RANGE
 from invrender.estimate.clusters import (
+    beyond_chance,
     finest_tiles,
     lobe_misfit,
     patch_of,
@@ -91,9 +92,9 @@ def blind_uncertainty(
     widths = {"mu": fit.state.mu or 0.0, "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"])}
     own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
     misfit = _lobe_misfit(search, fit)
-    # A model that is off by so much in its highlights; and a lamp's own width, which nobody knows, passes for sigma's.
+    # A lamp's own width, which nobody knows, passes for sigma's.
     of_width = np.array([misfit * (fit.state.sigma or 0) * (name == "sigma") for name in fit.state.names])
-    own = np.sqrt(own**2 + of_width**2 + (np.hypot(misfit, NUMERICAL) * certainty.fragility) ** 2)
+    own = np.sqrt(own**2 + of_width**2 + (NUMERICAL * certainty.fragility) ** 2)
     certainty = replace(certainty, misfit=misfit)
     return replace(certainty, covariance=certainty.covariance + np.diag(own**2))
 
@@ -228,6 +229,7 @@ def _sandwich(
     t = len(independent)
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
+    by_photo: list[Floats] = []
     for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
         radiance = predicted(design, fit, rows)
         residual = design.radiance - radiance
@@ -236,6 +238,7 @@ def _sandwich(
         own = (shared - lit @ leverage[design.lighting]) * weight.T[:, :, None]
         scores = np.hstack([np.einsum("cnt,nc->nt", own, part) for part in (residual, radiance)])
         by_tile += list(sums_by(tiles_of(design.photos), scores).values())
+        by_photo += [of.sum(axis=0) for of in design.split(scores)]
         for patch, score in sums_by(patch_of(design.field), scores).items():
             by_patch[patch] = by_patch.get(patch, 0) + score
     ratio, fragility = np.ones(t), np.zeros(t)
@@ -246,7 +249,11 @@ def _sandwich(
         )
         ratio = np.maximum(ratio, of_noise / np.maximum(independent, 1e-300))
         fragility = np.maximum(fragility, np.sqrt(of_model))
-    return ratio, fragility
+    # What a wrong model does differs between photographs, as under known light.
+    count = len(by_photo)
+    between = count / max(count - 1, 1) * ((np.array(by_photo)[:, :t] @ gain) ** 2).sum(axis=0)
+    between /= np.maximum(independent, 1e-300)
+    return np.where(between > beyond_chance(count) * ratio, between, ratio), fragility
 
 
 def _wider_light(search: Search, fit: BlindFit, noise: float) -> dict[int, Floats]:
