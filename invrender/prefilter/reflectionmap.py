@@ -35,8 +35,8 @@ Singles = NDArray[np.float32]
 Lobe = Callable[[Floats, Floats, Floats], Floats]
 
 # Edges of panels of Gauss-Legendre in theta_i' and phi, radians: seen at a grazing angle a lobe is a streak in the
-# plane of the view, so that both are finest towards it.
-_POLAR = (0, 0.02, 0.06, 0.15, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8, np.pi)
+# plane of the view, so that both are finest towards it. The horizon of a lobe about the normal is an edge.
+_POLAR = (0, 0.02, 0.06, 0.15, 0.3, 0.5, 0.8, 1.2, np.pi / 2, 2.0, 2.4, 2.8, np.pi)
 _AZIMUTH = (0, 0.03, 0.12, 0.45, np.pi / 2, np.pi - 0.45, np.pi - 0.12, np.pi - 0.03, np.pi)
 # Rows of the grid whose rotation matrices are made at a time.
 _ROWS = 16
@@ -65,6 +65,15 @@ def reflection_map(radiance_map: ArrayLike, rho: ArrayLike, height: int) -> Refl
     rho : (F + 1, P + 1, min(F, P) + 1), of `lobe_coefficients`. Raises ValueError as `project_latlong`, and for a rho
     of another shape.
     """
+    terms, q = isotropic_terms(rho)
+    return ReflectionMap(reflected_terms(project_latlong(radiance_map, len(terms) - 1), terms, q, height))
+
+
+def isotropic_terms(rho: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
+    """rho_lpq of each harmonic of the view, (F + 1, (P + 1)^2), and the harmonics' orders q, < 0 for sines.
+
+    rho : (F + 1, P + 1, min(F, P) + 1), q >= 0. Raises ValueError for another shape.
+    """
     rho = np.asarray(rho, float)
     if rho.ndim != 3 or rho.shape[2] != min(rho.shape[:2]):
         raise ValueError(f"rho is {rho.shape}; it must be (l_max + 1, p_max + 1, min(l_max, p_max) + 1)")
@@ -73,7 +82,7 @@ def reflection_map(radiance_map: ArrayLike, rho: ArrayLike, height: int) -> Refl
     terms = np.zeros((len(rho), len(p)))
     kept = np.abs(q) < rho.shape[2]
     terms[:, kept] = rho[:, p[kept], np.abs(q[kept])]
-    return ReflectionMap(reflected_terms(project_latlong(radiance_map, len(rho) - 1), terms, q, height))
+    return terms, q
 
 
 def reflected_terms(lighting: ArrayLike, rho: ArrayLike, term_orders: ArrayLike, height: int) -> Singles:
@@ -120,16 +129,26 @@ def lobe_coefficients(lobe: Lobe, l_max: int, p_max: int, fineness: float = 1.0)
     Real, q >= 0; 0 where q > min(l, p). Both directions go over whole spheres: the lobe must be bounded for all views
     above the surface. fineness : of the quadrature, as in `mirrored_coefficients`. Raises ValueError as that does.
     """
-    check_degree(p_max, "p_max")
-    q_max = min(l_max, p_max)
-    view, weight = interval_rule(2 * p_max + int(np.ceil(24 * fineness)), 0, np.pi)
-    weight = weight * np.sin(view)
-    at_views, squares = mirrored_coefficients(lobe, l_max, q_max, np.cos(view / 2), fineness)
-    factors = theta_factors(np.cos(view), p_max)[: q_max + 1]
-    rho = np.einsum("jlq,qpj->lpq", at_views, factors * weight)
-    # Integrals over phi_o': of 1, or of the square that goes with sqrt(2) in both factors.
-    rho *= np.where(np.arange(q_max + 1) == 0, 2 * np.pi, np.pi)
-    return rho, float(2 * np.pi * weight @ squares)
+
+    def at_views(cos_exitant: Floats, q_max: int) -> tuple[Floats, Floats]:
+        # About the mirrored view the view stands at twice its angle to the normal.
+        return mirrored_coefficients(lobe, l_max, q_max, np.sqrt((1 + cos_exitant) / 2), fineness)
+
+    return _expanded_in_views(at_views, l_max, p_max, fineness)
+
+
+def axial_lobe_coefficients(
+    lobe: Lobe, l_max: int, p_max: int, fineness: float = 1.0
+) -> tuple[Floats, float]:
+    """The same of a lobe about an axis of its own, the normal or a tangent [R02, section 5.3.1].
+
+    lobe : of unit axes, in the place of normals, and directions; bounded for views all around the axis.
+    """
+
+    def at_views(cos_exitant: Floats, q_max: int) -> tuple[Floats, Floats]:
+        return axial_coefficients(lobe, l_max, q_max, cos_exitant, fineness)
+
+    return _expanded_in_views(at_views, l_max, p_max, fineness)
 
 
 def mirrored_coefficients(
@@ -141,10 +160,32 @@ def mirrored_coefficients(
     square. fineness : of the quadrature; 1 keeps rho_lpq of microfacet lobes of sigma 0.1 to 0.5 to 3e-4 of the
     largest, 0.25 to 3e-3. Raises ValueError for cosines that aren't in (0, 1] and for values that aren't finite.
     """
-    check_degree(l_max)
     cos_exitant = np.asarray(cos_exitant, float)
     if not ((cos_exitant > 0) & (cos_exitant <= 1)).all():
         raise ValueError(f"cosines of exitant angles are {cos_exitant}; they must be in (0, 1]")
+    exitant = np.arccos(cos_exitant)
+    return _coefficients_at(lobe, l_max, q_max, _in_plane(exitant), _in_plane(2 * exitant), fineness)
+
+
+def axial_coefficients(
+    lobe: Lobe, l_max: int, q_max: int, cos_exitant: ArrayLike, fineness: float = 1.0
+) -> tuple[Floats, Floats]:
+    """The same about the lobe's own axis, for views (k,) at any angle to that.
+
+    Raises ValueError for cosines that aren't in [-1, 1] and for values that aren't finite.
+    """
+    cos_exitant = np.asarray(cos_exitant, float)
+    if not (np.abs(cos_exitant) <= 1).all():
+        raise ValueError(f"cosines of exitant angles are {cos_exitant}; they must be in [-1, 1]")
+    exitant = np.arccos(cos_exitant)
+    return _coefficients_at(lobe, l_max, q_max, _in_plane(0 * exitant), _in_plane(exitant), fineness)
+
+
+def _coefficients_at(
+    lobe: Lobe, l_max: int, q_max: int, axes: Floats, views: Floats, fineness: float
+) -> tuple[Floats, Floats]:
+    """Coefficients over directions about +Z, and energies, of a lobe with axes and views (k, 3) in the xz plane."""
+    check_degree(l_max)
     nodes = int(np.ceil(fineness * (10 + l_max / 16)))
     theta, weight = _composite(_POLAR, nodes)
     phi, step = _composite(_AZIMUTH, nodes)
@@ -155,13 +196,33 @@ def mirrored_coefficients(
     # Both sides of the plane count on one.
     waves = np.cos(phi[:, None] * np.arange(q_max + 1)) * (2 * step)[:, None]
     factors = theta_factors(np.cos(theta), l_max)[: q_max + 1] * weight
-    result, energies = np.zeros((len(cos_exitant), l_max + 1, q_max + 1)), np.zeros(len(cos_exitant))
-    for j, exitant in enumerate(np.arccos(cos_exitant).tolist()):
-        normal, view = (np.array([np.sin(turn), 0, np.cos(turn)]) for turn in (exitant, 2 * exitant))
-        values = finite(np.asarray(lobe(normal, incident, view), float), "the lobe")
+    result, energies = np.zeros((len(axes), l_max + 1, q_max + 1)), np.zeros(len(axes))
+    for j, (axis, view) in enumerate(zip(axes, views, strict=True)):
+        values = finite(np.asarray(lobe(axis, incident, view), float), "the lobe")
         result[j, :, : len(factors)] = np.einsum("qli,iq->lq", factors, (values @ waves)[:, : len(factors)])
         energies[j] = weight @ values**2 @ (2 * step)
     return result, energies
+
+
+def _expanded_in_views(
+    at_views: Callable[[Floats, int], tuple[Floats, Floats]], l_max: int, p_max: int, fineness: float
+) -> tuple[Floats, float]:
+    """rho_lpq and the energy of a lobe. at_views : its coefficients and energies at cosines of the view, to q_max."""
+    check_degree(p_max, "p_max")
+    q_max = min(l_max, p_max)
+    view, weight = interval_rule(2 * p_max + int(np.ceil(24 * fineness)), 0, np.pi)
+    weight = weight * np.sin(view)
+    incident, squares = at_views(np.cos(view), q_max)
+    factors = theta_factors(np.cos(view), p_max)[: q_max + 1]
+    rho = np.einsum("jlq,qpj->lpq", incident, factors * weight)
+    # Integrals over phi_o': of 1, or of the square that goes with sqrt(2) in both factors.
+    rho *= np.where(np.arange(q_max + 1) == 0, 2 * np.pi, np.pi)
+    return rho, float(2 * np.pi * weight @ squares)
+
+
+def _in_plane(angles: Floats) -> Floats:
+    """Unit vectors (k, 3) of the xz plane at angles (k,) to +Z, radians."""
+    return np.stack([np.sin(angles), np.zeros_like(angles), np.cos(angles)], axis=-1)
 
 
 def _composite(edges: tuple[float, ...], nodes: int) -> tuple[Floats, Floats]:

@@ -47,6 +47,33 @@ def project_latlong(radiance_map: ArrayLike, l_max: int) -> Floats:
     return weighted_analysis(radiance_map, l_max, latlong_solid_angles(height)[:, 0] * 2 * height)
 
 
+def integrate_latlong(radiance_map: ArrayLike, l_max: int) -> Floats:
+    """Coefficients ((l_max + 1)^2, c) of a lat-long map (H, 2H, c) that is constant within each pixel, to rounding.
+
+    Any degree, whatever the map's height: steps have all degrees. Raises ValueError for values that aren't finite, not
+    of that shape, and for an l_max below 0.
+    """
+    radiance_map = np.asarray(radiance_map, float)
+    height = _checked_height(radiance_map)
+    check_degree(l_max)
+    step, m = np.pi / height, np.arange(l_max + 1)
+    # In phi by the integral of a wave over a pixel, in theta by Gauss-Legendre within each row.
+    waves = scipy.fft.fft(radiance_map, axis=1)[:, m % (2 * height)].transpose(1, 0, 2)
+    waves *= (step * np.sinc(m / (2 * height)) * np.exp(-0.5j * step * m))[:, None, None]
+    node, weight = np.polynomial.legendre.leggauss(int(np.ceil(l_max * step / 2)) + 4)
+    theta = ((np.arange(height)[:, None] + (node + 1) / 2) * step).ravel()
+    weighted = theta_factors(np.cos(theta), l_max) * (np.tile(weight, height) * step / 2 * np.sin(theta))
+    rows = weighted.reshape(l_max + 1, l_max + 1, height, -1).sum(axis=-1)
+    found = rows @ np.concatenate([waves.real, -waves.imag], axis=2)
+    channels = radiance_map.shape[2]
+    result = np.empty(((l_max + 1) ** 2, channels))
+    cosine, sine = _places(l_max)
+    l, m = np.tril_indices(l_max + 1)
+    result[cosine] = found[m, l, :channels]
+    result[sine[m > 0]] = found[m[m > 0], l[m > 0], channels:]
+    return result
+
+
 def map_coefficients(radiance_map: ArrayLike, l_max: int) -> Floats:
     """As `project_latlong`, whatever the map's height: degrees that it can't carry are 0."""
     height = len(np.asarray(radiance_map))
