@@ -1,46 +1,38 @@
 """Light and BRDF, both unknown [RH01, section 6.3]: a simplex over Ks and mu; the light solved linearly within.
 
-The light is the dual one of section 6.2, as for the paper's spheres: nine coefficients give the diffuse part, what is
-left is looked up in the mirror direction, and the map that comes of it must have those nine coefficients. It is the
-light as the lobe blurs it. sigma follows from the source's peak in it [eq. 26].
+The inner solve is the dual one of section 6.2, as for the paper's spheres. Its light is as the lobe blurs it. It
+assumes that there is no source, B_s,fast = 0, although the highlight of one is brighter by 1 / cos theta_o and narrower
+at grazing angles [eq. 23] than a mirror shows it [eq. 22]. So pixels that mirror the source's region add to the light,
+but the error that Ks and mu are fitted by is of the others. sigma follows from the source's peak [eq. 26].
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BarycentricInterpolator
-from scipy.sparse import csr_array, vstack
-from scipy.sparse.linalg import splu
 
-from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.brdf.fresnel import normalised_fresnel
-from invrender.estimate.rh01.nodes import bilinear, laplacian
-from invrender.estimate.rh01.roughness import Peak, find_peak, without_source
-from invrender.estimate.rh01.simplex import MU_BOUNDS, root_weight, simplex
+from invrender.estimate.rh01.dual import DUAL_DEGREE, DualLight
+from invrender.estimate.rh01.roughness import Peak, find_peak, highlights_near_normal, without_source
+from invrender.estimate.rh01.samples import Reflections, Samples
+from invrender.estimate.rh01.simplex import MU_BOUNDS, simplex
 from invrender.estimate.unknown_light.start import Region
-from invrender.theory.operator import irradiance_operator
-from recon.harmonics.basis import evaluate_harmonics
+from recon.harmonics.basis import degree_of
 from recon.harmonics.latlong import map_coefficients
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
-_NINE, _L_MAX = 9, 2
-# Degrees of the light less its source, which is slow.
+# Degree of the light less its source, which is slow.
 _SLOW_DEGREE = 12
 _SHARES = (0.005, 0.995)
-_START_SHARE, _START_MU = 0.3, 1.5
+# The first light is made at the first start; a simplex from one place alone may stay where mu ends.
+_START_SHARES, _START_MU = (0.3, 0.1), 1.5
 # Rows of the map: so that about eight samples meet at each node, within what shows a lobe of 0.1 rad.
 _SAMPLES_PER_NODE, _HEIGHTS = 8, (24, 64)
-# Of a node's own equation: by which it follows its neighbours where no reflection reaches it.
-_SMOOTH = 1e-4
-# Places of log(mu - 1) between which the search interpolates.
-_MUS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +40,22 @@ class PublishedFactors:
     """What section 6.3 finds, in the gauge Kd + Ks = 1.
 
     share : (3,) Ks. mu : None where no Fresnel factor was fitted. light : (H, 2H, 3), lat-long, as the lobe blurs it,
-    the source included; noise and ringing leave it negative here and there. nine : (9, 3), its first coefficients.
-    peak : the source, with sigma in radians; None where the light has no peak. rms : relative, of the residuals.
+    the source included; noise and ringing leave it negative here and there. coefficients : (k, 3), of the same light,
+    which the diffuse part goes by. peak : the source, with sigma in radians; None where the light has no peak. rms :
+    relative, of the residuals that the search minimised.
     """
 
     share: Floats
     mu: float | None
     light: Floats
-    nine: Floats
+    coefficients: Floats
     peak: Peak | None
     rms: float
+
+    @property
+    def nine(self) -> Floats:
+        """The light's first coefficients (9, 3)."""
+        return self.coefficients[:9]
 
     @property
     def sigma(self) -> float | None:
@@ -75,9 +73,31 @@ class PublishedFactors:
 
     def radiance(self, field: LightField) -> Floats:
         """Radiance (n, 3) of a photograph's samples, as predicted."""
-        seen = _Seen.of(field, len(self.light))
+        seen = Reflections.of(field, len(self.light), degree_of(len(self.coefficients)))
         highlight = seen.fresnel(self.mu)[:, None] * (seen.mirrored @ self.light.reshape(-1, 3))
-        return np.asarray((1 - self.share) * (seen.diffuse @ self.nine) + self.share * highlight)
+        return np.asarray((1 - self.share) * (seen.diffuse @ self.coefficients) + self.share * highlight)
+
+
+class InverseLighting(Protocol):
+    """An inner solve: the light of samples at shares (3,) of Ks and a mu."""
+
+    @property
+    def samples(self) -> Samples: ...
+
+    @property
+    def fresnel(self) -> bool: ...
+
+    def judging(self, judged: NDArray[np.bool_]) -> InverseLighting:
+        """The same, with the error of the marked samples (n,) only."""
+        ...
+
+    def error(self, share: Floats, position: float) -> float:
+        """Relative RMS at log(mu - 1) [RH01, ObjFun]."""
+        ...
+
+    def light(self, share: Floats, mu: float | None) -> tuple[Floats, Floats]:
+        """The light's coefficients (k, 3), and the light as a map (H, 2H, 3)."""
+        ...
 
 
 def published_factors(
@@ -85,7 +105,7 @@ def published_factors(
     fresnel: bool = True,
     region: Region | None = None,
 ) -> PublishedFactors:
-    """Light and BRDF of a convex body, both unknown, by the nested procedure of [RH01, section 6.3].
+    """Light and BRDF of a convex body, both unknown, by the nested procedure of [RH01, section 6.3] with dual lighting.
 
     fresnel : False leaves mu out, as the paper does for metals. region : around the source, which the paper marks by
     hand; None takes the sharpest peak of the recovered light, as far out as it gets darker. Raises ValueError for too
@@ -99,142 +119,30 @@ def published_factors(
             f" {2 * low**2} at least"
         )
     height = int(np.clip(np.sqrt(samples / (2 * _SAMPLES_PER_NODE)), low, high))
-    problem = _Problem.of([_Seen.of(photo, height) for photo in photos], photos, height, fresnel)
-    start = np.array([_START_SHARE] * 3 + [np.log(_START_MU - 1)] * fresnel)
-    best = simplex(problem.trial, start, np.array([_SHARES] * 3 + [MU_BOUNDS] * fresnel))
-    solved, light = problem.solution(best)
-    mu = _mu(best[3]) if fresnel else None
-    return PublishedFactors(best[:3], mu, light, solved.nine, find_peak(light, region), solved.rms)
+    return _factored(DualLight(Samples.of(photos, height, DUAL_DEGREE), fresnel), region)
 
 
-def _mu(position: float) -> float:
-    return 1 + float(np.exp(position))
+def _factored(inner: InverseLighting, region: Region | None) -> PublishedFactors:
+    samples = inner.samples
+    _, first = inner.light(np.full(3, _START_SHARES[0]), _START_MU if inner.fresnel else None)
+    peak = find_peak(first, region)
+    if peak is None:
+        return _search(inner)
+    found = _search(inner.judging(samples.looking_outside(peak.region)))
+    diffuse = (1 - found.share) * (samples.diffuse @ found.coefficients)
+    highlights, exitance = highlights_near_normal(
+        samples, (samples.radiance - diffuse) / found.share, found.mu
+    )
+    return replace(found, peak=find_peak(highlights, region, exitance))
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """Samples of a photograph: rows over the nine coefficients (n, 9) and over the map's nodes (n, P), sparse."""
+def _search(inner: InverseLighting) -> PublishedFactors:
+    def error(point: Floats) -> float:
+        return inner.error(point[:3], point[-1])
 
-    field: LightField
-    diffuse: Floats
-    mirrored: csr_array
-
-    @staticmethod
-    def of(field: LightField, height: int) -> _Seen:
-        diffuse = field.mean_over_rays(irradiance_operator(field.normals, _L_MAX))
-        cos = np.einsum("nk,nk->n", field.normals, field.views)[:, None]
-        nodes, weights = bilinear(2 * cos * field.normals - field.views, height)
-        counts = np.bincount(field.ray_sample, minlength=len(field))
-        mean = csr_array(
-            (1 / counts[field.ray_sample], (field.ray_sample, np.arange(len(cos)))),
-            shape=(len(field), len(cos)),
-        )
-        rays = np.repeat(np.arange(len(cos)), 4)
-        lookup = csr_array((weights.ravel(), (rays, nodes.ravel())), shape=(len(cos), 2 * height**2))
-        return _Seen(field, np.asarray(diffuse, float), mean @ lookup)
-
-    def fresnel(self, mu: float | None) -> Floats:
-        """Fresnel's factor (n,), mean over rays."""
-        cos = np.einsum("nk,nk->n", self.field.normals, self.field.views)
-        return np.asarray(self.field.mean_over_rays(normalised_fresnel(mu, cos)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    nine: Floats
-    rms: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Mirror:
-    """The maps (P, 3 + 9) that the radiance and each diffuse coefficient imply at one mu.
-
-    projected : (9, 12), the maps' first coefficients. left : (12, 12), products of what no map explains of both.
-    """
-
-    maps: Floats
-    projected: Floats
-    left: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """The samples of all photographs.
-
-    root : (n,), of their weights; radiance (n, 3) and diffuse (n, 9) are multiplied by it. projection : (9, P), a map's
-    first coefficients. smooth : (P, P), what holds nodes together.
-    """
-
-    seen: tuple[_Seen, ...]
-    root: Floats
-    radiance: Floats
-    diffuse: Floats
-    mirrored: csr_array
-    projection: Floats
-    smooth: csr_array
-    fresnel: bool
-
-    @staticmethod
-    def of(seen: Sequence[_Seen], photos: Sequence[LightField], height: int, fresnel: bool) -> _Problem:
-        root = np.concatenate([root_weight(photo) for photo in photos])
-        directions = latlong_directions(height).reshape(-1, 3)
-        solid_angles = np.repeat(latlong_solid_angles(height)[:, 0], 2 * height)
-        return _Problem(
-            tuple(seen),
-            root,
-            root[:, None] * np.concatenate([photo.radiance for photo in photos]),
-            root[:, None] * np.concatenate([one.diffuse for one in seen]),
-            csr_array(vstack([one.mirrored for one in seen])),
-            evaluate_harmonics(directions, _L_MAX).T * solid_angles,
-            laplacian(height),
-            fresnel,
-        )
-
-    def mirror(self, mu: float | None) -> _Mirror:
-        """What holds at one mu."""
-        factor = self.root * np.concatenate([one.fresnel(mu) for one in self.seen])
-        rows = csr_array(self.mirrored.multiply(factor[:, None]))
-        gram = rows.T @ rows
-        mean = gram.trace() / gram.shape[0]
-        known = np.hstack([self.radiance, self.diffuse])
-        maps = splu((gram + _SMOOTH * mean * self.smooth).tocsc()).solve(rows.T @ known)
-        left = known - rows @ maps
-        return _Mirror(maps, self.projection @ maps, left.T @ left)
-
-    @cached_property
-    def _table(self) -> BarycentricInterpolator:
-        """Projections (9, 12) and squares (12, 12) of `mirror` over log(mu - 1): a simplex asks for many."""
-        low, high = MU_BOUNDS
-        nodes = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(_MUS) + 0.5) / _MUS)
-        found = [self.mirror(_mu(node)) for node in nodes]
-        return BarycentricInterpolator(
-            nodes, np.array([np.vstack([one.projected, one.left]) for one in found])
-        )
-
-    def trial(self, point: Floats) -> float:
-        """Relative RMS at shares (3,) and, fourth, log(mu - 1) [RH01, ObjFun]."""
-        both = self._table(point[3]) if self.fresnel else self._fixed
-        return self._solve(point[:3], both[:_NINE], both[_NINE:]).rms
-
-    @cached_property
-    def _fixed(self) -> Floats:
-        mirror = self.mirror(None)
-        return np.vstack([mirror.projected, mirror.left])
-
-    def _solve(self, share: Floats, projected: Floats, left: Floats) -> _Solved:
-        """The nine coefficients (9, 3) that their own map confirms."""
-        nine, squares = np.empty((_NINE, 3)), 0.0
-        for c in range(3):
-            system = share[c] * np.eye(_NINE) + (1 - share[c]) * projected[:, 3:]
-            nine[:, c] = np.linalg.solve(system, projected[:, c])
-            mixed = np.concatenate([np.eye(3)[c], -(1 - share[c]) * nine[:, c]])
-            squares += float(mixed @ left @ mixed)
-        return _Solved(nine, float(np.sqrt(max(squares, 0.0) / (self.radiance**2).sum())))
-
-    def solution(self, point: Floats) -> tuple[_Solved, Floats]:
-        """Coefficients, error, and the map (H, 2H, 3) at a point of the search."""
-        share, mirror = point[:3], self.mirror(_mu(point[3]) if self.fresnel else None)
-        solved = self._solve(share, mirror.projected, mirror.left)
-        nodes = (mirror.maps[:, :3] - (1 - share) * (mirror.maps[:, 3:] @ solved.nine)) / share
-        height = int(np.sqrt(len(nodes) / 2))
-        return solved, np.asarray(nodes.reshape(height, 2 * height, 3))
+    bounds = np.array([_SHARES] * 3 + [MU_BOUNDS] * inner.fresnel)
+    starts = [np.array([share] * 3 + [np.log(_START_MU - 1)] * inner.fresnel) for share in _START_SHARES]
+    best = min((simplex(error, start, bounds) for start in starts), key=error)
+    mu = 1 + float(np.exp(best[3])) if inner.fresnel else None
+    coefficients, light = inner.light(best[:3], mu)
+    return PublishedFactors(best[:3], mu, light, coefficients, None, error(best))

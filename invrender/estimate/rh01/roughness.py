@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.brdf.microfacet import SIGMA_RANGE
+from invrender.estimate.rh01.dual import mirror_map
+from invrender.estimate.rh01.samples import Samples
 from invrender.estimate.unknown_light.start import Region, light_peaks
 from recon.harmonics.latlong import map_coefficients
 
@@ -16,6 +19,11 @@ Floats = NDArray[np.float64]
 
 # Degrees in which the sharpest peak is looked for; width of the rings around it, pixels.
 _DEGREE, _RING = 12, 1.5
+# Power of the exitant angle's cosine by which samples count in the map that sigma is read off: at 40 degrees from the
+# normal a tenth of head-on.
+_NEAR_NORMAL = 8
+# That map has fewer samples per node, of which the brightest is taken: it is smoother than the one of all samples.
+_SMOOTH = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +39,32 @@ class Peak:
     region: NDArray[np.bool_]
 
 
-def find_peak(light: Floats, region: Region | None = None) -> Peak | None:
-    """The source in a lat-long map (H, 2H, 3), and the roughness that has blurred it: L_cen = L_tot / (4 pi sigma^2).
+def highlights_near_normal(samples: Samples, specular: Floats, mu: float | None) -> tuple[Floats, Floats]:
+    """The light (H, 2H, 3) that highlights nearest normal exitance show, and the mean (H, 2H) of 1 / cos theta_o there.
 
-    region : what encloses the source; None takes the sharpest peak as far out as rings about it get darker. None is
-    returned for light without a peak.
+    specular : (n, 3), the samples' radiance less the diffuse part, over Ks. Equation 26 is of normal exitance; where no
+    photograph shows a direction head-on, those that come nearest count.
+    """
+    nearest = np.full(2 * samples.height**2, 1e-3)
+    rows = samples.mirrored.tocoo()
+    np.maximum.at(nearest, rows.col, np.where(rows.data > 0, samples.cos[rows.row], 0))
+    likeness = samples.cos / np.maximum(samples.mirrored @ nearest, 1e-3)
+    root = samples.root * likeness ** (_NEAR_NORMAL / 2)
+    factor = root * samples.fresnel(mu)
+    weighted = csr_array(samples.mirrored.multiply(factor[:, None]))
+    light = mirror_map(weighted, root[:, None] * specular, samples.height, _SMOOTH)
+    counts = samples.mirrored.T @ factor**2
+    exitance = (samples.mirrored.T @ (factor**2 / samples.cos)) / np.where(counts > 0, counts, 1)
+    shape = (samples.height, 2 * samples.height)
+    return light.reshape(*shape, 3), np.where(counts > 0, exitance, 1).reshape(shape)
+
+
+def find_peak(light: Floats, region: Region | None = None, exitance: Floats | None = None) -> Peak | None:
+    """The source in a lat-long map (H, 2H, 3), and the roughness that has blurred it [RH01, eq. 22, 23 and 26].
+
+    L_cen = L_tot / (4 pi sigma^2 cos theta_o). region : what encloses the source; None takes the sharpest peak as far
+    out as rings about it get darker. exitance : (H, 2H), 1 / cos theta_o at which the map's nodes are seen; None for
+    normal exitance, as in eq. 26. None is returned for light without a peak.
     """
     height = len(light)
     grid = latlong_directions(height).reshape(-1, 3)
@@ -54,7 +83,8 @@ def find_peak(light: Floats, region: Region | None = None) -> Peak | None:
     centre = float(radiance[brightest].sum())
     if centre <= 0 or total.sum() <= 0:
         return None
-    sigma = float(np.sqrt(total.sum() / (4 * np.pi * centre)))
+    stretch = 1.0 if exitance is None else float(exitance.ravel()[brightest])
+    sigma = float(np.sqrt(total.sum() * stretch / (4 * np.pi * centre)))
     # "Located at its center" [section 5.3]: of its light, which no pixel's size limits.
     flux = radiance[inside].sum(axis=1) * solid_angles[inside]
     direction = flux @ grid[inside]

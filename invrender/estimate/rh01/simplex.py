@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 
 # Sizes of the first simplex, and of the one that it starts again with, since it may have collapsed.
 _SIZES = (0.3, 0.05)
+_MUS = 12
 MU_BOUNDS = tuple(np.log(np.array(MU_RANGE) - 1))
 
 
@@ -32,7 +33,13 @@ def simplex(cost: Callable[[Floats], float], start: Floats, bounds: Floats) -> F
 def root_weight(field: LightField) -> Floats:
     """Roots (n,) of the samples' weights.
 
-    The cosine of the exitant angle once, since the paper counts pixels and our samples are even over normals; and once
-    more for the "low confidence" of grazing angles [RH01, section 5.2].
+    Our samples are even over normals, the paper counts pixels [RH01, section 6.1]: hence the exitant angle's cosine.
     """
-    return np.asarray(np.sqrt(field.weight) * field.cos_exitant)
+    return np.asarray(np.sqrt(field.weight * field.cos_exitant))
+
+
+def mu_nodes() -> tuple[Floats, Floats]:
+    """Places of log(mu - 1) between which a search interpolates, (k,), and mu there."""
+    low, high = MU_BOUNDS
+    nodes = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(_MUS) + 0.5) / _MUS)
+    return nodes, 1 + np.exp(nodes)

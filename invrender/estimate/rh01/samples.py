@@ -1,0 +1,102 @@
+"""Samples as RH01's inverse lighting looks at them: rows over coefficients for the diffuse part, over a map's nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
+
+from invrender.brdf.fresnel import normalised_fresnel
+from invrender.estimate.rh01.nodes import bilinear
+from invrender.estimate.rh01.simplex import root_weight
+from invrender.theory.operator import irradiance_operator
+from invrender.transport.visibility import Shadows
+from recon.sampling.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reflections:
+    """Samples of a photograph.
+
+    diffuse : (n, (l + 1)^2), rows over the light's coefficients, which yield the irradiance [eq. 21].
+    mirrored : (n, P), sparse rows over a map's nodes: the light in the mirror direction, none where a mesh hides it.
+    """
+
+    field: LightField
+    diffuse: Floats
+    mirrored: csr_array
+
+    @staticmethod
+    def of(field: LightField, height: int, degree: int, shadows: Shadows | None = None) -> Reflections:
+        """height : of the map. degree : of the coefficients. shadows : of a mesh on itself [section 6.4]."""
+        diffuse = field.mean_over_rays(irradiance_operator(field.normals, degree))
+        nodes, weights = bilinear(field.mirrored, height)
+        if shadows is not None:
+            diffuse = diffuse - shadows.hidden_rows(field, degree)
+            weights = weights * field.reflected_visible[:, None]
+        counts = np.bincount(field.ray_sample, minlength=len(field))
+        rays = np.arange(len(field.ray_sample))
+        mean = csr_array(
+            (1 / counts[field.ray_sample], (field.ray_sample, rays)), shape=(len(field), len(rays))
+        )
+        lookup = csr_array(
+            (weights.ravel(), (np.repeat(rays, 4), nodes.ravel())), shape=(len(rays), 2 * height**2)
+        )
+        return Reflections(field, np.asarray(diffuse, float), mean @ lookup)
+
+    def fresnel(self, mu: float | None) -> Floats:
+        """Fresnel's factor (n,), mean over rays."""
+        cos = np.einsum("nk,nk->n", self.field.normals, self.field.views)
+        return np.asarray(self.field.mean_over_rays(normalised_fresnel(mu, cos)))
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The samples of all photographs, and which of them the error is of.
+
+    judged : (n,). height : of the map that the rows of `mirrored` are over.
+    """
+
+    photos: tuple[Reflections, ...]
+    height: int
+    judged: NDArray[np.bool_]
+
+    @staticmethod
+    def of(photos: Sequence[LightField], height: int, degree: int, shadows: Shadows | None = None) -> Samples:
+        seen = tuple(Reflections.of(photo, height, degree, shadows) for photo in photos)
+        return Samples(seen, height, np.ones(sum(map(len, photos)), bool))
+
+    @cached_property
+    def root(self) -> Floats:
+        """Roots (n,) of the weights."""
+        return np.concatenate([root_weight(one.field) for one in self.photos])
+
+    @cached_property
+    def radiance(self) -> Floats:
+        return np.concatenate([one.field.radiance for one in self.photos])
+
+    @cached_property
+    def cos(self) -> Floats:
+        """Cosines (n,) of the exitant angle."""
+        return np.concatenate([one.field.cos_exitant for one in self.photos])
+
+    @cached_property
+    def diffuse(self) -> Floats:
+        return np.concatenate([one.diffuse for one in self.photos])
+
+    @cached_property
+    def mirrored(self) -> csr_array:
+        return csr_array(vstack([one.mirrored for one in self.photos]))
+
+    def fresnel(self, mu: float | None) -> Floats:
+        return np.concatenate([one.fresnel(mu) for one in self.photos])
+
+    def looking_outside(self, region: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which samples (n,) mirror no node of a region (H, 2H) of the map."""
+        return np.asarray(self.mirrored @ region.ravel().astype(float) == 0)
