@@ -22,11 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from capture.reflectance.merl import read_merl
 from synthetic.materials.material import AnyFloats, Floats, Material, cosine_density, sample_cosine
 from synthetic.vectors import dot
-
-# What MERL's integers are to be multiplied by: red, green, blue.
-_MERL_SCALES = np.array([1.0, 1.15, 1.66]) / 1500
 
 
 class RusinkiewiczAngles(NamedTuple):
@@ -157,22 +155,10 @@ def _neighbours(
     return (below.astype(int), 1 - share), (below.astype(int) + 1, share)
 
 
-def read_merl(path: Path) -> Tabulated:
+def of_merl(path: Path) -> Tabulated:
     """A material of the MERL database, from its binary file.
 
-    Values that the file marks as not measured, by a negative number or NaN, count as 0: pairs of which one lies below
-    the horizon, mostly, so that the lobe darkens within a bin of it. Raises ValueError for a file of another kind.
+    What was not measured counts as 0, so that the lobe darkens within a bin of the horizon. Raises ValueError for a
+    file of another kind.
     """
-    data = path.read_bytes()
-    if len(data) < 12:
-        raise ValueError(f"{path}: has {len(data)} bytes; a MERL file starts with three 4-byte integers")
-    shape = tuple(int(n) for n in np.frombuffer(data, "<i4", 3))
-    expected = 12 + 24 * int(np.prod(shape, dtype=object))
-    if min(shape) < 1 or len(data) != expected:
-        raise ValueError(
-            f"{path}: names a table of {' x '.join(map(str, shape))} and has {len(data)} bytes instead of"
-            f" {expected}; it is no MERL file, or was cut short"
-        )
-    values = np.frombuffer(data, "<f8", offset=12).reshape(3, *shape)
-    measured = np.where(values >= 0, values, 0.0)
-    return Tabulated(np.zeros(3), np.ones(3), np.moveaxis(measured, 0, -1) * _MERL_SCALES)
+    return Tabulated(np.zeros(3), np.ones(3), np.nan_to_num(read_merl(path)))

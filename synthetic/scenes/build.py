@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import read_latlong
+from capture.reflectance.cornell import read_cornell
 from recon.mesh.atlas import with_atlas
 from recon.mesh.trianglemesh import TriangleMesh, read_mesh
 from synthetic.lights.arealight import AreaLight
@@ -18,7 +19,7 @@ from synthetic.lights.latlong import LatLongLight
 from synthetic.lights.light import ExtendedLight
 from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.lights.values import unit_vector
-from synthetic.materials.cornell import interpolated, read_cornell
+from synthetic.materials.cornell import interpolated
 from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
@@ -28,7 +29,7 @@ from synthetic.materials.phong import PhongMaterial
 from synthetic.materials.plastic import Plastic
 from synthetic.materials.rh01 import RH01_MATERIALS, exact, radiometric
 from synthetic.materials.smith import SmithMaterial
-from synthetic.materials.tabulated import read_merl
+from synthetic.materials.tabulated import of_merl
 from synthetic.materials.texture import Textured
 from synthetic.scene import Effort, Scene
 from synthetic.scenes.scenefile import SceneFile, read_scene_file
@@ -178,7 +179,7 @@ def _plain(table: MaterialTable, folder: Path) -> Material:
             return Mirror(kd, ks, table.mu)
         case "table":
             path = folder / (table.file or "")
-            return read_merl(path) if path.suffix == ".binary" else interpolated(read_cornell(path))
+            return of_merl(path) if path.suffix == ".binary" else interpolated(read_cornell(path))
 
 
 def _illumination(table: SceneLighting, of: SceneObject, folder: Path) -> Illumination:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from synthetic.materials import spectra
-from synthetic.materials.cornell import interpolated, read_cornell
+from capture.reflectance import spectra
+from capture.reflectance.cornell import read_cornell
+from capture.reflectance.spectra import colour_matching, reflectance_to_srgb
+from synthetic.materials.cornell import interpolated
 from synthetic.materials.energy import check_energy, directional_albedo
-from synthetic.materials.spectra import colour_matching, reflectance_to_srgb
 
 WAVELENGTHS = np.arange(400.0, 701.0, 10.0)
 

@@ -16,7 +16,7 @@ from synthetic.materials.tabulated import (
     bin_centres,
     directions,
     half_angles,
-    read_merl,
+    of_merl,
 )
 
 ZERO, ONE = np.zeros(3), np.ones(3)
@@ -77,7 +77,7 @@ def test_a_known_material_survives_the_format_of_merl(tmp_path: Path, rng: np.ra
     table[(wi[..., 2] <= 0) | (wo[..., 2] <= 0)] = -1  # as the database marks what cannot be seen
     path = tmp_path / "known.binary"
     path.write_bytes(merl_bytes(table))
-    material = read_merl(path)
+    material = of_merl(path)
 
     measured = (table > 0).all(axis=-1)
     assert_allclose(material.table[measured], table[measured], rtol=1e-6)  # float32
@@ -114,7 +114,7 @@ def test_other_files_are_refused(tmp_path: Path, data: bytes, message: str) -> N
     path = tmp_path / "known.binary"
     path.write_bytes(data)
     with pytest.raises(ValueError, match=message):
-        read_merl(path)
+        of_merl(path)
 
 
 def test_impossible_tables_are_refused() -> None:

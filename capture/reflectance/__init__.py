@@ -1,0 +1,1 @@
+"""Measured BRDFs of others: what files of gonioreflectometers and BRDF databases hold."""
