@@ -19,6 +19,7 @@ from scipy.stats import t as student
 
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE
+from invrender.brdf.richer import NUMBER_RANGE
 from invrender.estimate.clusters import patch_of, sums_by, tiles_of
 from invrender.estimate.jacobian import Parameters, jacobians, numerical_jacobian
 from invrender.estimate.linear import symmetric_pinv
@@ -42,6 +43,7 @@ _LEVELS = 16
 PRIOR_STD = {
     "mu": (MU_RANGE[1] - MU_RANGE[0]) / np.sqrt(12),
     "sigma": (SIGMA_RANGE[1] - SIGMA_RANGE[0]) / np.sqrt(12),
+    **{name: float(np.ptp(ends)) / np.sqrt(12) for name, ends in NUMBER_RANGE.items()},
 }
 
 

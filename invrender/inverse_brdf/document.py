@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 
 from capture.files.documents import software
 from invrender.inverse_brdf.harmonic import HarmonicBRDF
+from invrender.inverse_brdf.measured import MeasuredFit
 from invrender.inverse_brdf.near import Measured
 from invrender.inverse_brdf.reciprocal import unknowns
 from invrender.inverse_brdf.slices import Ringing
+from invrender.result.document import model_entries, quantity_entry
 
 Floats = NDArray[np.float64]
+
+_PER_CHANNEL = ("kd", "ks", "albedo", "kd_normalised", "ks_normalised")
 
 
 def harmonic_document(brdf: HarmonicBRDF, rings: Ringing) -> dict[str, Any]:
@@ -78,6 +82,42 @@ def table_document(found: Measured) -> dict[str, Any]:
         "source_distance_m": None
         if found.distance is None
         else dict(zip(("value", "std"), found.distance, strict=True)),
+    }
+
+
+def measured_document(fit: MeasuredFit) -> dict[str, Any]:
+    """The lobe that explains a BRDF which others measured, and the evidence for it.
+
+    brdf : `model`, and each of its numbers with value, std, status. fit : means over angles of incidence of the errors
+    of the fit and of one without that angle. incidence : the same per angle. models : the ladder.
+    """
+    solution, form = fit.solution, fit.model.estimate.model
+    return {
+        "method": "measured",
+        "samples": len(fit.samples),
+        "brdf": {
+            "model": form.form.name if form.specular else "lambertian",
+            "specular": None if not form.specular else "neutral" if form.neutral else "coloured",
+            **{
+                name: quantity_entry(quantity, scalar=name not in _PER_CHANNEL)
+                for name, quantity in solution.quantities.items()
+            },
+        },
+        "fit": {
+            "rms_relative": float(fit.errors.mean()),
+            "cross_validated_rms_relative": float(fit.unseen_errors.mean()),
+            "noise": {"floor": solution.noise.floor, "relative": solution.noise.relative},
+        },
+        "incidence": [
+            {
+                "angle_deg": fit.incidence_deg(group),
+                "samples": len(group),
+                "rms_relative": float(error),
+                "cross_validated_rms_relative": float(unseen),
+            }
+            for group, error, unseen in zip(fit.groups, fit.errors, fit.unseen_errors, strict=True)
+        ],
+        "models": model_entries(solution.candidates, solution.chosen),
     }
 
 

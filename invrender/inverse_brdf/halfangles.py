@@ -42,3 +42,15 @@ def cosines(angles: HalfAngles) -> tuple[Floats, Floats]:
     level = np.cos(angles.theta_h) * np.cos(angles.theta_d)
     tilt = np.sin(angles.theta_h) * np.sin(angles.theta_d) * np.cos(angles.phi_d)
     return level - tilt, level + tilt
+
+
+def directions(angles: HalfAngles) -> tuple[Floats, Floats]:
+    """Unit directions to the light and to the viewer (..., 3) at these angles (...), about a normal along z."""
+    cos_h, sin_h = np.cos(angles.theta_h), np.sin(angles.theta_h)
+    half = np.stack([sin_h, np.zeros_like(sin_h), cos_h], axis=-1)
+    # Across the half vector: away from the normal, and to the side.
+    down = np.stack([cos_h, np.zeros_like(cos_h), -sin_h], axis=-1)
+    side = np.array([0.0, 1.0, 0.0])
+    turned = np.cos(angles.phi_d)[..., None] * down + np.sin(angles.phi_d)[..., None] * side
+    level, apart = np.cos(angles.theta_d)[..., None] * half, np.sin(angles.theta_d)[..., None] * turned
+    return level + apart, level - apart

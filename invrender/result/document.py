@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
 from invrender.diagnostics.named import NamedCause
-from invrender.estimate.evidence import MISFIT_REMEDY, PictureError, misfit_reason
+from invrender.estimate.evidence import MISFIT_REMEDY, Candidate, PictureError, misfit_reason
 from invrender.estimate.interreflection.statement import Interreflection
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.textured.layout import TexelLayout
@@ -45,7 +45,9 @@ def result_document(
     """
     quantities = result.quantities
     model = result.model.estimate.model
-    scalars = {name: _quantity(quantities.get(name), scalar=True) for name in ("mu", "sigma", "exponent")}
+    scalars = {
+        name: quantity_entry(quantities.get(name), scalar=True) for name in ("mu", "sigma", "exponent")
+    }
     fitted = [photo for photo in result.photos if not photo.held_out]
     return {
         "format": FORMAT,
@@ -54,18 +56,18 @@ def result_document(
         "brdf": {
             "model": result.brdf.form.name if model.specular else "lambertian",
             "specular": specular_colour(result),
-            "kd": _quantity(quantities["kd"]),
-            "ks": _quantity(quantities.get("ks")),
+            "kd": quantity_entry(quantities["kd"]),
+            "ks": quantity_entry(quantities.get("ks")),
             **scalars,
             "form_numbers": {
-                name: _quantity(quantities[name], scalar=True)
+                name: quantity_entry(quantities[name], scalar=True)
                 for name in result.brdf.form.numbers
                 if name in quantities
             },
-            "albedo": _quantity(quantities.get("albedo")),
+            "albedo": quantity_entry(quantities.get("albedo")),
             "normalised": {
-                "kd": _quantity(quantities.get("kd_normalised")),
-                "ks": _quantity(quantities.get("ks_normalised")),
+                "kd": quantity_entry(quantities.get("kd_normalised")),
+                "ks": quantity_entry(quantities.get("ks_normalised")),
             },
             "covariance": {"names": list(result.covariance_names), "values": numbers(result.covariance)},
         },
@@ -95,16 +97,7 @@ def result_document(
         "interreflection": None if result.interreflection is None else _bounces(result.interreflection),
         "causes": [_cause(cause) for cause in result.causes],
         "identifiability": identifiability(result),
-        "models": [
-            {
-                "name": candidate.estimate.model.name,
-                "parameters": candidate.parameters,
-                "cross_validated_rms_relative": candidate.error,
-                "standard_error": candidate.standard_error,
-                "chosen": index == result.chosen,
-            }
-            for index, candidate in enumerate(result.candidates)
-        ],
+        "models": model_entries(result.candidates, result.chosen),
         "warnings": list(result.warnings),
         "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
         "inputs": dict(inputs),
@@ -265,7 +258,8 @@ def lighting_map(entry: FittedLighting) -> NDArray[np.float32]:
     return dark if entry.ambient is None else dark + np.maximum(entry.ambient, 0).astype(np.float32)
 
 
-def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any] | None:
+def quantity_entry(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any] | None:
+    """A number as JSON files have it: value, std, status; scalar : of one that isn't per channel."""
     if quantity is None:
         return None
     if quantity.value is None or quantity.std is None:
@@ -277,6 +271,20 @@ def _quantity(quantity: Quantity | None, scalar: bool = False) -> dict[str, Any]
         "std": None if undetermined else std[0] if scalar else std,
         "status": quantity.status,
     }
+
+
+def model_entries(candidates: Sequence[Candidate], chosen: int) -> list[dict[str, Any]]:
+    """The ladder of models with their evidence."""
+    return [
+        {
+            "name": candidate.estimate.model.name,
+            "parameters": candidate.parameters,
+            "cross_validated_rms_relative": candidate.error,
+            "standard_error": candidate.standard_error,
+            "chosen": index == chosen,
+        }
+        for index, candidate in enumerate(candidates)
+    ]
 
 
 def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.richer import NUMBER_RANGE
 from invrender.estimate.clusters import (
     beyond_chance,
     finest_tiles,
@@ -217,8 +216,6 @@ def _of_light(
 
 
 def _prior_std(name: str) -> float:
-    if name in NUMBER_RANGE:
-        return float(np.ptp(NUMBER_RANGE[name]) / np.sqrt(12))
     return PRIOR_STD.get(name, _SHARE_STD if name.startswith("share") else _TURN_STD)
 
 
