@@ -29,13 +29,14 @@ from recon.mesh.trianglemesh import TriangleMesh
 from recon.sampling.find import find_body
 from recon.sampling.stream import light_fields
 
-_FOCAL, _DISTANCE, _RADIUS, _BUDGET, _ROUNDS = 6000.0, 0.6, 0.1, 60_000, 2
+_FOCAL, _DISTANCE, _RADIUS, _PER_PHOTO, _ROUNDS = 6000.0, 0.6, 0.1, 1000, 2
 _SOURCE = np.array([[0.6, 0.0, 0.8]])
 
 
 def main(arguments: list[str]) -> None:
     """Print the ratio of times and the peak memory."""
     count = int(arguments[0]) if arguments else 60
+    budget = _PER_PHOTO * count
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_set(folder, count)
@@ -44,12 +45,12 @@ def main(arguments: list[str]) -> None:
         begin = time.perf_counter()
         body = find_body(photoset).body
         checked = time.perf_counter() - begin
-        samples = _stream(few, body)[1]
+        samples = _stream(few, body, budget)[1]
         after_few = peak_megabytes()
         times: dict[str, list[float]] = {"decode": [], "stream": []}
         for _ in range(_ROUNDS):
             times["decode"].append(_decode(photoset))
-            seconds, samples = _stream(photoset, body)
+            seconds, samples = _stream(photoset, body, budget)
             times["stream"].append(seconds)
         after_all = peak_megabytes()
     bare, ours = min(times["decode"]), min(times["stream"])
@@ -60,10 +61,10 @@ def main(arguments: list[str]) -> None:
     print(f"peak memory {after_few:.0f} MB after 4 photographs, {after_all:.0f} MB after all")
 
 
-def _stream(photoset: PhotoSet, body: Body) -> tuple[float, int]:
+def _stream(photoset: PhotoSet, body: Body, budget: int) -> tuple[float, int]:
     begin = time.perf_counter()
     sources = {photo.lighting: _SOURCE for photo in photoset.photos}
-    samples = sum(len(field) for field in light_fields(photoset, body, sources, _BUDGET))
+    samples = sum(len(field) for field in light_fields(photoset, body, sources, budget))
     return time.perf_counter() - begin, samples
 
 

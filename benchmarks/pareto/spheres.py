@@ -31,7 +31,7 @@ _BUDGETS: tuple[int | None, ...] = (500, 2000, 8000, 32000, None)
 _LEVEL = (500, 2000, 8000)
 _ORDERS, _ORDER_BUDGET = (6, 8, 12), 8000
 # Of a coarse version; the last is what the default of `process` is in it.
-_QUICK_BUDGET, _QUICK_ORDERS, _QUICK_DEFAULT = 2000, (8,), 500
+_QUICK_BUDGET, _QUICK_ORDERS, _QUICK_DEFAULT, _QUICK_TRANSFERS = 2000, (8,), 500, TRANSFERS[1:2]
 
 Method = Callable[[SpherePhotos], Found]
 
@@ -68,7 +68,7 @@ def _known(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
     for budget in (_QUICK_BUDGET,) if quick else (*_LEVEL[-1:], default):
         single = partial(single_statistics, samples=budget)
         yield "the same in single precision", _label(budget), single, False
-    for level, transfer in product((_QUICK_BUDGET,) if quick else _LEVEL, TRANSFERS):
+    for level, transfer in product(*(((_QUICK_BUDGET,), _QUICK_TRANSFERS) if quick else (_LEVEL, TRANSFERS))):
         simplex = partial(published_known, samples=level, transfer=transfer)
         yield f"simplex, {transfer} [RH01]", _label(level), simplex, False
 
@@ -76,7 +76,7 @@ def _known(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
 def _unknown(quick: bool) -> Iterator[tuple[str, str, Method, bool]]:
     default = _QUICK_DEFAULT if quick else DEFAULT_SAMPLES
     yield "whole ladder (lightfactor)", f"default, {default}", partial(whole_ladder, samples=default), True
-    for transfer in TRANSFERS:
+    for transfer in _QUICK_TRANSFERS if quick else TRANSFERS:
         levels = _BUDGETS if transfer == "exact" else _LEVEL
         for budget in (_QUICK_BUDGET,) if quick else levels:
             newton = partial(gauss_newton, samples=budget, transfer=transfer)
