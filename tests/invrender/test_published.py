@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting, latlong_directions
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.estimate.rh01 import published_brdf, published_factors
+from invrender.estimate.rh01 import published_brdf, published_factors, published_factors_direct
 from invrender.estimate.rh01.roughness import find_peak
 from invrender.estimate.unknown_light import Region
 from recon.harmonics.basis import clamped_cosine_transfer, degrees, evaluate_harmonics, sphere_directions
@@ -149,6 +149,36 @@ def test_known_light_shows_what_each_transfer_leaves_out(bench: SimpleNamespace)
     assert shares["exact"] == pytest.approx(0.8, abs=0.002)
     sigmas = [brdf.sigma for brdf in found.values()]
     assert_allclose(sigmas, [0.186, 0.1987, 0.2], atol=0.003)
+
+
+def test_coefficients_of_the_direct_methods_own_model_are_found(bench: SimpleNamespace):
+    share, mu, degree = 0.3, 1.5, 6
+    grid = sphere_directions(20_000)
+    light = coefficients_of(bench.area_light.radiance_from(grid), grid, degree)
+    photos = []
+    for field in fields(bench, 3000):
+        cos = (field.normals * field.views).sum(axis=1)[:, None]
+        mirrored = evaluate_harmonics(field.mirrored, degree) @ light
+        radiance = (1 - share) * irradiance_of(light, field.normals, degree)
+        radiance += share * normalised_fresnel(mu, cos) * mirrored
+        photos.append(replace(field, radiance=field.mean_over_rays(radiance)))
+    # There is no source to leave out; the region is where least light is.
+    dark = Region(-bench.area_light.axis, 0.3)
+    found = published_factors_direct(photos, region=dark, degree=degree)
+    # Rays of a pixel share one Fresnel factor; the simplex stops at 1e-4.
+    assert_allclose(found.share, share, atol=0.002)
+    assert found.mu == pytest.approx(mu, abs=0.005)
+    assert_allclose(found.coefficients, light, atol=0.005 * light.max())
+    assert_allclose(found.radiance(photos[0]), photos[0].radiance, atol=0.005 * photos[0].radiance.max())
+
+
+def test_the_direct_method_comes_as_close_as_rh01s_cat(bench: SimpleNamespace):
+    material = radiometric(RH01_MATERIALS["teflon"])
+    found = published_factors_direct(photographs(bench, material, 6000, 3))
+    # Fig. 14: 0.10 and 0.12, 1.47 and 1.68, 0.14 and 0.12.
+    assert_allclose(found.share, material.ks / (material.kd + material.ks), atol=0.02 + PRINTED)
+    assert found.mu == pytest.approx(material.mu, abs=0.21 + PRINTED)
+    assert found.sigma == pytest.approx(material.sigma, abs=0.02 + PRINTED)
 
 
 def check_as_close_as_rh01(bench: SimpleNamespace, name: str, views: int, samples: int) -> None:

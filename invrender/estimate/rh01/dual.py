@@ -12,11 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
-from scipy.sparse import csr_array
-from scipy.sparse.linalg import splu
 
 from capture.lighting import latlong_directions, latlong_solid_angles
-from invrender.estimate.rh01.nodes import laplacian
 from invrender.estimate.rh01.samples import Samples
 from invrender.estimate.rh01.simplex import mu_nodes
 from recon.harmonics.basis import clamped_cosine_transfer, degrees, evaluate_harmonics
@@ -26,22 +23,8 @@ Floats = NDArray[np.float64]
 # Degree of the diffuse part. RH01 stops at 2, which leaves 5% of it under a directional source, more than the whole
 # light of the highlights that mu is read off; 6 leaves 1%.
 DUAL_DEGREE = 6
-# Of a node's own equation: by which it follows its neighbours where no reflection reaches it.
-SMOOTH = 1e-4
 # Coefficients (p,) that the diffuse part passes on: of odd degrees only the first.
 _PASSED = np.flatnonzero(clamped_cosine_transfer(DUAL_DEGREE)[degrees(DUAL_DEGREE)])
-
-
-def mirror_map(rows: csr_array, known: Floats, height: int, smooth: float = SMOOTH) -> Floats:
-    """The maps (P, k) of that height that rows (n, P) see as known (n, k), by least squares.
-
-    smooth : weight of differences between neighbours, over the mean of a node's own.
-    """
-    gram = rows.T @ rows
-    held = smooth * gram.trace() / gram.shape[0] * laplacian(height)
-    # The ordering for symmetric matrices leaves a third of the default one's fill.
-    factors = splu((gram + held).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    return np.asarray(factors.solve(rows.T @ known))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +71,10 @@ class DualLight:
 
     def _mirror(self, mu: float | None) -> _Mirror:
         samples = self.samples
-        rows = csr_array(samples.mirrored.multiply((samples.root * samples.fresnel(mu))[:, None]))
-        known = samples.root[:, None] * np.hstack([samples.radiance, samples.diffuse[:, _PASSED]])
-        maps = mirror_map(rows, known, samples.height)
-        left = (known - rows @ maps)[samples.judged]
+        known = np.hstack([samples.radiance, samples.diffuse[:, _PASSED]])
+        maps = samples.mirror_map(known, mu)
+        left = known - samples.fresnel(mu)[:, None] * (samples.mirrored @ maps)
+        left = (samples.root[:, None] * left)[samples.judged]
         return _Mirror(maps, self._projection @ maps, left.T @ left)
 
     @cached_property

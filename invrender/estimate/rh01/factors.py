@@ -15,11 +15,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.estimate.rh01.direct import DIRECT_DEGREE, DirectLight
 from invrender.estimate.rh01.dual import DUAL_DEGREE, DualLight
 from invrender.estimate.rh01.roughness import Peak, find_peak, highlights_near_normal, without_source
 from invrender.estimate.rh01.samples import Reflections, Samples
 from invrender.estimate.rh01.simplex import MU_BOUNDS, simplex
 from invrender.estimate.unknown_light.start import Region
+from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of
 from recon.harmonics.latlong import map_coefficients
 from recon.sampling.lightfield import LightField
@@ -42,7 +44,8 @@ class PublishedFactors:
     share : (3,) Ks. mu : None where no Fresnel factor was fitted. light : (H, 2H, 3), lat-long, as the lobe blurs it,
     the source included; noise and ringing leave it negative here and there. coefficients : (k, 3), of the same light,
     which the diffuse part goes by. peak : the source, with sigma in radians; None where the light has no peak. rms :
-    relative, of the residuals that the search minimised.
+    relative, of the residuals that the search minimised. direct : whether the coefficients are all of the light, or the
+    map shows more of it to mirrored rays.
     """
 
     share: Floats
@@ -51,6 +54,7 @@ class PublishedFactors:
     coefficients: Floats
     peak: Peak | None
     rms: float
+    direct: bool
 
     @property
     def nine(self) -> Floats:
@@ -71,10 +75,14 @@ class PublishedFactors:
         slow, irradiance = without_source(self.light, self.peak)
         return map_coefficients(slow, _SLOW_DEGREE), self.peak.direction[None], irradiance[None]
 
-    def radiance(self, field: LightField) -> Floats:
-        """Radiance (n, 3) of a photograph's samples, as predicted."""
-        seen = Reflections.of(field, len(self.light), degree_of(len(self.coefficients)))
-        highlight = seen.fresnel(self.mu)[:, None] * (seen.mirrored @ self.light.reshape(-1, 3))
+    def radiance(self, field: LightField, shadows: Shadows | None = None) -> Floats:
+        """Radiance (n, 3) of a photograph's samples, as predicted; shadows : of a mesh on itself."""
+        seen = Reflections.of(field, len(self.light), degree_of(len(self.coefficients)), shadows)
+        if self.direct:
+            mirrored = seen.mirrored_harmonics @ self.coefficients
+        else:
+            mirrored = seen.mirrored @ self.light.reshape(-1, 3)
+        highlight = seen.fresnel(self.mu)[:, None] * mirrored
         return np.asarray((1 - self.share) * (seen.diffuse @ self.coefficients) + self.share * highlight)
 
 
@@ -111,6 +119,29 @@ def published_factors(
     hand; None takes the sharpest peak of the recovered light, as far out as it gets darker. Raises ValueError for too
     few samples.
     """
+    return _factored(DualLight(Samples.of(photos, _height(photos), DUAL_DEGREE), fresnel), region)
+
+
+def published_factors_direct(
+    photos: Sequence[LightField],
+    fresnel: bool = True,
+    region: Region | None = None,
+    shadows: Shadows | None = None,
+    degree: int = DIRECT_DEGREE,
+) -> PublishedFactors:
+    """The same with direct recovery of the light's coefficients, as RH01 did for their cat [sections 6.2 and 6.4].
+
+    shadows : of a mesh on itself; None of a convex body. degree : l*, of the order of 1 / sigma; higher ones are
+    noisier. The rest as of `published_factors`.
+    """
+    # As many rows as harmonics of that degree take.
+    height = max(_height(photos), 2 * degree + 1)
+    samples = Samples.of(photos, height, degree, shadows)
+    return _factored(DirectLight(samples, fresnel), region)
+
+
+def _height(photos: Sequence[LightField]) -> int:
+    """Rows of the map; ValueError for too few samples."""
     samples = sum(len(photo) for photo in photos)
     low, high = _HEIGHTS
     if samples < 2 * low**2:
@@ -118,22 +149,24 @@ def published_factors(
             f"there are {samples} samples; RH01's procedure fills a map of light from them, which takes"
             f" {2 * low**2} at least"
         )
-    height = int(np.clip(np.sqrt(samples / (2 * _SAMPLES_PER_NODE)), low, high))
-    return _factored(DualLight(Samples.of(photos, height, DUAL_DEGREE), fresnel), region)
+    return int(np.clip(np.sqrt(samples / (2 * _SAMPLES_PER_NODE)), low, high))
 
 
 def _factored(inner: InverseLighting, region: Region | None) -> PublishedFactors:
     samples = inner.samples
-    _, first = inner.light(np.full(3, _START_SHARES[0]), _START_MU if inner.fresnel else None)
-    peak = find_peak(first, region)
+
+    def specular(share: Floats, coefficients: Floats) -> Floats:
+        return np.asarray((samples.radiance - (1 - share) * (samples.diffuse @ coefficients)) / share)
+
+    share, mu = np.full(3, _START_SHARES[0]), _START_MU if inner.fresnel else None
+    first = samples.mirror_map(specular(share, inner.light(share, mu)[0]), mu)
+    peak = find_peak(first.reshape(samples.height, -1, 3), region)
     if peak is None:
         return _search(inner)
     found = _search(inner.judging(samples.looking_outside(peak.region)))
-    diffuse = (1 - found.share) * (samples.diffuse @ found.coefficients)
-    highlights, exitance = highlights_near_normal(
-        samples, (samples.radiance - diffuse) / found.share, found.mu
-    )
-    return replace(found, peak=find_peak(highlights, region, exitance))
+    highlights = specular(found.share, found.coefficients)
+    light, exitance = highlights_near_normal(samples, highlights, found.mu)
+    return replace(found, peak=find_peak(light, region, exitance))
 
 
 def _search(inner: InverseLighting) -> PublishedFactors:
@@ -145,4 +178,6 @@ def _search(inner: InverseLighting) -> PublishedFactors:
     best = min((simplex(error, start, bounds) for start in starts), key=error)
     mu = 1 + float(np.exp(best[3])) if inner.fresnel else None
     coefficients, light = inner.light(best[:3], mu)
-    return PublishedFactors(best[:3], mu, light, coefficients, None, error(best))
+    return PublishedFactors(
+        best[:3], mu, light, coefficients, None, error(best), isinstance(inner, DirectLight)
+    )

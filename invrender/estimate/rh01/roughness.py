@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.brdf.microfacet import SIGMA_RANGE
-from invrender.estimate.rh01.dual import mirror_map
 from invrender.estimate.rh01.samples import Samples
 from invrender.estimate.unknown_light.start import Region, light_peaks
 from recon.harmonics.latlong import map_coefficients
@@ -48,13 +46,11 @@ def highlights_near_normal(samples: Samples, specular: Floats, mu: float | None)
     nearest = np.full(2 * samples.height**2, 1e-3)
     rows = samples.mirrored.tocoo()
     np.maximum.at(nearest, rows.col, np.where(rows.data > 0, samples.cos[rows.row], 0))
-    likeness = samples.cos / np.maximum(samples.mirrored @ nearest, 1e-3)
-    root = samples.root * likeness ** (_NEAR_NORMAL / 2)
-    factor = root * samples.fresnel(mu)
-    weighted = csr_array(samples.mirrored.multiply(factor[:, None]))
-    light = mirror_map(weighted, root[:, None] * specular, samples.height, _SMOOTH)
-    counts = samples.mirrored.T @ factor**2
-    exitance = (samples.mirrored.T @ (factor**2 / samples.cos)) / np.where(counts > 0, counts, 1)
+    likeness = (samples.cos / np.maximum(samples.mirrored @ nearest, 1e-3)) ** _NEAR_NORMAL
+    light = samples.mirror_map(specular, mu, likeness, _SMOOTH)
+    weight = samples.root**2 * likeness * samples.fresnel(mu) ** 2
+    counts = samples.mirrored.T @ weight
+    exitance = (samples.mirrored.T @ (weight / samples.cos)) / np.where(counts > 0, counts, 1)
     shape = (samples.height, 2 * samples.height)
     return light.reshape(*shape, 3), np.where(counts > 0, exitance, 1).reshape(shape)
 

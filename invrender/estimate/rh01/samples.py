@@ -9,15 +9,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
+from scipy.sparse.linalg import splu
 
 from invrender.brdf.fresnel import normalised_fresnel
-from invrender.estimate.rh01.nodes import bilinear
+from invrender.estimate.rh01.nodes import bilinear, laplacian
 from invrender.estimate.rh01.simplex import root_weight
 from invrender.theory.operator import irradiance_operator
 from invrender.transport.visibility import Shadows
+from recon.harmonics.basis import degree_of, evaluate_harmonics
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
+
+# Of a node's own equation: by which it follows its neighbours.
+_SMOOTH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +34,7 @@ class Reflections:
     """
 
     field: LightField
+    shadows: Shadows | None
     diffuse: Floats
     mirrored: csr_array
 
@@ -48,7 +54,15 @@ class Reflections:
         lookup = csr_array(
             (weights.ravel(), (np.repeat(rays, 4), nodes.ravel())), shape=(len(rays), 2 * height**2)
         )
-        return Reflections(field, np.asarray(diffuse, float), mean @ lookup)
+        return Reflections(field, shadows, np.asarray(diffuse, float), mean @ lookup)
+
+    @property
+    def mirrored_harmonics(self) -> Floats:
+        """Rows (n, (l + 1)^2) over the light's coefficients: the light in the mirror direction, where none hides it."""
+        rows = evaluate_harmonics(self.field.mirrored, degree_of(self.diffuse.shape[1]))
+        if self.shadows is not None:
+            rows *= self.field.reflected_visible[:, None]
+        return np.asarray(self.field.mean_over_rays(rows), float)
 
     def fresnel(self, mu: float | None) -> Floats:
         """Fresnel's factor (n,), mean over rays."""
@@ -94,8 +108,28 @@ class Samples:
     def mirrored(self) -> csr_array:
         return csr_array(vstack([one.mirrored for one in self.photos]))
 
+    @cached_property
+    def mirrored_harmonics(self) -> Floats:
+        return np.concatenate([one.mirrored_harmonics for one in self.photos])
+
     def fresnel(self, mu: float | None) -> Floats:
         return np.concatenate([one.fresnel(mu) for one in self.photos])
+
+    def mirror_map(
+        self, known: Floats, mu: float | None, likeness: Floats | None = None, smooth: float = _SMOOTH
+    ) -> Floats:
+        """The maps (P, k) whose light in the mirror direction, times Fresnel's factor, is known (n, k): least squares.
+
+        likeness : (n,), by which samples count besides their weights. smooth : weight of differences between
+        neighbours, over the mean of a node's own; nodes that no reflection reaches follow their neighbours.
+        """
+        root = self.root if likeness is None else self.root * np.sqrt(likeness)
+        rows = csr_array(self.mirrored.multiply((root * self.fresnel(mu))[:, None]))
+        gram = rows.T @ rows
+        held = smooth * gram.trace() / gram.shape[0] * laplacian(self.height)
+        # The ordering for symmetric matrices leaves a third of the default one's fill.
+        factors = splu((gram + held).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return np.asarray(factors.solve(rows.T @ (root[:, None] * known)))
 
     def looking_outside(self, region: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Which samples (n,) mirror no node of a region (H, 2H) of the map."""
