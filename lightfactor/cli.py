@@ -18,6 +18,7 @@ from invrender.commands.export import export
 from invrender.commands.factor import factor
 from invrender.commands.light import light
 from invrender.commands.plan import plan
+from invrender.commands.prefilter import prefilter
 from invrender.commands.process import process
 from invrender.commands.refine import refine
 from invrender.commands.render import render
@@ -75,6 +76,9 @@ app.command(short_help="A mesh of an object that nobody scanned, from its silhou
 app.command(short_help="Light and BRDF from the same photographs, whatever is known of the light.")(factor)
 app.command(short_help="The light on a sphere of known BRDF, as harmonics and as a map.")(light)
 app.command(short_help="What a result looks like from other sides and under other light.")(render)
+app.command(short_help="Reflection maps of a BRDF under a map of light, with what they can be off by.")(
+    prefilter
+)
 app.command(short_help="Two results side by side, or a result beside the truth.")(compare)
 app.command(short_help="A result for other programs: glTF, Mitsuba, MaterialX.")(export)
 app.command(short_help="A BRDF without a formula, under known light: harmonics, or a measured table.")(brdf)

@@ -10,7 +10,7 @@ width of the highlight.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -20,6 +20,9 @@ from numpy.typing import NDArray
 from invrender.brdf.fresnel import normalised_fresnel
 
 Floats = NDArray[np.float64]
+# Radiance per unit of radiance and solid angle, (...), of unit normals, directions to the light and to the viewer,
+# (..., 3) each, broadcast: a BRDF times the cosine of incidence.
+Lobe = Callable[[Floats, Floats, Floats], Floats]
 # A form's own, by name, one or (f,) each.
 Numbers = Mapping[str, float | Floats]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.form import Angles, LobeForm
+from invrender.brdf.form import Angles, Lobe, LobeForm
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +27,20 @@ class Phong(LobeForm):
 
     def fresnel_cosine(self, angles: Angles) -> Floats:
         return angles.cos_o
+
+
+def mirrored_phong(exponent: float) -> Lobe:
+    """(s + 1) / (2 pi) cos^s of the angle to the mirrored view, horizon or not [R02, eq. 5.26]; the cosine is in it.
+
+    Normalised to 1 over the half sphere about the mirrored view.
+    """
+
+    def lobe(normals: Floats, wi: Floats, wo: Floats) -> Floats:
+        mirrored = 2 * (normals * wo).sum(axis=-1, keepdims=True) * normals - wo
+        cos = np.clip((mirrored * wi).sum(axis=-1), 0, 1)
+        return np.asarray((exponent + 1) / (2 * np.pi) * cos**exponent)
+
+    return lobe
 
 
 def phong_exponent(sigma: float | Floats) -> Floats:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from invrender.prefilter.centred import CentredLobe
 from invrender.prefilter.energy import lighting_energy, power_per_degree
-from recon.harmonics.latlong import integrate_latlong, theta_factors
+from recon.harmonics.latlong import theta_factors
 
 Floats = NDArray[np.float64]
 
@@ -36,9 +36,9 @@ class LightingEnergy:
     rest: Floats
 
     @classmethod
-    def of_map(cls, radiance_map: ArrayLike, l_max: int) -> LightingEnergy:
-        """That of a lat-long map (H, 2H, 3), constant within each pixel [R02, eq. 5.15]."""
-        power = power_per_degree(integrate_latlong(radiance_map, l_max))
+    def of(cls, coefficients: ArrayLike, radiance_map: ArrayLike) -> LightingEnergy:
+        """That of a lat-long map (H, 2H, 3), constant within each pixel, with its coefficients [R02, eq. 5.15]."""
+        power = power_per_degree(coefficients)
         return cls(power, (lighting_energy(radiance_map) - power.sum(axis=0)).clip(0))
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from invrender.brdf.form import Lobe
 from invrender.prefilter.energy import degrees_reaching, isotropic_fraction
 from invrender.prefilter.reflectionmap import (
-    Lobe,
     axial_coefficients,
     axial_lobe_coefficients,
     lobe_coefficients,
@@ -96,22 +96,21 @@ class CentredLobe:
 
         Larger ones are tried until that is so. Raises ValueError where degree 200 and order 16 don't reach it.
         """
-        for l_max, p_max in _TRIED[:-1]:
-            try:
-                return self._orders_within(epsilon, l_max, p_max)
-            except ValueError:
-                continue
-        try:
-            return self._orders_within(epsilon, *_TRIED[-1])
-        except ValueError as error:
-            raise ValueError(f"the lobe {self.name!r}: {error}") from error
-
-    def _orders_within(self, epsilon: float, l_max: int, p_max: int) -> tuple[int, int]:
-        found = [
-            degrees_reaching(isotropic_fraction(rho, float(energy)), epsilon)
-            for rho, energy in zip(*self.coefficients(l_max, p_max), strict=True)
-        ]
-        return max(f for f, _ in found), max(p for _, p in found)
+        held = 0.0
+        for l_max, p_max in _TRIED:
+            rhos, energies = self.coefficients(l_max, p_max)
+            shares = [
+                isotropic_fraction(rho, energy) for rho, energy in zip(rhos, energies.tolist(), strict=True)
+            ]
+            held = min(float(share[-1, -1]) for share in shares)
+            if held >= 1 - epsilon:
+                found = [degrees_reaching(share, epsilon) for share in shares]
+                return max(f for f, _ in found), max(p for _, p in found)
+        f, p = _TRIED[-1]
+        raise ValueError(
+            f"the lobe {self.name!r} is too narrow for maps: degrees up to F = {f}, P = {p} hold {held:.3g} of its"
+            f" energy, not 1 - {epsilon:g}; allow more error, or take a broader lobe"
+        )
 
     def factor(self, cos_angles: Floats) -> Floats:
         """What the maps' values are multiplied by at cosines of the view to the axis."""

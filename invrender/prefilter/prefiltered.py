@@ -135,8 +135,8 @@ def prefilter(
     for lobe, (f, p) in zip(brdf.lobes, chosen, strict=True):
         _check_memory(lobe, f, p, _height(f, rows))
     highest = max(f for f, _ in chosen)
-    lighting = integrate_latlong(radiance_map, highest)
-    light = LightingEnergy.of_map(radiance_map, 2 * highest + 8)
+    coefficients = integrate_latlong(radiance_map, 2 * highest + 8)
+    light, lighting = LightingEnergy.of(coefficients, radiance_map), coefficients[: (highest + 1) ** 2]
     found = []
     for lobe, (f, p) in zip(brdf.lobes, chosen, strict=True):
         rho, energy = lobe.coefficients(f, p)

@@ -22,6 +22,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from invrender.brdf.form import Lobe
 from invrender.prefilter.energy import degrees_reaching, isotropic_fraction
 from invrender.theory.refinement import interval_rule
 from recon.harmonics.basis import check_degree, degree_of, degrees, evaluate_harmonics, finite, orders
@@ -30,9 +31,6 @@ from recon.harmonics.wigner import wigner_d
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
-# Radiance per unit of radiance and solid angle, (...), of unit normals, directions to the light and to the viewer,
-# (..., 3) each, broadcast.
-Lobe = Callable[[Floats, Floats, Floats], Floats]
 
 # Edges of panels of Gauss-Legendre in theta_i' and phi, radians: seen at a grazing angle a lobe is a streak in the
 # plane of the view, so that both are finest towards it. The horizon of a lobe about the normal is an edge.

@@ -17,6 +17,8 @@ from recon.harmonics.basis import check_degree, degree_of, finite, to_degree
 
 Floats = NDArray[np.float64]
 
+_ROWS = 128
+
 
 def highest_degree(height: int) -> int:
     """The highest degree that a grid of `height` rows carries: products of two such functions it integrates exactly."""
@@ -57,8 +59,12 @@ def integrate_latlong(radiance_map: ArrayLike, l_max: int) -> Floats:
     height = _checked_height(radiance_map)
     check_degree(l_max)
     step, m = np.pi / height, np.arange(l_max + 1)
-    # In phi by the integral of a wave over a pixel, in theta by Gauss-Legendre within each row.
-    waves = scipy.fft.fft(radiance_map, axis=1)[:, m % (2 * height)].transpose(1, 0, 2)
+    # In phi by the integral of a wave over a pixel, in theta by Gauss-Legendre within each row. Some rows at a time,
+    # since the waves of a large map take twice its memory.
+    parts = [radiance_map[start : start + _ROWS] for start in range(0, height, _ROWS)]
+    waves = np.concatenate([scipy.fft.fft(part, axis=1)[:, m % (2 * height)] for part in parts]).transpose(
+        1, 0, 2
+    )
     waves *= (step * np.sinc(m / (2 * height)) * np.exp(-0.5j * step * m))[:, None, None]
     node, weight = np.polynomial.legendre.leggauss(int(np.ceil(l_max * step / 2)) + 4)
     theta = ((np.arange(height)[:, None] + (node + 1) / 2) * step).ravel()

@@ -15,7 +15,8 @@ from numpy.testing import assert_allclose
 from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.brdf.form import Angles
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, RH01_FORM
-from invrender.brdf.phong import phong_exponent
+from invrender.brdf.phong import mirrored_phong, phong_exponent
+from invrender.brdf.rh01 import simplified_microfacet
 from invrender.prefilter.bounds import LightingEnergy, ball_angles, error_bound
 from invrender.prefilter.centred import CentredBrdf, CentredLobe, lambertian_lobe, specular_lobe
 from invrender.prefilter.globalmap import global_map
@@ -102,7 +103,9 @@ def errors_of_pair(rng, count: int, parts: int) -> tuple[np.ndarray, np.ndarray,
     rows = 24
     maps = reflected(lobe, rho, integrate_latlong(light, f), rows).maps
     cos = np.sqrt((1 + rng.uniform(-0.97, 1, count)) / 2)
-    bound = error_bound(lobe, rho, LightingEnergy.of_map(light, 24), cos, np.full(count, 1 / count))
+    bound = error_bound(
+        lobe, rho, LightingEnergy.of(integrate_latlong(light, 24), light), cos, np.full(count, 1 / count)
+    )
     # Pixels that stand for equal areas.
     row = np.arccos(rng.uniform(-1, 1, count)) / np.pi * rows
     row, column = row.astype(int), rng.integers(0, 2 * rows, count)
@@ -152,7 +155,7 @@ def test_a_map_of_steps_has_the_coefficients_of_its_steps(rng):
 def test_energies_of_a_map_of_steps_add_up(rng):
     light = random_map(rng, 4)
     whole = (light**2 * latlong_solid_angles(4)[..., None]).sum(axis=(0, 1))
-    low, high = (LightingEnergy.of_map(light, l_max) for l_max in (4, 32))
+    low, high = (LightingEnergy.of(integrate_latlong(light, l_max), light) for l_max in (4, 32))
     for found in (low, high):
         assert_allclose(found.power.sum(axis=0) + found.rest, whole, rtol=1e-12)
     # An edge leaves an energy above l that falls as 1 / l.
@@ -196,7 +199,13 @@ def test_a_glossy_ball_is_what_the_sum_over_directions_says_within_what_is_state
     truth = np.array([sums.reflected(material, normal, view) for normal in normals])
     shown = found.radiance(normals, view)
     at_these = [
-        error_bound(part.lobe, part.rho, LightingEnergy.of_map(light, 30), cos, np.full(20, 0.05))
+        error_bound(
+            part.lobe,
+            part.rho,
+            LightingEnergy.of(integrate_latlong(light, 30), light),
+            cos,
+            np.full(20, 0.05),
+        )
         for part in found.lobes
     ]
     stated = at_these[0] + at_these[1]
@@ -216,6 +225,17 @@ def test_a_glossy_ball_is_what_the_sum_over_directions_says_within_what_is_state
         found.lobes[1].radiance(half, np.broadcast_to(view, half.shape)),
         rtol=1e-3,
     )
+
+
+def test_lobes_of_the_thesis_are_as_printed(rng):
+    """[R02, eq. 5.26 and 5.34], at angles that are known: the mirrored view, and 0.3 rad from it in the plane."""
+    normal, view = np.array([0.0, 0, 1]), np.array([0.6, 0, 0.8])
+    turned = np.arctan2(-0.6, 0.8) + np.array([0.0, 0.3])
+    wi = np.stack([np.sin(turned), 0 * turned, np.cos(turned)], axis=-1)
+    assert_allclose(mirrored_phong(7.0)(normal, wi, view), 8 / (2 * np.pi) * np.cos([0, 0.3]) ** 7)
+    half = np.exp(-((np.array([0, 0.15]) / 0.2) ** 2)) / (4 * np.pi * 0.2**2)
+    assert_allclose(simplified_microfacet(0.2)(normal, wi, view), half)
+    assert simplified_microfacet(0.2)(normal, -wi, view).tolist() == [0, 0]
 
 
 def test_pictures_of_a_ball_weigh_mirrored_directions_evenly():
@@ -260,7 +280,10 @@ LIGHT = np.ones((4, 8, 3))
         ),
         (lambda: prefilter(LIGHT, GLOSS, orders=(-1, 3)), "F is -1; it must be an integer >= 0"),
         (lambda: prefilter(LIGHT, MATTE, rows=0), "rows"),
-        (lambda: prefilter(LIGHT, GLOSS, epsilon=1e-9), "the lobe 'specular': .* take more degrees"),
+        (
+            lambda: prefilter(LIGHT, GLOSS, epsilon=1e-9),
+            "the lobe 'specular' is too narrow for maps: .* allow more error",
+        ),
         (lambda: CentredLobe("pair", (max, max), ALL, True), "there are 2 lobes"),
     ],
 )

@@ -1,0 +1,151 @@
+"""The BRDF that light is prefiltered for: a result's, or a published one by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.form import Angles
+from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.phong import mirrored_phong
+from invrender.brdf.rh01 import simplified_microfacet
+from invrender.prefilter.centred import (
+    CentredBrdf,
+    CentredLobe,
+    ViewFactor,
+    lambertian_lobe,
+    specular_lobe,
+)
+from invrender.result.reflectance import reflectance
+from invrender.result.saved import RESULT_NAME, nearest, read_result
+from invrender.transport.diffuse_base import interface_transmittance
+
+Floats = NDArray[np.float64]
+
+_ALL = np.ones(3)
+# Where the transmittance towards the viewer is tabulated.
+_COS = np.linspace(0, 1, 200)
+
+
+@dataclass(frozen=True)
+class NamedBrdf:
+    """A published BRDF. number : what its number is, or "". allowed : from, to. make : the BRDF of that number."""
+
+    number: str
+    allowed: tuple[float, float]
+    make: Callable[[float], CentredBrdf]
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenBrdf:
+    """What `--brdf` names. is_absolute : whether it has a scale. notes : sentences. inputs : files that it is from."""
+
+    brdf: CentredBrdf
+    is_absolute: bool = True
+    notes: tuple[str, ...] = ()
+    inputs: tuple[Path, ...] = ()
+
+
+def chosen_brdf(text: str, assumed: Mapping[str, float]) -> ChosenBrdf:
+    """The BRDF of a result (its folder or result.json), or a named one, as "phong:32".
+
+    assumed : mu or sigma of a result that leaves them open. ValueError where there is neither, for numbers that no such
+    BRDF has, and as `reflectance`.
+    """
+    path = Path(text)
+    if path.exists():
+        return _of_result(path, assumed)
+    name, _, number = text.partition(":")
+    if name not in NAMED:
+        raise ValueError(
+            f"--brdf {text}: there is no such file, and no BRDF of that name: {nearest(name, NAMED)} A result is"
+            f" given by the folder that `lightfactor process` wrote, or its {RESULT_NAME}"
+        )
+    if assumed:
+        raise ValueError(f"--assume: {name!r} has no open numbers; only a result can leave mu or sigma open")
+    return ChosenBrdf(NAMED[name].make(_number(text, number, NAMED[name])))
+
+
+def centred_microfacet(brdf: Microfacet, description: str) -> CentredBrdf:
+    """A fitted BRDF as a diffuse lobe about the normal and a specular one about the mirrored view.
+
+    ValueError where it is black.
+    """
+    form, mu, sigma = brdf.form, brdf.mu, brdf.sigma
+    lobes: list[CentredLobe] = []
+    if brdf.kd.any():
+        lobes.append(_base(brdf))
+    if brdf.ks.any() and sigma is not None:
+        width = sigma
+
+        def lobe(normals: Floats, wi: Floats, wo: Floats) -> Floats:
+            return form.reflected(Angles.between(normals, wi, wo), mu, width)
+
+        lobes.append(specular_lobe("specular", lobe, brdf.ks))
+    if not lobes:
+        raise ValueError(f"{description}: Kd and Ks are 0, so that it reflects nothing; give another BRDF")
+    return CentredBrdf(description, tuple(lobes))
+
+
+def _of_result(path: Path, assumed: Mapping[str, float]) -> ChosenBrdf:
+    result = read_result(path)
+    found = reflectance(result, assumed, result.content.texture is not None)
+    notes = tuple(note.replace("picture", "map") for note in found.notes if "--mean" not in note)
+    brdf = centred_microfacet(found.brdf, f"{result.content.name} ({result.content.brdf.model})")
+    return ChosenBrdf(brdf, result.is_absolute, notes, (result.path,))
+
+
+def _base(brdf: Microfacet) -> CentredLobe:
+    """What is below the lobe. Above a base under an interface or a coat, the share towards the viewer is its factor."""
+    form, mu = brdf.form, brdf.mu
+    if not form.interface and form.coat is None:
+        return lambertian_lobe("diffuse", brdf.kd)
+
+    def base(normals: Floats, wi: Floats, wo: Floats) -> Floats:
+        cos = np.maximum((normals * wi).sum(axis=-1), 0)
+        return cos * interface_transmittance(form, mu, cos)
+
+    factor = ViewFactor(_COS, interface_transmittance(form, mu, _COS))
+    return CentredLobe("diffuse", (base,), brdf.kd, False, factor)
+
+
+def _number(text: str, given: str, named: NamedBrdf) -> float:
+    if not named.number:
+        if given:
+            raise ValueError(f"--brdf {text}: it has no number; leave ':{given}' out")
+        return 0.0
+    try:
+        value = float(given)
+    except ValueError:
+        value = np.nan
+    low, high = named.allowed
+    if not low <= value <= high:
+        name = text.partition(":")[0]
+        raise ValueError(f"--brdf {text}: give its {named.number}, {low:g} to {high:g}, as {name}:NUMBER")
+    return value
+
+
+def _lambertian(_: float) -> CentredBrdf:
+    return CentredBrdf("Lambertian of albedo 1", (lambertian_lobe("diffuse", _ALL / np.pi),))
+
+
+def _phong(exponent: float) -> CentredBrdf:
+    lobe = CentredLobe("specular", (mirrored_phong(exponent),), _ALL, True)
+    return CentredBrdf(f"Phong's lobe of exponent {exponent:g} [R02, eq. 5.26]", (lobe,))
+
+
+def _simplified(sigma: float) -> CentredBrdf:
+    lobe = CentredLobe("specular", (simplified_microfacet(sigma),), _ALL, True)
+    return CentredBrdf(f"microfacets of sigma {sigma:g} rad [R02, eq. 5.34]", (lobe,))
+
+
+# By name: what its number is, and the BRDF of that.
+NAMED = {
+    "lambertian": NamedBrdf("", (0, 0), _lambertian),
+    "phong": NamedBrdf("exponent", (0.1, 1e6), _phong),
+    "microfacet": NamedBrdf("sigma in radians", (0.001, 1.5), _simplified),
+}
