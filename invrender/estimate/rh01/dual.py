@@ -41,13 +41,13 @@ class _Mirror:
 
 
 @dataclass(frozen=True, eq=False)
-class DualLight:
+class DualMap:
     """Inverse lighting of samples by the dual method."""
 
     samples: Samples
     fresnel: bool
 
-    def judging(self, judged: NDArray[np.bool_]) -> DualLight:
+    def judging(self, judged: NDArray[np.bool_]) -> DualMap:
         """The same, with the error of the marked samples (n,) only."""
         return replace(self, samples=replace(self.samples, judged=judged))
 

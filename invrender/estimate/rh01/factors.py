@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.estimate.rh01.direct import DIRECT_DEGREE, DirectLight
-from invrender.estimate.rh01.dual import DUAL_DEGREE, DualLight
+from invrender.estimate.rh01.dual import DUAL_DEGREE, DualMap
 from invrender.estimate.rh01.roughness import Peak, find_peak, highlights_near_normal, without_source
 from invrender.estimate.rh01.samples import Reflections, Samples
 from invrender.estimate.rh01.simplex import MU_BOUNDS, simplex
@@ -119,7 +119,7 @@ def published_factors(
     hand; None takes the sharpest peak of the recovered light, as far out as it gets darker. Raises ValueError for too
     few samples.
     """
-    return _factored(DualLight(Samples.of(photos, _height(photos), DUAL_DEGREE), fresnel), region)
+    return _factored(DualMap(Samples.of(photos, _height(photos), DUAL_DEGREE), fresnel), region)
 
 
 def published_factors_direct(
