@@ -137,7 +137,7 @@ def test_errors_of_twenty_random_pairs_of_lobe_and_light_are_within_the_bound():
     check_pairs(20, 12, 10)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_errors_of_many_random_pairs_of_lobe_and_light_are_within_the_bound():
     check_pairs(100, 60, 20)
 
