@@ -1,0 +1,157 @@
+"""Kd and Ks of single points of a texture: their equations, and paint narrower than pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import nnls
+from scipy.sparse import csr_array
+
+from invrender.brdf.lobes import GGX_FORM, PLASTICS
+from invrender.estimate.noise import NoiseModel
+from invrender.estimate.textured.joint import Grid, PixelsOfPoints, solve_joint, stacked, tiny_sums
+from invrender.estimate.textured.search import cost_at, search_point, textured_models
+from invrender.estimate.textured.texel_equations import TexelEquations, common_ks, solve_both, solve_kd
+from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
+from invrender.transport.column_basis import whole_range
+from invrender.transport.diffuse_base import base_columns
+from invrender.transport.transfer import LightElement
+from synthetic.materials.facets import GGXSlopes
+from synthetic.materials.plastic import Plastic
+from synthetic.materials.smith import SmithMaterial
+
+
+def sums_of(d: np.ndarray, s: np.ndarray, y: np.ndarray, weight: np.ndarray) -> TexelEquations:
+    """The normal equations of arrays (photographs, points, 3)."""
+    products = (d * d, d * s, s * s, d * y, s * y, y * y)
+    return TexelEquations(
+        *(np.sum(weight * product, axis=0) for product in products), np.full(d.shape[1], float(len(d)))
+    )
+
+
+def test_each_points_kd_and_ks_are_its_own_least_squares(rng: np.random.Generator) -> None:
+    photos, points = 5, 40
+    d, s, weight = (rng.uniform(0.2, 1, (photos, points, 3)) for _ in range(3))
+    # Of a third of the points the best Kd or Ks would be negative.
+    truth = rng.uniform(-0.5, 1, (2, points, 3))
+    y = truth[0] * d + truth[1] * s + 0.01 * rng.standard_normal(d.shape)
+    sums = sums_of(d, s, y, weight)
+    found = solve_both(sums)
+    for point in range(points):
+        for c in range(3):
+            root = np.sqrt(weight[:, point, c])
+            matrix = np.stack([d[:, point, c], s[:, point, c]], axis=1) * root[:, None]
+            best, norm = nnls(matrix, y[:, point, c] * root)
+            assert_allclose([found.kd[point, c], found.ks[point, c]], best, atol=1e-9)
+            assert_allclose(found.cost[point, c], norm**2, atol=1e-9)
+            std = np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
+            assert_allclose([found.kd_std[point, c], found.ks_std[point, c]], std, rtol=1e-9)
+
+
+def test_one_ks_for_all_points_is_that_of_the_whole_least_squares_problem(rng: np.random.Generator) -> None:
+    photos, points = 4, 6
+    d, s = (rng.uniform(0.2, 1, (photos, points, 3)) for _ in range(2))
+    kd = rng.uniform(0.2, 1, (points, 3))
+    y = kd * d + 0.3 * s + 0.01 * rng.standard_normal(d.shape)
+    sums = sums_of(d, s, y, np.ones_like(y))
+    ks, std = common_ks(sums)
+    matrix = np.zeros((photos, points, points + 1))
+    matrix[:, np.arange(points), np.arange(points)] = d[:, :, 0]
+    matrix[:, :, -1] = s[:, :, 0]
+    flat = matrix.reshape(-1, points + 1)
+    best = np.linalg.lstsq(flat, y[:, :, 0].ravel(), rcond=None)[0]
+    assert_allclose(ks[0], best[-1], rtol=1e-9)
+    assert_allclose(std[0], np.sqrt(np.linalg.inv(flat.T @ flat)[-1, -1]), rtol=1e-9)
+    assert_allclose(solve_kd(sums, ks).kd[:, 0], best[:-1], rtol=1e-9)
+
+
+def test_one_photograph_does_not_tell_kd_from_ks() -> None:
+    one = np.ones((1, 2, 3))
+    found = solve_both(sums_of(one, 0.3 * one, one, one))
+    assert np.isinf(found.kd_std).all()
+    assert np.isinf(found.ks_std).all()
+
+
+def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.Generator) -> None:
+    # A strip of points, each pixel two points wide, wherever it lies; one in four has another paint.
+    photos, pixels, points, level = 12, 60, 48, 0.005
+    truth = np.where(np.arange(points) % 16 < 4, 0.9, 0.3)[:, None] * [1.0, 0.8, 0.6]
+    gloss = np.full((points, 3), 0.2)
+    views = []
+    for _ in range(photos):
+        start = rng.uniform(-1, points - 2, pixels)
+        covered = np.clip(np.arange(points) + 1 - start[:, None], 0, 1) * np.clip(
+            start[:, None] + 2 - np.arange(points), 0, 1
+        )
+        covered /= covered.sum(axis=1, keepdims=True)
+        d, s = rng.uniform(0.2, 1, (2, pixels, 3))
+        seen = d * (covered @ truth) + s * (covered @ gloss)
+        y = seen + level * rng.standard_normal(seen.shape)
+        one = np.ones_like(y)
+        views.append(
+            PixelsOfPoints(
+                csr_array(covered.astype(np.float32)),
+                *(a.astype(np.float32) for a in (d, s, d.max(axis=1), y, one, one / level**2)),
+            )
+        )
+    pairs = np.column_stack([np.arange(points - 1), np.arange(1, points)])
+    grid = Grid(np.arange(points) // 2, points // 2, pairs)
+    found = solve_joint(*stacked(views), grid, solve_both, NoiseModel(level, 0.0), rng)
+    expected = truth.reshape(-1, 2, 3).mean(axis=1)
+    for off in ((found.kd - expected) / found.kd_std, (found.ks - 0.2) / found.ks_std):
+        assert 0.5 < np.sqrt((off**2).mean()) < 1.3
+    # The tiny systems alone blur the paint's edges.
+    blurred = solve_both(tiny_sums(views, grid.count, grid.parents))
+    assert np.abs(blurred.kd - expected).max() > 3 * np.abs(found.kd - expected).max()
+
+
+@pytest.mark.parametrize("plastic", [True, False])
+def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plastic: bool) -> None:
+    photos, points, mu, sigma = 6, 300, 1.5, 0.15
+    form = PLASTICS[GGX_FORM]
+    lobe = len(whole_range().weights(mu, sigma, form))
+    kd = rng.uniform(0.1, 0.3, (points, 3))
+    rows, printed = [], []
+    for _ in range(photos):
+        cos_i, cos_o = rng.uniform(0.2, 1, (2, points))
+        across = np.sqrt(1 - np.stack([cos_i, cos_o]) ** 2)
+        normals = np.broadcast_to([0.0, 0.0, 1.0], (points, 3))
+        light, view = (
+            np.column_stack([x, np.zeros(points), z]) for x, z in zip(across, (cos_i, cos_o), strict=True)
+        )
+        base = np.concatenate(
+            [
+                base_columns(form, LightElement("known", way[None], np.ones((1, 1))), n[None], v[None], None)
+                for way, n, v in zip(light, normals, view, strict=True)
+            ]
+        )[..., 0]
+        gloss = rng.uniform(0, 1, (points, lobe))
+        seen = 0.05 * (gloss @ whole_range().weights(mu, sigma, form))[:, None]
+        below = kd * cos_i[:, None]
+        if plastic:
+            # By a formula of its own.
+            deep = Plastic(SmithMaterial(np.ones(3), np.zeros(3), mu, GGXSlopes(0.1, 0.1)))
+            below = below * deep.lobe(light, view)
+        seen = seen + below + 1e-3 * rng.standard_normal((points, 3))
+        rest = (
+            seen,
+            np.full_like(seen, 0.1),
+            np.ones(points),
+            np.zeros(points, int),
+        )
+        for kind, first in ((rows, base), (printed, cos_i[:, None])):
+            columns = np.concatenate([first, gloss], axis=1)[None].astype(np.float32)
+            kind.append(TexelRows(np.arange(points), columns, *rest))
+    costs = {}
+    for kind, own in ((form, rows), (GGX_FORM, printed)):
+        stack, model = (
+            TexelObservations.of(own, points, NoiseModel(1e-3, 0.0), kind),
+            textured_models(kind)[-2],
+        )
+        found = search_point(model, stack)
+        costs[kind] = cost_at(model, stack, found)
+        if (kind is form) == plastic:
+            # Noise of 1% in some 5,000 numbers, and mu shows in what is let through as in the lobe.
+            assert_allclose(found, np.log([sigma, mu - 1]), atol=0.03)
+    assert (costs[form] < costs[GGX_FORM]) == plastic
