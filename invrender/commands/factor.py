@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import ResultOut, SphereSet
+from capture.commands.options import ResultOut, SetFolder
 
 
 def factor(
-    photoset: SphereSet,
+    photoset: SetFolder,
     out: ResultOut,
     order: Annotated[
         str | None,
@@ -53,7 +53,8 @@ def factor(
         typer.Option(
             "--published",
             help="Solve as Ramamoorthi and Hanrahan (2001, section 6.3) did, to compare with: a mirror's light, sigma"
-            " from the lamp's peak, no error bars.",
+            " from the lamp's peak, no error bars. A sphere's light is a map; with --order 12 it is harmonics of that"
+            " degree, of meshes too.",
         ),
     ] = False,
     samples: Annotated[
@@ -64,7 +65,7 @@ def factor(
         ),
     ] = 60_000,
 ) -> None:
-    """Recover light and BRDF of a sphere together, whatever the set says of the light.
+    """Recover light and BRDF of a sphere together, whatever the set says of the light; as RH01 did, of a mesh too.
 
     Light twice as bright on a surface half as bright gives the same photographs: Kd + Ks is 1 in each colour channel,
     and the light is in units of the photographs over that. All photographs must be under one lighting; held-out ones

@@ -16,10 +16,10 @@ _LEAST_SAMPLES = 500
 
 @dataclass(frozen=True, eq=False)
 class FactorChoices:
-    """orders : degrees of the lighting that are tried. region : where sources may be; None for anywhere.
+    """orders : degrees of the lighting that are tried; of RH01's procedure l*, or none for dual lighting.
 
-    transfer : what the lobe makes of the light. ladder : whether simpler models are tried. published : RH01's own
-    procedure instead of ours. samples : pixels of all photographs together.
+    region : where sources may be; None for anywhere. transfer : what the lobe makes of the light. ladder : whether
+    simpler models are tried. published : RH01's own procedure instead of ours. samples : pixels of all photographs.
     """
 
     orders: tuple[int, ...] = ORDERS
@@ -49,8 +49,7 @@ def read_choices(
 ) -> FactorChoices:
     """The options as the user typed them; ValueError says which is wrong, and what it may be."""
     if published:
-        given = [name for name, value in (("--order", order), ("--transfer", transfer)) if value is not None]
-        given += [] if ladder else ["--no-ladder"]
+        given = ([] if transfer is None else ["--transfer"]) + ([] if ladder else ["--no-ladder"])
         if given:
             raise ValueError(
                 f"{given[0]} has no place in RH01's procedure, which --published asks for: leave one of them out"
@@ -61,9 +60,12 @@ def read_choices(
         raise ValueError(f"--samples is {samples}; take {_LEAST_SAMPLES} or more")
     chosen: Transfer = "mirror" if published else "exact"
     chosen = next((name for name in TRANSFERS if name == transfer), chosen)
-    return FactorChoices(
-        _orders(order), _region(region), chosen, ladder and not published, published, samples
-    )
+    orders = () if published and order is None else _orders(order)
+    if published and len(orders) > 1:
+        raise ValueError(
+            f"--order is {order!r}; RH01's procedure takes one degree, at which the light's harmonics end, as 12"
+        )
+    return FactorChoices(orders, _region(region), chosen, ladder and not published, published, samples)
 
 
 def _orders(text: str | None) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from invrender.estimate.evidence import Candidate, relative_rms
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import fit_noise, photo_weights
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
-from invrender.estimate.rh01 import PublishedFactors, published_factors
+from invrender.estimate.rh01 import PublishedFactors, published_factors, published_factors_direct
 from invrender.estimate.solution import Solution, unless_misfit
 from invrender.estimate.unknown_light import Region
 from invrender.estimate.unknown_light.solution import GAUGE
@@ -26,6 +26,7 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
 from invrender.process.run import Run, factorization, pixel_by_pixel
 from invrender.process.warnings import find_warnings
+from invrender.transport.visibility import Shadows
 from recon.harmonics.latlong import synthesise_latlong
 from recon.sampling.lightfield import LightField
 
@@ -45,35 +46,48 @@ def solve_as_published(
     clock: Clock,
     track: Track,
     region: Region | None,
+    degree: int | None = None,
 ) -> Run:
-    """Light and BRDF of a sphere by RH01's procedure; weights and noise are of its residuals, for reports only."""
+    """Light and BRDF of an object by RH01's procedure; weights and noise are of its residuals, for reports only.
+
+    degree : l* of the light's harmonics, recovered directly; None for dual lighting, which is of spheres.
+    """
+
+    def factors(photos: Sequence[LightField]) -> PublishedFactors:
+        if degree is None:
+            return published_factors(photos, region=region)
+        return published_factors_direct(photos, region=region, shadows=geometry.shadows, degree=degree)
+
     fields, left_out = read_samples(photoset, geometry.found, {}, samples, clock, track)
     fitted = photoset.fitted
     with clock.on("invrender"):
-        found = published_factors([fields[photo.label] for photo in fitted], region=region)
-        predicted = {label: found.radiance(field) for label, field in fields.items()}
+        found = factors([fields[photo.label] for photo in fitted])
+        predicted = {label: found.radiance(field, geometry.shadows) for label, field in fields.items()}
         residuals = {label: field.radiance - predicted[label] for label, field in fields.items()}
-        unseen = _unseen([fields[photo.label] for photo in fitted], region)
+        unseen = _unseen([fields[photo.label] for photo in fitted], factors, geometry.shadows)
         solution = _solution(photoset, found, fields, predicted, unseen)
     warnings = (*left_out, *find_warnings(photoset, solution, geometry, {}))
     result = factorization(photoset, geometry, solution, fields, residuals, warnings)
 
     def radiance(_: Photo, field: LightField) -> Floats:
-        return found.radiance(field)
+        return found.radiance(field, geometry.shadows)
 
     return Run(photoset, geometry, result, fields, residuals, radiance, pixel_by_pixel(radiance))
 
 
-def _unseen(fields: Sequence[LightField], region: Region | None) -> Floats:
+def _unseen(
+    fields: Sequence[LightField],
+    factors: Callable[[Sequence[LightField]], PublishedFactors],
+    shadows: Shadows | None,
+) -> Floats:
     """Relative RMS (photos,) of each photograph as predicted by a fit that has not seen it, a few at a time."""
     errors = np.empty(len(fields))
     folds = min(_FOLDS, len(fields))
     for fold in range(folds):
-        rest = published_factors(
-            [field for k, field in enumerate(fields) if k % folds != fold], region=region
-        )
+        rest = factors([field for k, field in enumerate(fields) if k % folds != fold])
         for k in range(fold, len(fields), folds):
-            errors[k] = relative_rms(fields[k].radiance - rest.radiance(fields[k]), fields[k].radiance)
+            shown = rest.radiance(fields[k], shadows)
+            errors[k] = relative_rms(fields[k].radiance - shown, fields[k].radiance)
     return errors
 
 

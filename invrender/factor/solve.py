@@ -19,15 +19,15 @@ from invrender.process.unknown_light import solve_unknown_light
 
 
 def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) -> Run:
-    """Recover the one lighting and the BRDF of a sphere; what the set says of the light is not looked at."""
-    _check_scope(photoset)
+    """Recover the one lighting and the BRDF of an object; what the set says of the light is not looked at."""
+    _check_scope(photoset, choices)
     begun, clock = time.perf_counter(), Clock()
     with one_blas_thread():
         with clock.on("recon"):
             geometry = find_geometry(photoset, track)
         given = (photoset, geometry, choices.samples, clock, track)
         if choices.published:
-            run = solve_as_published(*given, choices.region)
+            run = solve_as_published(*given, choices.region, *choices.orders)
         else:
             run = solve_unknown_light(
                 *given,
@@ -42,12 +42,18 @@ def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) ->
     return replace(run, seconds={**clock.seconds, "total": time.perf_counter() - begun})
 
 
-def _check_scope(photoset: PhotoSet) -> None:
+def _check_scope(photoset: PhotoSet, choices: FactorChoices) -> None:
     where = photoset.manifest
-    if photoset.object.shape != "sphere":
+    if photoset.object.shape != "sphere" and choices.published and not choices.orders:
+        raise ValueError(
+            f"{where}: [object] shape = 'mesh': RH01's dual lighting is of spheres, which don't shadow themselves; give"
+            " --order 12, and the light's harmonics are recovered as RH01 did for a cat"
+        )
+    if photoset.object.shape != "sphere" and not choices.published:
         raise ValueError(
             f"{where}: [object] shape = 'mesh': `factor` compares ways of solving on spheres only, which don't shadow"
-            " themselves; `lightfactor process` recovers light and BRDF from meshes"
+            " themselves; `lightfactor process` recovers light and BRDF from meshes, and RH01's procedure does"
+            " (--published --order 12)"
         )
     if photoset.object.texture:
         raise ValueError(

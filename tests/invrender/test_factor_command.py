@@ -93,12 +93,25 @@ def test_the_published_procedure_gives_numbers_without_error_bars(published: Pat
     found = json.loads((published / "result.json").read_text())
     assert found["choices"]["procedure"] == "published"
     assert found["brdf"]["ks"]["std"] is None
-    # RH01's bias, which its own Fig. 11 has, too: mu and, under so bright a lamp, Ks come out low.
-    assert found["brdf"]["mu"]["value"] < found["given"]["numbers"]["mu"][0]
-    assert found["brdf"]["ks"]["value"][1] < found["given"]["numbers"]["ks_normalised"][1]
+    # Delrin from three small photographs, as far off as RH01's two columns are, and half as much for so few pixels.
+    given = found["given"]["numbers"]
+    assert found["brdf"]["mu"]["value"] == pytest.approx(given["mu"][0], abs=0.15)
+    assert found["brdf"]["ks"]["value"][1] == pytest.approx(given["ks_normalised"][1], abs=0.03)
+    assert found["brdf"]["sigma"]["value"] == pytest.approx(given["sigma"][0], abs=0.03)
+    assert found["choices"]["orders"] == []
     side = read_side(published)
     assert side.brdf is not None
     assert np.isfinite(side.lightings[0].lighting.irradiances).all()
+
+
+def test_rh01s_light_may_be_harmonics(small_set_original: Path, tmp_path: Path):
+    run = factor(small_set_original, tmp_path / "out", "--published", "--order", "6", "--samples", "2000")
+    assert run.exit_code == 0, run.output
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert found["choices"]["orders"] == [6]
+    # Six degrees blur the lamp: they show its place, and leave too much unexplained for numbers of the BRDF.
+    assert found["brdf"]["ks"]["status"] == "undetermined"
+    assert found["given"]["light"]["sources_off_deg"][0] < 10
 
 
 def test_a_set_that_knows_nothing_is_held_against_nothing(small_set: Path, tmp_path: Path):
@@ -124,7 +137,8 @@ def test_a_set_that_knows_nothing_is_held_against_nothing(small_set: Path, tmp_p
         (["--source-region", "nan,2,5"], "its azimuth is nan degrees"),
         (["--transfer", "mirrored"], "--transfer is 'mirrored'; it must be one of exact, filtered, mirror"),
         (["--samples", "10"], "take 500 or more"),
-        (["--published", "--order", "4"], "--order has no place in RH01's procedure"),
+        (["--published", "--order", "4,8"], "RH01's procedure takes one degree"),
+        (["--published", "--transfer", "exact"], "--transfer has no place in RH01's procedure"),
         (["--published", "--no-ladder"], "--no-ladder has no place in RH01's procedure"),
         (["--published", "--samples", "600"], "takes 1152 at least"),
     ],

@@ -19,9 +19,11 @@ from capture.manifest import LightingTable
 from capture.photoset import load_photoset
 from capture.progress import silent
 from capture.radiance import RadianceImage
+from invrender.estimate.rh01 import published_factors_direct
 from invrender.estimate.unknown_light import factorize_blind
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
+from invrender.observation.samples import read_samples
 from invrender.output.compare.lightings import first_coefficients
 from invrender.output.report.run import run_process
 from invrender.process.pipeline import process
@@ -175,6 +177,19 @@ def test_a_mesh_is_written_and_predicted(processed: tuple[Factorization, Path], 
     rms = np.sqrt(((photo - predicted)[inside] ** 2).mean() / (photo[inside] ** 2).mean())
     # Lamps alone leave shadows black, and pixels at their borders uncertain.
     assert rms < 0.04
+
+
+def test_rh01s_direct_method_sees_shadows(cat_original: Path) -> None:
+    photoset = load_photoset(cat_original)
+    geometry = find_geometry(photoset)
+    fields, _ = read_samples(photoset, geometry.found, {}, 4000, Clock(), silent)
+    photos = [fields[photo.label] for photo in photoset.fitted]
+    found = published_factors_direct(photos, shadows=geometry.shadows)
+    # RH01 printed 0.10 for 0.12, 1.47 for 1.68 and 0.14 for 0.12 of a larger picture; here 0.07 to 0.11, 2.0 and 0.11.
+    # Blind to shadows, Ks and mu run to the ends of their ranges.
+    assert_allclose(found.share, 0.033 / (np.array([0.24, 0.2, 0.16]) + 0.033), atol=0.07)
+    assert found.mu == pytest.approx(1.68, abs=0.4)
+    assert found.sigma == pytest.approx(0.12, abs=0.02)
 
 
 def test_under_uniform_light_the_irradiance_is_the_share_of_the_sky_that_is_seen(cat_original: Path) -> None:

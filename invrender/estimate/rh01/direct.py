@@ -27,13 +27,13 @@ _RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class DirectLight:
+class DirectLighting:
     """Inverse lighting of samples by the direct method; their rows for the diffuse part go up to l*."""
 
     samples: Samples
     fresnel: bool
 
-    def judging(self, judged: NDArray[np.bool_]) -> DirectLight:
+    def judging(self, judged: NDArray[np.bool_]) -> DirectLighting:
         """The same, with the error of the marked samples (n,) only."""
         return replace(self, samples=replace(self.samples, judged=judged))
 

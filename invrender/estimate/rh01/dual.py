@@ -41,13 +41,13 @@ class _Mirror:
 
 
 @dataclass(frozen=True, eq=False)
-class DualMap:
+class DualLighting:
     """Inverse lighting of samples by the dual method."""
 
     samples: Samples
     fresnel: bool
 
-    def judging(self, judged: NDArray[np.bool_]) -> DualMap:
+    def judging(self, judged: NDArray[np.bool_]) -> DualLighting:
         """The same, with the error of the marked samples (n,) only."""
         return replace(self, samples=replace(self.samples, judged=judged))
 

@@ -15,8 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.rh01.direct import DIRECT_DEGREE, DirectLight
-from invrender.estimate.rh01.dual import DUAL_DEGREE, DualMap
+from invrender.estimate.rh01.direct import DIRECT_DEGREE, DirectLighting
+from invrender.estimate.rh01.dual import DUAL_DEGREE, DualLighting
 from invrender.estimate.rh01.roughness import Peak, find_peak, highlights_near_normal, without_source
 from invrender.estimate.rh01.samples import Reflections, Samples
 from invrender.estimate.rh01.simplex import MU_BOUNDS, simplex
@@ -119,7 +119,7 @@ def published_factors(
     hand; None takes the sharpest peak of the recovered light, as far out as it gets darker. Raises ValueError for too
     few samples.
     """
-    return _factored(DualMap(Samples.of(photos, _height(photos), DUAL_DEGREE), fresnel), region)
+    return _factored(DualLighting(Samples.of(photos, _height(photos), DUAL_DEGREE), fresnel), region)
 
 
 def published_factors_direct(
@@ -132,12 +132,17 @@ def published_factors_direct(
     """The same with direct recovery of the light's coefficients, as RH01 did for their cat [sections 6.2 and 6.4].
 
     shadows : of a mesh on itself; None of a convex body. degree : l*, of the order of 1 / sigma; higher ones are
-    noisier. The rest as of `published_factors`.
+    noisier. On a mesh all pixels count, and sigma is read off the recovered light. The rest as of `published_factors`.
     """
     # As many rows as harmonics of that degree take.
     height = max(_height(photos), 2 * degree + 1)
-    samples = Samples.of(photos, height, degree, shadows)
-    return _factored(DirectLight(samples, fresnel), region)
+    inner = DirectLighting(Samples.of(photos, height, degree, shadows), fresnel)
+    if shadows is None:
+        return _factored(inner, region)
+    # On a mesh the borders of a source's shadows, which harmonics up to l* can't follow, weigh more than highlights do;
+    # without the source's highlights nothing is left that determines mu.
+    found = _search(inner)
+    return replace(found, peak=find_peak(found.light, region))
 
 
 def _height(photos: Sequence[LightField]) -> int:
@@ -179,5 +184,5 @@ def _search(inner: InverseLighting) -> PublishedFactors:
     mu = 1 + float(np.exp(best[3])) if inner.fresnel else None
     coefficients, light = inner.light(best[:3], mu)
     return PublishedFactors(
-        best[:3], mu, light, coefficients, None, error(best), isinstance(inner, DirectLight)
+        best[:3], mu, light, coefficients, None, error(best), isinstance(inner, DirectLighting)
     )
