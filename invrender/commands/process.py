@@ -22,6 +22,14 @@ def process(
             " larger error bars.",
         ),
     ] = DEFAULT_SAMPLES,
+    published: Annotated[
+        bool,
+        typer.Option(
+            "--published",
+            help="Solve known light as Ramamoorthi and Hanrahan (2001, section 6.1) did, to compare with: a simplex"
+            " over mu and sigma, Kd and Ks by least squares, no error bars.",
+        ),
+    ] = False,
 ) -> None:
     """Recover BRDF and error bars, and the lighting where it is unknown, from a photo set of a sphere or a mesh.
 
@@ -31,4 +39,4 @@ def process(
     """
     from invrender.output.report.run import run_process
 
-    run_process(photoset, out, samples)
+    run_process(photoset, out, samples, published)

@@ -40,7 +40,7 @@ from recon.mesh.bodies import Body, SphereBody
 from recon.sampling.lightfield import LightField
 
 # Of what photographs differ from the model, the share (RMS) by which pictures of it may be off: they differ 3% more.
-_PICTURES_OFF = 0.25
+PICTURES_OFF = 0.25
 # Deviation of a sphere's place, of its radius, below which normals are known well enough: a twentieth of a degree.
 _PLACED_WELL = 8e-4
 
@@ -143,7 +143,7 @@ def solve_known_light(
         {photo.lighting: fields[photo.label] for photo in by_samples},
         Counter(photo.lighting for photo in photoset.photos),
         geometry.shadows,
-        _PICTURES_OFF * (result.rms(held_out=False) or 0.0),
+        PICTURES_OFF * (result.rms(held_out=False) or 0.0),
     )
 
     def pictured(photo: Photo, field: LightField, binning: int) -> NDArray[np.float64]:

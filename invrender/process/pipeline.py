@@ -12,6 +12,7 @@ from capture.progress import Track, silent
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
 from invrender.process.known_light import solve_known_light
+from invrender.process.published import solve_known_light_as_published
 from invrender.process.run import Run
 from invrender.process.textured import solve_textured
 from invrender.process.unknown_light import solve_unknown_light
@@ -26,18 +27,22 @@ def process(
     track: Track = silent,
     shadowing: bool = True,
     causes: bool = True,
+    published: bool = False,
 ) -> Run:
     """Recover the BRDF of an object, and what of its lighting is free, from a photo set.
 
     samples : about how many pixels of all photographs together enter the fit. shadowing : False leaves the
     shadows of a mesh on itself out, to show what they amount to. causes : False leaves the search for causes of what
     a model without textures under known light doesn't explain out; error bars then don't hold them.
+    published : whether known light is solved by RH01's section 6.1 instead, without error bars.
     """
     with one_blas_thread():
-        return _process(photoset, samples, track, shadowing, causes)
+        return _process(photoset, samples, track, shadowing, causes, published)
 
 
-def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool, causes: bool) -> Run:
+def _process(
+    photoset: PhotoSet, samples: int, track: Track, shadowing: bool, causes: bool, published: bool
+) -> Run:
     begun = time.perf_counter()
     clock = Clock()
     _check_scope(photoset, photoset.fitted)
@@ -45,11 +50,27 @@ def _process(photoset: PhotoSet, samples: int, track: Track, shadowing: bool, ca
         geometry = find_geometry(photoset, track, shadowing)
     unknown = {table.name for table in photoset.lightings if table.unknown}
     given = photoset, geometry, samples, clock, track
-    if unknown & {photo.lighting for photo in photoset.photos}:
+    is_unknown = bool(unknown & {photo.lighting for photo in photoset.photos})
+    if published:
+        _check_published(photoset, is_unknown)
+        run = solve_known_light_as_published(*given)
+    elif is_unknown:
         run = (solve_unknown_texture if photoset.object.texture else solve_unknown_light)(*given)
     else:
         run = solve_textured(*given) if photoset.object.texture else solve_known_light(*given, causes)
     return replace(run, seconds={**clock.seconds, "total": time.perf_counter() - begun})
+
+
+def _check_published(photoset: PhotoSet, is_unknown: bool) -> None:
+    if is_unknown:
+        raise ValueError(
+            f"{photoset.manifest}: the light is unknown, but --published is RH01's section 6.1, of known light;"
+            " `lightfactor factor --published` is its section 6.3, of unknown light"
+        )
+    if photoset.object.texture:
+        raise ValueError(
+            f"{photoset.manifest}: [object] texture = true: --published recovers one BRDF; leave it out for textures"
+        )
 
 
 def _check_scope(photoset: PhotoSet, fitted: Sequence[Photo]) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,6 +22,8 @@ from recon.sampling.lightfield import LightField
 from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.render.lobes import reflected_radiance
+
+Command = Callable[..., tuple[int, str, str]]
 
 STEEL = radiometric(RH01_MATERIALS["steel"])
 # What RH01 printed under unknown light less what they printed under known light [Fig. 11]: share of Ks (of bronze the
@@ -172,6 +177,7 @@ def test_coefficients_of_the_direct_methods_own_model_are_found(bench: SimpleNam
     assert_allclose(found.radiance(photos[0]), photos[0].radiance, atol=0.005 * photos[0].radiance.max())
 
 
+@pytest.mark.slow
 def test_the_direct_method_comes_as_close_as_rh01s_cat(bench: SimpleNamespace):
     material = radiometric(RH01_MATERIALS["teflon"])
     found = published_factors_direct(photographs(bench, material, 6000, 3))
@@ -231,3 +237,27 @@ def test_light_that_is_all_sources_has_no_slow_part(bench: SimpleNamespace):
     for brdf in found:
         assert_allclose(brdf.ks, STEEL.ks, rtol=0.01)
         assert brdf.sigma == pytest.approx(STEEL.sigma, abs=0.001)
+
+
+def test_process_solves_known_light_as_published(lightfactor: Command, lamp_set: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    code, _, _ = lightfactor("process", lamp_set, "-o", out, "--published", "--samples", 1000)
+    assert code == 0
+    found = json.loads((out / "result.json").read_text())
+    assert [entry["name"] for entry in found["models"]] == ["RH01, section 6.1"]
+    brdf, truth = found["brdf"], json.loads((lamp_set / "truth.json").read_text())["brdf"]
+    # Eq. 23 is the truth of a lamp alone; eq. 21 misses 5% of the diffuse part, a part of which Kd, Ks and mu take up.
+    assert_allclose(brdf["kd"]["value"], truth["kd"], rtol=0.03)
+    assert_allclose(brdf["ks"]["value"], truth["ks"], rtol=0.1)
+    assert brdf["mu"]["value"] == pytest.approx(truth["mu"], abs=0.1)
+    assert brdf["sigma"]["value"] == pytest.approx(truth["sigma"], abs=0.003)
+    assert brdf["ks"]["std"] is None
+
+
+def test_published_known_light_is_known(lightfactor: Command, lamp_set: Path, tmp_path: Path):
+    manifest = lamp_set / "photoset.toml"
+    text = manifest.read_text()
+    manifest.write_text(text.split("[[lighting]]")[0] + text[text.index("[[photo]]") :])
+    code, _, said = lightfactor("process", lamp_set, "-o", tmp_path / "out", "--published")
+    assert code == 1
+    assert "`lightfactor factor --published` is its section 6.3" in said

@@ -22,12 +22,12 @@ from invrender.result.factorization import Factorization
 _MOST_MODELS = 5
 
 
-def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES) -> Run:
+def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES, published: bool = False) -> Run:
     """Process a photo set into a result folder and print the summary."""
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     with result_folder(out, RESULT_FILES) as folder:
-        run = process(photoset, samples, track)
+        run = process(photoset, samples, track, published=published)
         document = write_fit(run, folder)
     _print_summary(run.result)
     # What was found is safe now, whatever becomes of the pictures.
