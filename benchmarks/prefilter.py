@@ -15,7 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from benchmarks.overangles import HEIGHT, LEFT_OUT, compiled, light_map, map_pixels
+from invrender.prefilter.complexity import crossover, measured_crossover
 from invrender.theory.convolution import filtered
 from invrender.theory.specialcases import phong_transfer
 from recon.harmonics.latlong import analyse_latlong, synthesise_latlong
@@ -81,6 +82,7 @@ def main(rounds: int, least_exponent: int) -> None:
     print(" ".join(f"{title:>9}" for title in titles))
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
         over_angles = _compiled(compiler, Path(folder))
+        ratios: dict[int, float] = {}
         for exponent, published in _PUBLISHED.items():
             if exponent < least_exponent:
                 continue
@@ -90,6 +92,7 @@ def main(rounds: int, least_exponent: int) -> None:
                 partial(by_harmonics, values, exponent, degree),
             )
             slow, fast = _medians(integrated, summed, rounds)
+            ratios[exponent] = slow / fast
             theirs, ours = integrated(), summed()
             differ = np.sqrt(np.mean((ours - theirs) ** 2) / np.mean(theirs**2))
             print(
@@ -97,6 +100,18 @@ def main(rounds: int, least_exponent: int) -> None:
                 f" {10 * published:9.0f} {differ:9.2%}",
                 flush=True,
             )
+    print(crossover_line(ratios))
+
+
+def crossover_line(ratios: Mapping[int, float]) -> str:
+    """From which exponent on integration is faster: as predicted, and by the ratios of times at exponents."""
+    measured, published = (
+        float(f"{measured_crossover(list(each), list(each.values())):.2g}") for each in (ratios, _PUBLISHED)
+    )
+    return (
+        f"Integration is faster from exponent {crossover(HEIGHT):.0f} on as predicted [R02, eq. 5.33], from"
+        f" {measured:,.0f} on by the last two ratios (those of the paper: from {published:,.0f} on)."
+    )
 
 
 def by_harmonics(values: NDArray[np.float32], exponent: int, degree: int) -> Floats:

@@ -68,6 +68,14 @@ class ErrorBound:
             np.hypot(self.reflected, other.reflected),
         )
 
+    def up_to(self, degrees: float) -> ErrorBound:
+        """The same of angles up to some degrees alone, of which one must be."""
+        kept = self.cos_angles >= np.cos(np.radians(degrees))
+        weights = self.weights[kept] / self.weights[kept].sum()
+        return ErrorBound(
+            self.cos_angles[kept], weights, self.rms[kept], self.largest[kept], self.reflected[kept]
+        )
+
     @property
     def picture_rms(self) -> Floats:
         """(3,), RMS over pictures from all sides."""

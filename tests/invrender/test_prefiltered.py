@@ -243,6 +243,12 @@ def test_pictures_of_a_ball_weigh_mirrored_directions_evenly():
     assert weights.sum() == pytest.approx(1)
     # Over a disc of pixels at radius sin(theta): of cos^4, the integral of 2 sin cos^5 is 1/3.
     assert weights @ cos**4 == pytest.approx(1 / 3)
+    bound = prefilter(LIGHT, MATTE).bound
+    steep = bound.cos_angles < 0.5
+    part = bound.up_to(60)
+    assert part.weights.sum() == pytest.approx(1)
+    whole = bound.weights[~steep].sum() * part.picture_rms**2 + bound.weights[steep] @ bound.rms[steep] ** 2
+    assert_allclose(whole, bound.picture_rms**2)
 
 
 def test_light_from_all_sides_comes_back_as_the_albedo():

@@ -22,14 +22,17 @@ from invrender.output.prefilter.document import prefilter_document
 from invrender.output.prefilter.figure import prefilter_figure
 from invrender.output.render.numbers import direction, numbers
 from invrender.output.render.run import parse_assumed
+from invrender.prefilter.bounds import ErrorBound
 from invrender.prefilter.prefiltered import PrefilteredLight, PrefilteredLobe, prefilter
 from recon.harmonics.basis import degree_of, degrees, orders
 
 Singles = NDArray[np.float32]
 
 OWN_FILES = ("prefilter.json", "prefilter.png", "*-local.exr", "*-world.exr", "*-view-*.exr")
-# Up to which angle of the view shares of light are looked at for the warning of too much.
+# A share of light that is reflected above which it is said that this is too much.
 _EXCESS = 1.01
+# Beyond this angle to the normal lobes are streaks, which low orders hold badly.
+_STEEP_DEG = 75
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ def _warnings(found: PrefilteredLight, is_absolute: bool) -> list[str]:
         return []
     worst = float(found.albedo.max())
     return [
-        f"Seen at {angles[above].min():.0f} to {angles[above].max():.0f} degrees, this BRDF reflects up to {worst:.2f}"
+        f"Seen at some angles from {angles[above].min():.0f} degrees on, this BRDF reflects up to {worst:.2f}"
         " times the light that it receives; its formula does, and the maps show it."
     ]
 
@@ -128,10 +131,15 @@ def _report(options: PrefilterOptions, found: PrefilteredLight, warnings: Sequen
         )
     console.print(table)
     both = [_relative(found.bound, which) for which in ("picture_rms", "picture_largest")]
+    said = f"A ball in this light is off by {both[0]:.1%} of its radiance (RMS over pixels and views)"
+    if found.brdf.axis == "normal":
+        said += (
+            f", up to {_STEEP_DEG} degrees by {_relative(found.bound.up_to(_STEEP_DEG), 'picture_rms'):.1%}"
+        )
+    between = max(each.between_pixels for each in found.lobes)
     console.print(
-        f"A ball in this light is off by {both[0]:.1%} of its radiance (RMS over pixels and views), in no view by more"
-        f" than {both[1]:.0%}; between the maps' pixels by up to"
-        f" {max(each.between_pixels for each in found.lobes):.1%} of the largest value more.",
+        f"{said}, in no view by more than {both[1]:.0%}; between the maps' pixels by up to {between:.1%} of the largest"
+        " value more.",
         soft_wrap=True,
     )
     for warning in warnings:
@@ -142,7 +150,7 @@ def _report(options: PrefilterOptions, found: PrefilteredLight, warnings: Sequen
     )
 
 
-def _relative(bound: Any, which: str) -> float:
+def _relative(bound: ErrorBound, which: str) -> float:
     """The worst of the channels, over what is reflected."""
     return float(np.max(getattr(bound, which) / np.maximum(bound.picture_reflected, 1e-300)))
 
