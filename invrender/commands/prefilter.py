@@ -25,7 +25,8 @@ def prefilter(
         typer.Option(
             metavar="RESULT|NAME",
             help="The BRDF: a folder that `process` wrote, or its result.json; or lambertian, phong:EXPONENT (R02, eq."
-            " 5.26), microfacet:SIGMA (radians; R02, eq. 5.34).",
+            " 5.26), microfacet:SIGMA (radians; R02, eq. 5.34), skin (Lafortune's lobes), kajiya-kay:EXPONENT (fibres,"
+            " about their tangent).",
             show_default=False,
         ),
     ],
@@ -68,8 +69,9 @@ def prefilter(
     """Prefilter a map of light for a BRDF: what it reflects, for every mirrored direction and view, as a few maps.
 
     Spherical harmonic reflection maps (Ramamoorthi's thesis, chapter 5). Each lobe has its own, about the normal where
-    it is diffuse and about the mirrored view where it is specular. Radiance is in the map's unit. With the maps goes
-    how far they can be off: the RMS of what they leave out, and a bound that nothing exceeds.
+    it is diffuse, about the mirrored view where it is specular, about the tangent where it is a fibre's. Radiance is
+    in the map's unit. With the maps goes how far they can be off: the RMS of what they leave out, and a bound that
+    nothing exceeds.
 
     Writes OUT/prefilter.json (orders, coefficients, errors), per lobe LOBE-local.exr and LOBE-world.exr (the maps in
     the frame of the mirrored direction and in the world's), LOBE-view-1.exr, ... (the explicit map of each viewer),

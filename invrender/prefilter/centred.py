@@ -139,20 +139,22 @@ class CentredBrdf:
     axis: Literal["normal", "tangent"] = "normal"
 
 
-def specular_lobe(name: str, lobe: Lobe, strength: Floats) -> CentredLobe:
-    """A lobe about the mirrored view, evened: what it reflects over the cosine of the view is its view factor.
+def specular_lobe(name: str, lobes: Sequence[Lobe], strength: Floats) -> CentredLobe:
+    """One lobe about the mirrored view, or three: what they reflect over the cosine of the view is their view factor.
 
     Fresnel's factor rises 25-fold towards grazing views, and lobes over that cosine without bound. Left in the lobe,
     this is nearly all of its energy, and takes orders P of 10 and more; without it 2 to 3 do, as for R02's eq. 5.34.
     """
     cos = np.cos(np.radians(_FACTOR_DEGREES))
-    whole, _ = mirrored_coefficients(lobe, 0, 0, cos, _FACTOR_FINENESS)
-    factor = ViewFactor(cos, np.sqrt(4 * np.pi) * whole[:, 0, 0] / cos)
+    whole = np.mean(
+        [mirrored_coefficients(lobe, 0, 0, cos, _FACTOR_FINENESS)[0][:, 0, 0] for lobe in lobes], axis=0
+    )
+    factor = ViewFactor(cos, np.sqrt(4 * np.pi) * whole / cos)
 
-    def evened(normals: Floats, wi: Floats, wo: Floats) -> Floats:
-        return np.asarray(lobe(normals, wi, wo) / factor((normals * wo).sum(axis=-1)))
+    def evened(lobe: Lobe) -> Lobe:
+        return lambda normals, wi, wo: np.asarray(lobe(normals, wi, wo) / factor((normals * wo).sum(axis=-1)))
 
-    return CentredLobe(name, (evened,), strength, True, factor)
+    return CentredLobe(name, [evened(lobe) for lobe in lobes], strength, True, factor)
 
 
 def lambertian_lobe(name: str, strength: Floats) -> CentredLobe:

@@ -39,7 +39,7 @@ def specular(form, mu, sigma, strength=1.0) -> CentredLobe:
     def lobe(normals, wi, wo):
         return form.reflected(Angles.between(normals, wi, wo), mu, sigma)
 
-    return specular_lobe("specular", lobe, np.broadcast_to(strength, 3))
+    return specular_lobe("specular", (lobe,), np.broadcast_to(strength, 3))
 
 
 def witness(form, mu, sigma) -> Material:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.brdf.form import Angles
+from invrender.brdf.kajiya_kay import kajiya_kay
+from invrender.brdf.lafortune import SKIN
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.phong import mirrored_phong
 from invrender.brdf.rh01 import simplified_microfacet
@@ -20,6 +22,7 @@ from invrender.prefilter.centred import (
     lambertian_lobe,
     specular_lobe,
 )
+from invrender.prefilter.reflectionmap import axial_coefficients
 from invrender.result.reflectance import reflectance
 from invrender.result.saved import RESULT_NAME, nearest, read_result
 from invrender.transport.diffuse_base import interface_transmittance
@@ -85,7 +88,7 @@ def centred_microfacet(brdf: Microfacet, description: str) -> CentredBrdf:
         def lobe(normals: Floats, wi: Floats, wo: Floats) -> Floats:
             return form.reflected(Angles.between(normals, wi, wo), mu, width)
 
-        lobes.append(specular_lobe("specular", lobe, brdf.ks))
+        lobes.append(specular_lobe("specular", (lobe,), brdf.ks))
     if not lobes:
         raise ValueError(f"{description}: Kd and Ks are 0, so that it reflects nothing; give another BRDF")
     return CentredBrdf(description, tuple(lobes))
@@ -143,9 +146,27 @@ def _simplified(sigma: float) -> CentredBrdf:
     return CentredBrdf(f"microfacets of sigma {sigma:g} rad [R02, eq. 5.34]", (lobe,))
 
 
+def _skin(_: float) -> CentredBrdf:
+    diffuse = lambertian_lobe("diffuse", np.array(SKIN.albedo) / np.pi)
+    gloss = specular_lobe("specular", [SKIN.specular(channel) for channel in range(3)], _ALL)
+    return CentredBrdf("skin, Lafortune's lobes [Marschner et al. 1999]", (diffuse, gloss))
+
+
+def _fibre(exponent: float) -> CentredBrdf:
+    """Scaled so that the view that sees most light sees as much as there is: across the fibre."""
+    lobe = kajiya_kay(exponent)
+    whole, _ = axial_coefficients(lobe, 0, 0, [0.0])
+    scaled = CentredLobe("specular", (lobe,), _ALL / (np.sqrt(4 * np.pi) * whole[0, 0, 0]), False)
+    return CentredBrdf(
+        f"Kajiya and Kay's fibres of exponent {exponent:g}, about the tangent", (scaled,), "tangent"
+    )
+
+
 # By name: what its number is, and the BRDF of that.
 NAMED = {
     "lambertian": NamedBrdf("", (0, 0), _lambertian),
     "phong": NamedBrdf("exponent", (0.1, 1e6), _phong),
     "microfacet": NamedBrdf("sigma in radians", (0.001, 1.5), _simplified),
+    "skin": NamedBrdf("", (0, 0), _skin),
+    "kajiya-kay": NamedBrdf("exponent", (0.1, 1e6), _fibre),
 }

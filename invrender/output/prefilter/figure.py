@@ -112,4 +112,4 @@ def _draw_errors(axes: Axes, found: PrefilteredLight) -> None:
     axes.set(
         xlabel=f"angle between view and {what} (degrees)", ylabel="radiance", title="how far they can be off"
     )
-    axes.legend(loc="upper left")
+    axes.legend(loc="best")

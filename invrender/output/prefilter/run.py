@@ -131,8 +131,10 @@ def _report(options: PrefilterOptions, found: PrefilteredLight, warnings: Sequen
         )
     console.print(table)
     both = [_relative(found.bound, which) for which in ("picture_rms", "picture_largest")]
-    said = f"A ball in this light is off by {both[0]:.1%} of its radiance (RMS over pixels and views)"
-    if found.brdf.axis == "normal":
+    ball = found.brdf.axis == "normal"
+    said = "A ball in this light is" if ball else "Fibres in this light are"
+    said += f" off by {both[0]:.1%} of the radiance (RMS over pixels and views)"
+    if ball:
         said += (
             f", up to {_STEEP_DEG} degrees by {_relative(found.bound.up_to(_STEEP_DEG), 'picture_rms'):.1%}"
         )
