@@ -26,6 +26,7 @@ _MARKS = {
     "filtered": ("s", "#1a7f37"),
     "mirror": ("D", "#c2410c"),
     "published": ("x", "#24292f"),
+    "published, direct": ("*", "#24292f"),
     "published, mirror": ("v", "#c2410c"),
     "published, filtered": ("^", "#1a7f37"),
     "published, exact": ("+", "#24292f"),

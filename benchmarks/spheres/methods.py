@@ -21,7 +21,12 @@ from benchmarks.spheres.bench import (
 from capture.files.documents import numbers
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.rh01 import PublishedFactors, published_brdf, published_factors
+from invrender.estimate.rh01 import (
+    PublishedFactors,
+    published_brdf,
+    published_factors,
+    published_factors_direct,
+)
 from invrender.estimate.solution import factorize
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind, predict_blind
 from invrender.transport.columns import photo_columns
@@ -76,15 +81,21 @@ def unknown(transfer: str, ladder: bool) -> Callable[[str, Sequence[LightField]]
     return measure
 
 
-def unknown_as_published(name: str, photos: Sequence[LightField]) -> Entry:
+def unknown_as_published(
+    solve: Callable[..., PublishedFactors],
+) -> Callable[[str, Sequence[LightField]], Entry]:
     """RH01's section 6.3, the light unknown; metals without Fresnel's factor, as in Fig. 11."""
-    begun = time.perf_counter()
-    found = published_factors(photos, fresnel=MATERIALS[name].mu is not None)
-    seconds = time.perf_counter() - begun
-    brdf = Microfacet(1 - found.share, found.share, found.mu, found.sigma)
-    directions = np.zeros((0, 3)) if found.peak is None else found.peak.direction[None]
-    entry = _factored(name, brdf, directions, published_light(found), seconds)
-    return entry | {"view": unseen_ratio(name, found.radiance, False, False)}
+
+    def measure(name: str, photos: Sequence[LightField]) -> Entry:
+        begun = time.perf_counter()
+        found = solve(photos, fresnel=MATERIALS[name].mu is not None)
+        seconds = time.perf_counter() - begun
+        brdf = Microfacet(1 - found.share, found.share, found.mu, found.sigma)
+        directions = np.zeros((0, 3)) if found.peak is None else found.peak.direction[None]
+        entry = _factored(name, brdf, directions, published_light(found), seconds)
+        return entry | {"view": unseen_ratio(name, found.radiance, False, False)}
+
+    return measure
 
 
 def published_light(found: PublishedFactors) -> Floats:
@@ -104,7 +115,8 @@ UNKNOWN: Mapping[str, Callable[[str, Sequence[LightField]], Entry]] = {
     "exact, one model": unknown("exact", ladder=False),
     "filtered": unknown("filtered", ladder=False),
     "mirror": unknown("mirror", ladder=False),
-    "published": unknown_as_published,
+    "published": unknown_as_published(published_factors),
+    "published, direct": unknown_as_published(published_factors_direct),
 }
 
 
