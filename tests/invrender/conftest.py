@@ -41,7 +41,7 @@ from synthetic.shapes.ball import Ball
 from synthetic.staging import Staging
 from synthetic.writer import write_photoset
 
-from .fewforms import few_forms_tried
+from .fewforms import few_forms_tried, no_causes_sought
 
 Floats = np.ndarray
 Command = Callable[..., tuple[int, str, str]]
@@ -101,6 +101,13 @@ def matte_lamp_set(tmp_path: Path) -> Path:
 def few_forms() -> Iterator[None]:
     """The test's fits try few forms of highlights."""
     with few_forms_tried():
+        yield
+
+
+@pytest.fixture
+def no_causes() -> Iterator[None]:
+    """The test's fits seek no causes of what they leave beyond noise."""
+    with no_causes_sought():
         yield
 
 

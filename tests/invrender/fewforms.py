@@ -1,4 +1,4 @@
-"""Fits that try few forms of highlights: each takes seconds, and which of them fits is for tests of forms to say."""
+"""Fits that try few forms of highlights, or seek no causes of misfits: both take seconds and have their own tests."""
 
 from __future__ import annotations
 
@@ -18,4 +18,13 @@ def few_forms_tried(*others: LobeForm) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("invrender.estimate.forms.OTHER_FORMS", others)
         patch.setattr("invrender.estimate.unknown_light.forms.FIRST_FORMS", (RH01_FORM, *others))
+        yield
+
+
+@contextmanager
+def no_causes_sought() -> Iterator[None]:
+    """Fits seek no causes of what they leave beyond noise; those found would only add warnings and widen error bars."""
+    with pytest.MonkeyPatch.context() as patch:
+        for solver in ("known_light", "unknown_light"):
+            patch.setattr(f"invrender.process.{solver}.diagnose", lambda *_: None)
         yield

@@ -186,6 +186,7 @@ def test_what_bounces_is_taken_off_and_the_bias_with_it(
     assert_allclose(read_pixels(seen), shown, rtol=1e-5)
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_without_light_of_known_strength_its_size_is_told(cup: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(cup, tmp_path / "cup"))
     manifest = folder / "photoset.toml"
@@ -298,6 +299,7 @@ GLOSSY_CUP = (
 )
 
 
+@pytest.mark.usefixtures("no_causes")
 def test_in_unknown_light_it_is_taken_off_at_the_albedo_that_explains_most(tmp_path: Path) -> None:
     photoset = load_photoset(write_cup_set(tmp_path, GLOSSY_CUP))
     lab = replace(photoset, lightings=(LightingTable(name=photoset.lightings[0].name, unknown=True),))

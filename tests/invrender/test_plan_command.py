@@ -60,6 +60,12 @@ def tiny(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture
+def few_directions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth as many further views and lamps, where what they would bring isn't asked."""
+    monkeypatch.setattr("invrender.plan.advice._DIRECTIONS", 10)
+
+
 def test_a_plan_says_what_will_be_known_and_what_would_help(plan: Run, tiny: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     code, text, err = plan(tiny, "-o", out, "--samples", 1000)
@@ -99,6 +105,7 @@ def test_a_plan_says_what_will_be_known_and_what_would_help(plan: Run, tiny: Pat
     assert min(picture.shape[:2]) > 500
 
 
+@pytest.mark.usefixtures("few_directions")
 def test_unknown_light_is_told_by_degree_in_a_relative_gauge(plan: Run, tiny: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     code, text, _ = plan(tiny, "-o", out, "--light", "nothing", "--degree", 3, "--samples", 1000)
@@ -119,6 +126,7 @@ def test_unknown_light_is_told_by_degree_in_a_relative_gauge(plan: Run, tiny: Pa
     assert read_staging(tiny).scene.illuminations[0].given == "all"
 
 
+@pytest.mark.usefixtures("few_directions")
 def test_a_plan_without_a_folder_writes_nothing(
     plan: Run, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
