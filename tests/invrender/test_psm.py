@@ -1,4 +1,4 @@
-"""Real photographs: a grey painted sphere under six of twelve lights, their directions read off a chrome ball."""
+"""Real photographs: a grey painted sphere under four of twelve lights, their directions read off a chrome ball."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from .fewforms import few_forms_tried
 SET = Path(__file__).parents[1] / "sets" / "psm"
 
 
-def every_other(text: str) -> str:
-    """A manifest with half of its lamps and of the photographs under them."""
+def every_third(text: str) -> str:
+    """A manifest with every third of its lamps and of the photographs under them."""
     head, *parts = re.split(r"(?m)^(?=\[\[)", text)
-    return "".join([head, *parts[::2]])
+    return "".join([head, *parts[1::3]])
 
 
 @pytest.fixture(scope="module")
 def psm(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     # `data_dir` is what LIGHTFACTOR_DATA names, and the manifest's paths go through that variable.
     folder = tmp_path_factory.mktemp("psm")
-    (folder / "photoset.toml").write_text(every_other((SET / "photoset.toml").read_text()))
+    (folder / "photoset.toml").write_text(every_third((SET / "photoset.toml").read_text()))
     # Of all forms GGX's long tails explain most of what a matte sphere's stains leave.
     with few_forms_tried(GGX_FORM):
         return process(load_photoset(folder), samples=3000)
@@ -113,11 +113,12 @@ def test_the_scale_is_stated_as_a_gauge(psm: Run) -> None:
 @pytest.fixture(scope="module")
 def in_the_dark(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The same photographs, of whose lights nothing is told but that the room is dark."""
-    text = every_other((SET / "photoset.toml").read_text())
+    text = every_third((SET / "photoset.toml").read_text())
     folder = tmp_path_factory.mktemp("psm")
     told_nothing = re.sub(r"mirror_ball = .*\nrecover = .*\n", "unknown = true\ndark = true\n", text)
     (folder / "photoset.toml").write_text(told_nothing)
-    return process(load_photoset(folder), samples=1200)
+    with few_forms_tried():
+        return process(load_photoset(folder), samples=1200)
 
 
 def test_lamps_that_nobody_measured_are_found_on_the_grey_sphere(psm: Run, in_the_dark: Run) -> None:
@@ -127,7 +128,7 @@ def test_lamps_that_nobody_measured_are_found_on_the_grey_sphere(psm: Run, in_th
         between = found.lighting.directions[brightest] @ known.lighting.directions[0]
         angles.append(np.degrees(np.arccos(np.clip(between, -1, 1))))
         strengths.append(found.lighting.irradiances[brightest] / known.lighting.irradiances[0])
-    # As near as shading and highlight agree where the light is known; lamps behind the camera, as two of these six are,
+    # As near as shading and highlight agree where the light is known; lamps behind the camera, as two of these four are,
     # have no terminator. All twelve have a median of 2 degrees.
     assert np.median(angles) < 4.5
     assert max(angles) < 10
