@@ -128,8 +128,8 @@ def test_lamps_that_nobody_measured_are_found_on_the_grey_sphere(psm: Run, in_th
         between = found.lighting.directions[brightest] @ known.lighting.directions[0]
         angles.append(np.degrees(np.arccos(np.clip(between, -1, 1))))
         strengths.append(found.lighting.irradiances[brightest] / known.lighting.irradiances[0])
-    # As near as shading and highlight agree where the light is known; lamps behind the camera, as two of these four are,
-    # have no terminator. All twelve have a median of 2 degrees.
+    # As near as shading and highlight agree where the light is known; lamps behind the camera, as two of these four
+    # are, have no terminator. All twelve have a median of 2 degrees.
     assert np.median(angles) < 4.5
     assert max(angles) < 10
     # Relative strengths are those of the known-light fit, which has the ball's directions: to their stains' 5%.
