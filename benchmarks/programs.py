@@ -25,6 +25,7 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     "harmonics": ("", "1"),
     "prefilter": ("", "1 128"),
     "shrm": ("", "1 0.1"),
+    "brdforders": ("DIR/brdforders.png", "DIR/brdforders.png 34"),
     "rays": ("DIR/rays.png", "DIR/rays.png 0.002"),
     "synth": ("DIR/synth.png", "DIR/synth.png rh01-steel"),
     "decode": ("", "2"),

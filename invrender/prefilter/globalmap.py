@@ -40,7 +40,7 @@ class GlobalReflectionMap:
     def radiance(self, centres: Floats, views: Floats) -> Floats:
         """Radiance (n, c) at directions R (n, 3) seen from (n, 3), all unit; linear between pixels."""
         basis = evaluate_harmonics(views, degree_of(len(self.maps)))
-        return np.einsum("nk,knc->nc", basis, [_interpolated(each, centres) for each in self.maps])
+        return np.einsum("nk,knc->nc", basis, [interpolated(each, centres) for each in self.maps])
 
 
 def global_map(local: ReflectionMap) -> GlobalReflectionMap:
@@ -61,7 +61,7 @@ def global_map(local: ReflectionMap) -> GlobalReflectionMap:
     return GlobalReflectionMap(turned)
 
 
-def _interpolated(values: Singles, directions: Floats) -> Floats:
+def interpolated(values: Singles, directions: Floats) -> Floats:
     """Values (n, c) of a lat-long grid (c, H, 2H) at directions (n, 3), linear between pixel centres."""
     height = values.shape[1]
     # Over the poles comes the row on the other side.

@@ -7,8 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import latlong_directions
+from invrender.brdf.bagher2012 import ShiftedGammaBrdf
 from invrender.brdf.kajiya_kay import kajiya_kay
 from invrender.brdf.lafortune import SKIN, LafortuneBrdf, LafortuneLobe
+from invrender.brdf.low2012 import AbcBrdf
 from invrender.output.prefilter.brdfs import chosen_brdf
 from invrender.prefilter.energy import isotropic_fraction
 from invrender.prefilter.prefiltered import prefilter
@@ -64,6 +66,57 @@ def test_skin_takes_order_4_for_97_percent_of_its_energy():
         assert shares[4] == pytest.approx(0.97, abs=0.005)
         held, total = held + energy * shares, total + energy
     assert held[3] < 0.97 * total < held[4]
+
+
+# Alumina oxide in red, and white paint in blue [Bagher et al. 2012]; blue rubber in red [Low et al. 2012].
+GAMMAS = (
+    ShiftedGammaBrdf(0.316, 0.0086, 0.05, 0.378, 0.03, -0.71, 12.0, 3.3, 6.7e-8, 354.0, 0.527),
+    ShiftedGammaBrdf(0.325, 0.108, 0.538, 0.889, 1.8e-13, -0.367, 3.6, 2.23, 0.028, 7.4, 0.155),
+)
+RUBBER = AbcBrdf(0.035403, 1.295714, 37.265717, 1.565906, 1.448611)
+
+
+@pytest.mark.parametrize("brdf", [*GAMMAS, RUBBER])
+def test_fits_of_measured_brdfs_are_reciprocal_and_end_at_the_horizon(brdf, rng):
+    one, other = rng.normal(size=(2, 40, 3))
+    one, other = (np.abs(v) * [1, 0, 1] + v * [0, 1, 0] for v in (one, other))
+    one, other = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (one, other))
+    assert_allclose(brdf(UP, one, other) / one[:, 2], brdf(UP, other, one) / other[:, 2], rtol=1e-9)
+    assert (brdf(UP, one, other) >= 0).all()
+    assert (brdf(UP, one * [1, 1, -1], other) == 0).all()
+
+
+def test_fits_of_measured_brdfs_are_as_printed_straight_up():
+    """theta_h = theta_d = 0, nothing masked."""
+    for gamma in GAMMAS:
+        density = gamma.kappa * np.exp(-gamma.alpha) / (np.pi * gamma.alpha**gamma.p)
+        assert gamma(UP, UP, UP) == pytest.approx(
+            (gamma.rho_d + gamma.rho_s * (gamma.f0 - gamma.f1) * density) / np.pi
+        )
+    fresnel = (0.448611 / 2.448611) ** 2
+    assert RUBBER(UP, UP, UP) == pytest.approx((0.035403 + fresnel * 1.295714) / np.pi)
+
+
+def test_fits_of_measured_brdfs_are_as_printed_at_60_degrees():
+    """Mirrored: theta_h = 0, theta_d = 60 degrees. Low's half angle at 20 degrees beside."""
+    view, mirrored = polar(np.pi / 3), polar(np.pi / 3, np.pi)
+    gamma = GAMMAS[1]
+    masking = 1 + 2.23 * (1 - np.exp(0.028 * (np.pi / 3 - 0.155) ** 7.4))
+    fresnel = gamma.f0 - gamma.f1 / 2 + (1 - gamma.f0) / 32
+    density = gamma.kappa * np.exp(-gamma.alpha) / (np.pi * gamma.alpha**gamma.p)
+    truth = (0.325 * 0.5 + 0.108 * fresnel * masking**2 * density / 0.5) / np.pi
+    assert gamma(UP, mirrored, view) == pytest.approx(truth)
+    wi, wo = polar(np.radians(50), np.pi), polar(np.radians(10), np.pi)
+    half = np.radians(30)
+    sine = np.sin(np.radians(20)) / 1.448611
+    s, p = (
+        np.sin(np.radians(20) - np.arcsin(sine)) / np.sin(np.radians(20) + np.arcsin(sine)),
+        np.tan(np.radians(20) - np.arcsin(sine)) / np.tan(np.radians(20) + np.arcsin(sine)),
+    )
+    gloss = (s**2 + p**2) / 2 * 1.295714 / (1 + 37.265717 * (1 - np.cos(half))) ** 1.565906
+    masked = min(1, 2 * np.cos(half) * np.cos(np.radians(50)) / np.cos(np.radians(20)))
+    truth = 0.035403 / np.pi * np.cos(np.radians(50)) + gloss * masked / (np.pi * np.cos(np.radians(10)))
+    assert RUBBER(UP, wi, wo) == pytest.approx(truth)
 
 
 def test_fibres_are_brightest_on_their_cone():
