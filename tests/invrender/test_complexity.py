@@ -22,9 +22,9 @@ EXPONENTS = [8, 16, 32, 64, 128, 256, 512]
 RATIOS = [830.6, 333.6, 137.1, 52.6, 21.9, 7.7, 3.3]
 
 
-def order_by_quadrature(lobe, end: float, epsilon: float, l_max: int = 150) -> int:
+def order_by_quadrature(lobe, end: float, epsilon: float, l_max: int = 100) -> int:
     """The least degree up to which Legendre coefficients of a lobe of theta < end hold 1 - epsilon of its energy."""
-    node, weight = leggauss(600)
+    node, weight = leggauss(300)
     z = (1 + np.cos(end)) / 2 + (1 - np.cos(end)) / 2 * node
     weight, values = weight * (1 - np.cos(end)) / 2, lobe(np.arccos(z))
     degrees = np.arange(l_max + 1)

@@ -74,6 +74,7 @@ def test_kautz_and_mccools_texture_is_the_mean_over_azimuths(local: ReflectionMa
         view_angle_texture(local, 1)
 
 
+@pytest.mark.slow
 def test_explicit_maps_lose_more_than_the_terms_they_are_made_of(rng: np.random.Generator):
     """[R02, fig. 5.8 and 5.9]: fibres, whose maps change fast with the view, against the finest reflection maps."""
     light = rng.lognormal(size=(5, 10, 3))

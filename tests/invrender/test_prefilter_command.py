@@ -89,6 +89,7 @@ def test_the_maps_of_a_viewer_are_the_sum_of_the_terms_in_the_world(written: Pat
     assert_allclose(read_pixels(written / lobe["files"]["views"][1]), total * factor[..., None], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_panorama_is_mirrored(light: Path, tmp_path: Path):
     pixels = read_pixels(light)
     write_exr(tmp_path / "panorama.exr", pixels[:, ::-1])

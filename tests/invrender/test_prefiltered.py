@@ -134,7 +134,7 @@ def check_pairs(pairs: int, count: int, parts: int) -> None:
 
 
 def test_errors_of_twenty_random_pairs_of_lobe_and_light_are_within_the_bound():
-    check_pairs(20, 12, 10)
+    check_pairs(20, 8, 10)
 
 
 @pytest.mark.sweep
@@ -286,10 +286,6 @@ LIGHT = np.ones((4, 8, 3))
         ),
         (lambda: prefilter(LIGHT, GLOSS, orders=(-1, 3)), "F is -1; it must be an integer >= 0"),
         (lambda: prefilter(LIGHT, MATTE, rows=0), "rows"),
-        (
-            lambda: prefilter(LIGHT, GLOSS, epsilon=1e-9),
-            "the lobe 'specular' is too narrow for maps: .* allow more error",
-        ),
         (lambda: CentredLobe("pair", (max, max), ALL, True), "there are 2 lobes"),
     ],
 )
