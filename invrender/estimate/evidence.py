@@ -119,12 +119,11 @@ def climb_ladder(
     on_step: Callable[[], None] = lambda: None,
     models: Sequence[Model] = LADDER,
     patches: NDArray[np.int64] | None = None,
-    near: Estimate | None = None,
 ) -> tuple[Candidate, ...]:
     """Fit and cross-validate models, all of the columns' form or without a specular part.
 
-    patches : of the surface, those of all photographs and maybe more; of these alone if None. near : an estimate of one
-    of the models, which saves the search for it. `on_step` is called after each model.
+    patches : of the surface, those of all photographs and maybe more; of these alone if None. `on_step` is called after
+    each model.
     """
     known = patches_of(photos) if patches is None else patches
     parts = _parts(photos, weights, known)
@@ -136,8 +135,7 @@ def climb_ladder(
     subsets = Subsets(by_lighting(chain.from_iterable(left_out)), tuple(left_out))
     candidates = []
     for model in models:
-        start = near if near is not None and near.model == model else None
-        candidates.append(_evaluate(model, len(photos), parts, subsets, len(known), start))
+        candidates.append(_evaluate(model, len(photos), parts, subsets, len(known)))
         on_step()
     return tuple(candidates)
 
@@ -242,15 +240,8 @@ def _parts(photos: Sequence[PhotoColumns], weights: Sequence[Weights], patches: 
     return parts
 
 
-def _evaluate(
-    model: Model,
-    photos: int,
-    parts: Sequence[_Part],
-    subsets: Subsets,
-    patches: int,
-    start: Estimate | None,
-) -> Candidate:
-    full = fit(model, subsets.everything, start)
+def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subsets, patches: int) -> Candidate:
+    full = fit(model, subsets.everything)
     trained = fit_subsets(model, subsets, full, _NEAR_ENOUGH)
     errors, energy = np.empty(photos), np.zeros(patches)
     for part in parts:

@@ -36,8 +36,6 @@ _SAMPLES = 3000
 _FEWEST = 20
 # Variances of the noise by which the cost must fall for a form of more numbers to be tried: three standard deviations.
 _DECISIVE = 9.0
-# Part of a standard deviation to which a form is fitted to compare costs: the square of it, in variances of the noise.
-_ROUGHLY = 0.3
 # Times the least cost up to which facets that hide light and viewer apart are tried beside those that do it together.
 _NEAR = 2.0
 
@@ -84,34 +82,31 @@ def try_forms(
         columns |= columns_of(group, share, elements)
         on_step()
 
-    def fitted(forms: Iterable[LobeForm]) -> dict[LobeForm, Estimate]:
-        return {form: _roughly_fitted(models_of(form)[-1], columns[form], weighed) for form in forms}
+    def costs_of(forms: Iterable[LobeForm]) -> dict[LobeForm, float]:
+        return {form: _cost(models_of(form)[-1], columns[form], weighed) for form in forms}
 
-    found = fitted((RH01_FORM, *OTHER_FORMS))
-    facets = min(single, key=lambda form: found[form].cost)
-    least = min(estimate.cost for estimate in found.values())
-    decisive = least * (1 - _DECISIVE / (3 * sample_count(share)))
-    found |= {form: more for form, more in fitted(richer[facets]).items() if more.cost < decisive}
-    if found[facets].cost < _NEAR * min(estimate.cost for estimate in found.values()):
+    costs = costs_of((RH01_FORM, *OTHER_FORMS))
+    facets = min(single, key=lambda form: costs[form])
+    decisive = min(costs.values()) * (1 - _DECISIVE / (3 * sample_count(share)))
+    costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < decisive}
+    if costs[facets] < _NEAR * min(costs.values()):
         apart = UNCORRELATED[facets]
         columns |= columns_of((apart,), share, elements)
-        found |= fitted((apart,))
-    best = min(found, key=lambda form: found[form].cost)
+        costs |= costs_of((apart,))
+    best = min(costs, key=lambda form: costs[form])
     own = weigh(columns[best], models_of(best)[-1], weighed)[1]
     patches = patches_of(photos)
     return {
         form: FormTrial(
-            climb_ladder(part, own, models=models_of(form), patches=patches, near=found[form]),
-            tuple(part),
-            tuple(own),
+            climb_ladder(part, own, models=models_of(form), patches=patches), tuple(part), tuple(own)
         )
         for form, part in columns.items()
-        if form in found
+        if form in costs
     }
 
 
-def _roughly_fitted(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> Estimate:
-    return fit(model, total_statistics(photos, [w.weight for w in weights]), small=_ROUGHLY)
+def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:
+    return fit(model, total_statistics(photos, [w.weight for w in weights])).cost
 
 
 def together(forms: Sequence[LobeForm]) -> list[tuple[LobeForm, ...]]:
