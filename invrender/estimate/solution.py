@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
-from invrender.brdf.richer import core, share_of_core
+from invrender.brdf.richer import core
 from invrender.estimate.clusters import beyond_chance, structured_rms
 from invrender.estimate.evidence import (
     HOPELESS,
@@ -223,9 +223,8 @@ def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
     if name == "ks":
         return np.array([share])
     if name in ("ks_normalised", "kd_normalised"):
-        whole = there.values[there.report.places["ks_normalised"]]
-        of_core = share_of_core(whole, share)
-        return of_core / whole if name == "ks_normalised" else (1 - of_core) / (1 - whole)
+        rest = 1 - (1 - share) * there.values[there.report.places["ks_normalised"]]
+        return np.asarray((share if name == "ks_normalised" else 1) / rest)
     return np.ones(1)
 
 

@@ -89,7 +89,8 @@ def measured_document(fit: MeasuredFit) -> dict[str, Any]:
     """The lobe that explains a BRDF which others measured, and the evidence for it.
 
     brdf : `model`, and each of its numbers with value, std, status. fit : means over angles of incidence of the errors
-    of the fit and of one without that angle. incidence : the same per angle. models : the ladder.
+    of the fit and of one without that angle. incidence : the same per angle.
+    reflection_map_orders : per lobe F and P, null of one too narrow. models : the ladder.
     """
     solution, form = fit.solution, fit.model.estimate.model
     return {
@@ -117,6 +118,10 @@ def measured_document(fit: MeasuredFit) -> dict[str, Any]:
             }
             for group, error, unseen in zip(fit.groups, fit.errors, fit.unseen_errors, strict=True)
         ],
+        "reflection_map_orders": {
+            name: None if orders is None else dict(zip(("F", "P"), orders, strict=True))
+            for name, orders in fit.orders().items()
+        },
         "models": model_entries(solution.candidates, solution.chosen),
     }
 

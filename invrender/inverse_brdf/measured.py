@@ -26,6 +26,7 @@ from invrender.estimate.evidence import Candidate, relative_rms
 from invrender.estimate.solution import Solution, factorize
 from invrender.inverse_brdf.halfangles import directions
 from invrender.inverse_brdf.table import bin_centres
+from invrender.transport.centred_lobes import centred_microfacet
 from invrender.transport.columns import PhotoColumns, photo_columns
 from invrender.transport.predict import predict_columns
 from invrender.transport.transfer import light_elements
@@ -42,6 +43,8 @@ _LEAST_COS = 0.05
 _SAME_ANGLE, _MOST_ANGLES = np.radians(0.5), 20
 # Fewer samples than that determine no lobe.
 _FEWEST = 50
+# Share of a lobe's energy that its reflection map may leave out.
+ENERGY_LEFT = 0.03
 _SOURCE = np.array([0.0, 0.0, 1.0])
 _LIGHT = Lighting("source", None, _SOURCE[None], np.ones((1, 3)))
 
@@ -86,6 +89,19 @@ class MeasuredFit:
         return np.sqrt(
             np.maximum(self.errors**2 + self.model.photo_errors**2 - np.square(trusted), self.errors**2)
         )
+
+    def orders(self, epsilon: float = ENERGY_LEFT) -> dict[str, tuple[int, int] | None]:
+        """Orders F and P of each lobe's reflection map that hold all but a share of its energy [R02, section 5.5.1].
+
+        None where a lobe is too narrow for maps.
+        """
+        found: dict[str, tuple[int, int] | None] = {}
+        for lobe in centred_microfacet(self.solution.estimate.brdf, self.model.estimate.model.name).lobes:
+            try:
+                found[lobe.name] = lobe.orders(epsilon)
+            except ValueError:
+                found[lobe.name] = None
+        return found
 
     def incidence_deg(self, group: NDArray[np.int64]) -> float:
         """The mean angle of incidence of a group, degrees."""
@@ -139,7 +155,7 @@ def fit_measured(
 
     most : so many samples at most are used, drawn evenly; all if None. Each model is judged by angles of incidence that
     it has not seen. `on_step` is called `explanation.EXPLANATION_STEPS` times at most. Raises ValueError for values
-    that aren't finite and where samples or angles of incidence are too few.
+    that aren't finite or all without light, and where samples or angles of incidence are too few.
     """
     samples = _usable(samples, most)
     groups = _by_incidence(samples)
@@ -178,6 +194,8 @@ def _usable(samples: ReflectanceSamples, most: int | None) -> ReflectanceSamples
         raise ValueError(
             f"{len(used)} samples have light and sensor more than 3 degrees above the surface; a fit takes {_FEWEST}"
         )
+    if not (samples.rgb[used] > 0).any():
+        raise ValueError("no value is positive: the material reflects nothing, or was not measured")
     if most is not None and len(used) > most:
         used = np.sort(np.random.default_rng(0).choice(used, most, replace=False))
     return ReflectanceSamples(samples.wi[used], samples.wo[used], samples.rgb[used])

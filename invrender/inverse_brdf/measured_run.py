@@ -13,7 +13,7 @@ from capture.progress import counted
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.explanation import EXPLANATION_STEPS
 from invrender.inverse_brdf.document import document, measured_document
-from invrender.inverse_brdf.measured import MeasuredFit, fit_measured, read_measured
+from invrender.inverse_brdf.measured import ENERGY_LEFT, MeasuredFit, fit_measured, read_measured
 from invrender.inverse_brdf.measured_figure import measured_figure
 from invrender.inverse_brdf.run import OWN_FILES
 from invrender.wording import with_error
@@ -71,6 +71,14 @@ def _print(name: str, fit: MeasuredFit, available: int) -> None:
     console.print(
         f"{len(fit.samples)} of {available} samples at {len(fit.groups)} angles of incidence. The chosen model misses"
         f" {errors} at an angle that it has not seen.",
+        soft_wrap=True,
+    )
+    orders = ", ".join(
+        f"{name} needs a degree beyond 200" if found is None else f"{name} F = {found[0]}, P = {found[1]}"
+        for name, found in fit.orders().items()
+    )
+    console.print(
+        f"Reflection maps that hold {1 - ENERGY_LEFT:.0%} of each lobe's energy have the orders: {orders}.",
         soft_wrap=True,
     )
     for quantity in fit.solution.quantities.values():

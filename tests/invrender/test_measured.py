@@ -100,6 +100,10 @@ def test_a_real_paint_has_the_index_of_paint(data_dir: Path) -> None:
     assert kd.value is not None
     assert 1.4 < mu.value[0] < 1.6
     assert ks.value == pytest.approx(float(((mu.value[0] - 1) / (mu.value[0] + 1)) ** 2), rel=0.3)
+    # A specular lobe of some degrees takes R02's small orders over views (section 5.6.2).
+    specular = fit.orders()["specular"]
+    assert specular is not None
+    assert specular[1] <= 4 < specular[0]
     # Garnet red.
     assert kd.value[0] > 5 * kd.value[1:].max()
     # RH01's form leaves a third on angles of incidence that it has not seen.
@@ -164,8 +168,12 @@ def test_files_that_hold_no_brdf_are_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_samples_that_are_not_numbers_are_refused() -> None:
+def test_samples_that_are_no_reflectances_are_refused() -> None:
     up = np.tile([0.0, 0.0, 1.0], (60, 1))
+    with pytest.raises(ValueError, match="no value is positive"):
+        fit_measured(ReflectanceSamples(up, up, np.zeros((60, 3))))
+    with pytest.raises(ValueError, match="one angle of incidence"):
+        fit_measured(ReflectanceSamples(up, up, np.ones((60, 3))))
     with pytest.raises(ValueError, match="sample 3 is"):
         fit_measured(
             ReflectanceSamples(up, up, np.where(np.arange(60)[:, None] == 3, np.nan, np.ones((60, 3))))

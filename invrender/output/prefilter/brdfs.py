@@ -9,29 +9,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.form import Angles
 from invrender.brdf.kajiya_kay import kajiya_kay
 from invrender.brdf.lafortune import SKIN
-from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.phong import mirrored_phong
 from invrender.brdf.rh01 import simplified_microfacet
 from invrender.prefilter.centred import (
     CentredBrdf,
     CentredLobe,
-    ViewFactor,
     lambertian_lobe,
     specular_lobe,
 )
 from invrender.prefilter.reflectionmap import axial_coefficients
 from invrender.result.reflectance import reflectance
 from invrender.result.saved import RESULT_NAME, nearest, read_result
-from invrender.transport.diffuse_base import interface_transmittance
+from invrender.transport.centred_lobes import centred_microfacet
 
 Floats = NDArray[np.float64]
 
 _ALL = np.ones(3)
-# Where the transmittance towards the viewer is tabulated.
-_COS = np.linspace(0, 1, 200)
 
 
 @dataclass(frozen=True)
@@ -73,47 +68,12 @@ def chosen_brdf(text: str, assumed: Mapping[str, float]) -> ChosenBrdf:
     return ChosenBrdf(NAMED[name].make(_number(text, number, NAMED[name])))
 
 
-def centred_microfacet(brdf: Microfacet, description: str) -> CentredBrdf:
-    """A fitted BRDF as a diffuse lobe about the normal and a specular one about the mirrored view.
-
-    ValueError where it is black.
-    """
-    form, mu, sigma = brdf.form, brdf.mu, brdf.sigma
-    lobes: list[CentredLobe] = []
-    if brdf.kd.any():
-        lobes.append(_base(brdf))
-    if brdf.ks.any() and sigma is not None:
-        width = sigma
-
-        def lobe(normals: Floats, wi: Floats, wo: Floats) -> Floats:
-            return form.reflected(Angles.between(normals, wi, wo), mu, width)
-
-        lobes.append(specular_lobe("specular", (lobe,), brdf.ks))
-    if not lobes:
-        raise ValueError(f"{description}: Kd and Ks are 0, so that it reflects nothing; give another BRDF")
-    return CentredBrdf(description, tuple(lobes))
-
-
 def _of_result(path: Path, assumed: Mapping[str, float]) -> ChosenBrdf:
     result = read_result(path)
     found = reflectance(result, assumed, result.content.texture is not None)
     notes = tuple(note.replace("picture", "map") for note in found.notes if "--mean" not in note)
     brdf = centred_microfacet(found.brdf, f"{result.content.name} ({result.content.brdf.model})")
     return ChosenBrdf(brdf, result.is_absolute, notes, (result.path,))
-
-
-def _base(brdf: Microfacet) -> CentredLobe:
-    """What is below the lobe. Above a base under an interface or a coat, the share towards the viewer is its factor."""
-    form, mu = brdf.form, brdf.mu
-    if not form.interface and form.coat is None:
-        return lambertian_lobe("diffuse", brdf.kd)
-
-    def base(normals: Floats, wi: Floats, wo: Floats) -> Floats:
-        cos = np.maximum((normals * wi).sum(axis=-1), 0)
-        return cos * interface_transmittance(form, mu, cos)
-
-    factor = ViewFactor(_COS, interface_transmittance(form, mu, _COS))
-    return CentredLobe("diffuse", (base,), brdf.kd, False, factor)
 
 
 def _number(text: str, given: str, named: NamedBrdf) -> float:
