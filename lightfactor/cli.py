@@ -81,7 +81,9 @@ app.command(short_help="Reflection maps of a BRDF under a map of light, with wha
 )
 app.command(short_help="Two results side by side, or a result beside the truth.")(compare)
 app.command(short_help="A result for other programs: glTF, Mitsuba, MaterialX.")(export)
-app.command(short_help="A BRDF without a formula, under known light: harmonics, or a measured table.")(brdf)
+app.command(
+    short_help="A BRDF without a formula, under known light; or the lobe that explains a measured BRDF."
+)(brdf)
 app.command(short_help="Merge a bracket of exposures into one radiance image.")(hdr)
 app.add_typer(calibrate, name="calibrate", short_help="Calibrate cameras, sensors and gantries.")
 app.command(short_help="A calibration board to print, true to scale.")(board)

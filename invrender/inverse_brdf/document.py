@@ -120,7 +120,7 @@ def measured_document(fit: MeasuredFit) -> dict[str, Any]:
         ],
         "reflection_map_orders": {
             name: None if orders is None else dict(zip(("F", "P"), orders, strict=True))
-            for name, orders in fit.orders().items()
+            for name, orders in fit.orders.items()
         },
         "models": model_entries(solution.candidates, solution.chosen),
     }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,8 @@ from invrender.estimate.solution import Solution, factorize
 from invrender.inverse_brdf.halfangles import directions
 from invrender.inverse_brdf.table import bin_centres
 from invrender.transport.centred_lobes import centred_microfacet
-from invrender.transport.columns import PhotoColumns, photo_columns
-from invrender.transport.predict import predict_columns
+from invrender.transport.columns import photo_columns
+from invrender.transport.predict import predict, predict_columns
 from invrender.transport.transfer import light_elements
 from recon.sampling.lightfield import LightField
 
@@ -90,15 +91,16 @@ class MeasuredFit:
             np.maximum(self.errors**2 + self.model.photo_errors**2 - np.square(trusted), self.errors**2)
         )
 
-    def orders(self, epsilon: float = ENERGY_LEFT) -> dict[str, tuple[int, int] | None]:
-        """Orders F and P of each lobe's reflection map that hold all but a share of its energy [R02, section 5.5.1].
+    @cached_property
+    def orders(self) -> dict[str, tuple[int, int] | None]:
+        """Orders F and P of each lobe's reflection map that hold all but `ENERGY_LEFT` of its energy [R02, sec. 5.5.1].
 
         None where a lobe is too narrow for maps.
         """
         found: dict[str, tuple[int, int] | None] = {}
         for lobe in centred_microfacet(self.solution.estimate.brdf, self.model.estimate.model.name).lobes:
             try:
-                found[lobe.name] = lobe.orders(epsilon)
+                found[lobe.name] = lobe.orders(ENERGY_LEFT)
             except ValueError:
                 found[lobe.name] = None
         return found
@@ -168,20 +170,17 @@ def fit_measured(
     solution = factorize(photos, [_LIGHT], on_step)
     predicted = np.empty_like(samples.rgb)
     for group, photo in zip(groups, solution.photos, strict=True):
-        predicted[group] = _radiance(photo, solution.estimate.brdf) / samples.wi[group, 2:]
+        predicted[group] = (
+            predict_columns(photo, solution.estimate.brdf, np.ones((1, 3))) / samples.wi[group, 2:]
+        )
     return MeasuredFit(samples, groups, solution, predicted)
 
 
 def reflectance(brdf: Microfacet, wi: Floats, wo: Floats) -> Floats:
-    """The fitted BRDF (n, 3), 1/sr, at local directions (n, 3) above the surface, by the columns that fits use."""
+    """The fitted BRDF (n, 3), 1/sr, at local directions (n, 3) above the surface."""
     samples = ReflectanceSamples(wi, wo, np.zeros_like(wi))
     field = _as_light_field(samples, np.arange(len(wi)))
-    photo = photo_columns(_LIGHT.name, light_elements(_LIGHT), field, brdf.form)
-    return _radiance(photo, brdf) / wi[:, 2:]
-
-
-def _radiance(photo: PhotoColumns, brdf: Microfacet) -> Floats:
-    return predict_columns(photo, brdf, np.ones((1, 3)))
+    return predict(brdf, light_elements(_LIGHT), np.ones((1, 3)), field) / wi[:, 2:]
 
 
 def _usable(samples: ReflectanceSamples, most: int | None) -> ReflectanceSamples:

@@ -75,7 +75,7 @@ def _print(name: str, fit: MeasuredFit, available: int) -> None:
     )
     orders = ", ".join(
         f"{name} needs a degree beyond 200" if found is None else f"{name} F = {found[0]}, P = {found[1]}"
-        for name, found in fit.orders().items()
+        for name, found in fit.orders.items()
     )
     console.print(
         f"Reflection maps that hold {1 - ENERGY_LEFT:.0%} of each lobe's energy have the orders: {orders}.",

@@ -70,6 +70,10 @@ def solve_known_light_as_published(
     def brdf_of(photos: Sequence[LightField]) -> Microfacet:
         return published_brdf(photos, lightings[names[0]], shadows=geometry.shadows).brdf
 
+    def predictor(photos: Sequence[LightField]) -> Callable[[LightField], Floats]:
+        rest = brdf_of(photos)
+        return lambda field: shown(rest, names[0], field)
+
     def shown(brdf: Microfacet, name: str, field: LightField) -> Floats:
         return predict(brdf, elements[name], np.ones((len(elements[name]), 3)), field, geometry.shadows)
 
@@ -80,7 +84,7 @@ def solve_known_light_as_published(
             photo.label: shown(brdf, photo.lighting, fields[photo.label]) for photo in photoset.photos
         }
         residuals = {label: field.radiance - predicted[label] for label, field in fields.items()}
-        unseen = unseen_errors(seen, lambda rest: _predictor(brdf_of(rest), names[0], shown))
+        unseen = unseen_errors(seen, predictor)
         given = {
             name: scored_lighting(lighting, elements[name], np.ones((len(elements[name]), 3)))
             for name, lighting in lightings.items()
@@ -117,12 +121,6 @@ def solve_known_light_as_published(
         return many.radiance(photo.lighting, np.ones((len(elements[photo.lighting]), 3)), field)
 
     return Run(photoset, geometry, result, fields, residuals, radiance, pictured)
-
-
-def _predictor(
-    brdf: Microfacet, name: str, shown: Callable[[Microfacet, str, LightField], Floats]
-) -> Callable[[LightField], Floats]:
-    return lambda field: shown(brdf, name, field)
 
 
 def unseen_errors(

@@ -101,7 +101,7 @@ def test_a_real_paint_has_the_index_of_paint(data_dir: Path) -> None:
     assert 1.4 < mu.value[0] < 1.6
     assert ks.value == pytest.approx(float(((mu.value[0] - 1) / (mu.value[0] + 1)) ** 2), rel=0.3)
     # A specular lobe of some degrees takes R02's small orders over views (section 5.6.2).
-    specular = fit.orders()["specular"]
+    specular = fit.orders["specular"]
     assert specular is not None
     assert specular[1] <= 4 < specular[0]
     # Garnet red.

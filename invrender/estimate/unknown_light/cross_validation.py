@@ -7,7 +7,7 @@ lighting and, a step away from the optimum, as good as exact for the rest.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -67,27 +67,27 @@ class BlindCandidate:
 def simplest(candidates: Sequence[BlindCandidate]) -> int:
     """The index of the candidate with fewest parameters whose error is within one standard error of the best one's.
 
-    One whose lobe has numbers of its own is only taken where `needs_richer` says so of those without.
+    One whose lobe has numbers of its own is only taken where it is needed (`needed`).
     """
-    plain = [index for index, own in enumerate(candidates) if not own.fit.state.form.numbers]
-    chosen = plain[
-        selection.simplest(
-            [candidates[index].deviance for index in plain], [candidates[index].parameters for index in plain]
-        )
-    ]
-    richer = set(range(len(candidates))) - set(plain)
-    for index in sorted(richer, key=lambda index: candidates[index].parameters):
-        chosen = index if needs_richer(candidates[chosen], candidates[index]) else chosen
-    return chosen
+    plain = [candidate for candidate in candidates if not candidate.fit.state.form.numbers]
+    place = selection.simplest([own.deviance for own in plain], [own.parameters for own in plain])
+    richer = [candidate for candidate in candidates if candidate.fit.state.form.numbers]
+    return list(candidates).index(needed(plain[place], richer))
 
 
-def needs_richer(simpler: BlindCandidate, richer: BlindCandidate) -> bool:
-    """Whether photographs speak clearly enough for a lobe with more numbers: of several, one is a little better by
-    chance."""
-    return not (
-        as_good(simpler, richer, CLEARLY_WORSE)
-        or selection.as_good(simpler.deviance, richer.deviance, paired=False)
-    )
+def needed(simple: BlindCandidate, richer: Iterable[BlindCandidate]) -> BlindCandidate:
+    """The simple candidate, or of those whose lobes have more numbers the one that photographs speak clearly for.
+
+    Of several, one is a little better by chance. It must be better by one standard error of its own mean, and by three
+    of the paired difference.
+    """
+    for candidate in sorted(richer, key=lambda candidate: candidate.parameters):
+        if not (
+            as_good(simple, candidate, CLEARLY_WORSE)
+            or selection.as_good(simple.deviance, candidate.deviance, paired=False)
+        ):
+            simple = candidate
+    return simple
 
 
 def as_good(candidate: BlindCandidate, best: BlindCandidate, errors: float = 1.0) -> bool:

@@ -17,7 +17,7 @@ from invrender.estimate.unknown_light.cross_validation import (
     BlindCandidate,
     as_good,
     cross_validate,
-    needs_richer,
+    needed,
 )
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_count import brightest_each, is_endless
@@ -98,12 +98,8 @@ def _simplest(candidates: Mapping[LobeForm, BlindCandidate]) -> LobeForm:
     chosen = RH01_FORM if as_good(candidates[RH01_FORM], candidates[best]) else best
     for apart in set(candidates) & set(UNCORRELATED.values()):
         chosen = chosen if as_good(candidates[chosen], candidates[apart]) else apart
-    richer = sorted(
-        (form for form in candidates if form.numbers), key=lambda form: candidates[form].parameters
-    )
-    for form in richer:
-        chosen = form if needs_richer(candidates[chosen], candidates[form]) else chosen
-    return chosen
+    taken = needed(candidates[chosen], (candidate for form, candidate in candidates.items() if form.numbers))
+    return next(form for form, candidate in candidates.items() if candidate is taken)
 
 
 def _deviance(candidate: BlindCandidate) -> float:
