@@ -121,10 +121,7 @@ def _of_photo(field: LightField, source: Source, centre: Floats, closeness: floa
     cos_incident = np.maximum((field.normals * incident).sum(axis=1), 0)
     # Across a grazing pixel light and view turn; the surface receives the mean, and radiance goes with 1 / cos theta_o.
     rays = np.column_stack([cos_incident, 1 / cos_exitant, angles.theta_h])
-    counts = np.bincount(field.ray_sample, minlength=len(field))
-    shares = 1 / counts[field.ray_sample]
-    ends = np.concatenate([[0], np.cumsum(counts)])
-    means = csr_array((shares, np.arange(len(shares)), ends), shape=(len(field), len(shares)))
+    means = field.means
     return LitSamples(
         angles=HalfAngles(*(means @ angle for angle in angles)),
         radiance=field.radiance,

@@ -46,15 +46,11 @@ class Reflections:
         if shadows is not None:
             diffuse = diffuse - shadows.hidden_rows(field, degree)
             weights = weights * field.reflected_visible[:, None]
-        counts = np.bincount(field.ray_sample, minlength=len(field))
-        rays = np.arange(len(field.ray_sample))
-        mean = csr_array(
-            (1 / counts[field.ray_sample], (field.ray_sample, rays)), shape=(len(field), len(rays))
-        )
+        rays = len(field.ray_sample)
         lookup = csr_array(
-            (weights.ravel(), (np.repeat(rays, 4), nodes.ravel())), shape=(len(rays), 2 * height**2)
+            (weights.ravel(), (np.repeat(np.arange(rays), 4), nodes.ravel())), shape=(rays, 2 * height**2)
         )
-        return Reflections(field, shadows, np.asarray(diffuse, float), mean @ lookup)
+        return Reflections(field, shadows, np.asarray(diffuse, float), field.means @ lookup)
 
     @property
     def mirrored_harmonics(self) -> Floats:
