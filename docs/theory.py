@@ -1,4 +1,4 @@
-"""The figures of the theory's pages, docs/theory-*.png: transfer functions, and what they do to light.
+"""The figures of the theory's pages, docs/theory-*.png: what reflection does to light.
 
 python docs/theory.py [FOLDER]
 """
@@ -13,97 +13,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.special import eval_legendre
 
 from capture.lighting import latlong_directions
 from capture.srgb import linear_to_srgb
-from invrender.prefilter.energy import energy_fraction, power_per_degree, symmetric_power
+from invrender.prefilter.energy import power_per_degree
 from invrender.theory.convolution import filtered
 from invrender.theory.flatland import fourier_coefficients, reflect, synthesise, transfer_at
-from invrender.theory.specialcases import (
-    microfacet_gaussian,
-    microfacet_transfer,
-    phong_gaussian,
-    phong_transfer,
-)
+from invrender.theory.specialcases import microfacet_gaussian
 from recon.harmonics.basis import clamped_cosine_transfer
 from recon.harmonics.latlong import analyse_latlong, highest_degree, synthesise_latlong
 
 Floats = NDArray[np.float64]
 
-# Okabe and Ito's colours, told apart by all eyes, and marks that tell without colour.
+# Okabe and Ito's colours, told apart by all eyes.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7"]
-MARKS = ["o", "s", "^", "D"]
 GREY = "#666666"
-
-
-def lambertian() -> Figure:
-    """The clamped cosine, its sums of degrees, and its coefficients [RH01, fig. 4]."""
-    figure = Figure(figsize=(10, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    theta = np.linspace(0, np.pi, 400)
-    left.plot(np.degrees(theta), np.cos(theta).clip(0), color="#BBBBBB", linewidth=5, label="max(cos θ, 0)")
-    l = np.arange(11)
-    transfer = clamped_cosine_transfer(10)
-    # max(cos, 0) = sum (2 l + 1) / 4 pi A_l P_l(cos).
-    terms = ((2 * l + 1) / (4 * np.pi) * transfer)[:, None] * eval_legendre(l[:, None], np.cos(theta))
-    for degree, colour, style in zip((0, 1, 2, 4), COLOURS, ("--", "-.", "-", ":"), strict=True):
-        label = f"l ≤ {degree}" if degree else "l = 0"
-        left.plot(np.degrees(theta), terms[: degree + 1].sum(axis=0), style, color=colour, label=label)
-    left.set(xlabel="angle from the normal θ [degrees]", ylabel="transfer function", xticks=range(0, 181, 30))
-    left.set_title("The clamped cosine and its first degrees")
-    left.legend()
-
-    right.axhline(0, color=GREY, linewidth=0.8)
-    right.plot(l, transfer, "-o", color=COLOURS[0], label="$A_l$ [sr]")
-    right.set(xlabel="degree l", ylabel="$A_l$ [sr]", ylim=(-0.5, 3.6), xticks=range(11))
-    right.set_title("Its coefficients, and the energy they hold")
-    shares = right.twinx()
-    fraction = energy_fraction(symmetric_power(transfer), 2 * np.pi / 3)
-    shares.plot(l, 100 * fraction, "--s", color=COLOURS[1], label="energy in degrees up to l [%]")
-    shares.set(ylabel="energy in degrees up to l [%]", ylim=(0, 110))
-    shares.annotate(f"{fraction[2]:.2%}", (2, 100 * fraction[2]), (2.4, 84), arrowprops={"arrowstyle": "-"})
-    lines = [*right.get_lines()[1:], *shares.get_lines()]
-    right.legend(lines, [str(line.get_label()) for line in lines], loc="center right")
-    return figure
-
-
-def phong() -> Figure:
-    """Transfer of Phong's lobe, exact and approximate [RH01, fig. 5]."""
-    figure = Figure(figsize=(7, 4.2), layout="constrained")
-    axes = figure.subplots()
-    for shininess, colour, mark in zip((8, 32, 128, 512), COLOURS, MARKS, strict=True):
-        # The Gaussian between the degrees, too: ten times as wide, at every tenth of a degree.
-        axes.plot(np.arange(401) / 10, phong_gaussian(100 * shininess, 400), color=colour)
-        exact = phong_transfer(shininess, 40)
-        axes.plot(exact, mark, color=colour, markersize=4, label=f"s = {shininess}")
-    axes.axhline(0, color=GREY, linewidth=0.8)
-    axes.plot([], [], color="black", label="exp(−l² / 2s)")
-    axes.set(xlabel="degree l", ylabel="$Λ_l\\hat{ρ}_l$", xlim=(-0.5, 40.5))
-    axes.set_title("Phong's lobe as a filter: exact (marks) and RH01 eq. 19 (lines)")
-    axes.legend()
-    return figure
-
-
-def microfacet() -> Figure:
-    """Transfer of the microfacet lobe at normal exitance against eq. 20, and its error."""
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    l = np.arange(51)
-    for sigma, colour, mark in zip((0.05, 0.1, 0.2, 0.4), COLOURS, MARKS, strict=True):
-        exact, gaussian = microfacet_transfer(sigma, 50), microfacet_gaussian(sigma, 50)
-        left.plot(np.arange(501) / 10, microfacet_gaussian(sigma / 10, 500), color=colour)
-        left.plot(l, exact, mark, color=colour, markersize=4, label=f"σ = {sigma} rad")
-        right.plot(sigma * l, gaussian - exact, f"-{mark}", color=colour, markersize=4)
-    left.plot([], [], color="black", label="exp(−(σl)²)")
-    left.set(xlabel="degree l", ylabel="$Λ_l\\hat{ρ}_l$")
-    left.set_title("The lobe as a filter: exact (marks), RH01 eq. 20 (lines)")
-    left.legend()
-    right.set(xlabel="σ l  [rad]", ylabel="eq. 20 − exact", xlim=(-0.1, 2.6))
-    right.set_title("By how much RH01 eq. 20 is too large")
-    for axes in (left, right):
-        axes.axhline(0, color=GREY, linewidth=0.8)
-    return figure
 
 
 def sky(height: int) -> Floats:
@@ -216,9 +140,6 @@ def reflected_in_flatland(
 
 
 FIGURES = {
-    "lambertian": lambertian,
-    "phong": phong,
-    "microfacet": microfacet,
     "convolution": convolution,
     "flatland": flatland,
 }

@@ -1,0 +1,36 @@
+"""All numbered figures and tables of RH01 and of R02, chapters 2 and 5, and equations that don't hold as printed."""
+
+from __future__ import annotations
+
+from benchmarks.papers import filters
+from benchmarks.papers.entry import Entry
+
+PAPERS = {
+    "rh01-fig": "RH01, figures",
+    "r02-fig2": "R02, chapter 2, figures",
+    "r02-fig5": "R02, chapter 5, figures",
+    "r02-table": "R02, chapter 5, tables",
+    "rh01-eq": "RH01, equations that don't hold as printed",
+    "r02-eq": "R02, equations that don't hold as printed",
+}
+
+_ENTRIES = (
+    Entry("rh01-fig2", "notation", reason="a list of symbols: [glossary.md](../glossary.md)"),
+    Entry(
+        "rh01-fig3", "a surface's frame, rotated", reason="a diagram: [theory.md](../theory.md), section 1"
+    ),
+    Entry("rh01-fig4", "the clamped cosine and its coefficients", filters.clamped_cosine),
+    Entry("rh01-fig5", "Phong's coefficients", filters.phong_lobe),
+    Entry("r02-fig2.1", "reflection in flatland", reason="a diagram: [theory.md](../theory.md), section 2"),
+    Entry(
+        "r02-fig2.2",
+        "the rotations of a surface's frame",
+        reason="a diagram: [conventions.md](../conventions.md)",
+    ),
+    Entry("r02-fig5.2", "the steps of prefiltering", reason="a diagram: `invrender/prefilter`"),
+    Entry("r02-fig5.3", "the idea of reflection maps", reason="a diagram: [commands.md](../commands.md)"),
+    Entry("r02-table5.1", "notation", reason="a list of symbols: [glossary.md](../glossary.md)"),
+    Entry("rh01-eq19", "Phong's lobe as a Gaussian", filters.equation_19),
+    Entry("rh01-eq20", "the microfacet lobe as a Gaussian", filters.equation_20),
+)
+ENTRIES = {entry.name: entry for entry in _ENTRIES}
