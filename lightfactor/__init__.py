@@ -22,11 +22,13 @@ if TYPE_CHECKING:
     from capture.sensor.noiserecovery import recover_noise as calibrate_noise
     from lightfactor.actions import compare, export, plan, save_picture, synth
     from lightfactor.fit import Fit
+    from lightfactor.measured import MeasuredBrdf, fit_brdf
     from lightfactor.runs import load_photoset, process, read_fit
 
 # Loaded at first use, so that importing one part does not wait for all libraries.
 _HOME = {
     "Fit": ("lightfactor.fit", "Fit"),
+    "MeasuredBrdf": ("lightfactor.measured", "MeasuredBrdf"),
     "calibrate_camera": ("capture.lens.intrinsics", "calibrate_camera"),
     "calibrate_flatfield": ("capture.sensor.flatrecovery", "recover_flat_field"),
     "calibrate_gantry": ("capture.arc.gantrycalibration", "calibrate_gantry"),
@@ -34,6 +36,7 @@ _HOME = {
     "calibrate_response": ("capture.bracket.responserecovery", "recover_response"),
     "compare": ("lightfactor.actions", "compare"),
     "export": ("lightfactor.actions", "export"),
+    "fit_brdf": ("lightfactor.measured", "fit_brdf"),
     "load_photoset": ("lightfactor.runs", "load_photoset"),
     "merge_hdr": ("capture.bracket.hdrfiles", "merge_hdr"),
     "plan": ("lightfactor.actions", "plan"),
@@ -44,6 +47,7 @@ _HOME = {
 }
 __all__ = [
     "Fit",
+    "MeasuredBrdf",
     "calibrate_camera",
     "calibrate_flatfield",
     "calibrate_gantry",
@@ -51,6 +55,7 @@ __all__ = [
     "calibrate_response",
     "compare",
     "export",
+    "fit_brdf",
     "load_photoset",
     "merge_hdr",
     "plan",

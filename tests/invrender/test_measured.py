@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import lightfactor as lf
 from capture.reflectance.samples import ReflectanceSamples
 from invrender.brdf.lobes import GGX_FORM
 from invrender.inverse_brdf.halfangles import directions, half_angles
@@ -132,6 +133,16 @@ def test_our_own_table_is_read_and_the_result_written(
     assert found["brdf"]["mu"]["value"] == pytest.approx(MU, rel=0.02)
     assert sum(each["samples"] for each in found["incidence"]) == 1500
     assert (tmp_path / "out" / "brdf.png").stat().st_size > 20_000
+    # The same from Python.
+    with few_forms_tried(GGX_FORM):
+        fit = lf.fit_brdf(path, samples=1500)
+    assert fit.numbers["mu"].value == found["brdf"]["mu"]["value"]
+    assert fit.unseen_error == found["fit"]["cross_validated_rms_relative"]
+    assert_allclose(fit.reflectance(UP, UP), PAINT.evaluate(UP, UP[None], UP[None]), rtol=0.03)
+    with pytest.raises(ValueError, match="must lie above the surface"):
+        fit.reflectance(UP, -UP)
+    with pytest.raises(ValueError, match="there is no such file"):
+        lf.fit_brdf(tmp_path / "none.brdf")
 
 
 @pytest.mark.parametrize(
