@@ -34,6 +34,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from benchmarks.smallscene import small_scene
 from capture.files.documents import numbers, write_json
 from capture.files.imagefile import read_exr_layers, read_pixels
 
@@ -42,7 +43,6 @@ Value = str | int | float | bool | None
 _ROOT = Path(__file__).parents[1]
 _PROGRAM = shlex.join([sys.executable, "-c", "from lightfactor.cli import main; main()"])
 _RUNS = Path(__file__).with_suffix(".toml")
-_INTEGRATION = "\n[render]\ndirections = 256\nper_side = 2\n"
 # Timings, versions and hashes.
 _PASSING = {"timing_s", "software", "generator", "inputs", "made_from"}
 
@@ -61,10 +61,8 @@ def keep(out: Path, program: str, runs: Mapping[str, Any]) -> None:
             shown = _run(program, folder, ["synth", name, "--show"])
             if shown.returncode:
                 raise RuntimeError(f"{program} synth {name} --show: {shown.stderr.strip()}")
-            scene = shown.stdout
-            for key, value in run["scene"].items():
-                scene = re.sub(rf"^{key} = .*$", f"{key} = {value}", scene, flags=re.MULTILINE)
-            (folder / "scene.toml").write_text(scene + _INTEGRATION, encoding="utf-8")
+            scene = small_scene(shown.stdout, run["scene"])
+            (folder / "scene.toml").write_text(scene, encoding="utf-8")
             for line in run["lines"]:
                 kept |= _kept(program, folder, line.split())
     write_json(out, dict(sorted(kept.items())))

@@ -41,7 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "figures", nargs="*", metavar="FIGURE", help="names as in the index; all if left out"
     )
     options.add_argument("--list", action="store_true", help="list the names, and end")
-    options.add_argument("--quick", action="store_true", help="coarse versions, to see whether all works")
+    options.add_argument(
+        "--quick", action="store_true", help="coarse versions, of those figures that have one"
+    )
     options.add_argument(
         "--out", type=Path, help="folder of pictures and index (docs/papers; build/papers if quick)"
     )
@@ -67,7 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     data = os.environ.get("LIGHTFACTOR_DATA")
     place = Workplace(out, chosen.sets, Path(data) if data else None, chosen.quick)
     kept = Kept(out / "papers.json", {"quick": chosen.quick})
-    failed = [name for name in chosen.figures or drawn if not _draw(name, place, kept)]
+    names = chosen.figures or [name for name, entry in drawn.items() if entry.coarse or not chosen.quick]
+    failed = [name for name in names if not _draw(name, place, kept)]
     print(f"written: {out / 'README.md'}")
     if failed:
         sys.exit(f"failed: {', '.join(failed)}")

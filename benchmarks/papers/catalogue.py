@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.papers import filters
+from benchmarks.papers import brdf, cat, doll, filters, light, spheres
 from benchmarks.papers.entry import Entry
 
 PAPERS = {
@@ -15,12 +15,23 @@ PAPERS = {
 }
 
 _ENTRIES = (
+    Entry("rh01-fig1", "a cat, photographed and rendered", cat.new_light, coarse=False),
     Entry("rh01-fig2", "notation", reason="a list of symbols: [glossary.md](../glossary.md)"),
     Entry(
         "rh01-fig3", "a surface's frame, rotated", reason="a diagram: [theory.md](../theory.md), section 1"
     ),
     Entry("rh01-fig4", "the clamped cosine and its coefficients", filters.clamped_cosine),
     Entry("rh01-fig5", "Phong's coefficients", filters.phong_lobe),
+    Entry("rh01-fig6", "a BRDF in spherical harmonics, and its ringing", brdf.slices),
+    Entry("rh01-fig7", "a BRDF under complex light beside a measured one", brdf.parameters),
+    Entry("rh01-fig8", "the dual representation of light", light.dual_steps),
+    Entry("rh01-fig9", "ways of recovering light", light.methods),
+    Entry("rh01-fig10", "sigma from a source in recovered light", spheres.source_width),
+    Entry("rh01-fig11", "BRDFs of six spheres, in known and unknown light", spheres.parameters),
+    Entry("rh01-fig12", "six spheres rendered, and the light that they tell", spheres.renderings),
+    Entry("rh01-fig13", "a cat in known and unknown light, rendered", cat.pictures, coarse=False),
+    Entry("rh01-fig14", "a cat's BRDF and its light", cat.parameters, coarse=False),
+    Entry("rh01-fig15", "a textured BRDF under complex light", doll.texture, coarse=False),
     Entry("r02-fig2.1", "reflection in flatland", reason="a diagram: [theory.md](../theory.md), section 2"),
     Entry(
         "r02-fig2.2",

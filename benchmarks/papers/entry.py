@@ -56,10 +56,12 @@ class Entry:
     """A figure or table of a paper.
 
     name : as the command takes it, `rh01-fig4` or `r02-table5.4`. shows : what it shows, in a few words. draw : draws
-    it; None of one that has nothing to compute. reason : why it has nothing, and where its matter is found.
+    it; None of one that has nothing to compute. reason : why it has nothing, and where its matter is found. coarse :
+    whether it has a coarse version; meshes take minutes in any case.
     """
 
     name: str
     shows: str
     draw: Callable[[Workplace], Outcome] | None = None
     reason: str = ""
+    coarse: bool = True
