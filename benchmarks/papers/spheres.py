@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from benchmarks.atlas.stage import SPHERE, lit
@@ -28,6 +27,7 @@ from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
 from recon.harmonics.basis import to_degree
 from recon.harmonics.complex import project_sources
+from recon.harmonics.latlong import map_coefficients
 from recon.mesh.bodies import SphereBody, body_pixels
 from recon.sampling.draw import NO_SOURCES, samples_at
 from recon.sampling.lightfield import LightField
@@ -93,12 +93,9 @@ def source_width(place: Workplace) -> Outcome:
         white_level(factors.light),
         f"light recovered from the {name} sphere, section 6.3",
     )
-    rows, columns = np.nonzero(peak.region)
     step = 180 / len(factors.light)
-    corner, size = (columns.min() * step, rows.min() * step), (np.ptp(columns) + 1, np.ptp(rows) + 1)
-    axes.add_patch(
-        Rectangle(corner, size[0] * step, size[1] * step, fill=False, edgecolor="red", linewidth=1.5)
-    )
+    theta, phi = ((np.arange(count) + 0.5) * step for count in peak.region.shape)
+    axes.contour(phi, theta, peak.region, levels=[0.5], colors="red")
     return Outcome(
         "L_cen 1.0, L_tot 0.14, so σ = 0.11",
         f"L_cen 1.0, L_tot {total / centre:.3f}, so σ = {peak.sigma:.3f} (truth {truth})",
@@ -150,14 +147,16 @@ def renderings(place: Workplace) -> Outcome:
             off.setdefault(title, []).append(rms)
             shown = f"{name}: photograph" if row == 0 else f"{title}: {rms:.1%}"
             draw_picture(grid[row, column], shown, _on_pixels(field, radiance, shape), white)
-        for row, (title, light) in enumerate(_lights(found).items(), start=4):
-            draw_map(grid[row, column], light, white_level(light), title)
+        lights = _lights(found)
+        brightest = white_level(next(iter(lights.values())))
+        for row, (title, light) in enumerate(lights.items(), start=4):
+            draw_map(grid[row, column], light, brightest, title)
     _, known, unknown, published = (max(values) for values in off.values())
     return Outcome(
         "renderings off by 5% to 10% (RMS)",
         f"off by up to {known:.1%} (known light), {unknown:.1%} (unknown), {published:.1%} (unknown, RH01's method)",
         "The view is between the photographs that were fitted; of its radiance 1% is noise. In unknown light a picture"
-        " goes by the light that was found with the BRDF. Each light is drawn to its own white.",
+        " goes by the light that was found with the BRDF. Its scale per channel is free; here it is the true light's.",
         place.save(figure, "rh01-fig12"),
     )
 
@@ -205,15 +204,22 @@ def _pictures(found: _Found, field: LightField) -> dict[str, Floats]:
 
 
 def _lights(found: _Found) -> dict[str, Floats]:
-    """The light, in truth and as found, as the lobe blurs it."""
+    """The light, in truth and as found, as the lobe blurs it; each channel scaled to the truth's mean."""
     brdf, light = found.ours[0], found.ours[1].light
     smooth = to_degree(light.coefficients, _DEGREE)
     sharp = project_sources(light.sources.directions, light.sources.irradiances, _DEGREE)
+    truth = blurred_map(true_light(LIGHT).coefficients, brdf)
     return {
-        f"true light, blurred by σ = {brdf.sigma:.2f}": blurred_map(true_light(LIGHT).coefficients, brdf),
-        "light, default": blurred_map(smooth + sharp, brdf),
-        "light, RH01's method": found.published[1].light,
+        f"true light, blurred by σ = {brdf.sigma:.2f}": truth,
+        "light, default": _scaled(blurred_map(smooth + sharp, brdf), truth),
+        "light, RH01's method": _scaled(found.published[1].light, truth),
     }
+
+
+def _scaled(light: Floats, truth: Floats) -> Floats:
+    """A map (H, 2H, 3), each channel with the mean of another of any height."""
+    means = [map_coefficients(one, 0)[0] for one in (light, truth)]
+    return np.asarray(light * (means[1] / means[0]))
 
 
 def _on_pixels(field: LightField, radiance: Floats, shape: tuple[int, int]) -> Floats:
