@@ -73,7 +73,7 @@ def new_light(place: Workplace) -> Outcome:
 
 def pictures(place: Workplace) -> Outcome:
     """Fig. 13: one of the photographs, and a new view, rendered by what known and unknown light tell."""
-    figure = Figure(figsize=(16, 6.4), layout="constrained")
+    figure = Figure(figsize=(11, 7), layout="constrained")
     grid = figure.subplots(2, 1 + len(_KINDS))
     off = {}
     for column, (kind, title) in enumerate(_KINDS.items(), start=1):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.papers import brdf, cat, doll, filters, light, spheres
+from benchmarks.papers import brdf, cat, doll, filters, gradients, light, spheres
 from benchmarks.papers.entry import Entry
 
 PAPERS = {
@@ -10,6 +10,7 @@ PAPERS = {
     "r02-fig2": "R02, chapter 2, figures",
     "r02-fig5": "R02, chapter 5, figures",
     "r02-table": "R02, chapter 5, tables",
+    "rmb07-fig": "RMB07, figures of section 4",
     "rh01-eq": "RH01, equations that don't hold as printed",
     "r02-eq": "R02, equations that don't hold as printed",
 }
@@ -41,6 +42,9 @@ _ENTRIES = (
     Entry("r02-fig5.2", "the steps of prefiltering", reason="a diagram: `invrender/prefilter`"),
     Entry("r02-fig5.3", "the idea of reflection maps", reason="a diagram: [commands.md](../commands.md)"),
     Entry("r02-table5.1", "notation", reason="a list of symbols: [glossary.md](../glossary.md)"),
+    Entry("rmb07-fig3", "gradients after each step of shading", gradients.steps),
+    Entry("rmb07-fig4", "the sizes of the terms in common situations", gradients.situations),
+    Entry("rmb07-fig5", "the terms in a scene under a near lamp", gradients.scene),
     Entry("rh01-eq19", "Phong's lobe as a Gaussian", filters.equation_19),
     Entry("rh01-eq20", "the microfacet lobe as a Gaussian", filters.equation_20),
 )

@@ -1,0 +1,1 @@
+"""How light, geometry and material make the gradients of a reflected light field [RMB07]."""
