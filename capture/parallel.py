@@ -14,8 +14,6 @@ from threadpoolctl import threadpool_limits
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_OPENMP = "OMP_NUM_THREADS"
-
 
 def cores() -> int:
     """How many threads share the work."""
@@ -55,21 +53,3 @@ def one_blas_thread() -> Iterator[None]:
     """
     with threadpool_limits(limits=1, user_api="blas"):
         yield
-
-
-@contextmanager
-def one_openmp_thread() -> Iterator[None]:
-    """Load libraries that spread work over OpenMP's threads so that they use one each, since we spread it ourselves.
-
-    What is linked into a library reads the environment when it is loaded, and listens to nobody later. Beside other
-    work on the same cores, harmonics of a hundred directions took a hundred times as long with two threads.
-    """
-    before = os.environ.get(_OPENMP)
-    os.environ[_OPENMP] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[_OPENMP]
-        else:
-            os.environ[_OPENMP] = before

@@ -11,8 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 import sphericart
 from numpy.typing import ArrayLike, NDArray
-
-from capture.parallel import one_openmp_thread
+from threadpoolctl import ThreadpoolController
 
 Floats = NDArray[np.float64]
 Array = TypeVar("Array", bound=NDArray[Any])
@@ -22,9 +21,9 @@ _UNIT = 1e-5
 # sphericart's factors overflow a little above.
 _HIGHEST = 140
 
-# sphericart loads its library with the first of these.
-with one_openmp_thread():
-    sphericart.SphericalHarmonics(0)
+# Loads sphericart's library, and OpenMP's with it unless another library has.
+sphericart.SphericalHarmonics(0)
+_OPENMP = ThreadpoolController().select(user_api="openmp")
 
 
 def evaluate_harmonics(directions: ArrayLike, l_max: int) -> Floats:
@@ -40,7 +39,10 @@ def evaluate_harmonics(directions: ArrayLike, l_max: int) -> Floats:
         )
     directions = np.ascontiguousarray(np.asarray(directions, float).reshape(-1, 3))
     check_unit(directions)
-    return np.asarray(sphericart.SphericalHarmonics(l_max).compute(directions))
+    # We spread the work ourselves. Two threads of OpenMP that share cores with other work wait for each other:
+    # harmonics of a hundred directions then take up to a hundred times as long.
+    with _OPENMP.limit(limits=1):
+        return np.asarray(sphericart.SphericalHarmonics(l_max).compute(directions))
 
 
 def check_degree(l_max: int, name: str = "l_max") -> None:

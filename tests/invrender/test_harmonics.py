@@ -8,9 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import sphericart
 from numpy.testing import assert_allclose
+from threadpoolctl import threadpool_limits
 
 from capture.lighting import latlong_directions, latlong_solid_angles
+from recon.harmonics import basis
 from recon.harmonics.basis import degrees, evaluate_harmonics, orders, to_degree
 from recon.harmonics.complex import evaluate_complex, project_sources, to_complex, to_real
 from recon.harmonics.latlong import project_latlong
@@ -45,6 +48,20 @@ def test_complex_harmonics_are_scipys(rng):
     scattered = rng.normal(size=(100, 3))
     directions = np.concatenate([AXES, scattered / np.linalg.norm(scattered, axis=1, keepdims=True)])
     assert_allclose(evaluate_complex(directions, 12), scipy_complex(directions, 12), atol=1e-13)
+
+
+def test_harmonics_take_one_thread_whoever_loaded_openmp(monkeypatch):
+    threads = []
+
+    class Watched(sphericart.SphericalHarmonics):
+        def compute(self, directions):
+            threads.extend(pool["num_threads"] for pool in basis._OPENMP.info())
+            return super().compute(directions)
+
+    monkeypatch.setattr("sphericart.SphericalHarmonics", Watched)
+    with threadpool_limits(2, user_api="openmp"):
+        evaluate_harmonics(AXES, 4)
+    assert set(threads) == {1}
 
 
 def test_the_first_complex_harmonics_are_as_printed():
