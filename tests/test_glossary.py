@@ -5,13 +5,11 @@ from __future__ import annotations
 import ast
 import importlib
 import re
-from functools import cache
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = ("capture", "recon", "invrender", "synthetic", "lightfactor")
+from .sourcetrees import ROOT, trees
+
 # The field has terms for these: candidate, lighting design, scene geometry, specular share, outlier, transmittance.
 FORMER = (
     *(
@@ -44,15 +42,6 @@ def terms() -> list[str]:
     rows = re.findall(r"\| `([\w.]+)` \|$", (ROOT / "docs/glossary.md").read_text(), flags=re.MULTILINE)
     assert len(rows) > 50
     return sorted(set(rows))
-
-
-@cache
-def trees() -> dict[Path, ast.Module]:
-    return {
-        path.relative_to(ROOT): ast.parse(path.read_text())
-        for package in PACKAGES
-        for path in (ROOT / package).rglob("*.py")
-    }
 
 
 @pytest.mark.parametrize("name", terms())

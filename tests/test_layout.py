@@ -6,25 +6,17 @@ import ast
 from collections import defaultdict
 from functools import cache
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = ("capture", "recon", "invrender", "synthetic", "lightfactor")
-
-
-def module_name(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+from .sourcetrees import trees
 
 
 @cache
-def trees() -> dict[str, ast.Module]:
-    """Every module of ours, parsed; not where tests are collected, which every process does."""
+def modules() -> dict[str, ast.Module]:
+    """Every module of ours, by its name."""
     return {
-        module_name(path): ast.parse(path.read_text())
-        for name in PACKAGES
-        for path in (ROOT / name).rglob("*.py")
+        ".".join(path.with_suffix("").parts).removesuffix(".__init__"): tree for path, tree in trees().items()
     }
 
 
@@ -34,12 +26,12 @@ def imported(tree: ast.Module) -> set[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module:
             found |= {
-                full if (full := f"{node.module}.{name.name}") in trees() else node.module
+                full if (full := f"{node.module}.{name.name}") in modules() else node.module
                 for name in node.names
             }
         elif isinstance(node, ast.Import):
             found |= {name.name for name in node.names}
-    return {name for name in found if name in trees()}
+    return {name for name in found if name in modules()}
 
 
 def package(module: str) -> str:
@@ -51,7 +43,7 @@ def package(module: str) -> str:
 @cache
 def imports() -> dict[str, set[str]]:
     """Modules of ours that each imports."""
-    return {module: imported(tree) for module, tree in trees().items()}
+    return {module: imported(tree) for module, tree in modules().items()}
 
 
 def test_packages_import_one_way() -> None:
@@ -103,7 +95,7 @@ def test_only_the_program_imports_commands() -> None:
 
 def test_a_public_class_is_defined_once() -> None:
     homes = defaultdict(list)
-    for module, tree in trees().items():
+    for module, tree in modules().items():
         for node in tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 homes[node.name].append(module)
