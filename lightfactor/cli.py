@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
+from functools import cache
 from typing import Annotated
 
 import typer
@@ -89,10 +91,16 @@ app.add_typer(calibrate, name="calibrate", short_help="Calibrate cameras, sensor
 app.command(short_help="A calibration board to print, true to scale.")(board)
 
 
+@cache
+def _command() -> Callable[[], object]:
+    """The program with all commands' options, which take time to put together."""
+    return typer.main.get_command(app)
+
+
 def main() -> None:
     """Run the command; what is wrong with the input is said in a sentence, without a traceback."""
     try:
-        app()
+        _command()()
     except BrokenPipeError:
         sys.exit(0)  # whoever reads our output, `head` for one, has seen enough
     except (ValueError, OSError) as error:
