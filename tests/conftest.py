@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from capture.parallel import one_blas_thread
 from recon.mesh.trianglemesh import TriangleMesh
+from synthetic.scenes import build
 from synthetic.shapes.cat import REACH, cat_field
 from synthetic.shapes.meshing import mesh_implicit
 
@@ -51,7 +53,16 @@ def data_dir() -> Path:
     return _find_data(os.environ)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def mesh_once() -> Iterator[Callable[..., TriangleMesh]]:
+    """`mesh_implicit`, which scenes use too, but each mesh is made once."""
+    with pytest.MonkeyPatch.context() as patch:
+        once = cache(mesh_implicit)
+        patch.setattr(build, "mesh_implicit", once)
+        yield once
+
+
 @pytest.fixture(scope="session")
-def cat_mesh() -> TriangleMesh:
+def cat_mesh(mesh_once: Callable[..., TriangleMesh]) -> TriangleMesh:
     """RH01's cat (section 6.4) with edges of 2 mm."""
-    return mesh_implicit(cat_field, REACH, 0.002)
+    return mesh_once(cat_field, REACH, 0.002)

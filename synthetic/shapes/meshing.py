@@ -13,7 +13,7 @@ from synthetic.shapes.implicit import Implicit
 Floats = NDArray[np.float64]
 
 # Cells along the side of a block: the function is known everywhere in a block or at its centre alone.
-_BLOCK = 8
+_BLOCK = 4
 # Points at a time: their intermediate arrays stay in the cache.
 _POINTS_PER_CHUNK = 1 << 14
 # A block is left out if the function at its centre says that the surface is farther than its corners, the

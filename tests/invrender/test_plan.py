@@ -404,7 +404,7 @@ def test_meshes_show_and_hide_as_their_photographs_do(tmp_path: Path):
     lights = f"{SKY}\ndirectional = [{{ azimuth_deg = -120, elevation_deg = 40, irradiance = 2.0 }}]"
     glossy = 'model = "microfacet"\nkd = 0.05\nks = 0.1\nsigma = 0.3'
     text = scene(lights, "[[view]]\nazimuth_deg = -35\nelevation_deg = 20\n", glossy)
-    text = text.replace('shape = "sphere"', 'shape = "cat"\nedge = 0.0017\natlas = false')
+    text = text.replace('shape = "sphere"', 'shape = "cat"\nedge = 0.002\natlas = false')
     text = text.replace("focal_px = 900", "focal_px = 450") + "[render]\ndirections = 256\nper_side = 2\n"
     path.write_text(text)
     staging = read_staging(path)
