@@ -40,6 +40,12 @@ class Alteration:
     stretch: float = 0.0
     axis: int = 2
 
+    @property
+    def is_nothing(self) -> bool:
+        """Whether all is as it is given."""
+        moved = any(own is not None and own.any() for own in (self.turns, self.shift))
+        return not (moved or self.nearness or self.stretch)
+
 
 NOTHING = Alteration()
 
@@ -48,6 +54,14 @@ def shown(
     scene: Remainders, photo: Remainder, brdf: Microfacet, otherwise: Alteration = NOTHING
 ) -> tuple[Floats, Floats]:
     """Radiance (n, 3) of a photograph's samples per unit of Kd, and of Ks, in all of its light."""
+    if otherwise.is_nothing:
+        return photo.unaltered(brdf, lambda: _shown(scene, photo, brdf, NOTHING))
+    return _shown(scene, photo, brdf, otherwise)
+
+
+def _shown(
+    scene: Remainders, photo: Remainder, brdf: Microfacet, otherwise: Alteration
+) -> tuple[Floats, Floats]:
     field = photo.field
     if otherwise.shift is not None:
         field = displaced(photo, scene.radius * otherwise.shift)

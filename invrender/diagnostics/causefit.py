@@ -58,38 +58,40 @@ def _searched(
 ) -> tuple[CauseState, float]:
     """Where a search from a BRDF ends, and the weighted squares that are left there."""
     state = CauseState(brdf, np.zeros(cause.count))
-    cost = _cost(scene, cause, state, light)
-    everywhere = range(len(scene.photos))
+    cost, linear = _cost(scene, cause, state, light)
     # Not `capture.gaussnewton`: a trial solves all photographs anew, and halvings cost less than rising damping.
     for _ in range(_ITERATIONS):
-        parts = [linearised(scene, cause, state, k, light) for k in everywhere]
+        parts = [linearised(scene, cause, state, k, light, part) for k, part in enumerate(linear)]
         step = _solve(*_normal(scene, parts, light.first_free + cause.count), cause)
         for halving in range(_HALVINGS):
             tried = _moved(state, step / 2**halving, cause)
-            after = _cost(scene, cause, tried, light)
+            after, parts = _cost(scene, cause, tried, light)
             if after < cost:
                 break
         else:
             return state, cost
-        gain, state, cost = 1 - after / cost, tried, after
+        gain, state, cost, linear = 1 - after / cost, tried, after, parts
         if gain < _ENOUGH:
             break
     return state, cost
 
 
-def _cost(scene: Remainders, cause: Cause, state: CauseState, light: LightColumns) -> float:
-    """Weighted squares that are left when all is solved for that radiance is linear in."""
+def _cost(
+    scene: Remainders, cause: Cause, state: CauseState, light: LightColumns
+) -> tuple[float, list[Linearised]]:
+    """Weighted squares that are left when all is solved for that radiance is linear in, and these `linear_part`s."""
     parts = [linear_part(scene, cause, state, k, light) for k in range(len(scene.photos))]
     step = _solve(*_normal(scene, parts, light.first_free + cause.count), cause)
     squares = 0.0
     for photo, part in zip(scene.photos, parts, strict=True):
         squares += float((photo.weight * (part.residual - part.columns @ step[part.places]) ** 2).sum())
-    return squares
+    return squares, parts
 
 
 def _judged(scene: Remainders, cause: Cause, state: CauseState, light: LightColumns) -> CauseFit:
     """The fit about a state: parts of the samples are left out in turn, and predicted by the rest."""
-    parts = [linearised(scene, cause, state, k, light) for k in range(len(scene.photos))]
+    linear = [linear_part(scene, cause, state, k, light) for k in range(len(scene.photos))]
+    parts = [linearised(scene, cause, state, k, light, part) for k, part in enumerate(linear)]
     first = light.first_free
     of_folds = [_normal(scene, parts, first + cause.count, fold) for fold in range(FOLDS)]
     gram, right = (np.sum([own[which] for own in of_folds], axis=0) for which in (0, 1))

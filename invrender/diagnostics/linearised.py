@@ -93,9 +93,10 @@ def linear_part(
     )
 
 
-def linearised(scene: Remainders, cause: Cause, state: CauseState, k: int, light: LightColumns) -> Linearised:
-    """Photograph k about a state, with columns of everything."""
-    part = linear_part(scene, cause, state, k, light)
+def linearised(
+    scene: Remainders, cause: Cause, state: CauseState, k: int, light: LightColumns, part: Linearised
+) -> Linearised:
+    """Photograph k about a state, with columns of everything; part : `linear_part` there."""
     here = scene.photos[k].field.radiance - part.residual
     columns, places = [part.columns], [*part.places]
 

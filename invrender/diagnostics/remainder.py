@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as defaulted
 from functools import cached_property
 from typing import Any
 
@@ -35,6 +36,8 @@ _KEPT, _KEPT_MEAN = 0.95, 0.759
 Rest = Callable[[Microfacet, LightField], tuple[Floats, Floats]]
 # Of the last so many BRDFs and fields of one lighting it is kept what they reflect: most alterations leave both alone.
 _KEPT_RESTS = 4096
+# Of the last so many BRDFs it is kept what a photograph shows.
+_KEPT_BRDFS = 16
 
 
 def remembered(rest: Rest) -> Rest:
@@ -80,6 +83,21 @@ class Remainder:
     rest: Rest | None
     recovered: frozenset[str] = frozenset()
     mapped: bool = False
+    _unaltered: dict[tuple[Any, ...], tuple[Floats, Floats]] = defaulted(init=False, default_factory=dict)
+
+    def unaltered(
+        self, brdf: Microfacet, shown: Callable[[], tuple[Floats, Floats]]
+    ) -> tuple[Floats, Floats]:
+        """What samples show (n, 3) per unit of Kd, and of Ks, where nothing is altered, asked for once per BRDF.
+
+        Most candidates begin there. It must depend on the BRDF's form, mu and sigma, and whether Ks is zero.
+        """
+        key = brdf.form, brdf.mu, brdf.sigma, bool(brdf.ks.any())
+        if key not in self._unaltered:
+            if len(self._unaltered) >= _KEPT_BRDFS:
+                self._unaltered.pop(next(iter(self._unaltered)))
+            self._unaltered[key] = shown()
+        return self._unaltered[key]
 
     def where(self, keep: NDArray[np.bool_]) -> Remainder:
         """The samples marked by a mask (n,)."""
