@@ -31,7 +31,7 @@ def normalised_fresnel(mu: float | Floats | None, cos_theta: ArrayLike) -> Float
     cos = np.asarray(cos_theta, float)
     if mu is None:
         return np.ones_like(cos)
-    return fresnel_reflectance(mu, cos) / fresnel_reflectance(mu, 1.0)
+    return fresnel_reflectance(mu, cos) / ((mu - 1) / (mu + 1)) ** 2
 
 
 class FresnelBasis:

@@ -91,15 +91,18 @@ def forms_transfer(
         factors = fresnel((normals * views).sum(axis=1))
         plain = specular_transfer(element, normals, views, sigmas)
         return np.asarray(factors[:, None, :, None, None] * plain[:, None, None])
-    result = np.zeros(
-        (len(normals), len(forms), fresnel(np.ones(1)).shape[-1], len(sigmas), element.channels)
-    )
-    for direction, strength in zip(element.directions, element.irradiances, strict=True):
+    shape = len(normals), len(forms), fresnel(np.ones(1)).shape[-1], len(sigmas), element.channels
+    result = np.empty(shape) if len(element.directions) else np.zeros(shape)
+    for k, (direction, strength) in enumerate(zip(element.directions, element.irradiances, strict=True)):
         angles = Angles.between(normals, direction, views)
         wide = Angles(*(part[:, None] for part in (angles.theta_h, angles.cos_i, angles.cos_o, angles.cos_d)))
         for own, form in enumerate(forms):
             lobe = form.shape(wide, sigmas)[:, None, :] * fresnel(form.fresnel_cosine(angles))[:, :, None]
-            result[:, own] += lobe[..., None] * strength
+            if k:
+                result[:, own] += lobe[..., None] * strength
+            else:
+                # Most elements have one source: their columns are as large as memory is slow.
+                np.multiply(lobe[..., None], strength, out=result[:, own])
     if element.uniform:
         grid, table = _uniform_table(tuple(forms), tuple(sigmas.tolist()), fresnel)
         result += np.float32(element.uniform) * _interpolated(grid, table, (normals * views).sum(axis=1))

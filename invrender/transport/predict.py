@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.brdf.richer import NUMBER_RANGE
-from invrender.transport.column_basis import step_ends
+from invrender.transport.column_basis import ColumnBasis, step_ends
 from invrender.transport.columns import PhotoColumns, column_weights, together
 from invrender.transport.diffuse_base import base_transfer
 from invrender.transport.form_transfer import OneIndex, form_transfer
@@ -103,7 +105,13 @@ def transfer_slope(photo: PhotoColumns, brdf: Microfacet, name: str) -> tuple[Fl
 
 def _weights(photo: PhotoColumns, brdf: Microfacet) -> Floats:
     assert brdf.sigma is not None, "without a lobe nothing is interpolated"
-    return column_weights(brdf.mu, brdf.sigma, brdf.form, basis=photo.basis)
+    return _weights_of(brdf.mu, brdf.sigma, brdf.form, photo.basis)
+
+
+# All photographs ask for those of one BRDF, and of a step away from it in each number.
+@lru_cache(maxsize=64)
+def _weights_of(mu: float | None, sigma: float, form: LobeForm, basis: ColumnBasis) -> Floats:
+    return column_weights(mu, sigma, form, basis=basis)
 
 
 def _combined(photo: PhotoColumns, weights: Floats) -> tuple[Floats, Floats]:
