@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
+import cv2
 import pytest
 
 from capture.parallel import one_blas_thread
@@ -25,6 +26,7 @@ def _one_thread() -> Iterator[None]:
     """The cores are shared by processes of tests: threads within each would wait for each other."""
     with one_blas_thread(), pytest.MonkeyPatch.context() as patch:
         patch.setattr("capture.parallel.cores", lambda: 1)
+        cv2.setNumThreads(1)
         yield
 
 
