@@ -1,10 +1,17 @@
-"""How numbers, and what went wrong, are said to users."""
+"""How parameters, numbers, and what went wrong, are said to users."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+PARAMETER_LABELS = {"kd": "Kd", "ks": "Ks", "spread": "haze / core width", "beyond": "share beyond sigma"}
+PARAMETER_LABELS |= {f"beyond_{width}": f"of that, beyond {width} sigma" for width in (2, 4, 8)}
+_UNITS = {"kd": " (1/sr)", "sigma": " (rad)"}
 
 
 def sentences(texts: Iterable[str]) -> list[str]:
@@ -18,3 +25,18 @@ def with_error(value: float, std: float | None) -> str:
         return f"{value:.4g}"
     digits = min(max(1 - int(np.floor(np.log10(std))), 0), 8)
     return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
+def parameter_lines(
+    name: str, value: Floats | None, std: Floats | None, is_absolute: bool = True
+) -> list[tuple[str, str]]:
+    """Label and text of each number of a parameter; value, std : (k,), k = 1 or 3, or None."""
+    unit = _UNITS.get(name, "") if is_absolute or name != "kd" else ""
+    label = PARAMETER_LABELS.get(name, name)
+    if value is None or std is None:
+        return [(label + unit, "-")]
+    texts = [with_error(one, its_std) for one, its_std in zip(value, std, strict=True)]
+    if len(texts) == 1:
+        return [(label + unit, texts[0])]
+    channels = ("red", "green", "blue")
+    return [(f"{label} {channel}{unit}", text) for channel, text in zip(channels, texts, strict=True)]

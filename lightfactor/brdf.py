@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.output.report.labels import parameter_lines
 from invrender.result.saved import SavedQuantity, SavedResult
+from invrender.wording import parameter_lines
 
 Floats = NDArray[np.float64]
 

@@ -16,13 +16,11 @@ from invrender.inverse_brdf.document import document, measured_document
 from invrender.inverse_brdf.measured import ENERGY_LEFT, MeasuredFit, fit_measured, read_measured
 from invrender.inverse_brdf.measured_figure import measured_figure
 from invrender.inverse_brdf.run import OWN_FILES
-from invrender.wording import with_error
+from invrender.wording import parameter_lines
 
 # Samples that are used where nobody says how many: an even share of MERL's million and a half.
 SAMPLES = 60_000
 _SHOWN = 5
-_CHANNELS = ("red", "green", "blue")
-_LABELS = {"kd": "Kd (1/sr)", "ks": "Ks", "sigma": "sigma (rad)"}
 
 
 def run_measured(source: Path, out: Path, samples: int | None) -> MeasuredFit:
@@ -48,14 +46,8 @@ def _print(name: str, fit: MeasuredFit, available: int) -> None:
     for key, quantity in fit.solution.quantities.items():
         if key.endswith("_normalised") or key == "albedo":
             continue
-        label = _LABELS.get(key, key)
-        if quantity.value is None or quantity.std is None:
-            shown.add_row(label, "-", quantity.status)
-            continue
-        several = len(quantity.value) > 1
-        for k, (value, std) in enumerate(zip(quantity.value, quantity.std, strict=True)):
-            channel = f" {_CHANNELS[k]}" if several else ""
-            shown.add_row(label + channel, with_error(float(value), float(std)), quantity.status)
+        for label, text in parameter_lines(key, quantity.value, quantity.std):
+            shown.add_row(label, text, quantity.status)
     console.print(shown)
     models = Table("model", "numbers", "error at unseen angles of incidence", title_justify="left")
     for candidate in sorted(fit.solution.candidates, key=lambda candidate: candidate.error)[:_SHOWN]:

@@ -12,11 +12,11 @@ from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity
 from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
-from invrender.output.report.labels import PARAMETER_LABELS, parameter_lines
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.process.run import Run
 from invrender.result.document import errors_in_words, identifiability
 from invrender.result.factorization import Factorization
+from invrender.wording import PARAMETER_LABELS, parameter_lines
 
 # Models whose errors are printed; the report has all of them.
 _MOST_MODELS = 5
