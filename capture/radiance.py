@@ -13,6 +13,9 @@ from capture.blocks import block_means, blocks
 
 Image = NDArray[np.float32]
 Places = NDArray[np.integer]
+
+# Names of the channels, in the order of radiance's last axis.
+CHANNELS = ("red", "green", "blue")
 # JPEG compression, in TIFF as well, spreads a clipped pixel's loss over its block of 8, two where colour is halved:
 # what is within this neighbourhood of it is unknown, too.
 LOSSY_REACH = np.ones((9, 9), np.uint8)

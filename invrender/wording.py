@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.radiance import CHANNELS
+
 Floats = NDArray[np.float64]
 
 PARAMETER_LABELS = {"kd": "Kd", "ks": "Ks", "spread": "haze / core width", "beyond": "share beyond sigma"}
@@ -38,5 +40,4 @@ def parameter_lines(
     texts = [with_error(one, its_std) for one, its_std in zip(value, std, strict=True)]
     if len(texts) == 1:
         return [(label + unit, texts[0])]
-    channels = ("red", "green", "blue")
-    return [(f"{label} {channel}{unit}", text) for channel, text in zip(channels, texts, strict=True)]
+    return [(f"{label} {channel}{unit}", text) for channel, text in zip(CHANNELS, texts, strict=True)]

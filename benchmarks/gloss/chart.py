@@ -25,6 +25,7 @@ from benchmarks.gloss.photosets import read_lamps
 from benchmarks.ink import save, write_table
 from benchmarks.kept import Kept
 from capture.photoset import load_photoset
+from capture.radiance import CHANNELS
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 
 _PSM = Path(__file__).parents[2] / "tests" / "sets" / "psm"
@@ -98,9 +99,7 @@ def _lines(kept: Kept) -> list[str]:
             f"| lightfactor ({ball['model']}), {what} | {ball[what]['fitted']:.2%} | {ball[what]['held out']:.2%} |"
         )
     lines += ["", "| number | value | bar |", "|---|---|---|"]
-    lines += [
-        f"| Kd {c} | {v:.4f} | {s / v:.1%} |" for c, v, s in zip(("red", "green", "blue"), *kd, strict=True)
-    ]
+    lines += [f"| Kd {c} | {v:.4f} | {s / v:.1%} |" for c, v, s in zip(CHANNELS, *kd, strict=True)]
     if sigma:
         lines.append(f"| sigma | {sigma[0][0]:.4f} | {sigma[1][0]:.4f} |")
     radius, std = ball["radius"]

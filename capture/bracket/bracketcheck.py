@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.bracket.bracketsample import BracketSample
-from capture.bracket.response import CHANNELS
+from capture.radiance import CHANNELS
 
 Floats = NDArray[np.float64]
 # Pixels from which on something can be said of them together.

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_array
 from capture.files.documents import read_json
 from capture.files.tables import Table
+from capture.radiance import CHANNELS
 
 Floats = NDArray[np.float64]
-CHANNELS = ("red", "green", "blue")
 _WHAT = "a response.json holds format and channels (log_exposure, log_std, clip), as `calibrate response` writes it"
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from capture.bracket.response import CHANNELS
 from capture.bracket.responserecovery import Recovery
 from capture.figures import short_name
+from capture.radiance import CHANNELS
 
 COLOURS = {"red": "#c8372d", "green": "#2c8a3d", "blue": "#2b5fb8"}
 

@@ -64,6 +64,7 @@ def _report(recovery: FlatFieldRecovery, output: Path) -> None:
     import numpy as np
     from rich.markup import escape
 
+    from capture.radiance import CHANNELS
     from capture.sensor.flatfield import FlatFieldMap
     from capture.terminal import console
 
@@ -71,7 +72,7 @@ def _report(recovery: FlatFieldRecovery, output: Path) -> None:
     corners = np.s_[[0, 0, -1, -1], [0, -1, 0, -1]]
     gain = recovery.flat_field.gain(tiles.width, tiles.height)[corners].mean(axis=0)
     std = recovery.flat_field.std(tiles.width, tiles.height)[corners].mean(axis=0)
-    for name, value, its_std in zip(("red", "green", "blue"), gain, std, strict=True):
+    for name, value, its_std in zip(CHANNELS, gain, std, strict=True):
         console.print(f"Illumination in the corners, {name}: {value:.4f} ± {its_std:.1g}")
     radial = recovery.radial
     if recovery.undetermined:

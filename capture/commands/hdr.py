@@ -110,6 +110,7 @@ def _report(
     import numpy as np
     from rich.markup import escape
 
+    from capture.radiance import CHANNELS
     from capture.terminal import console
 
     console.print(bracket.origin)
@@ -150,7 +151,7 @@ def _report(
             " (a border, a moving light); those values were left out."
         )
     if comparison is not None:
-        for name, one in zip(("red", "green", "blue"), comparison.channels, strict=True):
+        for name, one in zip(CHANNELS, comparison.channels, strict=True):
             console.print(
                 f"{name}: {escape(comparison.name)} differs by {one.median:.2%} in the median, {one.quantile90:.1%} at"
                 f" the 90% quantile, after a scale of {one.scale:.4g}"

@@ -50,7 +50,7 @@ def _report(recovery: NoiseRecovery, output: Path) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from capture.sensor.noiserecovery import CHANNELS
+    from capture.radiance import CHANNELS
     from capture.terminal import console
 
     rows: list[tuple[str, Sequence[NoiseEstimate]]] = [

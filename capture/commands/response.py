@@ -55,6 +55,7 @@ def _report(recovery: Recovery, images: list[Path], output: Path) -> None:
     from rich.table import Table
 
     from capture.bracket.responserecovery import believed_steps
+    from capture.radiance import CHANNELS
     from capture.terminal import console
 
     for place, method in enumerate(recovery.methods):
@@ -82,7 +83,7 @@ def _report(recovery: Recovery, images: list[Path], output: Path) -> None:
         console.print(
             f"Left out: {recovery.moved:.0%} of the picture, where something moved or is misaligned."
         )
-    for index, name in enumerate(("red", "green", "blue")):
+    for index, name in enumerate(CHANNELS):
         low, high = recovery.response.determined(index)
         console.print(
             f"{name}: determined from {255 * low:.1f} to {255 * high:.1f} of 255; {recovery.certainty(index)}"

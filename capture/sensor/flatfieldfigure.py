@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from capture.radiance import CHANNELS
 from capture.sensor.flatfield import FlatFieldMap, half_diagonal
 from capture.sensor.flatrecovery import FlatFieldRecovery
 
@@ -39,7 +40,7 @@ def flat_field_figure(recovery: FlatFieldRecovery) -> Any:
     lens = 1 + powers @ radial.coefficients.T
     measured = np.exp(fit.residual.mean(axis=0)) * lens
     order = np.argsort(radius)
-    for channel, (colour, name) in enumerate(zip(_COLOURS, ("red", "green", "blue"), strict=True)):
+    for channel, (colour, name) in enumerate(zip(_COLOURS, CHANNELS, strict=True)):
         profile.plot(radius, measured[:, channel], ".", ms=4 - channel, color=colour, alpha=0.5)
         profile.plot(radius[order], lens[order, channel], color=colour, lw=3 - channel, label=name)
     profile.set_title("tiles (dots, mean of the photographs) and polynomial (lines)", fontsize=9)

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from capture.sensor.noiserecovery import CHANNELS, NoiseRecovery
+from capture.radiance import CHANNELS
+from capture.sensor.noiserecovery import NoiseRecovery
 from capture.sensor.photontransfer import binned
 
 _COLOURS = {"red": "#c8372d", "green": "#2c8a3d", "blue": "#2b5fb8"}

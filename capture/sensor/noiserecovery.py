@@ -16,6 +16,7 @@ from capture.exposure import ExposureSettings, read_exif_exposure
 from capture.files.imagefile import check_header, read_file
 from capture.files.imageheader import is_raw
 from capture.files.rawfile import read_raw
+from capture.radiance import CHANNELS
 from capture.sensor.noise import SensorNoise
 from capture.sensor.photontransfer import TransferFit, fit_transfer, tiles_of
 from capture.sensor.repeats import RepeatedFrame, Repeats
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-CHANNELS = ("red", "green", "blue")
 # A number counts as determined if it is this many of its standard deviations away from zero.
 _SIGNIFICANT = 3.0
 # 95% of a Gaussian lie below this many deviations above its mean.

@@ -19,7 +19,6 @@ Ints = NDArray[np.int64]
 _FAR = 50
 # Powers of radiance that files have which are encoded as sRGB, near enough; and their inverses.
 _ENCODED, _DECODED = (0.33, 0.62), (1.6, 2.9)
-_CHANNELS = ("red", "green", "blue")
 _ALIKE = {
     "near lamp": "a near lamp",
     "curve": "a wrong encoding",

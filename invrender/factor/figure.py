@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from capture.figures import printable, short_name
 from capture.lighting import Lighting
+from capture.radiance import CHANNELS
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.factor.given import Given
 from invrender.inverse_lighting.figure import draw_map, white_level
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_CHANNELS = ("#d1242f", "#1a7f37", "#0969da")
+_COLOURS = ("#d1242f", "#1a7f37", "#0969da")
 # Differences saturate at so many times the RMS residual, and are cut out with so many pixels around the sphere.
 _DEVIATIONS, _MARGIN = 4.0, 3
 
@@ -113,7 +114,7 @@ def _draw_shares(axes: Axes, result: Factorization, given: Given) -> None:
     truth = given.numbers.get("ks_normalised")
     axes.set_title("Ks / (Kd + Ks)")
     _draw_number(axes, quantity, truth)
-    axes.set(xticks=range(3), xticklabels=["red", "green", "blue"], xlim=(-0.6, 2.6))
+    axes.set(xticks=range(3), xticklabels=CHANNELS, xlim=(-0.6, 2.6))
 
 
 def _draw_scalars(axes: Axes, result: Factorization, given: Given) -> None:
@@ -137,7 +138,7 @@ def _draw_number(axes: Axes, quantity: Quantity | None, truth: Floats | None, fi
         )  # fmt: skip
         return
     std = np.nan_to_num(quantity.std)
-    colours = _CHANNELS if len(quantity.value) == 3 else ("#24292f",)
+    colours = _COLOURS if len(quantity.value) == 3 else ("#24292f",)
     for place, (value, error, colour) in enumerate(zip(quantity.value, std, colours, strict=True)):
         axes.errorbar(first + place, value, 2 * error, fmt="o", color=colour, ms=4, capsize=5)
     # Room, where error bars are too small to see.

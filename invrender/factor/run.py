@@ -11,6 +11,7 @@ from rich.table import Table
 
 from capture.files.outfolder import added_files, result_folder
 from capture.photoset import load_photoset
+from capture.radiance import CHANNELS
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity
 from invrender.factor.choices import FactorChoices
@@ -30,7 +31,6 @@ _LABELS = {
     "mu": "mu",
     "sigma": "sigma (rad)",
 }
-_CHANNELS = ("red", "green", "blue")
 
 
 def run_factor(source: Path, out: Path, choices: FactorChoices) -> Run:
@@ -72,7 +72,7 @@ def _print_numbers(result: Factorization, given: Given) -> None:
         quantity, truth = result.quantities.get(name), given.numbers.get(name)
         count = 3 if name.endswith("normalised") else 1
         for k in range(count):
-            row = [f"{label} {_CHANNELS[k]}" if count == 3 else label, *_found(quantity, k, result.misfits)]
+            row = [f"{label} {CHANNELS[k]}" if count == 3 else label, *_found(quantity, k, result.misfits)]
             if given.numbers:
                 row += _against(quantity, truth, k)
             table.add_row(*row)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.figures import printable
+from capture.radiance import CHANNELS
 from invrender.inverse_brdf.measured import MeasuredFit, reflectance
 from invrender.inverse_brdf.slices import plane_of_incidence
 
@@ -22,7 +23,6 @@ Floats = NDArray[np.float64]
 _PROFILES, _FORMS = 6, 8
 # Samples this near to the plane of incidence count as in it, degrees.
 _IN_PLANE_DEG = 10.0
-_CHANNELS = ("red", "green", "blue")
 
 
 def measured_figure(name: str, fit: MeasuredFit) -> Figure:
@@ -88,7 +88,7 @@ def _forms(axes: Axes, fit: MeasuredFit) -> None:
 def _scatter(axes: Axes, fit: MeasuredFit) -> None:
     values = fit.samples.rgb
     low = float(np.quantile(values[values > 0], 0.01))
-    for channel, colour in enumerate(_CHANNELS):
+    for channel, colour in enumerate(CHANNELS):
         axes.plot(values[:, channel], fit.predicted[:, channel], ".", markersize=2, color=colour)
     ends = [low, float(values.max())]
     axes.plot(ends, ends, color="black", linewidth=0.8)
@@ -100,7 +100,7 @@ def _over_half_angle(axes: Axes, fit: MeasuredFit) -> None:
     half = fit.samples.wi + fit.samples.wo
     theta = np.degrees(np.arctan2(np.hypot(half[:, 0], half[:, 1]), half[:, 2]))
     left = (fit.predicted - fit.samples.rgb) * fit.samples.wi[:, 2:]
-    for channel, colour in enumerate(_CHANNELS):
+    for channel, colour in enumerate(CHANNELS):
         axes.plot(theta, left[:, channel], ".", markersize=2, color=colour)
     axes.axhline(0, color="black", linewidth=0.8)
     axes.set(

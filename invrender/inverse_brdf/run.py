@@ -16,6 +16,7 @@ from capture.files.documents import input_hashes, write_json
 from capture.files.outfolder import result_folder
 from capture.parallel import one_blas_thread
 from capture.photoset import Photo, PhotoSet, load_photoset
+from capture.radiance import CHANNELS
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.inverse_brdf.document import FIT_PARTS, document, harmonic_document, table_document
 from invrender.inverse_brdf.figure import harmonic_figure, table_figure
@@ -38,7 +39,6 @@ SAMPLES = {"harmonic": 60_000, "table": None}
 _PRINTED_DEGREE = 2
 # Chi-square per degree of freedom from which on a misfit is no noise.
 _MISFIT = 4.0
-_CHANNELS = ("red", "green", "blue")
 
 
 def run_brdf(
@@ -122,7 +122,7 @@ def _photo(photo: Photo, field: LightField) -> dict[str, Any]:
 
 
 def _print_harmonic(photoset: PhotoSet, brdf: HarmonicBRDF, rings: Ringing) -> None:
-    shown = Table("l", "p", "q", *_CHANNELS, title=f"{photoset.name}: rho_lpq", title_justify="left")
+    shown = Table("l", "p", "q", *CHANNELS, title=f"{photoset.name}: rho_lpq", title_justify="left")
     for index, (l, p, q) in enumerate(zip(*unknowns(brdf.order), strict=True)):
         if p <= _PRINTED_DEGREE:
             numbers = [
@@ -152,7 +152,7 @@ def _print_table(photoset: PhotoSet, found: Measured) -> None:
     units = {"kd": "Kd (1/sr)", "ks": "Ks", "mu": "mu", "sigma": "sigma (rad)"}
     for name, part in FIT_PARTS.items():
         labels = (
-            [f"{units[name]} {channel}" for channel in _CHANNELS] if name in ("kd", "ks") else [units[name]]
+            [f"{units[name]} {channel}" for channel in CHANNELS] if name in ("kd", "ks") else [units[name]]
         )
         for label, value, std in zip(labels, fit.parameters[part], fit.std[part], strict=True):
             shown.add_row(label, with_error(float(value), float(std)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture.radiance import CHANNELS
 from invrender.result.side import Number, Side
 
 # Within so many standard deviations two numbers agree; of right ones, one in twenty does not.
@@ -22,7 +23,6 @@ _SHARES = {
 # What doesn't vary over a surface.
 _ALL_OVER = ("mu", "sigma")
 _UNLIKE = "of different parts"
-_CHANNELS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def _rows(label: str, first: Number, second: Number) -> list[Row]:
         words = f"{first.absence} on both sides" if same else f"{first.absence} in A, {second.absence} in B"
         return [Row(label, None, None, None, None, words)]
     width = len(first.value if first.value is not None else second.value)  # type: ignore[arg-type]
-    names = [label] if width == 1 else [_of_channel(label, channel) for channel in _CHANNELS]
+    names = [label] if width == 1 else [_of_channel(label, channel) for channel in CHANNELS]
     rows = []
     for k, name in enumerate(names):
         pair = [

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from capture.figures import printable
+from capture.radiance import CHANNELS
 from invrender.brdf.form import Angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.mapping import reflectance_cosine
@@ -37,7 +38,7 @@ def brdf_figure(name: str, found: Reflectance) -> Figure:
         slopes = _slopes(found.brdf, angles)
         variance = np.einsum("nkc,ckl,nlc->nc", slopes, found.covariance, slopes)
         std = np.sqrt(np.maximum(variance, 0))
-        for channel, (label, colour) in enumerate(zip(("red", "green", "blue"), _COLOURS, strict=True)):
+        for channel, (label, colour) in enumerate(zip(CHANNELS, _COLOURS, strict=True)):
             value, band = values[:, channel], std[:, channel]
             axes.plot(degrees, value, color=colour, lw=1.2, label=label)
             axes.fill_between(degrees, value - band, value + band, color=colour, alpha=0.25)
