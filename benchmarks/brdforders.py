@@ -29,7 +29,7 @@ from invrender.brdf.low2012 import AbcBrdf
 from invrender.prefilter.centred import specular_lobe
 from invrender.prefilter.energy import isotropic_fraction
 from invrender.prefilter.reflectionmap import lobe_coefficients
-from synthetic.materials.cornell import interpolated
+from synthetic.materials.interpolated import interpolated
 from synthetic.materials.tabulated import Tabulated
 
 Floats = NDArray[np.float64]

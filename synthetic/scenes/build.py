@@ -19,8 +19,8 @@ from synthetic.lights.latlong import LatLongLight
 from synthetic.lights.light import ExtendedLight
 from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.lights.values import unit_vector
-from synthetic.materials.cornell import interpolated
 from synthetic.materials.facets import BeckmannSlopes, GGXSlopes
+from synthetic.materials.interpolated import interpolated
 from synthetic.materials.lambertian import Lambertian
 from synthetic.materials.material import Material
 from synthetic.materials.microfacet import MicrofacetMaterial

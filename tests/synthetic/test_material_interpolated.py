@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from capture.reflectance import spectra
 from capture.reflectance.cornell import read_cornell
 from capture.reflectance.spectra import colour_matching, reflectance_to_srgb
-from synthetic.materials.cornell import interpolated
 from synthetic.materials.energy import check_energy, directional_albedo
+from synthetic.materials.interpolated import interpolated
 
 WAVELENGTHS = np.arange(400.0, 701.0, 10.0)
 
