@@ -107,6 +107,14 @@ class LobeForm:
             return shape
         return shape * normalised_fresnel(mu, np.clip(self.fresnel_cosine(angles), 0, 1))
 
+    def lobe_of(self, mu: float | None, sigma: float) -> Lobe:
+        """`reflected` as a function of directions; mu None without Fresnel's factor, sigma in radians."""
+
+        def lobe(normals: Floats, wi: Floats, wo: Floats) -> Floats:
+            return self.reflected(Angles.between(normals, wi, wo), mu, sigma)
+
+        return lobe
+
 
 def part_width(factor: float | Floats, sigma: float | Floats) -> Floats:
     """The width of a part of a form that is so many times as wide as sigma, radians; a haze ends at 0.3.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.form import Angles
 from invrender.brdf.microfacet import Microfacet
 from invrender.prefilter.centred import (
     CentredBrdf,
@@ -32,12 +31,7 @@ def centred_microfacet(brdf: Microfacet, description: str) -> CentredBrdf:
     if brdf.kd.any():
         lobes.append(_base(brdf))
     if brdf.ks.any() and sigma is not None:
-        width = sigma
-
-        def lobe(normals: Floats, wi: Floats, wo: Floats) -> Floats:
-            return form.reflected(Angles.between(normals, wi, wo), mu, width)
-
-        lobes.append(specular_lobe("specular", (lobe,), brdf.ks))
+        lobes.append(specular_lobe("specular", (form.lobe_of(mu, sigma),), brdf.ks))
     if not lobes:
         raise ValueError(f"{description}: Kd and Ks are 0, so that it reflects nothing; give another BRDF")
     return CentredBrdf(description, tuple(lobes))

@@ -26,7 +26,7 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse import csr_array
 
 from capture.lighting import latlong_directions, latlong_pixels
-from invrender.brdf.form import Angles, LobeForm
+from invrender.brdf.form import LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.prefilter.energy import power_per_degree
 from invrender.prefilter.reflectionmap import mirrored_coefficients, reflected_terms
@@ -176,12 +176,8 @@ def _lighting(light: LightElement) -> Floats:
 @lru_cache(maxsize=8)
 def _at_angles(form: LobeForm, mu: float | None, sigma: float) -> Floats:
     """rho_lq at the exitant angles, (_ANGLES, _DEGREE + 1, _ORDERS + 1)."""
-
-    def lobe(normals: Floats, wi: Floats, wo: Floats) -> Floats:
-        return form.reflected(Angles.between(normals, wi, wo), mu, sigma)
-
     angles, _ = interval_rule(_ANGLES, 0, _STEEPEST)
-    return mirrored_coefficients(lobe, _DEGREE, _ORDERS, np.cos(angles))[0]
+    return mirrored_coefficients(form.lobe_of(mu, sigma), _DEGREE, _ORDERS, np.cos(angles))[0]
 
 
 def _cubic(place: Floats) -> tuple[NDArray[np.int64], Floats]:
