@@ -176,7 +176,7 @@ def fit_measured(
     return MeasuredFit(samples, groups, solution, predicted)
 
 
-def reflectance(brdf: Microfacet, wi: Floats, wo: Floats) -> Floats:
+def brdf_values(brdf: Microfacet, wi: Floats, wo: Floats) -> Floats:
     """The fitted BRDF (n, 3), 1/sr, at local directions (n, 3) above the surface."""
     samples = ReflectanceSamples(wi, wo, np.zeros_like(wi))
     field = _as_light_field(samples, np.arange(len(wi)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.figures import printable
 from capture.radiance import CHANNELS
-from invrender.inverse_brdf.measured import MeasuredFit, reflectance
+from invrender.inverse_brdf.measured import MeasuredFit, brdf_values
 from invrender.inverse_brdf.slices import plane_of_incidence
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def _profiles(axes: Axes, fit: MeasuredFit) -> None:
         light = np.broadcast_to([np.sin(towards), 0.0, np.cos(towards)], pairs.incident.shape)
         # `incident` are directions in the xz plane, negative degrees on the other's side: here those of the sensor.
         axes.plot(
-            degrees, reflectance(fit.solution.estimate.brdf, light, pairs.incident)[:, 1], color=f"C{colour}"
+            degrees, brdf_values(fit.solution.estimate.brdf, light, pairs.incident)[:, 1], color=f"C{colour}"
         )
     axes.set_yscale("log")
     axes.set(

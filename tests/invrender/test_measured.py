@@ -15,7 +15,7 @@ import lightfactor as lf
 from capture.reflectance.samples import ReflectanceSamples
 from invrender.brdf.lobes import GGX_FORM
 from invrender.inverse_brdf.halfangles import directions, half_angles
-from invrender.inverse_brdf.measured import fit_measured, read_measured, reflectance
+from invrender.inverse_brdf.measured import fit_measured, read_measured, brdf_values
 from invrender.inverse_brdf.table import bin_centres
 from lightfactor.cli import main
 from synthetic.materials.facets import GGXSlopes
@@ -87,7 +87,7 @@ def test_a_materials_numbers_are_found_in_its_table(merl: Path) -> None:
     pairs = rng.normal(size=(2, 500, 3))
     pairs[..., 2] = np.abs(pairs[..., 2]) + 0.1
     wi, wo = pairs / np.linalg.norm(pairs, axis=-1, keepdims=True)
-    assert_allclose(reflectance(fit.solution.estimate.brdf, wi, wo), PAINT.evaluate(UP, wi, wo), rtol=0.03)
+    assert_allclose(brdf_values(fit.solution.estimate.brdf, wi, wo), PAINT.evaluate(UP, wi, wo), rtol=0.03)
 
 
 def test_a_real_paint_has_the_index_of_paint(data_dir: Path) -> None:
