@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,22 @@ from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.evidence import Candidate
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.rh01 import PublishedFactors, published_factors, published_factors_direct
-from invrender.estimate.solution import Solution
 from invrender.estimate.unknown_light import Region
 from invrender.estimate.unknown_light.solution import GAUGE
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
-from invrender.process.published import NO_ERROR, found_mu, published_solution, unseen_errors, without_std
+from invrender.process.published import (
+    NO_ERROR,
+    found_mu,
+    published_candidate,
+    published_solution,
+    unseen_errors,
+    without_std,
+)
 from invrender.process.run import Run, factorization, pixel_by_pixel
 from invrender.process.warnings import find_warnings
 from recon.harmonics.latlong import synthesise_latlong
@@ -52,7 +59,8 @@ def solve_as_published(
     fields, left_out = read_samples(photoset, geometry.found, {}, samples, clock, track)
     fitted = photoset.fitted
     with clock.on("invrender"):
-        found = factors([fields[photo.label] for photo in fitted])
+        seen = [fields[photo.label] for photo in fitted]
+        found = factors(seen)
         predicted = {label: found.radiance(field, geometry.shadows) for label, field in fields.items()}
         residuals = {label: field.radiance - predicted[label] for label, field in fields.items()}
 
@@ -60,8 +68,11 @@ def solve_as_published(
             rest = factors(photos)
             return lambda field: rest.radiance(field, geometry.shadows)
 
-        unseen = unseen_errors([fields[photo.label] for photo in fitted], predictor)
-        solution = _solution(photoset, found, fields, predicted, unseen)
+        made = [predicted[photo.label] for photo in fitted]
+        lighting = _lighting(found, photoset.photos[0].lighting)
+        solution = published_solution(
+            _candidate(found, unseen_errors(seen, predictor)), _quantities(found), lighting, GAUGE, seen, made
+        )
     warnings = (*left_out, *find_warnings(photoset, solution, geometry, {}))
     result = factorization(photoset, geometry, solution, fields, residuals, warnings)
 
@@ -71,25 +82,10 @@ def solve_as_published(
     return Run(photoset, geometry, result, fields, residuals, radiance, pixel_by_pixel(radiance))
 
 
-def _solution(
-    photoset: PhotoSet,
-    found: PublishedFactors,
-    fields: Mapping[str, LightField],
-    predicted: Mapping[str, Floats],
-    unseen: Floats,
-) -> Solution:
-    return published_solution(
-        photoset,
-        Microfacet(1 - found.share, found.share, found.mu, found.sigma),
-        "RH01, section 6.3",
-        3 + 9 * 3 + sum(value is not None for value in (found.mu, found.sigma)),
-        _quantities(found),
-        _lighting(found, photoset.photos[0].lighting),
-        GAUGE,
-        fields,
-        predicted,
-        unseen,
-    )
+def _candidate(found: PublishedFactors, unseen: Floats) -> Candidate:
+    brdf = Microfacet(1 - found.share, found.share, found.mu, found.sigma)
+    parameters = 3 + 9 * 3 + sum(value is not None for value in (found.mu, found.sigma))
+    return published_candidate("RH01, section 6.3", brdf, parameters, unseen)
 
 
 def _quantities(found: PublishedFactors) -> dict[str, Quantity]:

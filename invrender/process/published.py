@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,18 +89,9 @@ def solve_known_light_as_published(
             name: scored_lighting(lighting, elements[name], np.ones((len(elements[name]), 3)))
             for name, lighting in lightings.items()
         }
-        solution = published_solution(
-            photoset,
-            brdf,
-            "RH01, section 6.1",
-            6,
-            _quantities(brdf),
-            given[names[0]],
-            _ABSOLUTE,
-            fields,
-            predicted,
-            unseen,
-        )
+        candidate = published_candidate("RH01, section 6.1", brdf, 6, unseen)
+        made = [predicted[photo.label] for photo in fitted]
+        solution = published_solution(candidate, _quantities(brdf), given[names[0]], _ABSOLUTE, seen, made)
     warnings = (*left_out, *find_warnings(photoset, solution, geometry, lightings))
     scored = [entry for name, entry in given.items() if name != names[0]]
     result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored=scored)
@@ -139,37 +130,38 @@ def unseen_errors(
     return errors
 
 
+def published_candidate(name: str, brdf: Microfacet, parameters: int, unseen: Floats) -> Candidate:
+    """What a published procedure found as a candidate, with no other beside it.
+
+    parameters : how many were fitted. unseen : `unseen_errors`.
+    """
+    model = Model(name, specular=True, fresnel=brdf.mu is not None)
+    return Candidate(Estimate(model, brdf, {}, 0.0), unseen, np.zeros(1), parameters)
+
+
 def published_solution(
-    photoset: PhotoSet,
-    brdf: Microfacet,
-    model: str,
-    parameters: int,
+    candidate: Candidate,
     quantities: dict[str, Quantity],
     lighting: FittedLighting,
     gauge: str,
-    fields: Mapping[str, LightField],
-    predicted: Mapping[str, Floats],
-    unseen: Floats,
+    fields: Sequence[LightField],
+    predicted: Sequence[Floats],
 ) -> Solution:
-    """What a published procedure found, as the one candidate; its covariance is unknown.
+    """The numbers of a published procedure, from its one candidate; their covariance is unknown.
 
-    parameters : how many were fitted. predicted : radiance (n, 3) of the samples, by label. unseen : `unseen_errors`.
+    fields, predicted : samples of the fitted photographs, and their radiance (n, 3) as predicted.
     """
-    labels = [photo.label for photo in photoset.fitted]
-    seen, made = [fields[label] for label in labels], [predicted[label] for label in labels]
-    left = [field.radiance - own for field, own in zip(seen, made, strict=True)]
-    noise = fit_noise(made, left)
-    weights = tuple(photo_weights(noise, *pair) for pair in zip(made, left, strict=True))
-    estimate = Estimate(Model(model, specular=True, fresnel=brdf.mu is not None), brdf, {}, 0.0)
-    candidate = Candidate(estimate, unseen, np.zeros(1), parameters)
+    left = [field.radiance - own for field, own in zip(fields, predicted, strict=True)]
+    noise = fit_noise(predicted, left)
+    weights = tuple(photo_weights(noise, *pair) for pair in zip(predicted, left, strict=True))
     names = (*(f"{name}.{c}" for name in ("kd", "ks") for c in "rgb"), "mu", "sigma")
     return Solution(
-        estimate=estimate,
+        estimate=candidate.estimate,
         candidates=(candidate,),
         chosen=0,
         noise=noise,
         weights=weights,
-        structured=structured_share(seen, left),
+        structured=structured_share(fields, left),
         quantities=unless_misfit(quantities, candidate.error),
         lightings=(lighting,),
         covariance=np.full((len(names), len(names)), np.nan),
