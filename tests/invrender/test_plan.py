@@ -1,73 +1,28 @@
-"""Plans against what solving photographs finds, against finite differences, and against what theory says."""
+"""Plans against what solving photographs finds, and against what theory says."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.linalg import block_diag
 
-from capture.lighting import Lighting, latlong_directions
-from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.jacobian import pack
 from invrender.estimate.search import LADDER, fit
 from invrender.estimate.statistics import by_lighting, photo_statistics
 from invrender.estimate.uncertainty import uncertainty_of
-from invrender.estimate.unknown_light.projection import arrow_of
 from invrender.plan.advice import advise
-from invrender.plan.experiment import Experiment, PlannedLight, angles_deg
+from invrender.plan.experiment import PlannedLight, angles_deg
 from invrender.plan.from_scene import experiment_of
 from invrender.plan.information import Marginal, Posterior, Tally, photograph_tally
-from invrender.plan.light_prospect import UnknownLight
 from invrender.plan.planning import Plan, make_plan
 from invrender.plan.prospect import Expected
-from invrender.plan.shown import PlannedObject
-from invrender.plan.unknowns import unknowns_of
 from invrender.process.pipeline import process
-from invrender.transport.predict import predict
-from invrender.transport.transfer import light_elements
-from recon.harmonics.basis import evaluate_harmonics
-from recon.mesh.bodies import SphereBody
-from recon.mesh.tangents import tangents
-from recon.sphere.sphere import Sphere
-from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.scenes.build import read_staging
-from synthetic.scenes.builtin import scene_path
 
-TEFLON = radiometric(RH01_MATERIALS["teflon"])
-BRDF = Microfacet(TEFLON.kd, TEFLON.ks, TEFLON.mu, TEFLON.sigma)
-MATTE = Microfacet(TEFLON.kd, np.zeros(3), None, None)
-BALL = SphereBody(Sphere(np.zeros(3), 0.02, np.zeros((4, 4))))
-LAMP = "directional = [{ azimuth_deg = 0, elevation_deg = 4, irradiance = 2.0 }]"
-SOFT = "area = [{ azimuth_deg = 110, elevation_deg = 60, radiance = 1.0, width_deg = 60 }]"
-SKY = "area = [{ azimuth_deg = 110, elevation_deg = 40, radiance = 1.5, width_deg = 20 }]"
-
-
-def scene(light: str, views: str, material: str = 'name = "teflon"', more: str = "") -> str:
-    """A sphere of 30 px: a fit takes all of its pixels, however many photographs there are."""
-    return f"""format = 1
-name = "bench"
-[object]
-shape = "sphere"
-[material]
-{material}
-[[lighting]]
-name = "lab"
-{light}
-[camera]
-width = 80
-height = 60
-focal_px = 900
-{views}
-{more}
-"""
-
-
-GANTRY = "[gantry]\nphotos = 7\nstep_deg = 25\n"
+from .planscenes import BRDF, GANTRY, LAMP, SKY, SOFT, TEFLON, columns_of, scene
 
 
 @pytest.fixture(scope="module")
@@ -95,11 +50,6 @@ def named(expected: tuple[Expected, ...], name: str) -> Expected:
 
 def statuses(expected: tuple[Expected, ...]) -> dict[str, str]:
     return {one.name: one.quantity.status for one in expected}
-
-
-def columns_of(brdf: Microfacet, light: PlannedLight, fields, degree: int = 3):
-    unknowns = unknowns_of(brdf, [light], degree, None)
-    return unknowns, list(PlannedObject(BALL, [light], unknowns, degree).shown(0, fields))
 
 
 # --- against the solver
@@ -163,136 +113,6 @@ def test_a_plan_states_what_process_then_reports(tmp_path: Path, few_forms: None
         ratio = found.std / expected.std
         assert ((ratio > (0.5 if name == "ks" else 0.85)) & (ratio < 1.3)).all(), (name, ratio)
         assert expected.quantity.status == found.status
-
-
-# --- derivatives, by other routes
-
-
-def shifted(brdf: Microfacet, name: str, step: float) -> Microfacet:
-    return replace(brdf, **{name: getattr(brdf, name) + step})
-
-
-@pytest.mark.parametrize("brdf", [BRDF, MATTE], ids=["glossy", "matte"])
-def test_columns_are_the_slopes_of_predicted_radiance(bench, brdf):
-    lighting = bench.known_lighting()
-    field = bench.sphere_field(70.0, samples=200, sources=lighting.directions)
-    # Away from the horizon of the source, where a highlight ends abruptly.
-    field = field.where(np.abs(field.mean_over_rays(field.normals) @ lighting.directions[0]) > 0.1)
-    unknowns, (seen,) = columns_of(brdf, PlannedLight(lighting, known=False), [field])
-
-    def radiance(of: Microfacet, under: Lighting) -> np.ndarray:
-        elements = light_elements(under)
-        return predict(of, elements, np.ones((len(elements), 3)), field)
-
-    def check(jacobian, up, down, width: float, rtol: float, channels=range(3)) -> None:
-        """A number's own column (3, n) of the Jacobian, in those channels that depend on it."""
-        slope = (radiance(*up) - radiance(*down)) / width
-        for channel in channels:
-            scale = max(np.abs(slope).max(), 1e-6)  # of degree 3 a matte object shows nothing
-            assert_allclose(jacobian[channel], slope[:, channel], rtol=0, atol=rtol * scale)
-
-    # Single precision.
-    assert_allclose(seen.radiance, radiance(brdf, lighting), rtol=1e-5)
-    assert list(unknowns.brdf.places) == (["kd"] if brdf is MATTE else ["mu", "sigma", "kd", "ks"])
-    for name, place in unknowns.brdf.places.items():
-        h = 1e-4
-        up, down = shifted(brdf, name, h), shifted(brdf, name, -h)
-        # Kd and Ks of each channel, and what all share, as the columns of one matrix.
-        of_channels = seen.shared[:, :, place].sum(axis=2)
-        # The map's half-vector rule sums other rings for other roughnesses: 1e-3 of the slope in sigma.
-        check(of_channels, (up, lighting), (down, lighting), 2 * h, 2e-3)
-        if name in ("kd", "ks"):
-            assert not seen.shared[0, :, place.start + 1 : place.stop].any()
-    # The source: one more unit of irradiance, and a turn about either axis.
-    more = replace(lighting, irradiances=lighting.irradiances + 1)
-    check(seen.lit[:, :, -1], (brdf, more), (brdf, lighting), 1.0, 1e-6)
-    turned = seen.shared[:, :, unknowns.lights[0].turns]
-    for tangent, jacobian in zip(tangents(lighting.directions[0]), np.moveaxis(turned, 2, 0), strict=True):
-        ends = [replace(lighting, directions=lighting.directions + s * 1e-4 * tangent) for s in (1, -1)]
-        check(jacobian, (brdf, ends[0]), (brdf, ends[1]), 2e-4, 1e-3)
-    # A harmonic of the light: by the half-vector walk through a map that has more of it, not by the operator.
-    assert lighting.radiance_map is not None
-    directions = latlong_directions(len(lighting.radiance_map))
-    for degree, order in ((0, 0), (1, -1), (2, 1), (3, 3)):
-        k = degree * degree + degree + order
-        wave = evaluate_harmonics(directions.reshape(-1, 3), 3)[:, k].reshape(directions.shape[:2])
-        bright, brighter = (
-            replace(
-                lighting, radiance_map=(lighting.radiance_map + 2 + s * wave[..., None]).astype(np.float32)
-            )
-            for s in (0, 1)
-        )
-        # 2% where some of a sample's rays are more grazing than the lobe's table; of most it is 0.1%.
-        check(seen.lit[:, :, k], (brdf, brighter), (brdf, bright), 1.0, 2e-2)
-
-
-def test_marginals_add_up_to_the_inverse_of_the_whole(bench, rng):
-    """Two unknown lightings that share a BRDF, against one matrix of all numbers, and scores against brute force."""
-    lights = [PlannedLight(bench.known_lighting(name=name), known=False) for name in ("one", "two")]
-    unknowns = unknowns_of(BRDF, lights, 1, 0)
-    p, t = unknowns.lights[0].size, len(unknowns.std)
-    s, whole_size = 3 * p + t, 6 * p + t
-    tallies, whole = [], np.diag(np.r_[np.zeros(6 * p), np.ones(t)])
-    tile_scores, patch_scores = np.zeros((0, whole_size)), {}
-    for k, own in enumerate(unknowns.lights):
-        places = np.r_[3 * p * k : 3 * p * (k + 1), 6 * p : whole_size]
-        lit, shared = rng.normal(size=(3, 2 * s, p)), rng.normal(size=(3, 2 * s, t))
-        weights = rng.uniform(0.5, 2, (2 * s, 3))
-        tiles, patch = rng.normal(size=(5, s)), rng.normal(size=(4, s))
-        equations = arrow_of(lit, shared, weights, np.zeros((2 * s, 3)))
-        tallies.append(Tally(equations, tiles.T @ tiles, {k + j: score for j, score in enumerate(patch)}))
-        for channel in range(3):
-            rows = np.zeros((2 * s, s))
-            rows[:, channel * p : (channel + 1) * p], rows[:, 3 * p :] = lit[channel], shared[channel]
-            whole[np.ix_(places, places)] += rows.T @ (weights[:, channel, None] * rows)
-        whole[np.ix_(places[: 3 * p], places[: 3 * p])] += block_diag(*own.precision)
-        padded = np.zeros((5, whole_size))
-        padded[:, places] = tiles
-        tile_scores = np.vstack([tile_scores, padded])
-        for j, score in enumerate(patch):
-            total = patch_scores.setdefault(k + j, np.zeros(whole_size))
-            total[places] += score
-    covariance = np.linalg.inv(whole)
-    asked = rng.normal(size=(4, s))
-    posterior = Posterior([Marginal(u, t, asked) for u, t in zip(unknowns.lights, tallies, strict=True)])
-    patches = np.array(list(patch_scores.values()))
-
-    def check(spread, rows: np.ndarray) -> None:
-        assert_allclose(spread.std**2, np.diag(rows @ covariance @ rows.T), rtol=1e-9)
-        pulls = [((rows @ covariance @ scores.T) ** 2).sum(axis=1) for scores in (tile_scores, patches)]
-        assert_allclose(spread.fragility**2, np.maximum(*pulls), rtol=1e-9)
-
-    of_shared, none = rng.normal(size=(3, t)), np.zeros((4, 3 * p))
-    check(posterior.of_shared(of_shared), np.hstack([np.zeros((3, 6 * p)), of_shared]))
-    check(posterior.of_lighting(0), np.hstack([asked[:, : 3 * p], none, asked[:, 3 * p :]]))
-    check(posterior.of_lighting(1), np.hstack([none, asked]))
-    # The gauge holds the first light's total, sources among it, to a part in ten thousand: its degree 0.
-    for k, held in ((0, True), (1, False)):
-        per_total = np.sqrt(4 * np.pi) / lights[k].total[:, None]
-        total = UnknownLight.of(lights[k], unknowns, k).rows[:3] * per_total
-        assert ((posterior.asked(k, total).of_lighting(k).std < 1.001e-4) == held).all()
-
-
-def test_information_is_additive(bench):
-    light = PlannedLight(bench.known_lighting(), known=False)
-    field = bench.sphere_field(40.0, samples=150, sources=light.lighting.directions)
-    unknowns, (seen,) = columns_of(BRDF, light, [field])
-    weights = 1 / (0.01 * seen.radiance) ** 2
-    half = np.arange(len(field)) % 2 == 0
-
-    def tally(keep: np.ndarray) -> Tally:
-        return photograph_tally(unknowns, 0, field.where(keep), seen.where(keep), weights[keep])
-
-    whole, parts = tally(np.ones(len(field), bool)), tally(half) + tally(~half)
-    for name, matrix in vars(whole.equations).items():
-        assert_allclose(getattr(parts.equations, name), matrix, rtol=1e-12, atol=1e-12 * np.abs(matrix).max())
-    assert parts.patches.keys() == whole.patches.keys()
-    # A patch is seen in both, and its scores add up, unlike those of tiles, which are of one photograph.
-    for patch, score in whole.patches.items():
-        assert_allclose(parts.patches[patch], score, atol=1e-12 * np.abs(score).max())
-    twice = whole.times(2)
-    assert_allclose(twice.equations.corner, 2 * whole.equations.corner, rtol=1e-15)
-    assert_allclose(twice.pull, 4 * whole.pull, rtol=1e-15)
 
 
 # --- what theory says
@@ -424,73 +244,3 @@ def test_meshes_show_and_hide_as_their_photographs_do(tmp_path: Path):
     # 0.5% and 0.3%: transfer vectors come from few rays, and of the sky's highlights one ray decides.
     assert np.sqrt(np.mean(error**2)) < 0.01
     assert np.sqrt(np.mean(error[hidden] ** 2)) < 0.01
-
-
-# --- bad input
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"degree": -1}, "degree is -1"),
-        ({"samples": 0}, "samples is 0"),
-    ],
-)
-def test_numbers_out_of_range_are_named(change: dict[str, int], words: str):
-    experiment = experiment_of(read_staging(scene_path("fail-no-grazing")))
-    with pytest.raises(ValueError, match=words):
-        make_plan(experiment, **change)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        (
-            f'name = "teflon"\n[[lighting]]\nname = "lab"\n{LAMP}',
-            f'model = "mirror"\nkd = 0.1\nks = 0.5\n[[lighting]]\nname = "lab"\n{SKY}',
-            "has no roughness and index",
-        ),
-        (
-            'name = "teflon"',
-            'model = "anisotropic"\nkd = 0.1\nks = 0.1\nalpha_x = 0.1\nalpha_y = 0.2',
-            "two roughnesses",
-        ),
-        ('name = "teflon"', 'model = "lambertian"\nkd = 0.0', "reflects nothing"),
-        ("photos = 7", "photos = 2\nheld_out = [0, 1]", "held out"),
-        ("azimuth_deg = 0, elevation_deg = 4", "azimuth_deg = 180, elevation_deg = 0", "no light reaches"),
-        ("focal_px = 900", "focal_px = 60", r"shows \d+ usable pixels"),
-    ],
-)
-def test_what_cannot_be_planned_is_refused_in_a_sentence(tmp_path: Path, old: str, new: str, words: str):
-    path = tmp_path / "bench.toml"
-    text = scene(LAMP, "[gantry]\nphotos = 7\nstep_deg = 1\n")
-    assert old in text
-    path.write_text(text.replace(old, new))
-    with pytest.raises(ValueError, match=words):
-        make_plan(experiment_of(read_staging(path)))
-
-
-def test_other_materials_are_planned_as_their_like_and_it_is_said(tmp_path: Path):
-    def brdf_and_notes(material: str) -> tuple[Microfacet, str]:
-        path = tmp_path / "bench.toml"
-        path.write_text(scene(LAMP, GANTRY, material))
-        experiment: Experiment = experiment_of(read_staging(path))
-        return experiment.brdf, " ".join(experiment.notes)
-
-    brdf, notes = brdf_and_notes('model = "ggx"\nkd = 0.1\nks = 0.05\nalpha = 0.2\nmu = 1.5')
-    assert (brdf.sigma, brdf.mu) == (0.2, 1.5)
-    assert "GGX of alpha 0.2" in notes
-    brdf, notes = brdf_and_notes('model = "smith"\nkd = 0.1\nks = 0.05\nsigma = 0.2')
-    assert (brdf.sigma, brdf.mu) == (0.2, None)
-    brdf, notes = brdf_and_notes('model = "plastic"\nkd = 0.1\nks = 0.05\nalpha = 0.2\nmu = 1.5')
-    assert "GGX of alpha 0.2" in notes
-    assert "the base under an interface is planned as a Lambertian one" in notes
-    assert (brdf.mu, brdf.sigma) == (1.5, 0.2)
-    brdf, notes = brdf_and_notes('model = "phong"\nkd = 0.1\nks = 0.1\nexponent = 50')
-    assert "Phong" in notes
-    # Head-on both lobes are as high: ks (s + 2) / 2 pi, and Ks / (4 pi sigma^2).
-    assert brdf.sigma is not None
-    assert_allclose(brdf.ks / (4 * np.pi * brdf.sigma**2), 0.1 * 52 / (2 * np.pi))
-    # And fall to half at the same half angle, to a percent.
-    half = np.arccos(0.5 ** (1 / 50)) / 2
-    assert np.exp(-((half / brdf.sigma) ** 2)) == pytest.approx(0.5, rel=0.01)
