@@ -89,7 +89,7 @@ def map_coefficients(radiance_map: ArrayLike, l_max: int) -> Floats:
 def weighted_analysis(values: Floats, l_max: int, row_weights: Floats) -> Floats:
     """Sum over a grid of values (H, 2H, c) times harmonics, times weights (H,) of whole rows in steradian."""
     height = len(values)
-    _check_carried(l_max, height)
+    check_carried(l_max, height)
     waves = scipy.fft.rfft(values, axis=1)[:, : l_max + 1].transpose(1, 0, 2)
     turned = (_half_pixel(height, l_max)[:, None, None] / (2 * height)) * (waves * row_weights[:, None])
     # Pixel centres are half a pixel off phi = 0; real and imaginary parts go through one product.
@@ -111,7 +111,7 @@ def synthesise_latlong(coefficients: ArrayLike, height: int) -> Floats:
     """
     coefficients = finite(np.asarray(coefficients, float), "coefficients")
     l_max = degree_of(len(coefficients))
-    _check_carried(l_max, height)
+    check_carried(l_max, height)
     channels = coefficients.shape[1]
     by_order = np.zeros((l_max + 1, l_max + 1, 2 * channels))
     cosine, sine = _places(l_max)
@@ -156,7 +156,8 @@ def _checked_height(values: Floats) -> int:
     return len(values)
 
 
-def _check_carried(l_max: int, height: int) -> None:
+def check_carried(l_max: int, height: int) -> None:
+    """Raise ValueError for a degree that a lat-long grid of `height` rows can't carry."""
     check_degree(l_max)
     if l_max > highest_degree(height):
         raise ValueError(
