@@ -2,7 +2,27 @@
 
 from __future__ import annotations
 
-from benchmarks.papers import brdf, cat, doll, filters, gradients, light, spheres
+from benchmarks.papers import (
+    accuracy,
+    brdf,
+    cat,
+    comparisons,
+    complexity,
+    doll,
+    filters,
+    forms,
+    frequencies,
+    gallery,
+    gradients,
+    light,
+    measuredorders,
+    microfacettimes,
+    phongtimes,
+    printedequations,
+    realharmonics,
+    recentred,
+    spheres,
+)
 from benchmarks.papers.entry import Entry
 
 PAPERS = {
@@ -39,9 +59,26 @@ _ENTRIES = (
         "the rotations of a surface's frame",
         reason="a diagram: [conventions.md](../conventions.md)",
     ),
+    Entry("r02-fig2.3", "the first nine real harmonics", realharmonics.nine_harmonics),
+    Entry("r02-fig2.4", "lobes about the normal and about the mirrored view", recentred.recentred_lobes),
+    Entry("r02-fig5.1", "several lights and BRDFs by one map a frame", gallery.gallery),
     Entry("r02-fig5.2", "the steps of prefiltering", reason="a diagram: `invrender/prefilter`"),
     Entry("r02-fig5.3", "the idea of reflection maps", reason="a diagram: [commands.md](../commands.md)"),
+    Entry("r02-fig5.4", "frequencies of light, lobe and image", frequencies.falling_frequencies),
+    Entry("r02-fig5.5", "accuracy of an order, and its estimates", accuracy.accuracy_of_orders),
+    Entry("r02-fig5.6", "microfacets by maps of rising order", comparisons.orders_in_pictures),
+    Entry("r02-fig5.7", "orders of measured BRDFs", measuredorders.orders_of_measured),
+    Entry("r02-fig5.8", "maps beside Kautz and McCool's texture", comparisons.beside_kautz_mccool),
+    Entry("r02-fig5.9", "maps beside Cabral's icosahedron", comparisons.beside_cabral),
     Entry("r02-table5.1", "notation", reason="a list of symbols: [glossary.md](../glossary.md)"),
+    Entry("r02-table5.2", "forms of the reflected light field", forms.forms_compared),
+    Entry("r02-table5.3", "how prefiltering's cost grows", complexity.measured_exponents),
+    Entry("r02-table5.4", "prefiltering for Phong's lobe", phongtimes.phong_times),
+    Entry("r02-table5.5", "prefiltering for microfacets", microfacettimes.microfacet_times),
+    Entry("r02-eq2.68", "light and BRDF by an explicit formula", printedequations.equation_2_68),
+    Entry("r02-eq5.19", "the bound on the residual energy", accuracy.equation_5_19),
+    Entry("r02-eq5.27", "Phong's lobe as a Gaussian", printedequations.equation_5_27),
+    Entry("r02-eq5.31", "the width of Phong's lobe", printedequations.equation_5_31),
     Entry("rmb07-fig3", "gradients after each step of shading", gradients.steps),
     Entry("rmb07-fig4", "the sizes of the terms in common situations", gradients.situations),
     Entry("rmb07-fig5", "the terms in a scene under a near lamp", gradients.scene),

@@ -10,6 +10,10 @@ from typing import Any
 from matplotlib.figure import Figure
 
 
+class MissingMeansError(RuntimeError):
+    """A figure needs what this machine lacks: real data, or a compiler."""
+
+
 @dataclass(frozen=True)
 class Workplace:
     """Where drawings go, and what they are made of.
@@ -22,6 +26,12 @@ class Workplace:
     sets: Path
     data: Path | None
     quick: bool
+
+    def real(self, *parts: str) -> Path:
+        """A file or folder of real data; MissingMeansError where there is no data."""
+        if self.data is None:
+            raise MissingMeansError("LIGHTFACTOR_DATA isn't set: there is no real data")
+        return self.data.joinpath(*parts)
 
     def save(self, figure: Figure, name: str) -> str:
         """Write a picture as NAME.png and return that."""

@@ -1,7 +1,7 @@
 """Orders and costs of prefiltering radially symmetric lobes, as R02 estimates them [R02, section 5.6.3 and 5.6.4].
 
 Costs are numbers of operations up to a constant factor, of S x S pixels of light and of map. What prefiltering takes on
-a computer is measured by `python -m benchmarks --only prefilter`.
+a computer is measured by `python -m benchmarks.papers r02-table5.3 r02-table5.4`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Cabral et al. 1999 keep plain maps of twelve viewers, the vertices of an icosahedron, and mix the three around a view.
 Kautz and McCool 2000 keep one map per angle between the view and the centre, and drop the azimuth. Both are tables of
-what a reflection map is a sum for; what they lose is measured by `python docs/prefilter.py`.
+what a reflection map is a sum for; what they lose is measured by `python -m benchmarks.papers r02-fig5.8 r02-fig5.9`.
 """
 
 from __future__ import annotations
