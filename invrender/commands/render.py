@@ -138,6 +138,14 @@ def render(
             help="Also write the standard deviation of each pixel: channels std.R, std.G, std.B of the EXR.",
         ),
     ] = False,
+    preview: Annotated[
+        bool,
+        typer.Option(
+            "--preview",
+            help="Quickly, by reflection maps (see `prefilter`): the light is filtered once, each pixel is a lookup."
+            " One ray per pixel, no shadows, no light from one part of the object to another.",
+        ),
+    ] = False,
     assume: Assumptions = None,
 ) -> None:
     """Predict what the object of a result looks like from other sides and under other light.
@@ -175,6 +183,7 @@ def render(
             mean=mean,
             exposure_ev=exposure,
             std=std,
+            preview=preview,
             assume=tuple(assume or ()),
         )
     )

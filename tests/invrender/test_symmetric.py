@@ -13,8 +13,12 @@ from invrender.theory.specialcases import phong_transfer
 from recon.harmonics.latlong import project_latlong, synthesise_latlong
 
 
-@pytest.mark.parametrize(("rows", "height", "l_max", "channels"), [(128, 128, 8, 3), (41, 17, 8, 1), (9, 64, 0, 2)])
-def test_products_find_what_plain_transforms_find(rows: int, height: int, l_max: int, channels: int, rng) -> None:
+@pytest.mark.parametrize(
+    ("rows", "height", "l_max", "channels"), [(128, 128, 8, 3), (41, 17, 8, 1), (9, 64, 0, 2)]
+)
+def test_products_find_what_plain_transforms_find(
+    rows: int, height: int, l_max: int, channels: int, rng
+) -> None:
     # Lamps a thousand times as bright as the rest, as in real light.
     light = rng.lognormal(sigma=2, size=(rows, 2 * rows, channels)).astype(np.float32)
     transfer = rng.normal(size=l_max + 1)

@@ -36,6 +36,7 @@ class RenderOptions:
     mean: bool = False
     exposure_ev: float | None = None
     std: bool = False
+    preview: bool = False
     assume: tuple[str, ...] = ()
 
 
@@ -45,6 +46,8 @@ def check_options(options: RenderOptions) -> None:
     _check_turntable(options)
     if options.photo and (options.view or options.size or options.fov_deg is not None):
         raise ValueError("--photo is a whole camera: it excludes --view, --size and --fov")
+    if options.preview and options.std:
+        raise ValueError("--preview knows no standard deviations; leave --std or --preview out")
     if not abs(options.rotate_light) <= 360:
         raise ValueError(f"--rotate-light is {options.rotate_light:g} degrees; it must be -360 to 360")
 

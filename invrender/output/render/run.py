@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from functools import partial
 
@@ -13,6 +14,7 @@ from invrender.output.render.light import chosen_lighting, own_lighting, parse_s
 from invrender.output.render.options import DEFAULT_FPS, RenderOptions, check_options
 from invrender.output.render.photographer import Photographer, photographer
 from invrender.output.render.picture import Picture
+from invrender.output.render.preview import previewer
 from invrender.output.render.turntable import TURNTABLE_FILES, check_strip, develop, write_frames, write_views
 from invrender.output.render.view import parse_size, parse_view
 from invrender.result.reflectance import check_assumable
@@ -47,7 +49,13 @@ def run_render(options: RenderOptions) -> None:
     notes = [*studio.notes, *made_up]
     inputs = [result.path, *(path for path in (options.light, options.mesh, options.mesh_to_world) if path)]
 
+    begin = time.perf_counter()
+    quick = previewer(studio) if options.preview else None
+    prepared = time.perf_counter() - begin
+
     def take(frame: TurntableFrame) -> Picture:
+        if quick is not None:
+            return quick.take(frame.camera, frame.light_turn)
         return studio.take(frame.camera, frame.light_turn, options.std)
 
     if options.turntable is None:
@@ -73,6 +81,9 @@ def run_render(options: RenderOptions) -> None:
             write_views(folder, named, studio.lighting.name, inputs, notes)
     under = studio.lighting.name
     console.print(f"{result.content.name} under {under}: {options.out}", soft_wrap=True, markup=False)
+    if quick is not None:
+        took = f"{time.perf_counter() - begin:.2g} s, {prepared:.2g} s of it for filtering the light"
+        console.print(f"Preview in {took}. {quick.stated}", soft_wrap=True, markup=False)
     for note in notes:
         console.print(f"Note: {note}", style="yellow", markup=False)
 
