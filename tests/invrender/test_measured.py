@@ -15,7 +15,7 @@ import lightfactor as lf
 from capture.reflectance.samples import ReflectanceSamples
 from invrender.brdf.lobes import GGX_FORM
 from invrender.inverse_brdf.halfangles import directions, half_angles
-from invrender.inverse_brdf.measured import fit_measured, read_measured, brdf_values
+from invrender.inverse_brdf.measured import brdf_values, fit_measured, read_measured
 from invrender.inverse_brdf.table import bin_centres
 from lightfactor.cli import main
 from synthetic.materials.facets import GGXSlopes
