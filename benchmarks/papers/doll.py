@@ -25,6 +25,6 @@ def texture(place: Workplace) -> Outcome:
         "renderings closely resemble photographs",
         f"off by {off[0]:.1%} of white, and by {off[1]:.1%} under another lamp (RMS)",
         "Kd and Ks are found for each point of the surface; the second row is under a lamp that lit none of the fitted"
-        " photographs. What is off lies at the texture's edges.",
+        " photographs. What is off lies at the texture's edges. Points that too few photographs determine stay black.",
         place.save(figure, "rh01-fig15"),
     )
