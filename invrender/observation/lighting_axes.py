@@ -1,8 +1,7 @@
 """Whether known light, its map or its lamps would explain photographs far better in other axes, turned or mirrored.
 
 Light is smoothed, shadows are left out, grazing views too, and the BRDF is any sum of a Lambertian part and lobes of
-three widths: a rough judge, but a quick one that other faults don't mislead. What light in other axes sends to a
-normal, light as it is given sends to that normal turned back.
+three widths: a rough judge, but a quick one that other faults don't mislead.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from capture.lighting import Lighting
 from recon.harmonics.basis import clamped_cosine_transfer, degrees, evaluate_harmonics, to_degree
 from recon.harmonics.complex import project_sources
 from recon.harmonics.latlong import highest_degree, map_coefficients
+from recon.harmonics.rotations import rotated_harmonics
 from recon.placement.conventions import signed_axes
 from recon.sampling.lightfield import LightField
 
@@ -50,7 +50,7 @@ def other_frame(fields: Sequence[LightField], lightings: Sequence[Lighting]) -> 
     }
     parts = {name: lights for name, lights in parts.items() if any(light.any() for light in lights)}
     frames = _frames()
-    shown = {name: [_shown(fields, lights, frame) for frame in frames] for name, lights in parts.items()}
+    shown = {name: _shown(fields, lights, frames) for name, lights in parts.items()}
     given = _left(radiance, [terms[0] for terms in shown.values()])
     best, found = _FAR_BETTER * given, None
     for turned in [tuple(parts), *((name,) for name in parts if len(parts) > 1)]:
@@ -98,20 +98,29 @@ def _frames() -> list[Floats]:
     return sorted(signed_axes(), key=unlikely)
 
 
-def _shown(fields: Sequence[LightField], lights: Sequence[Floats], frame: Floats) -> Floats:
-    """What each term of the BRDF reflects (n, terms, 3) of light that `frame` turns; one light per photograph."""
+def _shown(fields: Sequence[LightField], lights: Sequence[Floats], frames: Sequence[Floats]) -> Floats:
+    """What each term of the BRDF reflects (frames, n, terms, 3) of turned light; one light per photograph."""
     l = degrees(_L_MAX)
-    kernels = [clamped_cosine_transfer(_L_MAX)[l], *(np.exp(-((width * l) ** 2)) for width in _WIDTHS)]
-    found = []
-    for field, light in zip(fields, lights, strict=True):
-        # Light at w is, turned, at frame w; and what it sends to a normal is found at the normal turned back.
-        matte, mirrored = (evaluate_harmonics(d @ frame, _L_MAX) for d in (field.normals, field.mirrored))
-        terms = [
-            field.mean_over_rays(basis @ (kernel[:, None] * light))
-            for basis, kernel in zip([matte, *[mirrored] * len(_WIDTHS)], kernels, strict=True)
+    kernels = np.stack(
+        [clamped_cosine_transfer(_L_MAX)[l], *(np.exp(-((width * l) ** 2)) for width in _WIDTHS)]
+    )
+    rows = np.concatenate([light.T for light in lights])
+    # Light at w is, turned, at frame w; a frame that mirrors is a turn and a reflection at the origin.
+    turned = np.stack(
+        [
+            rotated_harmonics(rows * np.where(l % 2, hand, 1), hand * frame)
+            for frame, hand in ((frame, round(np.linalg.det(frame))) for frame in frames)
         ]
-        found.append(np.stack(terms, axis=1))
-    return np.concatenate(found)
+    ).reshape(len(frames), len(lights), 3, -1)
+    found = []
+    for k, field in enumerate(fields):
+        means = [field.mean_over_rays(evaluate_harmonics(d, _L_MAX)) for d in (field.normals, field.mirrored)]
+        terms = [
+            means[min(place, 1)] @ (kernel * turned[:, k]).reshape(-1, len(l)).T
+            for place, kernel in enumerate(kernels)
+        ]
+        found.append(np.stack(terms).reshape(len(kernels), len(field), len(frames), 3).transpose(2, 1, 0, 3))
+    return np.concatenate(found, axis=1)
 
 
 def _left(radiance: Floats, terms: Sequence[Floats]) -> float:
