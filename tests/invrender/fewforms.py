@@ -13,9 +13,12 @@ from invrender.brdf.lobes import BECKMANN, RH01_FORM
 
 @contextmanager
 def few_forms_tried(*others: LobeForm) -> Iterator[None]:
-    """Beside RH01's form the given ones alone, and what they extend to; that of Beckmann's facets if none is given."""
-    others = others or (BECKMANN,)
+    """Beside RH01's form the given ones alone, and what they extend to; if none is given, Beckmann's facets as such."""
     with pytest.MonkeyPatch.context() as patch:
+        if not others:
+            others = (BECKMANN,)
+            for extension in ("extended", "tabulated"):
+                patch.setattr(f"invrender.estimate.forms.{extension}", lambda _: ())
         patch.setattr("invrender.estimate.forms.OTHER_FORMS", others)
         patch.setattr("invrender.estimate.unknown_light.forms.FIRST_FORMS", (RH01_FORM, *others))
         yield
