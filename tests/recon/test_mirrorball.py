@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -76,6 +77,21 @@ def towards(camera: Camera, right_deg: float, up_deg: float) -> Floats:
     return camera.camera_to_world[:3, :3] @ local
 
 
+@cache
+def mirrored(camera: Camera, side: int) -> list[tuple[NDArray[np.int64], Floats]]:
+    """For side x side points within each pixel: the pixels (k,) whose point shows the ball, and what these mirror."""
+    offsets = (np.arange(side) + 0.5) / side
+    y, x = np.mgrid[: camera.height, : camera.width]
+    found = []
+    for dy in offsets:
+        for dx in offsets:
+            hit, directions = mirrored_directions(
+                BALL, camera, np.column_stack([x.ravel() + dx, y.ravel() + dy])
+            )
+            found.append((np.flatnonzero(hit), directions[hit]))
+    return found
+
+
 def photograph(
     camera: Camera, *discs: Disc, background: float | None = None, level: float = np.inf, side: int = 4
 ) -> tuple[RadianceImage, NDArray[np.float32]]:
@@ -83,19 +99,14 @@ def photograph(
 
     level : radiance at which the sensor clips.
     """
-    offsets = (np.arange(side) + 0.5) / side
     total = np.zeros((camera.height * camera.width, 3))
     covered = np.zeros(camera.height * camera.width)
-    y, x = np.mgrid[: camera.height, : camera.width]
-    for dy in offsets:
-        for dx in offsets:
-            points = np.column_stack([x.ravel() + dx, y.ravel() + dy])
-            hit, directions = mirrored_directions(BALL, camera, points)
-            seen = smooth(directions) if background is None else np.full(directions.shape, background)
-            for disc in discs:
-                seen = seen + disc(directions)
-            total += hit[:, None] * seen
-            covered += hit
+    for pixels, directions in mirrored(camera, side):
+        seen = smooth(directions) if background is None else np.full(directions.shape, background)
+        for disc in discs:
+            seen = seen + disc(directions)
+        total[pixels] += seen
+        covered[pixels] += 1
     shape = (camera.height, camera.width)
     radiance = (total / side**2).reshape(*shape, 3)
     image = RadianceImage(np.minimum(radiance, level), np.zeros((*shape, 3)), (radiance >= level).any(axis=2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -38,19 +39,28 @@ POSES = np.array(
 FLIP = np.diag([1.0, -1, -1, 1])
 
 
-@pytest.fixture
-def photoset(tmp_path: Path, draw: Callable[..., NDArray[np.float32]]) -> Path:
+@pytest.fixture(scope="module")
+def photoset_original(
+    tmp_path_factory: pytest.TempPathFactory, draw: Callable[..., NDArray[np.float32]]
+) -> Path:
     """A set of six photographs without poses, whose masks show two balls, told apart by their size."""
+    folder = tmp_path_factory.mktemp("balls")
     big = Sphere(TARGET, 0.06, np.zeros((4, 4)))
     small = Sphere(TARGET + np.array([0.05, 0.03, 0.05]), 0.03, np.zeros((4, 4)))
     lines = ['format = 1\nname = "balls"\n[camera]\nmodel = "PINHOLE"']
     lines.append(f"params = {CAMERA.params.tolist()}\nwidth = {CAMERA.width}\nheight = {CAMERA.height}")
     for name, pose in zip(NAMES, POSES, strict=True):
         mask = np.maximum(draw(big, CAMERA.posed(pose), 2), draw(small, CAMERA.posed(pose), 2))
-        cv2.imwrite(str(tmp_path / f"mask-{name}"), np.round(255 * mask).astype(np.uint8))
+        cv2.imwrite(str(folder / f"mask-{name}"), np.round(255 * mask).astype(np.uint8))
         lines.append(f'[[photo]]\nfile = "{name}"\nmask = "mask-{name}"')
-    (tmp_path / "photoset.toml").write_text("\n".join(lines), encoding="utf-8")
-    return tmp_path
+    (folder / "photoset.toml").write_text("\n".join(lines), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def photoset(photoset_original: Path, tmp_path: Path) -> Path:
+    """A copy that a test may change."""
+    return Path(shutil.copytree(photoset_original, tmp_path, dirs_exist_ok=True))
 
 
 def _transforms(path: Path, matrices: Sequence[Floats], names: Sequence[str] = NAMES, **keys: object) -> Path:
