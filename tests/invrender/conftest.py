@@ -145,7 +145,7 @@ def workshop(small_set_original: Path, tmp_path_factory: pytest.TempPathFactory)
     folder = tmp_path_factory.mktemp("workshop")
     shutil.copytree(small_set_original, folder / "set")
     with few_forms_tried():
-        run_process(folder / "set", folder / "result", 4000)
+        run_process(folder / "set", folder / "result", 2500)
     return folder
 
 
