@@ -10,7 +10,7 @@ import pytest
 from benchmarks.gloss.photosets import read_lamps, write_photoset
 from lightfactor.cli import main
 
-from .fewforms import few_forms_tried
+from .fewforms import few_forms_tried, no_causes_sought
 
 # Photographs that are said to be others: places among those of the set.
 SWAPPED = (2, 7)
@@ -30,7 +30,7 @@ def result(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
         text = text.replace(f"{names[k]}.png", f"{other}.png")
     manifest.write_text(text)
     command = ["lightfactor", "process", str(folder), "-o", str(folder / "out"), "--samples", "2000"]
-    with few_forms_tried(), pytest.MonkeyPatch.context() as patch:
+    with few_forms_tried(), no_causes_sought(), pytest.MonkeyPatch.context() as patch:
         patch.setattr("sys.argv", command)
         with pytest.raises(SystemExit, match="0"):
             main()

@@ -317,7 +317,7 @@ def test_light_and_brdf_of_a_concave_mesh_from_three_photographs(
 
 
 def test_light_of_a_mesh_whose_shadows_are_ignored_is_several_times_as_wrong(
-    blind: Factorization, cat_original: Path
+    blind: Factorization, cat_original: Path, no_causes: None
 ) -> None:
     careless = under_unknown_light(cat_original, shadowing=False)
     assert careless.model.error > 5 * blind.model.error

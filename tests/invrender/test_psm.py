@@ -22,7 +22,7 @@ from invrender.transport.predict import predict_columns
 from invrender.transport.transfer import light_elements
 from recon.sampling.lightfield import LightField
 
-from .fewforms import few_forms_tried
+from .fewforms import few_forms_tried, no_causes_sought
 
 SET = Path(__file__).parents[1] / "sets" / "psm"
 
@@ -117,7 +117,7 @@ def in_the_dark(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run
     folder = tmp_path_factory.mktemp("psm")
     told_nothing = re.sub(r"mirror_ball = .*\nrecover = .*\n", "unknown = true\ndark = true\n", text)
     (folder / "photoset.toml").write_text(told_nothing)
-    with few_forms_tried():
+    with few_forms_tried(), no_causes_sought():
         return process(load_photoset(folder), samples=1200)
 
 
