@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+import typer
 
 from capture.parallel import one_blas_thread
 from recon.mesh.trianglemesh import TriangleMesh
@@ -53,6 +54,14 @@ def find_data() -> Callable[[Mapping[str, str]], Path]:
 def data_dir() -> Path:
     """The folder of real photographs, named by the environment variable LIGHTFACTOR_DATA."""
     return _find_data(os.environ)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _commands_once() -> Iterator[None]:
+    """Typer's runner puts all commands together for each call; the program does so once, too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("typer.testing._get_command", cache(typer.main.get_command))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)
