@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -92,6 +93,8 @@ def cat_original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cat")
     (folder / "cat.toml").write_text(CAT)
     write_photoset(read_staging(folder / "cat.toml"), folder / "set")
+    # Its transfer vectors are then kept beside the mesh.
+    find_geometry(load_photoset(folder / "set"))
     return folder / "set"
 
 
@@ -105,6 +108,7 @@ def known_cat(
     folder = tmp_path_factory.mktemp("lamp-lit cat")
     (folder / "cat.toml").write_text(re.sub(r"(?m)^area = .*\n", "", CAT))
     write_photoset(read_staging(folder / "cat.toml"), folder / "set")
+    shutil.copy(cat_original / "object.transfer.npz", folder / "set")
     return folder / "set"
 
 
