@@ -156,7 +156,8 @@ def renderings(place: Workplace) -> Outcome:
         "renderings off by 5% to 10% (RMS)",
         f"off by up to {known:.1%} (known light), {unknown:.1%} (unknown), {published:.1%} (unknown, RH01's method)",
         "The view is between the photographs that were fitted; of its radiance 1% is noise. In unknown light a picture"
-        " goes by the light that was found with the BRDF. Its scale per channel is free; here it is the true light's.",
+        " goes by the light that was found with the BRDF. Its scale per channel is free; here it is the true light's."
+        " RH01's method looks the lamp up in one map of all views, which tears its highlight at grazing ones.",
         place.save(figure, "rh01-fig12"),
     )
 
