@@ -23,10 +23,11 @@ def prefilter(
     brdf: Annotated[
         str,
         typer.Option(
-            metavar="RESULT|NAME",
-            help="The BRDF: a folder that `process` wrote, or its result.json; or lambertian, phong:EXPONENT (R02, eq."
-            " 5.26), microfacet:SIGMA (radians; R02, eq. 5.34), skin (Lafortune's lobes), kajiya-kay:EXPONENT (fibres,"
-            " about their tangent).",
+            metavar="RESULT|TABLE|NAME",
+            help="The BRDF: a folder that `process` wrote, or its result.json; a measured one, Cornell's text (.brdf),"
+            " MERL's binary (.binary), or the brdf.json of `brdf --method table`; or lambertian, phong:EXPONENT (R02,"
+            " eq. 5.26), microfacet:SIGMA (radians; R02, eq. 5.34), skin (Lafortune's lobes), kajiya-kay:EXPONENT"
+            " (fibres, about their tangent).",
             show_default=False,
         ),
     ],

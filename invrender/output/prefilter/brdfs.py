@@ -1,4 +1,4 @@
-"""The BRDF that light is prefiltered for: a result's, or a published one by its name."""
+"""The BRDF that light is prefiltered for: a result's, a measured one, or a published one by its name."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from invrender.brdf.kajiya_kay import kajiya_kay
 from invrender.brdf.lafortune import SKIN
 from invrender.brdf.phong import mirrored_phong
 from invrender.brdf.rh01 import simplified_microfacet
+from invrender.inverse_brdf.measured import SUFFIXES
+from invrender.inverse_brdf.table_lobe import measured_table, table_lobes
 from invrender.prefilter.centred import (
     CentredBrdf,
     CentredLobe,
@@ -49,19 +51,26 @@ class ChosenBrdf:
 
 
 def chosen_brdf(text: str, assumed: Mapping[str, float]) -> ChosenBrdf:
-    """The BRDF of a result (its folder or result.json), or a named one, as "phong:32".
+    """The BRDF of a result (its folder or result.json), a measured one (a file), or a named one, as "phong:32".
 
-    assumed : mu or sigma of a result that leaves them open. ValueError where there is neither, for numbers that no such
-    BRDF has, and as `reflectance`.
+    assumed : mu or sigma of a result that leaves them open. ValueError where there is none of these, for numbers that
+    no such BRDF has, and as `reflectance` and `measured_table`.
     """
     path = Path(text)
+    if path.is_file() and path.suffix in SUFFIXES and path.name != RESULT_NAME:
+        if assumed:
+            raise ValueError(
+                f"--assume: {path} has no open numbers; only a result can leave mu or sigma open"
+            )
+        return _of_table(path)
     if path.exists():
         return _of_result(path, assumed)
     name, _, number = text.partition(":")
     if name not in NAMED:
         raise ValueError(
             f"--brdf {text}: there is no such file, and no BRDF of that name: {nearest(name, NAMED)} A result is"
-            f" given by the folder that `lightfactor process` wrote, or its {RESULT_NAME}"
+            f" given by the folder that `lightfactor process` wrote, or its {RESULT_NAME}; a measured BRDF by its file"
+            f" ({', '.join(SUFFIXES)})"
         )
     if assumed:
         raise ValueError(f"--assume: {name!r} has no open numbers; only a result can leave mu or sigma open")
@@ -74,6 +83,12 @@ def _of_result(path: Path, assumed: Mapping[str, float]) -> ChosenBrdf:
     notes = tuple(note.replace("picture", "map") for note in found.notes if "--mean" not in note)
     brdf = centred_microfacet(found.brdf, f"{result.content.name} ({result.content.brdf.model})")
     return ChosenBrdf(brdf, result.is_absolute, notes, (result.path,))
+
+
+def _of_table(path: Path) -> ChosenBrdf:
+    """All of a measured BRDF as one lobe about the mirrored view, as R02 has it of CURET's [R02, section 5.7.2]."""
+    lobe = specular_lobe("whole", table_lobes(measured_table(path)), _ALL)
+    return ChosenBrdf(CentredBrdf(f"{path.name}, as measured", (lobe,)), inputs=(path,))
 
 
 def _number(text: str, given: str, named: NamedBrdf) -> float:
