@@ -63,6 +63,15 @@ class ObjectTable(Table):
     mesh_to_world: Matrix4 | None = None
     align: str | None = None
     texture: bool = False
+    brushed_about: Vector3 | None = None
+
+    @model_validator(mode="after")
+    def _brushed_sphere(self) -> ObjectTable:
+        if self.brushed_about is not None and self.shape != "sphere":
+            raise ValueError("brushed_about is for shape = 'sphere': a mesh has no tangents; remove the key")
+        if self.brushed_about is not None and not any(self.brushed_about):
+            raise ValueError("brushed_about is [0, 0, 0]; give the axis of the circles of brushing")
+        return self
 
     @model_validator(mode="after")
     def _no_mesh_for_a_sphere(self) -> ObjectTable:

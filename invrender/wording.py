@@ -13,7 +13,8 @@ Floats = NDArray[np.float64]
 
 PARAMETER_LABELS = {"kd": "Kd", "ks": "Ks", "spread": "haze / core width", "beyond": "share beyond sigma"}
 PARAMETER_LABELS |= {f"beyond_{width}": f"of that, beyond {width} sigma" for width in (2, 4, 8)}
-_UNITS = {"kd": " (1/sr)", "sigma": " (rad)"}
+PARAMETER_LABELS |= {"stretch": "alpha_x / alpha_y"}
+_UNITS = {"kd": " (1/sr)", **dict.fromkeys(("sigma", "alpha_x", "alpha_y"), " (rad)")}
 
 
 def sentences(texts: Iterable[str]) -> list[str]:

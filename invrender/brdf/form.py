@@ -23,12 +23,16 @@ Floats = NDArray[np.float64]
 # Radiance per unit of radiance and solid angle, (...), of unit normals, directions to the light and to the viewer,
 # (..., 3) each, broadcast: a BRDF times the cosine of incidence.
 Lobe = Callable[[Floats, Floats, Floats], Floats]
+# A unit vector in the world.
+Axis = tuple[float, float, float]
 # A form's own, by name, one or (f,) each.
 Numbers = Mapping[str, float | Floats]
 
 _WIDEST_HAZE = 0.3
 # Below, the half-angle's tangent and the secants of grazing light lose all digits.
 LEAST_COS = 1e-6
+# Distance from a pole, radians, within which a brushed surface has no tangent, and squares without an azimuth.
+_AT_POLE, _NO_AZIMUTH = 1e-9, 1e-300
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
@@ -39,22 +43,59 @@ def _dot(a: Floats, b: Floats) -> Floats:
 @dataclass(frozen=True, eq=False)
 class Angles:
     """Pairs of directions above the surface, arrays of one shape: theta_h, radians, of the half vector to the normal;
-    cosines of incidence, exitance and of half the angle between the two directions (theta_d)."""
+    cosines of incidence, exitance and of half the angle between the two directions (theta_d).
+
+    turns : of a brushed surface, cosines of twice the azimuth from its tangent, of half vector, light and viewer.
+    """
 
     theta_h: Floats
     cos_i: Floats
     cos_o: Floats
     cos_d: Floats
+    turns: tuple[Floats, Floats, Floats] | None = None
 
     @classmethod
-    def between(cls, normals: Floats, wi: Floats, wo: Floats) -> Angles:
-        """Angles of unit vectors (..., 3), broadcast."""
+    def between(cls, normals: Floats, wi: Floats, wo: Floats, axis: Axis | None = None) -> Angles:
+        """Angles of unit vectors (..., 3), broadcast; axis : that the surface is brushed about, if it is."""
         half = wi + wo
         along = _dot(half, normals)
         # Not by arccos, which loses half the digits where the lobe peaks.
         beside = half - along[..., None] * normals
         theta_h = np.arctan2(np.sqrt(_dot(beside, beside)), along)
-        return cls(theta_h, _dot(normals, wi), _dot(normals, wo), np.sqrt(_dot(half, half)) / 2)
+        turns = None
+        if axis is not None:
+            tangent = brushed_tangents(normals, axis)
+            across = np.cross(normals, tangent)
+            turns = _turn(tangent, across, half), _turn(tangent, across, wi), _turn(tangent, across, wo)
+        return cls(theta_h, _dot(normals, wi), _dot(normals, wo), np.sqrt(_dot(half, half)) / 2, turns)
+
+    @property
+    def widened(self) -> Angles:
+        """The same with an axis more, for widths along it."""
+        theta_h, cos_i, cos_o, cos_d = (
+            part[..., None] for part in (self.theta_h, self.cos_i, self.cos_o, self.cos_d)
+        )
+        if self.turns is None:
+            return Angles(theta_h, cos_i, cos_o, cos_d)
+        half, light, view = (turn[..., None] for turn in self.turns)
+        return Angles(theta_h, cos_i, cos_o, cos_d, (half, light, view))
+
+
+def brushed_tangents(normals: Floats, axis: Axis) -> Floats:
+    """Unit tangents (..., 3) along circles about an axis, counterclockwise, at unit normals (..., 3).
+
+    Where a normal lies along the axis: some direction across it.
+    """
+    along = np.cross(np.asarray(axis, float), normals)
+    length = np.sqrt(_dot(along, along))[..., None]
+    spare = np.cross(np.roll(axis, 1), axis)
+    return np.asarray(np.where(length < _AT_POLE, spare, along) / np.where(length < _AT_POLE, 1, length))
+
+
+def _turn(tangent: Floats, across: Floats, directions: Floats) -> Floats:
+    """Cosine (...,) of twice the azimuth of directions (..., 3) from a tangent; 1 along the normal."""
+    x, y = _dot(tangent, directions) ** 2, _dot(across, directions) ** 2
+    return np.asarray((x - y + _NO_AZIMUTH) / (x + y + _NO_AZIMUTH))
 
 
 class LobeForm:
@@ -64,6 +105,8 @@ class LobeForm:
     index. interface : whether the diffuse base lies under a smooth interface of that index (`transport.diffuse_base`).
     coat : strength of Shirley's coupled base, None where the base is another; Lambertian where it is neither. parts :
     share and width over sigma of each lobe of the sum. numbers : the form's own numbers, beside mu and sigma, by name.
+    ranges : of sigma and the form's own numbers, where narrower than a search's. axis : that the surface is brushed
+    about; None where it is isotropic.
     """
 
     name: str
@@ -73,6 +116,8 @@ class LobeForm:
     coat: float | None = None
     parts: tuple[tuple[float, float], ...] = ((1.0, 1.0),)
     numbers: Mapping[str, float] = MappingProxyType({})
+    ranges: Mapping[str, tuple[float, float]] = MappingProxyType({})
+    axis: Axis | None = None
 
     @property
     def lobe(self) -> LobeForm:
@@ -83,6 +128,10 @@ class LobeForm:
     def family(self) -> LobeForm:
         """What all forms are that differ from this one in their numbers only."""
         return self
+
+    def derived(self, sigma: float) -> Mapping[str, float]:
+        """What follows from sigma and the form's own numbers and is reported beside them, by name."""
+        return {}
 
     def with_numbers(self, numbers: Mapping[str, float]) -> LobeForm:
         """The form of the same family with other numbers, named as in `numbers`."""

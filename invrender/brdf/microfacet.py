@@ -51,8 +51,7 @@ class Microfacet:
 
 def sigma_nodes() -> Floats:
     """The roughnesses at which transfers are tabulated: Chebyshev points in log sigma."""
-    low, high = np.log(SIGMA_RANGE)
-    return np.exp(low + (_chebyshev_points() + 1) / 2 * (high - low))
+    return chebyshev_nodes(SIGMA_RANGE, _NODES)
 
 
 def sigma_weights(sigma: float | Floats) -> Floats:
@@ -60,19 +59,31 @@ def sigma_weights(sigma: float | Floats) -> Floats:
 
     What is interpolated is sigma^2 S, whose peak is the same for all sigma; the error is 1e-4 of it.
     """
-    low, high = np.log(SIGMA_RANGE)
-    position = np.clip(2 * (np.log(sigma) - low) / (high - low) - 1, -1, 1)
-    polynomials = np.cos(np.arange(_NODES) * np.arccos(position)[..., None])
-    return np.asarray(polynomials @ _cardinal().T / np.asarray(sigma)[..., None] ** 2)
+    weights = chebyshev_weights(SIGMA_RANGE, _NODES, sigma) * sigma_nodes() ** 2
+    return np.asarray(weights / np.asarray(sigma)[..., None] ** 2)
 
 
-@lru_cache(maxsize=1)
-def _cardinal() -> Floats:
-    """What Chebyshev polynomials (columns) contribute to the weight of each node, times its roughness squared."""
-    degrees = np.arange(_NODES)
-    at_nodes = np.cos(np.outer(np.arccos(_chebyshev_points()), degrees))
-    return at_nodes * np.where(degrees == 0, 1, 2) / _NODES * sigma_nodes()[:, None] ** 2
+def chebyshev_nodes(ends: tuple[float, float], count: int) -> Floats:
+    """Chebyshev points (count,) in the logarithm between two numbers above 0."""
+    low, high = np.log(ends)
+    return np.exp(low + (_points(count) + 1) / 2 * (high - low))
 
 
-def _chebyshev_points() -> Floats:
-    return np.cos((np.arange(_NODES) + 0.5) * np.pi / _NODES)
+def chebyshev_weights(ends: tuple[float, float], count: int, at: float | Floats) -> Floats:
+    """Weights (..., count) with which values at `chebyshev_nodes` are interpolated at numbers (...,)."""
+    low, high = np.log(ends)
+    position = np.clip(2 * (np.log(at) - low) / (high - low) - 1, -1, 1)
+    polynomials = np.cos(np.arange(count) * np.arccos(position)[..., None])
+    return np.asarray(polynomials @ _cardinal(count).T)
+
+
+@lru_cache(maxsize=4)
+def _cardinal(count: int) -> Floats:
+    """What Chebyshev polynomials (columns) contribute to the weight of each node."""
+    degrees = np.arange(count)
+    at_nodes = np.cos(np.outer(np.arccos(_points(count)), degrees))
+    return at_nodes * np.where(degrees == 0, 1, 2) / count
+
+
+def _points(count: int) -> Floats:
+    return np.cos((np.arange(count) + 0.5) * np.pi / count)

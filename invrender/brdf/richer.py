@@ -38,9 +38,10 @@ NUMBER_RANGE = {
     **dict.fromkeys(SHARES_BEYOND, (0.0, 1.0)),
     # The rest has sigma's width, which would be anything otherwise.
     "beyond": (0.0, 0.9),
+    "stretch": (0.02, 50.0),
 }
 # What a family's own form has, from which fits start.
-FIRST_NUMBER = {"coat": 0.5, "haze": 0.25, "spread": 4.0, **dict.fromkeys(SHARES_BEYOND, 0.4)}
+FIRST_NUMBER = {"coat": 0.5, "haze": 0.25, "spread": 4.0, **dict.fromkeys(SHARES_BEYOND, 0.4), "stretch": 1.0}
 
 
 class Richer(LobeForm):

@@ -35,15 +35,26 @@ class Smith(LobeForm):
         return self._over or self
 
     def shape(self, angles: Angles, sigma: float | Floats) -> Floats:
+        return self.shape_of_widths(angles, sigma, 1.0, 1.0, 1.0)
+
+    def shape_of_widths(
+        self,
+        angles: Angles,
+        sigma: float | Floats,
+        half: float | Floats,
+        light: float | Floats,
+        view: float | Floats,
+    ) -> Floats:
+        """`shape` where sigma is times a factor each in the density, and in what hides light and viewer."""
         lit = (angles.cos_i > 0) & (angles.cos_o > 0)
         # Each by itself: many lamps share an exitant angle.
         cos_i, cos_o = (np.where(cos > 0, cos, 1.0) for cos in (angles.cos_i, angles.cos_o))
         # cos_i cos_o / G2, finite at grazing.
-        lost_i, lost_o = self.hidden(cos_i, sigma), self.hidden(cos_o, sigma)
+        lost_i, lost_o = self.hidden(cos_i, sigma * light), self.hidden(cos_o, sigma * view)
         shown = cos_i * cos_o + cos_o * lost_i + cos_i * lost_o
         if not self.correlated:
             shown = shown + lost_i * lost_o
-        return np.where(lit, self.density(angles.theta_h, sigma) * cos_i / (4 * shown), 0)
+        return np.where(lit, self.density(angles.theta_h, sigma * half) * cos_i / (4 * shown), 0)
 
     def fresnel_cosine(self, angles: Angles) -> Floats:
         return angles.cos_d

@@ -32,10 +32,10 @@ def no_cause(scene: Remainders) -> Cause:
 
 
 def candidates(scene: Remainders) -> list[Cause]:
-    """All causes that the photographs could show, those with few numbers first."""
+    """All causes that the photographs could show, those with few numbers first; of a brushed lobe it isn't one."""
     found = [
         near_lamp(scene),
-        *(brushed(scene, axis) for axis in range(3)),
+        *(brushed(scene, axis) for axis in range(3) if scene.brdf.form.axis is None),
         curve(scene),
         offset(scene),
         lobe(scene),

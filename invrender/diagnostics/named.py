@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import Axis
 from invrender.diagnostics.cause import CauseFit
 from invrender.diagnostics.diagnosis import Diagnosis
 from invrender.diagnostics.remainder import Remainders
@@ -19,6 +20,8 @@ Ints = NDArray[np.int64]
 _FAR = 50
 # Powers of radiance that files have which are encoded as sRGB, near enough; and their inverses.
 _ENCODED, _DECODED = (0.33, 0.62), (1.6, 2.9)
+# Cosine between axes that are one.
+_ONE_AXIS = 0.9998
 _ALIKE = {
     "near lamp": "a near lamp",
     "curve": "a wrong encoding",
@@ -54,14 +57,19 @@ class NamedCause:
     explained: Floats
 
 
-def named_causes(diagnosis: Diagnosis | None, exposure: str) -> tuple[NamedCause, ...]:
-    """The findings of a diagnosis, the best first; exposure : how the set says its photographs were exposed."""
+def named_causes(
+    diagnosis: Diagnosis | None, exposure: str, brushing_axis: Axis | None = None
+) -> tuple[NamedCause, ...]:
+    """The findings of a diagnosis, the best first; exposure : how the set says its photographs were exposed.
+
+    brushing_axis : about which brushed lobes were tried; None where none were.
+    """
     if diagnosis is None:
         return ()
     found = []
     for place, finding in enumerate(diagnosis.findings):
         photo = diagnosis.scene.photos[finding.photo]
-        what, remedy = _said(diagnosis.scene, finding.fit, exposure)
+        what, remedy = _said(diagnosis.scene, finding.fit, exposure, brushing_axis)
         rest = "what is left unexplained" if place == 0 else "the rest"
         amount = f" ({diagnosis.unexplained:.1%} of the radiance, RMS, beyond noise)" if place == 0 else ""
         text = (
@@ -90,12 +98,12 @@ def _alike(name: str) -> str:
     return _ALIKE.get(name, "highlights drawn out otherwise")
 
 
-def _said(scene: Remainders, fit: CauseFit, exposure: str) -> tuple[str, str]:
+def _said(scene: Remainders, fit: CauseFit, exposure: str, brushing_axis: Axis | None) -> tuple[str, str]:
     """What is wrong, without a full stop, and what to do."""
     if fit.cause.name == "brightness":
         return _brightness(scene, fit, exposure)
     if fit.cause.name.startswith("brushed"):
-        return _brushed(fit)
+        return _brushed(fit, brushing_axis)
     return _WORDS[fit.cause.name](scene, fit)
 
 
@@ -108,15 +116,23 @@ def _near_lamp(scene: Remainders, fit: CauseFit) -> tuple[str, str]:
     )
 
 
-def _brushed(fit: CauseFit) -> tuple[str, str]:
+def _brushed(fit: CauseFit, tried: Axis | None) -> tuple[str, str]:
     stretch, axis = float(fit.numbers[0]), fit.cause.name[-1].upper()
+    about = np.eye(3)["XYZ".index(axis)]
+    remedy = "sigma is a mean of two widths; don't relight with it."
+    if tried is None:
+        remedy = f"None of the models is anisotropic: {remedy}"
+    elif abs(about @ np.array(tried)) < _ONE_AXIS:
+        remedy = f"No model is brushed about that axis: {remedy} Give brushed_about = {about.tolist()} in [object]."
+    else:
+        remedy = f"A brushed lobe doesn't predict unseen photographs better: {remedy}"
     along, across = f"along circles about the world's {axis} axis", "across them"
     if stretch < 0:
         along, across = f"across circles about the world's {axis} axis", "along them"
     return (
         f"Highlights are drawn out along one tangent, {np.exp(abs(stretch)):.2g} times as wide {along} as {across}, as"
         " of brushed metal",
-        "None of the models is anisotropic: sigma is a mean of two widths; don't relight with it.",
+        remedy,
     )
 
 

@@ -48,6 +48,7 @@ def remembered(rest: Rest) -> Rest:
         # Kept with their result, arrays can't give their addresses to others.
         key = (
             brdf.form.name,
+            *brdf.form.numbers.values(),
             brdf.mu,
             brdf.sigma,
             bool(brdf.ks.any()),

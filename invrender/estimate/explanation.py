@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from invrender.brdf.form import LobeForm
+from invrender.brdf.brushed import Brushed
+from invrender.brdf.form import Axis, LobeForm
 from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
+from invrender.estimate.brushed import in_window, narrowed
 from invrender.estimate.evidence import Candidate, choose, climb_ladder
 from invrender.estimate.forms import Elements, FormTrial, beside, columns_of, try_forms
 from invrender.estimate.linear import recovers_light
@@ -30,6 +32,8 @@ _NOTABLE = 1.02
 # Of the error on unseen photographs that is left without a specular part, what other forms may leave at most to be
 # believed where RH01's finds none: whichever of several does best by chance does a little better.
 _MUCH_BETTER = 0.8
+# How often the window of a brushed form is moved at most.
+_MOST_MOVES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +61,12 @@ def explain(
     photos: Sequence[PhotoColumns],
     lightings: Sequence[Lighting],
     on_step: Callable[[], None] = lambda: None,
+    axis: Axis | None = None,
 ) -> Explanation:
     """Climb the ladder with RH01's form; where a specular part is needed, see if another form suits it better.
 
-    photos : columns of RH01's form. Of forms that explain as well RH01's is preferred.
+    photos : columns of RH01's form. axis : that the surface would be brushed about, if it is; None where no tangents
+    are known. Of forms that explain as well RH01's is preferred.
     """
     noise, weights = weigh(photos, LADDER[-1])
     candidates = climb_ladder(photos, weights, on_step, _models(LADDER, photos))
@@ -68,7 +74,7 @@ def explain(
     if not candidates[chosen].estimate.model.specular and not shows_more(candidates):
         return Explanation(candidates, chosen, tuple(photos), tuple(weights), noise)
     elements = {lighting.name: light_elements(lighting) for lighting in lightings}
-    trials = try_forms(photos, weights, elements, candidates[-1].estimate, on_step)
+    trials = try_forms(photos, weights, elements, candidates[-1].estimate, on_step, axis)
     others = _others(candidates[-1], RH01_FORM, trials)
     all_candidates = (*candidates, *others)
     if candidates[chosen].estimate.model.specular or (
@@ -77,7 +83,8 @@ def explain(
         chosen = choose(all_candidates)
     if all_candidates[chosen].estimate.model.form is RH01_FORM:
         return Explanation(all_candidates, chosen, tuple(photos), tuple(weights), noise, trials)
-    return _in_form(_best_form(trials), photos, elements, trials)
+    form = _best_form(trials)
+    return _in_form(*_narrowed(form, trials[form].candidates[-1], trials), photos, elements)
 
 
 def _best_form(trials: Mapping[LobeForm, FormTrial]) -> LobeForm:
@@ -103,17 +110,33 @@ def shows_more(candidates: Sequence[Candidate]) -> bool:
     return plain > _NOTABLE * min(candidate.estimate.cost for candidate in candidates)
 
 
+def _narrowed(
+    form: LobeForm, candidate: Candidate, trials: Mapping[LobeForm, FormTrial]
+) -> tuple[LobeForm, Mapping[LobeForm, FormTrial]]:
+    """A brushed form with a window about a candidate's widths, and the trials with that form; others as they are."""
+    if not isinstance(form, Brushed):
+        return form, trials
+    about = narrowed(form, candidate.estimate.brdf)
+    return about, {about if tried is form else tried: trial for tried, trial in trials.items()}
+
+
 def _in_form(
     form: LobeForm,
+    trials: Mapping[LobeForm, FormTrial],
     photos: Sequence[PhotoColumns],
     elements: Elements,
-    trials: Mapping[LobeForm, FormTrial],
+    moves: int = _MOST_MOVES,
 ) -> Explanation:
-    """The ladder with another form on all samples, and the noise that this one leaves."""
+    """The ladder with another form on all samples, and the noise that this one leaves.
+
+    moves : how often the window of a brushed form may be moved to what all samples say.
+    """
     columns = columns_of((form,), photos, elements)[form]
     noise, weights = weigh(columns, models_of(form)[-1])
     printed = climb_ladder(photos, weights, models=LADDER)
     own = climb_ladder(columns, weights, models=_models(models_of(form), photos))
+    if moves and isinstance(form, Brushed) and not in_window(form, own[-1].estimate.brdf):
+        return _in_form(*_narrowed(form, own[-1], trials), photos, elements, moves - 1)
     rest = [
         candidate
         for candidate in _others(own[-1], form, trials)

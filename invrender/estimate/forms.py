@@ -14,10 +14,11 @@ from itertools import chain
 
 import numpy as np
 
-from invrender.brdf.form import LobeForm
+from invrender.brdf.form import Axis, LobeForm
 from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import Richer, extended, tabulated
 from invrender.brdf.smith import Smith
+from invrender.estimate.brushed import try_brushed
 from invrender.estimate.evidence import Candidate, climb_ladder, patches_of
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import Weights
@@ -66,11 +67,13 @@ def try_forms(
     elements: Elements,
     first: Estimate,
     on_step: Callable[[], None] = lambda: None,
+    axis: Axis | None = None,
 ) -> dict[LobeForm, FormTrial]:
     """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's, `first` its best fit.
 
     Beside `OTHER_FORMS` those that the best of facets extends to, where they fit better, and the same with light
-    and viewer hidden apart. The noise is read off the residuals of the form that fits best: what another misses is no
+    and viewer hidden apart. axis : that the surface would be brushed about; then facets with two widths, too, where
+    residuals ask for them. The noise is read off the residuals of the form that fits best: what another misses is no
     noise. `on_step` is called `len(OTHER_FORMS)` times at most.
     """
     share, weighed = _share(photos, weights, first)
@@ -82,10 +85,14 @@ def try_forms(
         columns |= columns_of(group, share, elements)
         on_step()
 
-    def costs_of(forms: Iterable[LobeForm]) -> dict[LobeForm, float]:
-        return {form: _cost(models_of(form)[-1], columns[form], weighed) for form in forms}
+    def fits_of(forms: Iterable[LobeForm]) -> dict[LobeForm, Estimate]:
+        return {form: _fitted(models_of(form)[-1], columns[form], weighed) for form in forms}
 
-    costs = costs_of((RH01_FORM, *OTHER_FORMS))
+    def costs_of(forms: Iterable[LobeForm]) -> dict[LobeForm, float]:
+        return {form: found.cost for form, found in fits_of(forms).items()}
+
+    isotropic = fits_of((RH01_FORM, *OTHER_FORMS))
+    costs = {form: found.cost for form, found in isotropic.items()}
     facets = min(single, key=lambda form: costs[form])
     decisive = min(costs.values()) * (1 - _DECISIVE / (3 * sample_count(share)))
     costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < decisive}
@@ -93,6 +100,10 @@ def try_forms(
         apart = UNCORRELATED[facets]
         columns |= columns_of((apart,), share, elements)
         costs |= costs_of((apart,))
+    if axis is not None:
+        more = try_brushed(share, weighed, elements, isotropic, columns, axis)
+        columns |= more
+        costs |= costs_of(more)
     best = min(costs, key=lambda form: costs[form])
     own = weigh(columns[best], models_of(best)[-1], weighed)[1]
     patches = patches_of(photos)
@@ -105,8 +116,8 @@ def try_forms(
     }
 
 
-def _cost(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> float:
-    return fit(model, total_statistics(photos, [w.weight for w in weights])).cost
+def _fitted(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> Estimate:
+    return fit(model, total_statistics(photos, [w.weight for w in weights]))
 
 
 def together(forms: Sequence[LobeForm]) -> list[tuple[LobeForm, ...]]:

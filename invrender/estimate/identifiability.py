@@ -46,6 +46,7 @@ UNIFORM_LIGHT = (
     "the light is uniform: it shows how much the object reflects in all, but not which part of it is diffuse",
     "add a photograph under a small, bright source",
 )
+_SMALL_SOURCE = "add a photograph under a small, bright source"
 # Power relative to degree 0 below which light is uniform: a coarse map's pixels alone leave as much.
 _UNIFORM = 1e-5
 
@@ -125,7 +126,7 @@ def assess_sigma(found: Scalar, degree: int | None, ks_share: float) -> Quantity
     ill_posed = degree is not None and degree * found.value < 1
     what = found.unknown(PRIOR_STD["sigma"], SIGMA_RANGE, ill_posed)
     if not what:
-        return _determined(found, "add a photograph under a small, bright source")
+        return _determined(found, _SMALL_SOURCE)
     if degree is None and ks_share < _FAINT:
         why = f"the light has high frequencies, but the specular share is only {ks_share:.3f}"
         remedy = "add photographs that show the highlight, exposed so that it is not saturated"
@@ -135,7 +136,7 @@ def assess_sigma(found: Scalar, degree: int | None, ks_share: float) -> Quantity
     else:
         width = f"; lobes narrower than about {1 / degree:.2f} rad pass nearly all of it" if degree else ""
         why = f"99% of the light's varying power lies in degrees up to {degree}{width} (RH01, section 5.2)"
-        remedy = "add a photograph under a small, bright source"
+        remedy = _SMALL_SOURCE
     return Quantity(None, None, "undetermined", f"{what}: {why}", remedy)
 
 
@@ -168,6 +169,13 @@ def assess_number(value: Floats, std: Floats) -> Quantity:
         return Quantity(value, std, "determined")
     why = "its standard deviation is above a tenth: what it adds to the form is small or looks like another part"
     return Quantity(value, std, "weak", why, "add photographs with highlights in view, and at grazing angles")
+
+
+def assess_width(value: Floats, std: Floats, sigma: Quantity) -> Quantity:
+    """One of the two widths (1,) that a sigma is the geometric mean of, with its status."""
+    if sigma.value is None:
+        return sigma
+    return _determined(Scalar(float(value[0]), float(std[0]), 0.0), _SMALL_SOURCE)
 
 
 def _determined(found: Scalar, remedy: str) -> Quantity:

@@ -121,7 +121,7 @@ def coordinates(model: Model, brdf: Microfacet) -> Floats:
 
 def bounds_of(model: Model) -> tuple[Floats, Floats]:
     """Bounds of the search's coordinates."""
-    ranges = {"sigma": SIGMA_RANGE, "mu": MU_RANGE, **NUMBER_RANGE}
+    ranges = {"sigma": SIGMA_RANGE, "mu": MU_RANGE, **NUMBER_RANGE, **model.form.ranges}
     bounds = [[_COORDINATE[name](end) for end in ranges[name]] for name in model.coordinates]
     lower, upper = np.array(bounds, float).reshape(-1, 2).T
     return lower, upper
@@ -139,6 +139,7 @@ _COORDINATE: Mapping[str, Callable[[float], float]] = {
     "coat": float,
     "haze": float,
     "spread": np.log,
+    "stretch": np.log,
     **dict.fromkeys(SHARES_BEYOND, float),
 }
 _VALUE: Mapping[str, Callable[[Floats], Floats]] = {
@@ -147,6 +148,7 @@ _VALUE: Mapping[str, Callable[[Floats], Floats]] = {
     "coat": np.asarray,
     "haze": np.asarray,
     "spread": np.exp,
+    "stretch": np.exp,
     **dict.fromkeys(SHARES_BEYOND, np.asarray),
 }
 _FIRST_MU = 1.5

@@ -17,6 +17,7 @@ from invrender.estimate.identifiability import (
     assess_mu,
     assess_number,
     assess_sigma,
+    assess_width,
 )
 from invrender.estimate.jacobian import Parameters
 from invrender.estimate.quantities import Quantity, scaled
@@ -28,8 +29,8 @@ Floats = NDArray[np.float64]
 class Report:
     """The numbers that are reported, as one vector of the fitted ones, in a fixed gauge.
 
-    places : block -> slice: "mu", "sigma", the form's numbers, "kd", "ks", "kd_normalised", "ks_normalised",
-    "strengths".
+    places : block -> slice: "mu", "sigma", the form's numbers, what follows from these, "kd", "ks", "kd_normalised",
+    "ks_normalised", "strengths".
     """
 
     def __init__(self, parameters: Parameters, has_known: bool) -> None:
@@ -80,6 +81,8 @@ class Report:
             scale = vector[self._gauge_places].mean(axis=0)
         scalars = ("mu", "sigma", *parameters.form.numbers)
         blocks = {name: vector[parameters.places[name]] for name in scalars if name in parameters.places}
+        if brdf.sigma is not None:
+            blocks |= {name: np.array([value]) for name, value in brdf.form.derived(brdf.sigma).items()}
         blocks["kd"] = brdf.kd * scale
         total = brdf.kd + brdf.ks
         safe = np.where(total > 0, total, 1.0)
@@ -133,6 +136,8 @@ class Report:
             quantities["exponent"] = _as_exponent(quantities["sigma"])
         for name in form.numbers:
             quantities[name] = assess_number(*block(name))
+        for name in form.derived(scalars["sigma"].value):
+            quantities[name] = assess_width(*block(name), quantities["sigma"])
         if "mu" in scalars:
             quantities["mu"] = assess_mu(scalars["mu"], fields, ks_share)
         return quantities

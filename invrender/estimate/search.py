@@ -98,7 +98,8 @@ def _grid(model: Model) -> Floats:
     own = {name: [value] for name, value in FIRST_NUMBER.items()}
     # Between shares of lobes there are several minima.
     own |= {name: [0.2, 0.8] for name in SHARES_BEYOND}
-    axes: dict[str, Iterable[float]] = {"sigma": sigma, "mu": mu, **own, "spread": np.log([2.5, 6.0])}
+    own |= {name: [float(np.log(low * high)) / 2] for name, (low, high) in model.form.ranges.items()}
+    axes: dict[str, Iterable[float]] = {**own, "sigma": sigma, "mu": mu, "spread": np.log([2.5, 6.0])}
     return np.array(list(product(*[axes[name] for name in model.coordinates])))
 
 

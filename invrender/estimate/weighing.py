@@ -65,6 +65,7 @@ def lobe_reach(photos: Sequence[PhotoColumns], estimate: Estimate) -> list[Float
     brdf = replace(estimate.brdf, kd=np.zeros(3))
     if brdf.sigma is None:
         return [np.zeros_like(photo.radiance) for photo in photos]
-    wide = replace(brdf, sigma=min(FLANKS * brdf.sigma, SIGMA_RANGE[1]))
+    widest = brdf.form.ranges.get("sigma", SIGMA_RANGE)[1]
+    wide = replace(brdf, sigma=min(FLANKS * brdf.sigma, widest))
     pairs = (predict_photos(photos, each, estimate.strengths) for each in (brdf, wide))
     return [np.maximum(*pair) for pair in zip(*pairs, strict=True)]

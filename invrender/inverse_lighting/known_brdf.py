@@ -30,6 +30,11 @@ def known_brdf(
 
     Raises ValueError for numbers that no BRDF has, for a specular part without sigma, and for a BRDF that is black.
     """
+    if form.axis is not None:
+        raise ValueError(
+            f"the BRDF is a {form.name} lobe, and light is recovered by isotropic lobes only; photograph an object that"
+            " isn't brushed, or give numbers by --kd, --ks, --mu and --sigma"
+        )
     brdf = Microfacet(_per_channel(kd, "Kd"), _per_channel(ks, "Ks"), mu, sigma, form)
     if not (brdf.kd + brdf.ks).all():
         raise ValueError(
@@ -79,7 +84,9 @@ def _found_brdf(path: Path) -> Microfacet:
         raise ValueError(
             f"{path}: holds no BRDF (brdf with model, kd, ks, mu, sigma); give {_GIVE}"
         ) from error
-    return known_brdf(kd, ks or [0.0], mu, sigma if ks else None, saved_form(model, own))
+    about = table.get("brushed_about")
+    form = saved_form(model, own, None if about is None else tuple(about))
+    return known_brdf(kd, ks or [0.0], mu, sigma if ks else None, form)
 
 
 def _true_brdf(path: Path) -> Microfacet:

@@ -11,11 +11,15 @@ import numpy as np
 from capture.files.documents import numbers
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
+from invrender.brdf.form import Axis
 from invrender.transport.visibility import Shadows
 from invrender.wording import sentences
 from recon.mesh.bodies import Body, MeshBody, SphereBody
 from recon.mesh.transfercache import cached_transfer
 from recon.sampling.find import FoundBody, find_body
+
+# Spheres are brushed along their parallels unless a set says otherwise.
+_UPRIGHT = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +27,15 @@ class SceneGeometry:
     """An object of a photo set.
 
     found : its shape, checked against the masks. shadows : of a mesh on itself; None of a sphere, which has none.
-    description : what result.json says of it. warnings : sentences on it.
+    description : what result.json says of it. warnings : sentences on it. brushing_axis : that its surface would be
+    brushed about; None of a mesh, whose tangents nothing states.
     """
 
     found: FoundBody
     shadows: Shadows | None
     description: Mapping[str, Any]
     warnings: tuple[str, ...]
+    brushing_axis: Axis | None = None
 
     @property
     def body(self) -> Body:
@@ -52,7 +58,16 @@ def find_geometry(photoset: PhotoSet, track: Track = silent, shadowing: bool = T
         transfer, unkept = cached_transfer(found.mesh, mesh_file)
         warnings += [unkept] if unkept else []
         shadows = Shadows.of(found.body, transfer.rotated(photoset.mesh_to_world[:3, :3]))
-    return SceneGeometry(found, shadows, _description(photoset, found), tuple(sentences(warnings)))
+    described = _description(photoset, found)
+    return SceneGeometry(found, shadows, described, tuple(sentences(warnings)), _brushing_axis(photoset))
+
+
+def _brushing_axis(photoset: PhotoSet) -> Axis | None:
+    if photoset.object.shape != "sphere":
+        return None
+    x, y, z = photoset.object.brushed_about or _UPRIGHT
+    length = float(np.linalg.norm((x, y, z)))
+    return x / length, y / length, z / length
 
 
 def _description(photoset: PhotoSet, found: FoundBody) -> dict[str, Any]:

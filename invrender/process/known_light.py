@@ -75,7 +75,7 @@ def solve_known_light(
 
         def explained(photos: Sequence[PhotoColumns], doing: str) -> Explanation:
             with counted(track, EXPLANATION_STEPS, doing) as on_step:
-                return explain(photos, used, on_step)
+                return explain(photos, used, on_step, geometry.brushing_axis)
 
         known = explained(given, "Fitting and cross-validating")
         parts = None if geometry.shadows is None else ConcaveMesh.of(geometry.shadows)
@@ -115,7 +115,7 @@ def solve_known_light(
         left = {photo.label: columns[photo.label] for photo in fitted}
         scene = known_light_remainders(solution, geometry, left, lightings, elements, residuals)
         diagnosis = diagnose(scene, bool(outlying(chosen.photo_errors).any()))
-        causes = named_causes(diagnosis, photoset.radiometry.exposure)
+        causes = named_causes(diagnosis, photoset.radiometry.exposure, geometry.brushing_axis)
         if diagnosis is not None and diagnosis.findings:
             # The error bars hold what a fault moves.
             brdf = solution.estimate.brdf

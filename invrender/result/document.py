@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
+from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import MISFIT_REMEDY, Candidate, PictureError, misfit_reason
 from invrender.estimate.interreflection.statement import Interreflection
@@ -61,9 +62,10 @@ def result_document(
             **scalars,
             "form_numbers": {
                 name: quantity_entry(quantities[name], scalar=True)
-                for name in result.brdf.form.numbers
+                for name in own_numbers(result.brdf)
                 if name in quantities
             },
+            "brushed_about": result.brdf.form.axis,
             "albedo": quantity_entry(quantities.get("albedo")),
             "normalised": {
                 "kd": quantity_entry(quantities.get("kd_normalised")),
@@ -205,6 +207,11 @@ def specular_colour(result: Factorization) -> str | None:
     if not any(candidate.estimate.model.neutral for candidate in result.candidates) or not model.specular:
         return None
     return "neutral" if model.neutral else "coloured"
+
+
+def own_numbers(brdf: Microfacet) -> tuple[str, ...]:
+    """Names of the numbers of the form's own, and of those that follow from them."""
+    return (*brdf.form.numbers, *(() if brdf.sigma is None else brdf.form.derived(brdf.sigma)))
 
 
 def identifiability(result: Factorization) -> list[dict[str, str]]:

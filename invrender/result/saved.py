@@ -17,7 +17,8 @@ from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
 from capture.files.tables import Table
 from capture.lighting import Lighting, check_latlong
-from invrender.brdf.form import LobeForm
+from invrender.brdf.brushed import FACETS, brushed
+from invrender.brdf.form import Axis, LobeForm
 from invrender.brdf.lobes import FORMS, PLASTICS, RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import RICHER
 from invrender.estimate.evidence import HOPELESS
@@ -28,6 +29,8 @@ _WHAT = "a result.json, as `lightfactor process` writes it, holds brdf, object, 
 _KEYS = ("format", "name", "gauge", "brdf", "object", "lighting", "photos", "identifiability", "inputs")
 _OPTIONAL = ("texture", "interreflection", "fit", "models", "warnings")
 
+# For whether a form's name is known, whatever it is brushed about.
+_ANY_AXIS = (0.0, 0.0, 1.0)
 _Triple = tuple[float, float, float]
 _Row = tuple[float, float, float, float]
 
@@ -57,7 +60,7 @@ class _Covariance(_Lenient):
 
 
 def _is_known(model: str) -> str:
-    saved_form(model)
+    saved_form(model, axis=_ANY_AXIS)
     return model
 
 
@@ -65,7 +68,8 @@ class SavedBrdf(_Lenient):
     """The BRDF's numbers; None where the chosen model has no such parameter.
 
     model : the name of the lobe's form, or "lambertian". specular : "neutral", "coloured", or None where undetermined.
-    form_numbers : the form's own (a coat, a haze), if it has any. exponent : Phong's. albedo : pi Kd.
+    form_numbers : the form's own (a coat, a haze), if it has any, and what follows from them. brushed_about : the axis
+    of a brushed form. exponent : Phong's. albedo : pi Kd.
     """
 
     model: Annotated[str, AfterValidator(_is_known)]
@@ -76,6 +80,7 @@ class SavedBrdf(_Lenient):
     specular: str | None = None
     exponent: SavedQuantity | None = None
     form_numbers: dict[str, SavedQuantity] = Field(default_factory=dict)
+    brushed_about: Axis | None = None
     albedo: SavedQuantity | None = None
     normalised: _Shares
     covariance: _Covariance
@@ -86,7 +91,7 @@ class SavedBrdf(_Lenient):
         values = {
             name: float(np.mean(np.array(number.value, float))) for name, number in self.form_numbers.items()
         }
-        return saved_form(self.model, values)
+        return saved_form(self.model, values, self.brushed_about)
 
 
 class _Object(_Lenient):
@@ -317,14 +322,18 @@ def read_result(path: Path) -> SavedResult:
     return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=_OPTIONAL))
 
 
-def saved_form(model: str, numbers: Mapping[str, float] = MappingProxyType({})) -> LobeForm:
+def saved_form(
+    model: str, numbers: Mapping[str, float] = MappingProxyType({}), axis: Axis | None = None
+) -> LobeForm:
     """The form of the lobe of a result's brdf.model; of a Lambertian one RH01's, which then stands for none.
 
-    numbers : the form's own, by name; what it has and isn't given is at its usual value.
+    numbers : the form's own, by name; what it has and isn't given is at its usual value. axis : of a brushed one.
     """
     if model == "lambertian":
         return RH01_FORM
     forms = FORMS | RICHER | {form.name: form for form in (*PLASTICS.values(), *UNCORRELATED.values())}
+    if axis is not None:
+        forms |= {form.name: form for form in (brushed(of, axis) for of in FACETS)}
     if model not in forms:
         raise ValueError(
             f"the form {model!r} of the lobe is unknown; {nearest(str(model), ['lambertian', *forms])}"

@@ -60,7 +60,7 @@ class Side:
     """What is compared.
 
     title : the file that it was read from. is_absolute : whether Kd and Ks are in the light's own scale.
-    numbers : "kd", "ks", "mu", "sigma", "kd_normalised", "ks_normalised"; a name may be missing.
+    numbers : "kd", "ks", "mu", "sigma", "kd_normalised", "ks_normalised", "alpha_x", "alpha_y"; a name may be missing.
     brdf : for pictures, None where it is not fully known or of another model. form : of its lobe, None where it has
     none, or another.
     photo_errors : relative RMS by photograph, NaN where none is known; held_out : those never fitted.
@@ -97,6 +97,7 @@ def result_side(result: SavedResult) -> Side:
         "sigma": brdf.sigma,
         "kd_normalised": brdf.normalised.kd,
         "ks_normalised": brdf.normalised.ks,
+        **{name: own for name, own in brdf.form_numbers.items() if name in ("alpha_x", "alpha_y")},
     }
     known = all(quantity is None or quantity.value is not None for quantity in saved.values())
     return Side(

@@ -13,6 +13,7 @@ from pydantic import ConfigDict
 from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.lighting import Lighting, read_latlong
+from invrender.brdf.brushed import brushed
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
@@ -39,6 +40,8 @@ class _Brdf(_Lenient):
     mu: Any = None
     sigma: float | None = None
     alpha: float | None = None
+    alpha_x: float | None = None
+    alpha_y: float | None = None
     exponent: float | None = None
     kd_map: str | None = None
     ks_map: str | None = None
@@ -48,6 +51,8 @@ class _Brdf(_Lenient):
         """Sigma of the form that has this lobe, radians; None without one."""
         if self.exponent is not None:
             return phong_sigma(self.exponent) if self.exponent > 0 else None
+        if self.alpha_x is not None and self.alpha_y is not None:
+            return float(np.sqrt(self.alpha_x * self.alpha_y))
         return self.sigma if self.alpha is None else self.alpha
 
     @property
@@ -55,6 +60,9 @@ class _Brdf(_Lenient):
         """The form of its lobe; None where there is none, or none like it."""
         if self.model == "plastic":
             return PLASTICS[BECKMANN if self.alpha is None else GGX_FORM]
+        if self.alpha_x is not None and self.alpha_y is not None:
+            # Along the parallels, as scenes are.
+            return brushed(GGX_FORM, (0.0, 0.0, 1.0)).with_numbers({"stretch": self.alpha_x / self.alpha_y})
         return None if self.width is None else _FORMS.get(self.model)
 
 
@@ -167,6 +175,8 @@ def _numbers(brdf: _Brdf, factor: float) -> tuple[dict[str, Number], list[str]]:
     if brdf.form is None and brdf.model != "lambertian":
         notes.append(f"The truth's model is {brdf.model}: of its numbers only Kd means what a result's does.")
         return numbers, notes
+    widths = {name: value for name in ("alpha_x", "alpha_y") if (value := getattr(brdf, name)) is not None}
+    numbers |= {name: _exact(np.array([value])) for name, value in widths.items()}
     for named in ("alpha", "exponent"):
         if (value := getattr(brdf, named)) is not None:
             notes.append(f"The truth's sigma stands for its {named}, {value:g}, of the same highlight.")

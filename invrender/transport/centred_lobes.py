@@ -24,8 +24,13 @@ _COS = np.linspace(0, 1, 200)
 def centred_microfacet(brdf: Microfacet, description: str) -> CentredBrdf:
     """A fitted BRDF as a diffuse lobe about the normal and a specular one about the mirrored view.
 
-    ValueError where it is black.
+    ValueError where it is black, and for a brushed one, whose lobe isn't symmetric about anything.
     """
+    if brdf.form.axis is not None:
+        raise ValueError(
+            f"{description}: its lobe is brushed, and reflection maps are of lobes that look the same from all"
+            " azimuths; render it instead (lightfactor render)"
+        )
     form, mu, sigma = brdf.form, brdf.mu, brdf.sigma
     lobes: list[CentredLobe] = []
     if brdf.kd.any():

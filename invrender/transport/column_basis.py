@@ -1,4 +1,7 @@
-"""At which roughnesses and indices columns hold transfers, and how these add up to those of any mu and sigma."""
+"""At which roughnesses and indices columns hold transfers, and how these add up to those of any mu and sigma.
+
+A brushed form has two widths, too many for the whole range of both: its columns hold a window of them.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.brushed import Brushed, Window
 from invrender.brdf.form import LobeForm, Numbers, part_width
 from invrender.brdf.fresnel import FresnelBasis, normalised_fresnel
-from invrender.brdf.microfacet import sigma_nodes, sigma_weights
+from invrender.brdf.microfacet import chebyshev_nodes, chebyshev_weights, sigma_nodes, sigma_weights
 from invrender.transport.form_transfer import FresnelFunctions, OneIndex
 
 Floats = NDArray[np.float64]
 
 # Relative step of central differences in mu and sigma.
 _STEP = 1e-3
+# Widths of a window, in the logarithms of sigma and of a brushed form's stretch, that take one node more than two: 1e-4
+# of the lobe's peak.
+_PER_NODE = (0.25, 0.4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +33,8 @@ class ColumnBasis:
 
     sigmas : (j,), radians. sigma_weights : of sigma (...,), radians, to (..., j). fresnel : k functions whose sum
     Fresnel's factor is. fresnel_weights : of mu to (k,), of several mu (f,) to (f, k). splits : whether of a form that
-    is a sum of lobes the single lobe is tabulated, whose widths then add up.
+    is a sum of lobes the single lobe is tabulated, whose widths then add up. stretches, stretch_weights : of a brushed
+    form, nodes (s,), and weights of a stretch (...,) to (..., s).
     """
 
     sigmas: Floats
@@ -34,10 +42,16 @@ class ColumnBasis:
     fresnel: FresnelFunctions
     fresnel_weights: Callable[[float | Floats | None], Floats]
     splits: bool = True
+    stretches: Floats | None = None
+    stretch_weights: Callable[[float | Floats], Floats] | None = None
 
-    def tabulated(self, form: LobeForm) -> LobeForm:
-        """What columns hold of a form's specular part: its single lobe, or all of it."""
-        return form.lobe if self.splits else form
+    def tabulated(self, form: LobeForm) -> tuple[LobeForm, ...]:
+        """What columns hold of a form's specular part: its single lobe, at several stretches if it has any, or all."""
+        if not self.splits:
+            return (form,)
+        if self.stretches is None:
+            return (form.lobe,)
+        return tuple(form.lobe.with_numbers({"stretch": stretch}) for stretch in self.stretches.tolist())
 
     def functions(self, form: LobeForm) -> FresnelFunctions:
         """The functions in place of Fresnel's factor that a form's columns hold."""
@@ -52,6 +66,7 @@ class ColumnBasis:
     ) -> Floats:
         """a_k(mu) c_j(sigma), j fastest, (k * j,); of several mu and sigma (f,), (f, k * j).
 
+        Slower than both go the stretches, if there are any.
         numbers : the form's own, one or (f,) each; those that it has if None, as columns hold them without `splits`.
         """
         parts = form.parts if numbers is None else form.parts_at(numbers)
@@ -62,10 +77,47 @@ class ColumnBasis:
             np.asarray(share)[..., None] * self.sigma_weights(part_width(factor, sigma))
             for share, factor in parts
         )
-        if not form.has_fresnel:
-            return np.asarray(nodes)
-        products = self.fresnel_weights(mu)[..., :, None] * np.asarray(nodes)[..., None, :]
-        return np.asarray(products.reshape(*np.shape(nodes)[:-1], -1))
+        nodes = np.asarray(nodes)
+        outer = self.fresnel_weights(mu) if form.has_fresnel else np.ones(1)
+        if self.stretch_weights is not None:
+            stretch = (form.numbers if numbers is None else numbers)["stretch"]
+            outer = self.stretch_weights(stretch)[..., :, None] * outer[..., None, :]
+            outer = outer.reshape(*outer.shape[:-2], -1)
+        products = outer[..., :, None] * nodes[..., None, :]
+        return np.asarray(products.reshape(*nodes.shape[:-1], -1))
+
+
+def basis_of(form: LobeForm) -> ColumnBasis:
+    """The basis that fits of a form search with: for all mu and sigma, or a brushed form's window of them."""
+    if not isinstance(form, Brushed):
+        return whole_range()
+    if form.window is None:
+        raise ValueError(f"{form.name} has no window that columns could be tabulated for")
+    return _of_window(form.window)
+
+
+@lru_cache(maxsize=8)
+def _of_window(window: Window) -> ColumnBasis:
+    """The basis for all mu, and sigma and stretch in a window."""
+    sigma, stretch = window
+    sigma_count, stretch_count = (
+        2 + int(np.ceil(np.log(high / low) / width - 1e-6))
+        for (low, high), width in zip(window, _PER_NODE, strict=True)
+    )
+
+    def sigma_share(value: float | Floats) -> Floats:
+        # As over the whole range, sigma^2 times the lobe is interpolated.
+        scaled = chebyshev_weights(sigma, sigma_count, value) * chebyshev_nodes(sigma, sigma_count) ** 2
+        return np.asarray(scaled / np.asarray(value)[..., None] ** 2)
+
+    return ColumnBasis(
+        chebyshev_nodes(sigma, sigma_count),
+        sigma_share,
+        whole_range().fresnel,
+        whole_range().fresnel_weights,
+        stretches=chebyshev_nodes(stretch, stretch_count),
+        stretch_weights=lambda value: chebyshev_weights(stretch, stretch_count, value),
+    )
 
 
 @lru_cache(maxsize=1)

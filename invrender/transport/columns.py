@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as defaulted
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from invrender.brdf.form import LobeForm, Numbers
 from invrender.brdf.lobes import RH01_FORM
-from invrender.transport.column_basis import ColumnBasis, whole_range
+from invrender.transport.column_basis import ColumnBasis, basis_of, whole_range
 from invrender.transport.diffuse_base import base_columns, base_size, base_weights
 from invrender.transport.form_transfer import forms_transfer
 from invrender.transport.transfer import LightElement
@@ -92,9 +93,9 @@ def photo_columns(
     """Columns of a photograph's samples under a lighting given by its elements.
 
     shadows : of a mesh, if it has any. diffuse : (channels, n, elements), d of a Lambertian base if it is known.
-    basis : `whole_range` if None.
+    basis : `basis_of` the form if None.
     """
-    return _photo_columns(lighting, elements, field, (form,), shadows, diffuse, basis or whole_range())[0]
+    return _photo_columns(lighting, elements, field, (form,), shadows, diffuse, basis or basis_of(form))[0]
 
 
 def _photo_columns(
@@ -108,12 +109,14 @@ def _photo_columns(
 ) -> list[PhotoColumns]:
     nodes, fresnel = basis.sigmas, basis.functions(forms[0])
     channels = max(element.channels for element in elements)
-    lobes = list(dict.fromkeys(basis.tabulated(form) for form in forms))
-    size = fresnel(np.ones(1)).shape[-1] * len(nodes)
+    tabulated = {form: basis.tabulated(form) for form in forms}
+    lobes = list(dict.fromkeys(chain.from_iterable(tabulated.values())))
+    of_lobe = fresnel(np.ones(1)).shape[-1] * len(nodes)
+    size = of_lobe * len(tabulated[forms[0]])
     shape = channels, len(field), len(elements)
     # By lobe and size of the base, which separates the kinds of base; forms that share both share columns.
     found = {
-        (basis.tabulated(form), base_size(form)): np.empty((*shape, base_size(form) + size), np.float32)
+        (tabulated[form], base_size(form)): np.empty((*shape, base_size(form) + size), np.float32)
         for form in forms
     }
     bases = {base_size(form): form for form in forms}
@@ -124,10 +127,10 @@ def _photo_columns(
             def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
                 return forms_transfer(lobes, light, part.normals[rays], part.views[rays], nodes, fresnel)
 
-            means: NDArray[np.floating] = np.zeros((len(part), len(lobes), size, channels))
+            means: NDArray[np.floating] = np.zeros((len(part), len(lobes), of_lobe, channels))
             if size:
                 specular = seen_specular(element, visible, gather)
-                means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), size, -1))
+                means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), of_lobe, -1))
             below: dict[int, NDArray[np.floating]] = {}
             for first, form in bases.items():
                 if first == 1 and diffuse is not None:
@@ -135,14 +138,14 @@ def _photo_columns(
                 else:
                     base = base_columns(form, element, part.normals, part.views, visible)
                     below[first] = part.mean_over_rays(base).transpose(2, 0, 1)
-            for (lobe, first), columns in found.items():
+            for (held, first), columns in found.items():
                 columns[:, block, e, :first] = below[first]
-                columns[:, block, e, first:] = means[:, lobes.index(lobe)].transpose(2, 0, 1)
+                for k, lobe in enumerate(held):
+                    place = slice(first + k * of_lobe, first + (k + 1) * of_lobe)
+                    columns[:, block, e, place] = means[:, lobes.index(lobe)].transpose(2, 0, 1)
     names = tuple(element.name for element in elements)
     return [
-        PhotoColumns(
-            lighting, names, found[basis.tabulated(form), base_size(form)], field, form, shadows, basis
-        )
+        PhotoColumns(lighting, names, found[tabulated[form], base_size(form)], field, form, shadows, basis)
         for form in forms
     ]
 
@@ -159,7 +162,7 @@ def all_columns(
     """`photo_columns` of each photograph, spread over the cores, those with few samples made together.
 
     lightings : the name of each one's. elements : of lightings by their names. diffuse : the column d of each, of a
-    Lambertian base. basis : `whole_range` if None.
+    Lambertian base. basis : `basis_of` the form if None.
     """
     return columns_of_forms(lightings, elements, fields, (form,), shadows, diffuse, basis)[form]
 
@@ -173,13 +176,16 @@ def columns_of_forms(
     diffuse: Sequence[NDArray[np.float32]] | None = None,
     basis: ColumnBasis | None = None,
 ) -> dict[LobeForm, list[PhotoColumns]]:
-    """`all_columns` of several forms of facets, or of one form of any kind: facets look at the same rays of light."""
+    """`all_columns` of several forms of facets, or of one form of any kind: facets look at the same rays of light.
+
+    So do brushed forms of one window.
+    """
 
     def of(pool: list[int]) -> list[list[PhotoColumns]]:
         parts, name = [fields[k] for k in pool], lightings[pool[0]]
         known = None if diffuse is None else np.concatenate([diffuse[k] for k in pool], axis=1)
         wholes = _photo_columns(
-            name, elements[name], joined(parts), forms, shadows, known, basis or whole_range()
+            name, elements[name], joined(parts), forms, shadows, known, basis or basis_of(forms[0])
         )
         ends = np.cumsum([len(part) for part in parts])[:-1]
         return [
@@ -209,9 +215,9 @@ def column_weights(
 ) -> Floats:
     """What columns count for in the transfers of base and lobe, (q, 2); at several mu and sigma, (f, q, 2).
 
-    numbers : as of `ColumnBasis.weights`. basis : `whole_range` if None.
+    numbers : as of `ColumnBasis.weights`. basis : `basis_of` the form if None.
     """
-    specular = (basis or whole_range()).weights(mu, sigma, form, numbers)
+    specular = (basis or basis_of(form)).weights(mu, sigma, form, numbers)
     size = base_size(form)
     result = np.zeros((*specular.shape[:-1], size + specular.shape[-1], 2))
     result[..., :size, 0] = base_weights(form, mu, (numbers or {}).get("coat"))

@@ -18,11 +18,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.brushed import Brushed
 from invrender.brdf.form import Angles, LobeForm, part_width
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.phong import phong_exponent
 from invrender.brdf.smith import Smith
+from invrender.transport.brushed_transfer import brushed_transfer
 from invrender.transport.half_vectors import (
     PreparedMap,
     RayFrames,
@@ -80,7 +82,7 @@ def forms_transfer(
 ) -> Floats:
     """`form_transfer` of several forms, (m, forms, k, sigmas, channels), which sum over the same half-vectors.
 
-    forms : all of them facets', or one.
+    forms : all of them facets', all brushed about one axis, or one.
     """
     sigmas = np.atleast_1d(np.asarray(sigmas, float))
     if any(len(form.parts) > 1 for form in forms):
@@ -94,8 +96,8 @@ def forms_transfer(
     shape = len(normals), len(forms), fresnel(np.ones(1)).shape[-1], len(sigmas), element.channels
     result = np.empty(shape) if len(element.directions) else np.zeros(shape)
     for k, (direction, strength) in enumerate(zip(element.directions, element.irradiances, strict=True)):
-        angles = Angles.between(normals, direction, views)
-        wide = Angles(*(part[:, None] for part in (angles.theta_h, angles.cos_i, angles.cos_o, angles.cos_d)))
+        angles = Angles.between(normals, direction, views, forms[0].axis)
+        wide = angles.widened
         for own, form in enumerate(forms):
             lobe = form.shape(wide, sigmas)[:, None, :] * fresnel(form.fresnel_cosine(angles))[:, :, None]
             if k:
@@ -103,6 +105,12 @@ def forms_transfer(
             else:
                 # Most elements have one source: their columns are as large as memory is slow.
                 np.multiply(lobe[..., None], strength, out=result[:, own])
+    brushed = [form for form in forms if isinstance(form, Brushed)]
+    if brushed:
+        for light, strength in ((element.prepared_map, 1.0), (_white(), element.uniform)):
+            if light is not None and strength:
+                result += strength * brushed_transfer(brushed, light, normals, views, sigmas, fresnel)
+        return result
     if element.uniform:
         grid, table = _uniform_table(tuple(forms), tuple(sigmas.tolist()), fresnel)
         result += np.float32(element.uniform) * _interpolated(grid, table, (normals * views).sum(axis=1))
@@ -241,8 +249,12 @@ def _uniform_table(
     grid = 0.04 + 0.96 * np.linspace(0, 1, 193) ** 2
     views = np.stack([np.sqrt(1 - grid**2), np.zeros_like(grid), grid], axis=-1)
     normals = np.broadcast_to([0.0, 0.0, 1.0], views.shape)
-    white = PreparedMap.of(np.ones((4, 8, 1), np.float32))
-    return grid, _map_transfer(forms, white, normals, views, np.array(sigmas), fresnel)
+    return grid, _map_transfer(forms, _white(), normals, views, np.array(sigmas), fresnel)
+
+
+@lru_cache(maxsize=1)
+def _white() -> PreparedMap:
+    return PreparedMap.of(np.ones((4, 8, 1), np.float32))
 
 
 def _interpolated(grid: Floats, table: Singles, at: Floats) -> Singles:

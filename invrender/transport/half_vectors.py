@@ -159,11 +159,12 @@ class RayFrames:
     along_normal: Singles
 
     @classmethod
-    def of(cls, normals: Floats, views: Floats) -> RayFrames:
-        """Frames with an arbitrary but fixed tangent."""
-        helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-        tangent = np.cross(helper, normals)
-        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    def of(cls, normals: Floats, views: Floats, tangent: Floats | None = None) -> RayFrames:
+        """Frames with given tangents (m, 3), or arbitrary but fixed ones."""
+        if tangent is None:
+            helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+            tangent = np.cross(helper, normals)
+            tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         axes = (tangent, np.cross(normals, tangent), normals)
         along = [(axis * views).sum(axis=1) for axis in axes]
         return cls(*(part.astype(np.float32) for part in (*axes, views, *along)))

@@ -105,8 +105,8 @@ class ReflectedMap:
 
 
 def prepared_map(brdf: Microfacet, light: LightElement) -> ReflectedMap | None:
-    """What a BRDF's lobe reflects of an element's map, if it has both and the lobe is wide enough."""
-    if brdf.sigma is None or brdf.sigma < LEAST_SIGMA or light.slow_map is None:
+    """What a BRDF's lobe reflects of an element's map, if it has both and the lobe is isotropic and wide enough."""
+    if brdf.form.axis is not None or brdf.sigma is None or brdf.sigma < LEAST_SIGMA or light.slow_map is None:
         return None
     # Who needs the same for another photograph waits for it.
     with _ONE_AT_A_TIME:

@@ -20,8 +20,10 @@ _SHARES = {
     "mu": "mu",
     "sigma": "sigma (rad)",
 }
+# Of brushed lobes only.
+_WIDTHS = {"alpha_x": "alpha_x (rad)", "alpha_y": "alpha_y (rad)"}
 # What doesn't vary over a surface.
-_ALL_OVER = ("mu", "sigma")
+_ALL_OVER = ("mu", "sigma", *_WIDTHS)
 _UNLIKE = "of different parts"
 
 
@@ -56,7 +58,8 @@ def number_rows(first: Side, second: Side, unlike: bool = False) -> tuple[Row, .
 
     unlike : Kd and Ks are means over different parts of a surface, and so not judged.
     """
-    labels = _SHARES if compared_by_shares(first, second) else _ABSOLUTE
+    labels = dict(_SHARES if compared_by_shares(first, second) else _ABSOLUTE)
+    labels |= {name: label for name, label in _WIDTHS.items() if {name} & {*first.numbers, *second.numbers}}
     rows: list[Row] = []
     unknown = Number(None, None, "not in its model")
     for name, label in labels.items():

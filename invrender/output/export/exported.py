@@ -74,6 +74,11 @@ def export_result(
             " `lightfactor process` again, or take the version that wrote it"
         )
     material = material_of(result, assumed or {}, albedo)
+    if material.brdf.form.axis is not None:
+        raise ValueError(
+            f"{result.path}: its lobe is brushed, with two widths, which exports don't have yet; render it with"
+            " `lightfactor render`"
+        )
     shape = result_shape(result, find_photoset(result, photoset))
     _check_coordinates(result, material, shape)
     shown = None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.figures import printable
 from capture.radiance import CHANNELS
-from invrender.brdf.form import Angles
+from invrender.brdf.form import Angles, Axis
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.mapping import reflectance_cosine
 from invrender.result.reflectance import Reflectance
@@ -26,22 +26,29 @@ _STEP = 1e-4
 def brdf_figure(name: str, found: Reflectance) -> Figure:
     """BRDF times cosine, 1/sr, over the angle of incidence, for three angles of view; bands of one standard deviation.
 
-    name : of the object. Of textures the means are drawn, without bands.
+    name : of the object. Of textures the means are drawn, without bands. Of a brushed lobe there are two planes of
+    incidence, along the brushing and across it; the second is dashed.
     """
     figure = Figure(figsize=(12, 3.8), layout="constrained")
     figure.suptitle(printable(f"{name}: BRDF in the plane of incidence"))
     degrees = np.linspace(-89.0, 89.0, 357)
+    # Axes about which the xz plane goes along the brushing, and across it.
+    planes: dict[str, Axis | None] = {"-": None}
+    if found.brdf.form.axis is not None:
+        planes = {"-": (0.0, 1.0, 0.0), "--": (1.0, 0.0, 0.0)}
     panels = figure.subplots(1, len(_VIEWS_DEG), sharey=True)
     for axes, view_deg in zip(panels, _VIEWS_DEG, strict=True):
-        angles = Angles.between(np.array([0.0, 0, 1]), _in_plane(degrees), _in_plane(np.array([-view_deg])))
-        values = reflectance_cosine(found.brdf, angles)
-        slopes = _slopes(found.brdf, angles)
-        variance = np.einsum("nkc,ckl,nlc->nc", slopes, found.covariance, slopes)
-        std = np.sqrt(np.maximum(variance, 0))
-        for channel, (label, colour) in enumerate(zip(CHANNELS, _COLOURS, strict=True)):
-            value, band = values[:, channel], std[:, channel]
-            axes.plot(degrees, value, color=colour, lw=1.2, label=label)
-            axes.fill_between(degrees, value - band, value + band, color=colour, alpha=0.25)
+        for line, axis in planes.items():
+            pair = _in_plane(degrees), _in_plane(np.array([-view_deg]))
+            angles = Angles.between(np.array([0.0, 0, 1]), *pair, axis)
+            values = reflectance_cosine(found.brdf, angles)
+            slopes = _slopes(found.brdf, angles)
+            variance = np.einsum("nkc,ckl,nlc->nc", slopes, found.covariance, slopes)
+            std = np.sqrt(np.maximum(variance, 0))
+            for channel, (label, colour) in enumerate(zip(CHANNELS, _COLOURS, strict=True)):
+                value, band = values[:, channel], std[:, channel]
+                axes.plot(degrees, value, line, color=colour, lw=1.2, label=label if line == "-" else None)
+                axes.fill_between(degrees, value - band, value + band, color=colour, alpha=0.25)
         axes.axvline(-view_deg, color="0.6", ls=":", lw=1)
         axes.set(title=f"seen at {view_deg:.0f} degrees", xlabel="angle of incidence (degrees)")
     # After all is drawn: the panels share the axis.

@@ -49,6 +49,12 @@ _NAMES = {
     "beyond_2": ("share beyond 2σ", "of that, in lobes wider than 2σ"),
     "beyond_4": ("share beyond 4σ", "of that, in lobes wider than 4σ"),
     "beyond_8": ("share beyond 8σ", "of that, in lobes wider than 8σ"),
+    "stretch": (
+        "α<sub>x</sub> / α<sub>y</sub>",
+        "width of highlights along the brushing over that across it",
+    ),
+    "alpha_x": ("α<sub>x</sub>", "rad, along the brushing"),
+    "alpha_y": ("α<sub>y</sub>", "rad, across the brushing"),
     "exponent": ("s", "Phong's exponent"),
     "albedo": ("albedo", "π K<sub>d</sub>"),
     "kd_normalised": ("K<sub>d</sub> / (K<sub>d</sub> + K<sub>s</sub>)", ""),

@@ -14,7 +14,7 @@ from invrender.estimate.quantities import Quantity
 from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.process.run import Run
-from invrender.result.document import errors_in_words, identifiability
+from invrender.result.document import errors_in_words, identifiability, own_numbers
 from invrender.result.factorization import Factorization
 from invrender.wording import PARAMETER_LABELS, parameter_lines
 
@@ -79,7 +79,7 @@ def _print_summary(result: Factorization) -> None:
         status = row["status"] if quantity or result.misfits else "not needed"
         for label, text in _lines(row["parameter"], quantity, result.is_absolute):
             table.add_row(label, text, status)
-    for name in ("exponent", *result.brdf.form.numbers):
+    for name in ("exponent", *own_numbers(result.brdf)):
         if quantity := result.quantities.get(name):
             table.add_row(*_lines(name, quantity)[0], quantity.status)
     console.print(table)

@@ -1,0 +1,182 @@
+"""Brushed forms beside isotropic ones: tried where residuals say that one tangent has another width than the other.
+
+Two widths take too many columns for the whole range of both. Columns hold a window of them (`transport.column_basis`),
+which is moved until the best fit lies well within it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.brdf.brushed import FACETS, Brushed, brushed, window_about
+from invrender.brdf.form import Axis, LobeForm
+from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.smith import Smith
+from invrender.estimate.jacobian import jacobians, pack
+from invrender.estimate.linear import symmetric_pinv
+from invrender.estimate.models import Estimate
+from invrender.estimate.noise import Weights
+from invrender.estimate.search import fit, models_of
+from invrender.estimate.statistics import total_statistics
+from invrender.transport.columns import PhotoColumns, columns_of_forms, sample_count
+from invrender.transport.predict import predict, predict_photos
+from invrender.transport.transfer import LightElement
+
+Floats = NDArray[np.float64]
+Elements = Mapping[str, Sequence[LightElement]]
+
+# Samples on which a stretch is looked for, to the first order, and then searched for.
+_SAMPLES, _SEARCHED = 300, 800
+# Of the logarithm of the stretch, for slopes.
+_STEP = 0.05
+# The share of the cost that a stretch must take away, to the first order, and its least logarithm, for it to be tried.
+_PAYS, _LEAST = 0.03, 0.1
+# How often a window is moved at most.
+_MOST_MOVES = 10
+# Half the width of windows in the logarithms of sigma and stretch: of searches, and of fits to all samples.
+_REACH, _NARROW = (0.35, 0.6), (0.2, 0.2)
+
+
+def try_brushed(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    elements: Elements,
+    isotropic: Mapping[LobeForm, Estimate],
+    columns: Mapping[LobeForm, Sequence[PhotoColumns]],
+    axis: Axis,
+) -> dict[LobeForm, list[PhotoColumns]]:
+    """Columns of forms of facets, brushed about an axis; none where isotropic forms leave no sign of two widths.
+
+    photos : of RH01's form. isotropic : the fits of isotropic forms, and columns of the same samples in these forms.
+    """
+    of = min(FACETS, key=lambda form: isotropic[form].cost)
+    first = isotropic[of]
+    assert first.brdf.sigma is not None
+    stretch = first_stretch(columns[of], weights, elements, first, axis)
+    if stretch is None:
+        return {}
+    start = brushed(of, axis, window_about(first.brdf.sigma, stretch, _REACH))
+    window = _searched(start, photos, weights, elements).window
+    return _columns([brushed(form, axis, window) for form in FACETS], photos, elements)
+
+
+def narrowed(form: Brushed, brdf: Microfacet) -> Brushed:
+    """A form whose window holds little but the neighbourhood of a BRDF that was found with it, for many samples."""
+    return form.around(*_widths(brdf), _NARROW)
+
+
+def first_stretch(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    elements: Elements,
+    isotropic: Estimate,
+    axis: Axis,
+) -> float | None:
+    """The stretch that residuals of an isotropic form of facets ask for, to the first order; None where they don't.
+
+    photos : columns of the form. The other numbers are free to follow.
+    """
+    gained = stretch_gain(photos, weights, elements, isotropic, axis)
+    if gained.share < _PAYS or abs(gained.log_stretch) < _LEAST:
+        return None
+    return float(np.exp(np.clip(gained.log_stretch, -_REACH[1], _REACH[1])))
+
+
+@dataclass(frozen=True)
+class StretchGain:
+    """The share of the cost that a stretch would take away, and its logarithm, to the first order."""
+
+    share: float
+    log_stretch: float
+
+
+def stretch_gain(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    elements: Elements,
+    isotropic: Estimate,
+    axis: Axis,
+) -> StretchGain:
+    """What a stretch about an axis would gain beside an isotropic fit, all other numbers free to follow."""
+    parameters = pack(isotropic, {photo.lighting: photo.elements for photo in photos})
+    size = len(parameters.vector)
+    gram, right, cost = np.zeros((size + 1, size + 1)), np.zeros(size + 1), 0.0
+    of = isotropic.brdf.form
+    assert isinstance(of, Smith)
+    ends = [
+        replace(
+            isotropic.brdf, kd=np.zeros(3), form=brushed(of, axis).with_numbers({"stretch": np.exp(step)})
+        )
+        for step in (-_STEP, _STEP)
+    ]
+    thin, weighed = _thinned(photos, weights, _SAMPLES)
+    predictions = predict_photos(thin, isotropic.brdf, isotropic.strengths)
+    for photo, weight, predicted in zip(thin, weighed, predictions, strict=True):
+        light = elements[photo.lighting], isotropic.strengths[photo.lighting]
+        less, more = (predict(end, *light, photo.field, photo.shadows) for end in ends)
+        slope = (more - less) / (2 * _STEP)
+        residual = photo.radiance - predicted
+        for c, jacobian in enumerate(jacobians(photo, parameters, isotropic)):
+            rows = np.column_stack([jacobian, slope[:, c]])
+            weighted = rows * weight[:, c, None]
+            gram += weighted.T @ rows
+            right += weighted.T @ residual[:, c]
+            cost += float(weight[:, c] @ residual[:, c] ** 2)
+    # The stretch alone, what the others would make up for taken off.
+    others = symmetric_pinv(gram[:-1, :-1])
+    alone = max(float(gram[-1, -1] - gram[-1, :-1] @ others @ gram[:-1, -1]), 1e-300)
+    pull = float(right[-1] - gram[-1, :-1] @ others @ right[:-1])
+    rest = max(cost - float(right[:-1] @ others @ right[:-1]), 1e-300)
+    return StretchGain(pull**2 / alone / rest, pull / alone)
+
+
+def in_window(form: Brushed, brdf: Microfacet) -> bool:
+    """Whether a BRDF that was found with a form lies well within its window."""
+    return form.holds(*_widths(brdf))
+
+
+def _searched(
+    form: Brushed, photos: Sequence[PhotoColumns], weights: Sequence[Weights], elements: Elements
+) -> Brushed:
+    """The form with a window that its best fit to some of the samples lies well within."""
+    thin, weighed = _thinned(photos, weights, _SEARCHED)
+    for _ in range(_MOST_MOVES):
+        columns = _columns([form], thin, elements)[form]
+        widths = _widths(fit(models_of(form)[-1], total_statistics(columns, weighed)).brdf)
+        settled, form = form.holds(*widths), form.around(*widths, _REACH)
+        if settled:
+            break
+    return form
+
+
+def _columns(
+    forms: Sequence[Brushed], photos: Sequence[PhotoColumns], elements: Elements
+) -> dict[LobeForm, list[PhotoColumns]]:
+    """The same samples with columns of forms of one window."""
+    return columns_of_forms(
+        [photo.lighting for photo in photos],
+        elements,
+        [photo.field for photo in photos],
+        forms,
+        photos[0].shadows,
+        [photo.columns[..., 0] for photo in photos],
+    )
+
+
+def _thinned(
+    photos: Sequence[PhotoColumns], weights: Sequence[Weights], samples: int
+) -> tuple[list[PhotoColumns], list[Floats]]:
+    """About so many of the samples, evenly, and their weights."""
+    stride = -(-sample_count(photos) // samples)
+    kept = [np.arange(len(photo.field)) % stride == 0 for photo in photos]
+    thin = [photo.where(own) for photo, own in zip(photos, kept, strict=True)]
+    return thin, [weight.weight[own] for weight, own in zip(weights, kept, strict=True)]
+
+
+def _widths(brdf: Microfacet) -> tuple[float, float]:
+    assert brdf.sigma is not None
+    return brdf.sigma, brdf.form.numbers["stretch"]
