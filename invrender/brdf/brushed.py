@@ -3,7 +3,7 @@
     alpha_x = sigma sqrt(stretch) along the tangent,  alpha_y = sigma / sqrt(stretch) across it
 
 Any distribution of slopes that falls with their size can be stretched. At each azimuth it is then the isotropic one of
-another width, and so is what facets hide of each other [Heitz 2014, eq. 80, 85, 86]:
+another width, and so is what facets hide of each other [Heitz 2014, eq. 80, 85]:
 
     D(h) = D(theta_h; a) a^2 / (alpha_x alpha_y)        1 / a^2 = cos^2 phi / alpha_x^2 + sin^2 phi / alpha_y^2
     Lambda(w) = Lambda(theta; a)                        a^2 = alpha_x^2 cos^2 phi + alpha_y^2 sin^2 phi

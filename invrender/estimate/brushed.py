@@ -34,7 +34,7 @@ _SAMPLES, _SEARCHED = 300, 800
 # Of the logarithm of the stretch, for slopes.
 _STEP = 0.05
 # The share of the cost that a stretch must take away, to the first order, and its least logarithm, for it to be tried.
-_PAYS, _LEAST = 0.03, 0.1
+_PAYS, _LEAST = 0.1, 0.03
 # How often a window is moved at most.
 _MOST_MOVES = 10
 # Half the width of windows in the logarithms of sigma and stretch: of searches, and of fits to all samples.
@@ -53,7 +53,10 @@ def try_brushed(
 
     photos : of RH01's form. isotropic : the fits of isotropic forms, and columns of the same samples in these forms.
     """
-    of = min(FACETS, key=lambda form: isotropic[form].cost)
+    facets = [form for form in FACETS if form in isotropic]
+    if not facets:
+        return {}
+    of = min(facets, key=lambda form: isotropic[form].cost)
     first = isotropic[of]
     assert first.brdf.sigma is not None
     stretch = first_stretch(columns[of], weights, elements, first, axis)
@@ -61,7 +64,7 @@ def try_brushed(
         return {}
     start = brushed(of, axis, window_about(first.brdf.sigma, stretch, _REACH))
     window = _searched(start, photos, weights, elements).window
-    return _columns([brushed(form, axis, window) for form in FACETS], photos, elements)
+    return _columns([brushed(form, axis, window) for form in facets], photos, elements)
 
 
 def narrowed(form: Brushed, brdf: Microfacet) -> Brushed:

@@ -142,11 +142,15 @@ def test_a_near_lamp_is_named_with_its_distance(tmp_path: Path) -> None:
 
 
 def test_brushed_metal_is_named_with_its_widths(tmp_path: Path, few_forms: None) -> None:
-    cause = cause_of(write_set(tmp_path / "set", BRUSHED))
+    folder = write_set(tmp_path / "set", BRUSHED)
+    # About the true axis its lobe is found, and there is nothing to be named.
+    change_manifest(folder, r'shape = "sphere"', lambda found: f"{found.group()}\nbrushed_about = [2, 0, 0]")
+    cause = cause_of(folder)
     assert cause.name == "brushed about z"
     # Facets' slopes are 0.1 wide along the sphere's horizontal circles, 0.3 across them.
     assert np.exp(-cause.numbers[0]) == pytest.approx(3, rel=0.1)
     assert "across circles about the world's Z axis" in cause.text
+    assert "Give brushed_about = [0.0, 0.0, 1.0] in [object]" in cause.text
 
 
 def test_highlights_of_another_form_are_named(sound: dict[str, Path], tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_lobes_of_different_forms_are_compared_with_a_warning(lightfactor: Comma
 
 def test_of_a_truth_without_such_a_lobe_only_kd_is_compared(tmp_path: Path) -> None:
     result = write_result(tmp_path / "result", "microfacet", MU, SIGMA)
-    truth = write_truth(tmp_path / "set", "anisotropic", {"mu": MU, "alpha_x": 0.1, "alpha_y": 0.3})
+    truth = write_truth(tmp_path / "set", "mirror", {"mu": MU})
     rows = number_rows(read_side(result), read_side(truth))
     assert [row.label for row in rows if row.agrees is not None] == [
         "Kd red (1/sr)",
@@ -96,6 +96,19 @@ def test_of_a_truth_without_such_a_lobe_only_kd_is_compared(tmp_path: Path) -> N
         "Kd blue (1/sr)",
     ]
     assert "only Kd" in read_side(truth).notes[0]
+
+
+def test_a_brushed_truth_is_compared_by_its_two_widths(tmp_path: Path) -> None:
+    result = write_result(tmp_path / "result", "microfacet", MU, SIGMA)
+    truth = read_side(
+        write_truth(tmp_path / "set", "anisotropic", {"mu": MU, "alpha_x": 0.1, "alpha_y": 0.4})
+    )
+    rows = {row.label: row for row in number_rows(read_side(result), truth)}
+    assert rows["sigma (rad)"].second == pytest.approx((0.2, 0))
+    assert (rows["alpha_x (rad)"].first, rows["alpha_x (rad)"].second) == (None, (0.1, 0))
+    assert rows["alpha_y (rad)"].verdict == "not in its model in A"
+    assert truth.form is not None
+    assert truth.form.axis == (0, 0, 1)
 
 
 PLASTIC = """
