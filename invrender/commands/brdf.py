@@ -10,6 +10,9 @@ import typer
 
 from capture.commands.options import ResultOut
 
+# Degrees of a brushed surface's harmonics: by default, and at most; coefficients go as the fourth power.
+_ANISOTROPIC, _MOST_ANISOTROPIC = 3, 4
+
 
 class BRDFMethod(StrEnum):
     """How the BRDF is measured."""
@@ -41,10 +44,18 @@ def brdf(
     order: Annotated[
         int | None,
         typer.Option(
-            help="Highest degree of the harmonics, 0 to 16. Higher ones are sharper, and ring more.  [default: 6]",
+            help="Highest degree of the harmonics, 0 to 16. Higher ones are sharper, and ring more.  [default: 6; 3, at"
+            " most 4, with --anisotropic]",
             show_default=False,
         ),
     ] = None,
+    anisotropic: Annotated[
+        bool,
+        typer.Option(
+            "--anisotropic",
+            help="Harmonics of a surface that is brushed along circles about +Z, or about brushed_about in [object].",
+        ),
+    ] = False,
     samples: Annotated[
         int | None,
         typer.Option(
@@ -69,14 +80,20 @@ def brdf(
     """
     if order is not None and not 0 <= order <= 16:
         raise ValueError(f"--order is {order}; the highest degree must be 0 to 16")
+    if anisotropic and (method is BRDFMethod.TABLE or (order or 0) > _MOST_ANISOTROPIC):
+        raise ValueError(
+            f"--anisotropic is for harmonics of degree {_MOST_ANISOTROPIC} at most, which have 325 coefficients; leave"
+            " out --method table, and give a lower --order"
+        )
     if samples is not None and samples < 0:
         raise ValueError(f"--samples is {samples}; it must be >= 0, 0 for every usable one")
     from invrender.inverse_brdf.measured import SUFFIXES
 
     if source.suffix in SUFFIXES:
-        if method is not None or order is not None:
+        if method is not None or order is not None or anisotropic:
             raise ValueError(
-                f"{source} is a measured BRDF; --method and --order are for photo sets: leave them out"
+                f"{source} is a measured BRDF; --method and --order are for photo sets, as --anisotropic is: leave them"
+                " out"
             )
         from invrender.inverse_brdf import measured_run
 
@@ -89,6 +106,7 @@ def brdf(
         source,
         out,
         chosen.value,
-        6 if order is None else order,
+        (_ANISOTROPIC if anisotropic else 6) if order is None else order,
         (SAMPLES[chosen.value] if samples is None else samples) or None,
+        anisotropic,
     )

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import software
+from invrender.inverse_brdf.brushed_harmonics import BrushedBasis
 from invrender.inverse_brdf.harmonic import HarmonicBRDF
 from invrender.inverse_brdf.measured import MeasuredFit
 from invrender.inverse_brdf.near import Measured
 from invrender.inverse_brdf.reciprocal import unknowns
 from invrender.inverse_brdf.slices import Ringing
 from invrender.result.document import model_entries, quantity_entry
+from recon.harmonics.basis import degrees, orders
 
 Floats = NDArray[np.float64]
 
@@ -28,13 +30,26 @@ def harmonic_document(brdf: HarmonicBRDF, rings: Ringing) -> dict[str, Any]:
     lighting_gain, per degree and channel, by which lighting passes the BRDF's degree on; singular_values per channel,
     in units of noise and of the bounds of energy; effective_rank, how many coefficients the samples determine.
     """
-    coefficients = []
-    for index, (l, p, q) in enumerate(zip(*unknowns(brdf.order), strict=True)):
+    names = [{"l": int(l), "p": int(p), "q": int(q)} for l, p, q in zip(*unknowns(brdf.order), strict=True)]
+    rung = {"negative_share": rings.negative_share, "negative_depth": rings.depth}
+    return _coefficients(brdf, names) | rung
+
+
+def brushed_document(brdf: HarmonicBRDF, basis: BrushedBasis) -> dict[str, Any]:
+    """As `harmonic_document` of an isotropic BRDF, of rho_lnpq, (l, n) before (p, q), without ringing.
+
+    brushed_about : the axis of the tangents.
+    """
+    l, n = degrees(basis.order).tolist(), orders(basis.order).tolist()
+    names = [{"l": l[i], "n": n[i], "p": l[j], "q": n[j]} for i, j in zip(*basis.pairs, strict=True)]
+    return _coefficients(brdf, names) | {"brushed_about": list(basis.axis)}
+
+
+def _coefficients(brdf: HarmonicBRDF, names: Sequence[dict[str, int]]) -> dict[str, Any]:
+    coefficients: list[dict[str, Any]] = []
+    for index, name in enumerate(names):
         known = brdf.determined[index]
-        entry = {
-            "l": int(l),
-            "p": int(p),
-            "q": int(q),
+        entry = name | {
             "value": _numbers(brdf.coefficients[index], known),
             "std": _numbers(brdf.std[index], known),
         }
@@ -49,8 +64,6 @@ def harmonic_document(brdf: HarmonicBRDF, rings: Ringing) -> dict[str, Any]:
             "effective_rank": brdf.rank.tolist(),
         },
         "relative_rms": brdf.residual,
-        "negative_share": rings.negative_share,
-        "negative_depth": rings.depth,
     }
 
 

@@ -49,12 +49,29 @@ def harmonic_figure(name: str, brdf: HarmonicBRDF, pictures: Mapping[str, NDArra
     axes.plot(degrees, profile, label=f"order {brdf.order}")
     axes.fill_between(degrees, profile - std, profile + std, alpha=0.3, label="± 1 std")
     dress_profile(axes)
-    axes = figure.add_subplot(grid[0, 2])
-    axes.bar(np.arange(brdf.order + 1), brdf.gains[:, 1], color="C2")
-    axes.set(yscale="log", xlabel="degree l", ylabel="gain", title="how the light passes each degree on")
+    draw_gains(figure.add_subplot(grid[0, 2]), brdf)
     for column, (title, radiance) in enumerate(pictures.items()):
         draw_picture(figure.add_subplot(grid[1, column]), title, radiance)
     return figure
+
+
+def brushed_figure(name: str, brdf: HarmonicBRDF, pictures: Mapping[str, NDArray[np.floating]]) -> Figure:
+    """How the light shows a brushed surface's BRDF; and pictures (h, w, 3)."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14, 4), dpi=110, layout="constrained")
+    figure.suptitle(printable(f"{name}: harmonic coefficients of a brushed BRDF up to degree {brdf.order}"))
+    gains, *panels = figure.subplots(1, 1 + len(pictures))
+    draw_gains(gains, brdf)
+    for axes, (title, radiance) in zip(panels, pictures.items(), strict=True):
+        draw_picture(axes, title, radiance)
+    return figure
+
+
+def draw_gains(axes: Axes, brdf: HarmonicBRDF) -> None:
+    """How the light passes each degree of the BRDF on."""
+    axes.bar(np.arange(brdf.order + 1), brdf.gains[:, 1], color="C2")
+    axes.set(yscale="log", xlabel="degree l", ylabel="gain", title="how the light passes each degree on")
 
 
 def table_figure(name: str, table: BRDFTable, fit: TableFit) -> Figure:

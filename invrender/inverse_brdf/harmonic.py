@@ -17,15 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.brdf.form import Axis
+from invrender.inverse_brdf.brushed_harmonics import BrushedBasis
 from invrender.inverse_brdf.covariance import larger_covariance
-from invrender.inverse_brdf.leastsquares import harmonic_equations, scatter_of, solve
-from invrender.inverse_brdf.reciprocal import (
-    energy_bounds,
-    local_light,
-    rows,
-    source_light,
-    unknowns,
-)
+from invrender.inverse_brdf.leastsquares import Basis, harmonic_equations, scatter_of, solve
+from invrender.inverse_brdf.reciprocal import IsotropicBasis, rows, source_light
 from invrender.theory.conditioning import Information, inverse_brdf
 from recon.harmonics.basis import check_degree, check_unit, finite, to_degree
 from recon.sampling.lightfield import LightField
@@ -43,8 +39,9 @@ _RAYS_AT_A_TIME = 4096
 
 @dataclass(frozen=True, eq=False)
 class HarmonicBRDF:
-    """Coefficients rho_lpq up to a degree, those of `reciprocal.unknowns`, per channel.
+    """Coefficients up to a degree per channel: rho_lpq of `reciprocal.unknowns`, or rho_lnpq of a brushed surface.
 
+    basis : whose unknowns they are.
     coefficients : (k, 3). Of what isn't determined they are the best guess within the bounds, about 0.
     covariance : (3, k, k), the larger of what independent and what tile-wise residuals imply, plus truncation.
     truncation : (k, 3), by how much a fit of two degrees more puts a coefficient elsewhere.
@@ -54,7 +51,7 @@ class HarmonicBRDF:
     singular_values : (3, k), of the actual samples in units of noise and bounds. rank : (3,), how many they determine.
     """
 
-    order: int
+    basis: Basis
     coefficients: Floats
     covariance: Floats
     truncation: Floats
@@ -67,12 +64,20 @@ class HarmonicBRDF:
     rank: Floats
 
     @property
+    def order(self) -> int:
+        """The highest degree."""
+        return self.basis.order
+
+    @property
     def std(self) -> Floats:
         """Standard deviations (k, 3)."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)).T
 
     def reciprocal_values(self, incident: Floats, cos_exitant: Floats) -> Floats:
-        """rho cos theta_i cos theta_o, (n, 3), for incident directions (n, 3) in frames whose x axis is the view's."""
+        """rho cos theta_i cos theta_o, (n, 3), for incident directions (n, 3) in frames whose x axis is the view's.
+
+        Of an isotropic BRDF, as is its standard deviation.
+        """
         found = rows(source_light(incident, self.order), cos_exitant)[..., 0]
         return np.asarray(found @ self.coefficients)
 
@@ -94,36 +99,42 @@ class HarmonicBRDF:
             return result
         for part in np.array_split(np.arange(len(normals)), len(normals) // _RAYS_AT_A_TIME + 1):
             cos = (normals[part] * views[part]).sum(axis=1)
-            found = rows(local_light(light, normals[part], views[part]), cos)
+            found = self.basis.rows(light, normals[part], views[part])
             result[part] = np.einsum("nkc,kc->nc", found, self.coefficients) / cos[:, None]
         return result
 
 
-def estimate_harmonic(fields: Sequence[LightField], lights: Sequence[Floats], order: int) -> HarmonicBRDF:
+def estimate_harmonic(
+    fields: Sequence[LightField], lights: Sequence[Floats], order: int, axis: Axis | None = None
+) -> HarmonicBRDF:
     """The BRDF's coefficients up to a degree from samples of photographs, and the light on each.
 
-    lights : per photograph, real coefficients ((l_max + 1)^2, 3) of its lighting in the world; degrees up to order + 2
-    count, those that are missing are dark. Raises ValueError for an order below 0, light or radiance that isn't
-    finite, and fewer samples than unknowns.
+    axis : of a brushed sphere, about which its tangents go; None for an isotropic BRDF. lights : per photograph, real
+    coefficients ((l_max + 1)^2, 3) of its lighting in the world; degrees up to order + 2 count, those that are missing
+    are dark. Raises ValueError for an order below 0, light or radiance that isn't finite, and fewer samples than
+    unknowns.
     """
     check_degree(order, "order")
-    further = unknowns(order + FURTHER)
+    basis, further = (
+        IsotropicBasis(degree) if axis is None else BrushedBasis(degree, axis)
+        for degree in (order, order + FURTHER)
+    )
     count = sum(len(field) for field in fields)
-    if count <= len(further.l):
+    if count <= len(further.bounds):
         raise ValueError(
-            f"there are {count} samples for the {len(unknowns(order).l)} coefficients of order {order}, or"
-            f" {len(further.l)} with the two degrees more that measure what is left out; take a lower order, more"
+            f"there are {count} samples for the {len(basis.bounds)} coefficients of order {order}, or"
+            f" {len(further.bounds)} with the two degrees more that measure what is left out; take a lower order, more"
             " photographs or more samples"
         )
     lights = [finite(to_degree(light, order + FURTHER), "lighting") for light in lights]
-    whole = harmonic_equations(fields, lights, energy_bounds(order + FURTHER))
+    whole = harmonic_equations(fields, lights, further)
     richer = solve(whole)
-    kept = further.p <= order
+    kept = np.max(further.degrees, axis=0) <= order
     equations = whole.of(kept)
     found = solve(equations)
 
     lights = [to_degree(light, order) for light in lights]
-    scatter, residual = scatter_of(fields, lights, found.solution)
+    scatter, residual = scatter_of(fields, lights, basis, found.solution)
     shrinking = np.diag(equations.bounds**-2)
     statistical = larger_covariance(
         [
@@ -146,12 +157,12 @@ def estimate_harmonic(fields: Sequence[LightField], lights: Sequence[Floats], or
         for matrix, noise2 in zip(equations.matrix, found.noise2, strict=True)
     ]
     return HarmonicBRDF(
-        order=order,
+        basis=basis,
         coefficients=found.solution.T,
         covariance=covariance,
         truncation=shift.T,
         determined=determined,
-        reasons=_reasons(determined, gains, np.sqrt(found.noise2 / count), order),
+        reasons=_reasons(determined, gains, np.sqrt(found.noise2 / count), basis),
         noise=np.sqrt(found.noise2),
         residual=residual,
         gains=gains,
@@ -160,11 +171,11 @@ def estimate_harmonic(fields: Sequence[LightField], lights: Sequence[Floats], or
     )
 
 
-def _reasons(determined: Bools, gains: Floats, noise: Floats, order: int) -> tuple[str, ...]:
+def _reasons(determined: Bools, gains: Floats, noise: Floats, basis: Basis) -> tuple[str, ...]:
     """Why coefficients aren't determined. noise : (3,), that of the mean of all samples."""
-    l, p, _ = unknowns(order)
-    bounds = energy_bounds(order)
-    largest = np.array([bounds[(l == degree) | (p == degree)].max() for degree in range(order + 1)])
+    l, p = basis.degrees
+    bounds = basis.bounds
+    largest = np.array([bounds[(l == degree) | (p == degree)].max() for degree in range(basis.order + 1)])
     # Were the samples everywhere, a coefficient of that degree of light would be known as well as this.
     with np.errstate(divide="ignore"):
         reachable = 4 * np.pi * noise / gains

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.estimate.clusters import tile_of
-from invrender.inverse_brdf.reciprocal import below_horizon, local_light, mean_power, rows
+from invrender.inverse_brdf.brushed_harmonics import BrushedBasis
+from invrender.inverse_brdf.reciprocal import IsotropicBasis
 from recon.harmonics.basis import finite
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Basis = IsotropicBasis | BrushedBasis
 
 # Noise never passes for less than this share of the radiance: renderings have none.
 _LEAST_NOISE = 1e-4
@@ -66,16 +68,16 @@ class LeastSquaresSolution(NamedTuple):
 
 
 def harmonic_equations(
-    fields: Sequence[LightField], lights: Sequence[Floats], bounds: Floats
+    fields: Sequence[LightField], lights: Sequence[Floats], basis: Basis
 ) -> ReflectanceEquations:
     """The equations of photographs' samples, each under lighting of coefficients ((order + 1)^2, 3).
 
-    bounds : (k,), of `energy_bounds(order)`. Raises ValueError if no sample has any weight.
+    Raises ValueError if no sample has any weight.
     """
-    size = len(bounds)
+    size = len(basis.bounds)
     data = np.zeros((3, size, size))
     right, energy, trust = np.zeros((3, size)), np.zeros(3), 0.0
-    for part in _observed(fields, lights):
+    for part in _observed(fields, lights, basis):
         weighted = part.rows * part.weight[:, None, None]
         data += weighted.transpose(2, 1, 0) @ part.rows.transpose(2, 0, 1)
         right += np.einsum("nkc,nc->ck", weighted, part.values)
@@ -84,11 +86,9 @@ def harmonic_equations(
     if not trust > 0:
         raise ValueError("no sample has any weight: all lie at grazing angles or at edges")
     # The upper hemisphere's samples weigh so much together; as much the lower one's darkness.
-    power = np.sum(
-        [field.weight.sum() * mean_power(light) for field, light in zip(fields, lights, strict=True)], axis=0
-    )
+    dark = basis.below_horizon(lights, [float(field.weight.sum()) for field in fields])
     samples = sum(len(field) for field in fields)
-    return ReflectanceEquations(data, below_horizon(power), right, energy, bounds, trust, samples)
+    return ReflectanceEquations(data, dark, right, energy, basis.bounds, trust, samples)
 
 
 def solve(equations: ReflectanceEquations) -> LeastSquaresSolution:
@@ -108,7 +108,7 @@ def solve(equations: ReflectanceEquations) -> LeastSquaresSolution:
 
 
 def scatter_of(
-    fields: Sequence[LightField], lights: Sequence[Floats], solution: Floats
+    fields: Sequence[LightField], lights: Sequence[Floats], basis: Basis, solution: Floats
 ) -> tuple[tuple[Floats, Floats], float]:
     """Covariances (3, k, k) of the normal equations' right-hand side, and the relative RMS residual of radiance.
 
@@ -116,7 +116,7 @@ def scatter_of(
     """
     independent, by_tile = np.zeros((2, 3, solution.shape[1], solution.shape[1]))
     square, energy = 0.0, 0.0
-    for part in _observed(fields, lights):
+    for part in _observed(fields, lights, basis):
         residual = part.values - np.einsum("nkc,ck->nc", part.rows, solution)
         per_cos = part.weight / part.cos_exitant**2
         square += float(np.sum(per_cos @ residual**2))
@@ -139,7 +139,7 @@ class _Part(NamedTuple):
     tile: NDArray[np.int64]
 
 
-def _observed(fields: Sequence[LightField], lights: Sequence[Floats]) -> Iterator[_Part]:
+def _observed(fields: Sequence[LightField], lights: Sequence[Floats], basis: Basis) -> Iterator[_Part]:
     for field, light in zip(fields, lights, strict=True):
         if not len(field):
             continue
@@ -151,7 +151,7 @@ def _observed(fields: Sequence[LightField], lights: Sequence[Floats]) -> Iterato
             part = field.where(kept)
             cos = (part.normals * part.views).sum(axis=1)
             # A pixel is a mean of radiance, which 1 / cos theta_o bends at grazing angles.
-            per_ray = rows(local_light(light, part.normals, part.views), cos) / cos[:, None, None]
+            per_ray = basis.rows(light, part.normals, part.views) / cos[:, None, None]
             mean_cos = part.cos_exitant
             found = part.mean_over_rays(per_ray) * mean_cos[:, None, None]
             values = finite(part.radiance, "radiance") * mean_cos[:, None]

@@ -11,6 +11,8 @@ rho_lpq = rho_plq, leaves those of l <= p as unknowns. They are those of `brdfco
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -111,10 +113,45 @@ def energy_bounds(order: int) -> Floats:
     functions weighted so has a norm of at most 1. That of rho_000, 1/4, is a white Lambertian surface's.
     """
     l, p, q = unknowns(order)
+    norm = harmonic_norms(order)
+    return np.asarray(norm[q, l] * norm[q, p])
+
+
+def harmonic_norms(order: int) -> Floats:
+    """Norms (order + 1, order + 1), q by l, of sqrt(cos theta) y_lq over the hemisphere."""
     cos, weight = interval_rule(order + 1, 0.0, 1.0)
     azimuth = np.where(np.arange(order + 1) > 0, np.pi, 2 * np.pi)
-    norm = np.sqrt(azimuth[:, None] * (theta_factors(cos, order) ** 2 @ (weight * cos)))
-    return np.asarray(norm[q, l] * norm[q, p])
+    return np.sqrt(azimuth[:, None] * (theta_factors(cos, order) ** 2 @ (weight * cos)))
+
+
+@dataclass(frozen=True)
+class IsotropicBasis:
+    """The unknowns up to a degree of an isotropic BRDF, with what least squares ask of a basis."""
+
+    order: int
+
+    @property
+    def degrees(self) -> tuple[Ints, Ints]:
+        """l and p (k,)."""
+        l, p, _ = unknowns(self.order)
+        return l, p
+
+    @property
+    def bounds(self) -> Floats:
+        """Of `energy_bounds`."""
+        return energy_bounds(self.order)
+
+    def rows(self, light: Floats, normals: Floats, views: Floats) -> Floats:
+        """Rows (n, k, c) that yield B cos theta_o at unit normals towards unit views (n, 3), both in the world.
+
+        light : coefficients ((order + 1)^2, c) of the lighting in the world.
+        """
+        return rows(local_light(light, normals, views), (normals * views).sum(axis=1))
+
+    def below_horizon(self, lights: Sequence[Floats], weights: Sequence[float]) -> Floats:
+        """`below_horizon` of photographs' lights, each with a weight."""
+        powers = [weight * mean_power(light) for light, weight in zip(lights, weights, strict=True)]
+        return below_horizon(np.sum(powers, axis=0))
 
 
 def full_coefficients(values: Floats, order: int) -> Floats:

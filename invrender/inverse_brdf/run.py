@@ -18,14 +18,23 @@ from capture.parallel import one_blas_thread
 from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.radiance import CHANNELS
 from capture.terminal import console, leave_cleanly_when_stopped, track
-from invrender.inverse_brdf.document import FIT_PARTS, document, harmonic_document, table_document
-from invrender.inverse_brdf.figure import harmonic_figure, table_figure
+from invrender.brdf.form import Axis
+from invrender.inverse_brdf.brushed_harmonics import BrushedBasis
+from invrender.inverse_brdf.document import (
+    FIT_PARTS,
+    brushed_document,
+    document,
+    harmonic_document,
+    table_document,
+)
+from invrender.inverse_brdf.figure import brushed_figure, harmonic_figure, table_figure
 from invrender.inverse_brdf.harmonic import FURTHER, HarmonicBRDF, estimate_harmonic
 from invrender.inverse_brdf.near import Measured, measure_under
 from invrender.inverse_brdf.observe import Observations, light_coefficients, observe, single_source
 from invrender.inverse_brdf.reciprocal import unknowns
 from invrender.inverse_brdf.rendering import Rendering
-from invrender.inverse_brdf.slices import Ringing, ringing
+from invrender.inverse_brdf.slices import ringing
+from invrender.observation.geometry import brushing_axis
 from invrender.wording import with_error
 from recon.harmonics.complex import project_sources
 from recon.sampling.lightfield import LightField
@@ -42,14 +51,25 @@ _MISFIT = 4.0
 
 
 def run_brdf(
-    source: Path, out: Path, method: Literal["harmonic", "table"], order: int, samples: int | None
+    source: Path,
+    out: Path,
+    method: Literal["harmonic", "table"],
+    order: int,
+    samples: int | None,
+    anisotropic: bool = False,
 ) -> HarmonicBRDF | Measured:
-    """Measure a set's BRDF into a folder, and print what was found."""
+    """Measure a set's BRDF into a folder, and print what was found.
+
+    anisotropic : whether harmonics are those of a brushed sphere.
+    """
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     with one_blas_thread(), result_folder(out, OWN_FILES) as folder:
         seen = observe(photoset, samples, track)
-        result = (_harmonic if method == "harmonic" else _table)(seen, folder, order)
+        if method == "table":
+            result: HarmonicBRDF | Measured = _table(seen, folder)
+        else:
+            result = _harmonic(seen, folder, order, brushing_axis(photoset) if anisotropic else None)
     for warning in seen.warnings:
         console.print(f"Warning: {warning}.", soft_wrap=True, markup=False)
     places = f"Result: {out / 'brdf.json'}   Look at it: {out / 'brdf.png'}"
@@ -57,13 +77,15 @@ def run_brdf(
     return result
 
 
-def _harmonic(seen: Observations, folder: Path, order: int) -> HarmonicBRDF:
+def _harmonic(seen: Observations, folder: Path, order: int, axis: Axis | None) -> HarmonicBRDF:
     lights = {name: light_coefficients(light, order + FURTHER) for name, light in seen.lightings.items()}
     with console.status("Solving for the coefficients"):
         brdf = estimate_harmonic(
-            [field for _, field in seen.fitted], [lights[photo.lighting] for photo, _ in seen.fitted], order
+            [field for _, field in seen.fitted],
+            [lights[photo.lighting] for photo, _ in seen.fitted],
+            order,
+            axis,
         )
-        rings = ringing(brdf)
     photos = []
     unseen = np.zeros(2)
     for photo, field in zip(seen.photoset.photos, seen.fields, strict=True):
@@ -73,17 +95,29 @@ def _harmonic(seen: Observations, folder: Path, order: int) -> HarmonicBRDF:
         rms = np.sqrt(left / energy) if energy > 0 else None
         photos.append(_photo(photo, field) | {"relative_rms": rms})
         unseen += photo.held_out * np.array([left, energy])
-    measured = harmonic_document(brdf, rings)
+    name, pictures = seen.photoset.name, _pictures(seen, brdf)
+    if isinstance(brdf.basis, BrushedBasis):
+        measured = brushed_document(brdf, brdf.basis)
+        brushed_figure(name, brdf, pictures).savefig(folder / "brdf.png")
+        _print_determined(brdf)
+    else:
+        rings = ringing(brdf)
+        measured = harmonic_document(brdf, rings)
+        harmonic_figure(name, brdf, pictures).savefig(folder / "brdf.png")
+        _print_harmonic(seen.photoset, brdf)
+        _print_determined(
+            brdf,
+            f" {rings.negative_share:.1%} of the BRDF is negative, down to {rings.depth:.1%} of its peak: ringing,"
+            " since higher degrees are missing.",
+        )
     write_json(folder / "brdf.json", _document(seen, measured, photos))
-    harmonic_figure(seen.photoset.name, brdf, _pictures(seen, brdf)).savefig(folder / "brdf.png")
-    _print_harmonic(seen.photoset, brdf, rings)
     if unseen[1] > 0:
         # Together: a photo of the dark side has hardly any radiance of its own.
         console.print(f"RMS residual of held-out photos: {np.sqrt(unseen[0] / unseen[1]):.2%}.")
     return brdf
 
 
-def _table(seen: Observations, folder: Path, order: int) -> Measured:
+def _table(seen: Observations, folder: Path) -> Measured:
     sources = [single_source(seen.photoset, seen.lightings[photo.lighting]) for photo, _ in seen.fitted]
     with console.status("Gathering the table"):
         found = measure_under([field for _, field in seen.fitted], sources, seen.centre)
@@ -121,7 +155,7 @@ def _photo(photo: Photo, field: LightField) -> dict[str, Any]:
     return {"file": photo.name, "samples": len(field), "held_out": photo.held_out}
 
 
-def _print_harmonic(photoset: PhotoSet, brdf: HarmonicBRDF, rings: Ringing) -> None:
+def _print_harmonic(photoset: PhotoSet, brdf: HarmonicBRDF) -> None:
     shown = Table("l", "p", "q", *CHANNELS, title=f"{photoset.name}: rho_lpq", title_justify="left")
     for index, (l, p, q) in enumerate(zip(*unknowns(brdf.order), strict=True)):
         if p <= _PRINTED_DEGREE:
@@ -133,11 +167,14 @@ def _print_harmonic(photoset: PhotoSet, brdf: HarmonicBRDF, rings: Ringing) -> N
             ]
             shown.add_row(str(l), str(p), str(q), *numbers)
     console.print(shown)
+
+
+def _print_determined(brdf: HarmonicBRDF, more: str = "") -> None:
+    """How much of the coefficients is known, and what stands in the way of the rest."""
     whole = np.all(brdf.determined, axis=1)
     console.print(
         f"{int(whole.sum())} of {len(whole)} coefficients up to degree {brdf.order} determined; RMS residual"
-        f" {brdf.residual:.2%} of the radiance. {rings.negative_share:.1%} of the BRDF is negative, down to"
-        f" {rings.depth:.1%} of its peak: ringing, since higher degrees are missing.",
+        f" {brdf.residual:.2%} of the radiance.{more}",
         soft_wrap=True,
     )
     for reason, count in Counter(reason for reason in brdf.reasons if reason).most_common(3):

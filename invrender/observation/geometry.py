@@ -59,10 +59,11 @@ def find_geometry(photoset: PhotoSet, track: Track = silent, shadowing: bool = T
         warnings += [unkept] if unkept else []
         shadows = Shadows.of(found.body, transfer.rotated(photoset.mesh_to_world[:3, :3]))
     described = _description(photoset, found)
-    return SceneGeometry(found, shadows, described, tuple(sentences(warnings)), _brushing_axis(photoset))
+    return SceneGeometry(found, shadows, described, tuple(sentences(warnings)), brushing_axis(photoset))
 
 
-def _brushing_axis(photoset: PhotoSet) -> Axis | None:
+def brushing_axis(photoset: PhotoSet) -> Axis | None:
+    """The axis, unit, of the circles that a set's object would be brushed along; None of a mesh."""
     if photoset.object.shape != "sphere":
         return None
     x, y, z = photoset.object.brushed_about or _UPRIGHT

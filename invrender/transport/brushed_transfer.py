@@ -26,6 +26,8 @@ Singles = NDArray[np.float32]
 
 # Rings that weigh less than this share of the heaviest are left out.
 _NEGLIGIBLE = 1e-6
+# How far apart rings lie, over the distance of an isotropic lobe's: ellipses are longer than circles of their area.
+_CLOSER = 0.7
 _LEAST_COS = np.float32(1e-4)
 # Of a ring's angle and azimuths, for how half-vectors change with them.
 _STEP = 1e-3
@@ -46,6 +48,7 @@ def brushed_transfer(
     forms : brushed about one axis; those of one stretch share the walk. normals, views : (m, 3) unit. sigmas : (j,),
     radians. fresnel : cosines (...,) to (..., k).
     """
+    light = light.with_rings(_CLOSER)
     factors = fresnel(np.linspace(0, 1, _LOOKUP)).astype(np.float32)
     shape = (len(normals), len(forms), factors.shape[1], len(sigmas), light.levels[0].shape[2])
     result = np.zeros(shape, np.float32)

@@ -12,7 +12,7 @@ share one walk through the map.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -77,6 +77,11 @@ class PreparedMap:
         if _is_rough(levels):
             return cls(tuple(padded(level) for level in levels), _ROUGH)
         return cls((padded(radiance_map),), _SMOOTH)
+
+    def with_rings(self, share: float) -> PreparedMap:
+        """The same, in whose integrals rings lie a share as far apart, in the logarithm."""
+        fineness = replace(self.fineness, log_step=share * self.fineness.log_step)
+        return replace(self, fineness=fineness)
 
     def seen(self, directions: Singles, spacing: float) -> Singles:
         """Radiance (m, p, c) from unit directions (m, p, 3) that lie about `spacing` radians apart."""
