@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from capture.files.outfolder import result_folder
 from invrender.estimate.quantities import PhotoScore
 from invrender.output.render.light import chosen_lighting, distant_source, own_lighting
+from invrender.output.render.options import check_preview
 from invrender.output.render.photographer import photographer
 from invrender.output.render.picture import Picture
+from invrender.output.render.preview import previewer
 from invrender.output.render.view import checked_size, view_of
 from invrender.output.report.brdf_figure import brdf_figure
 from invrender.output.report.files import RESULT_FILES
@@ -156,6 +158,7 @@ class Fit:
         radius: float | None = None,
         mean: bool = False,
         std: bool = False,
+        preview: bool = False,
         assume: Mapping[str, float] | None = None,
     ) -> Picture:
         """Predict a picture: `radiance` (h, w, 3), linear, `coverage` (h, w), `std` (h, w, 3) if asked for, `notes`.
@@ -167,11 +170,13 @@ class Fit:
             irradiance one number or three. rotate_light : degrees about +Z.
         mesh, mesh_to_world, radius : another object: a mesh, and a file that places it; a sphere, metres.
         mean : of textures only their means. std : standard deviations, too, of Kd, Ks, mu and sigma, to first order.
+        preview : quickly, by reflection maps; the last note says how far they are off.
         assume : values of mu or sigma where they are undetermined.
         ValueError says what doesn't go together, or what the photographs left open.
         """
         if photo is not None and (view is not None or size is not None or fov is not None):
             raise ValueError("--photo is a whole camera: it excludes --view, --size and --fov")
+        check_preview(preview, std)
         own = own_lighting(self._saved, lighting, photo, light is None and not sources)
         light = Path(light) if isinstance(light, str) else light
         given = [_source(source) for source in sources]
@@ -193,7 +198,12 @@ class Fit:
             pixels = None if size is None else checked_size(size)
             camera = studio.camera(wanted, studio.optics(pixels, fov))
             notes += studio.made_up(wanted, pixels, fov)
-        picture = studio.take(camera, rotate_light, std)
+        if preview:
+            quick = previewer(studio)
+            picture = quick.take(camera, rotate_light)
+            notes += (quick.stated,)
+        else:
+            picture = studio.take(camera, rotate_light, std)
         return replace(picture, notes=tuple(map(with_arguments, notes)))
 
     def plot_lighting(self) -> Figure:

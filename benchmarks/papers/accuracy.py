@@ -60,7 +60,7 @@ def accuracy_of_orders(place: Workplace) -> Outcome:
         axes.plot(100 * values[: _SHOWN + 1], style, color=colour, label=label, linewidth=1.8)
     axes.set(xlabel="order F (highest degree)", ylabel="accuracy: share of the energy [%]", xlim=(0, _SHOWN))
     axes.set(ylim=(0, 102), title="Grace Cathedral (luminance), Phong's lobe of exponent 32")
-    axes.legend(loc="center right")
+    axes.legend(loc=(0.585, 0.48))
     axes.grid(alpha=0.3)
     first = [int(np.argmax(values >= 0.97)) for values in (exact, least, corrected)]
     above = [

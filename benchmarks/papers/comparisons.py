@@ -136,7 +136,7 @@ def _beside(
     light = _light(place)
     figure = Figure(figsize=(7, 4.6 * len(brdfs)), layout="constrained")
     panels = figure.subplots(2 * len(brdfs), 3)
-    said = []
+    said, orders = [], []
     for row, (word, brdf) in enumerate(brdfs.items()):
         few = _mapped(place, light, brdf, order)
         scene = _Scene.of(place, brdf, light, _VIEWS[0])
@@ -148,22 +148,35 @@ def _beside(
         scene.draw(panels[2 * row : 2 * row + 2], shown, f"{word}:\nsum over directions")
         ours, theirs = (each.off(scene.truth) for each in shown)
         said.append(f"{word}: SHRM off by {ours:.1%}, {form} by {theirs:.1%}")
+        orders.append(f"{few.least} of {word}")
     return Outcome(
         printed,
         "; ".join(said),
-        f"{remark} Errors are relative RMS over the picture, {len(light)} rows of Grace Cathedral; lower rows show them"
-        " as they are.",
+        f"{remark} For 97% of the energy, F = {_F}, it takes {', '.join(orders)} (R02, section 5.7.1: 4 of skin, 8 of"
+        f" fibres). Errors are relative RMS over the picture, {len(light)} rows of Grace Cathedral; lower rows show"
+        " them as they are.",
         place.save(figure, name),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Maps:
-    """Reflection maps of a lobe. left_out : the share of its energy that they leave out, of all channels."""
+    """Reflection maps of a lobe. held : (P + 1,), the share of its energy up to each order p, of all channels."""
 
     lobe: CentredLobe
     local: ReflectionMap
-    left_out: float
+    held: Floats
+
+    @property
+    def left_out(self) -> float:
+        """The share of the lobe's energy that the maps leave out."""
+        return float(1 - self.held[-1])
+
+    @property
+    def least(self) -> str:
+        """The order that holds 97% of the energy, in words."""
+        reached = np.flatnonzero(self.held >= 0.97)
+        return f"P = {reached[0]}" if len(reached) else f"more than P = {len(self.held) - 1}"
 
     @cached_property
     def world(self) -> GlobalReflectionMap:
@@ -230,8 +243,8 @@ def _mapped(place: Workplace, light: Floats, brdf: CentredBrdf, order: int) -> _
     expand = lobe_coefficients if lobe.mirrored else axial_lobe_coefficients
     found = [expand(each, f, order, fineness) for each in lobe.lobes]
     rho, energy = np.stack([each for each, _ in found]), sum(each for _, each in found)
-    held = (rho**2 * np.where(np.arange(rho.shape[3]) > 0, 2, 1)).sum()
-    return _Maps(lobe, reflected(lobe, rho, integrate_latlong(light, f), rows), float(1 - held / energy))
+    power = (rho**2 * np.where(np.arange(rho.shape[3]) > 0, 2, 1)).sum(axis=(0, 1, 3))
+    return _Maps(lobe, reflected(lobe, rho, integrate_latlong(light, f), rows), np.cumsum(power) / energy)
 
 
 def _light(place: Workplace) -> Floats:

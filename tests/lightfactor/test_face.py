@@ -212,6 +212,9 @@ def test_a_picture_under_other_light(fit: lf.Fit) -> None:
     # Under uniform light of 1 radiance is the albedo towards the camera: no less than the matte base's.
     assert (sky.radiance[inside] > 0.99 * np.asarray(fit.brdf.albedo.value)).all()
     assert sky.std is None
+    quick = fit.render(light=np.ones((16, 32, 3)), size=size, preview=True)
+    np.testing.assert_allclose(quick.radiance[inside], sky.radiance[inside], rtol=0.05)
+    assert "degrees from the normal a ball in the map's light is off by" in quick.notes[-1]
     one = fit.render(sources=[(0, 20, 1.0)], size=size).radiance
     np.testing.assert_allclose(
         fit.render(sources=[(0, 20, (2, 2, 2))], size=size).radiance, 2 * one, rtol=1e-6
@@ -246,6 +249,7 @@ WRONG: list[tuple[Callable[[lf.Fit, Path], Any], str]] = [
     (lambda fit, here: fit.render(photo="03.exr"), r"no photo '03\.exr'; did you mean '003\.exr'"),
     (lambda fit, here: fit.render((0, 0), photo="003.exr"), "^photo is a whole camera: it excludes view"),
     (lambda fit, here: fit.render(size=(0, 9)), "^size 0x9: cannot be used; give width and height"),
+    (lambda fit, here: fit.render(std=True, preview=True), "^preview knows no standard deviations"),
     (lambda fit, here: fit.render(lighting="lamp"), "no lighting 'lamp'; did you mean 'lamps'"),
     (lambda fit, here: fit.render(light=here / "room.exr"), r"room\.exr: does not exist; check its name"),
     (lambda fit, here: fit.render(sources=[(0, 20)]), "give .azimuth, elevation, irradiance"),

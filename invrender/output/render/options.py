@@ -46,10 +46,15 @@ def check_options(options: RenderOptions) -> None:
     _check_turntable(options)
     if options.photo and (options.view or options.size or options.fov_deg is not None):
         raise ValueError("--photo is a whole camera: it excludes --view, --size and --fov")
-    if options.preview and options.std:
-        raise ValueError("--preview knows no standard deviations; leave --std or --preview out")
+    check_preview(options.preview, options.std)
     if not abs(options.rotate_light) <= 360:
         raise ValueError(f"--rotate-light is {options.rotate_light:g} degrees; it must be -360 to 360")
+
+
+def check_preview(preview: bool, std: bool) -> None:
+    """ValueError where a preview is to have standard deviations."""
+    if preview and std:
+        raise ValueError("--preview knows no standard deviations; leave --std or --preview out")
 
 
 def _check_output(options: RenderOptions) -> None:
