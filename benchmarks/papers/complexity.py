@@ -52,11 +52,13 @@ def measured_exponents(place: Workplace) -> Outcome:
         "exponents of S, F, P and W as in the table",
         f"integration within {max(map(abs, by_angles)):.2f} of the printed exponents; harmonics"
         f" {min(by_harmonics):+.2f} to {max(by_harmonics):+.2f}",
-        "Processor time of one core, medians. Below the printed exponent: a matrix product with few columns is slower"
-        " per operation than one with many, and reading and writing maps, which is S² alone, is a good part of the"
-        " time. Above it in S: maps leave the cache. Explicit maps are printed as P per pixel, which needs θ_o' and"
-        " φ_o' on a grid, summed one after the other; ours sums all (P + 1)² terms by one product, for views"
-        " anywhere. Times of P go with P + 1, as R02's text says they should.",
+        "Processor time of one core, medians. The SHRM's sum over degrees, F² P² S, still counts at these sizes beside"
+        " its sum over orders, F P² S²; so S comes to less than 2. Products with few columns are slower per operation"
+        " than those with many; so P comes to less than 2, too. Above 2 in S, maps leave the cache. Integration spends"
+        " part of its time at the ends of the rows that a lobe reaches, so that narrow lobes gain less than W. Explicit"
+        " maps are printed as P per pixel, which needs views on a grid, summed over one angle after the other. Ours"
+        " sums all (P + 1)² terms by one product, for views anywhere, and writing the maps is most of its time. Times"
+        " of P go with P + 1, as R02's text says they should.",
         table=table,
     )
 
