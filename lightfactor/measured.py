@@ -61,7 +61,7 @@ class MeasuredBrdf:
         """F and P of each lobe's reflection map that hold 97% of its energy; None of one too narrow for maps."""
         return self._fit.orders
 
-    def reflectance(self, incident: ArrayLike, exitant: ArrayLike) -> Floats:
+    def evaluate(self, incident: ArrayLike, exitant: ArrayLike) -> Floats:
         """The fitted BRDF (n, 3), 1/sr, at unit directions (n, 3) to light and viewer, z along the normal.
 
         ValueError for directions below the surface.

@@ -72,6 +72,9 @@ def draw_gains(axes: Axes, brdf: HarmonicBRDF) -> None:
     """How the light passes each degree of the BRDF on."""
     axes.bar(np.arange(brdf.order + 1), brdf.gains[:, 1], color="C2")
     axes.set(yscale="log", xlabel="degree l", ylabel="gain", title="how the light passes each degree on")
+    # Gains often span less than a decade, of which powers of ten say nothing.
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
 
 
 def table_figure(name: str, table: BRDFTable, fit: TableFit) -> Figure:

@@ -137,7 +137,7 @@ def _pictures(seen: Observations, brdf: HarmonicBRDF) -> dict[str, NDArray[np.fl
     return {
         "photograph": rendering.cut(decode_photo(seen.photoset, photo).radiance),
         f"rendered, order {brdf.order}, same light": rendering.of_brdf(brdf, own),
-        f"rendered, order {brdf.order}, source at the viewpoint": rendering.of_brdf(brdf, flash),
+        f"order {brdf.order}, source at the viewpoint": rendering.of_brdf(brdf, flash),
     }
 
 

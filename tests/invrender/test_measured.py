@@ -138,9 +138,9 @@ def test_our_own_table_is_read_and_the_result_written(
         fit = lf.fit_brdf(path, samples=1500)
     assert fit.numbers["mu"].value == found["brdf"]["mu"]["value"]
     assert fit.unseen_error == found["fit"]["cross_validated_rms_relative"]
-    assert_allclose(fit.reflectance(UP, UP), PAINT.evaluate(UP, UP[None], UP[None]), rtol=0.03)
+    assert_allclose(fit.evaluate(UP, UP), PAINT.evaluate(UP, UP[None], UP[None]), rtol=0.03)
     with pytest.raises(ValueError, match="must lie above the surface"):
-        fit.reflectance(UP, -UP)
+        fit.evaluate(UP, -UP)
     with pytest.raises(ValueError, match="there is no such file"):
         lf.fit_brdf(tmp_path / "none.brdf")
 
