@@ -14,7 +14,7 @@ _HEAD = """# The papers' figures and tables
 
 `python -m benchmarks.papers` draws every numbered figure and table of RH01 (Ramamoorthi and Hanrahan 2001), of R02
 (Ramamoorthi 2002), chapters 2 and 5, and of RMB07 (Ramamoorthi et al. 2007) up to section 4.5, from scratch.
-`python -m benchmarks.papers NAME ...` draws some.
+`python -m benchmarks.papers NAME ...` draws some. All of them take some 25 minutes on two cores.
 
 The papers photographed objects that nobody else has. Here `synthetic` photographs objects with the numbers that RH01
 found. It integrates by brute force, shares no formula with the fits, and adds 1% of noise. So the truth is known."""
