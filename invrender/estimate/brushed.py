@@ -22,12 +22,10 @@ from invrender.estimate.models import Estimate
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import fit, models_of
 from invrender.estimate.statistics import total_statistics
-from invrender.transport.columns import PhotoColumns, columns_of_forms, sample_count
+from invrender.transport.columns import Elements, PhotoColumns, columns_of, sample_count
 from invrender.transport.predict import predict, predict_photos
-from invrender.transport.transfer import LightElement
 
 Floats = NDArray[np.float64]
-Elements = Mapping[str, Sequence[LightElement]]
 
 # Samples on which a stretch is looked for, to the first order, and then searched for.
 _SAMPLES, _SEARCHED = 300, 800
@@ -64,7 +62,7 @@ def try_brushed(
         return {}
     start = brushed(of, axis, window_about(first.brdf.sigma, stretch, _REACH))
     window = _searched(start, photos, weights, elements).window
-    return _columns([brushed(form, axis, window) for form in facets], photos, elements)
+    return columns_of([brushed(form, axis, window) for form in facets], photos, elements)
 
 
 def narrowed(form: Brushed, brdf: Microfacet) -> Brushed:
@@ -148,26 +146,12 @@ def _searched(
     """The form with a window that its best fit to some of the samples lies well within."""
     thin, weighed = _thinned(photos, weights, _SEARCHED)
     for _ in range(_MOST_MOVES):
-        columns = _columns([form], thin, elements)[form]
+        columns = columns_of((form,), thin, elements)[form]
         widths = _widths(fit(models_of(form)[-1], total_statistics(columns, weighed)).brdf)
         settled, form = form.holds(*widths), form.around(*widths, _REACH)
         if settled:
             break
     return form
-
-
-def _columns(
-    forms: Sequence[Brushed], photos: Sequence[PhotoColumns], elements: Elements
-) -> dict[LobeForm, list[PhotoColumns]]:
-    """The same samples with columns of forms of one window."""
-    return columns_of_forms(
-        [photo.lighting for photo in photos],
-        elements,
-        [photo.field for photo in photos],
-        forms,
-        photos[0].shadows,
-        [photo.columns[..., 0] for photo in photos],
-    )
 
 
 def _thinned(

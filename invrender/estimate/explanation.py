@@ -14,14 +14,14 @@ from invrender.brdf.form import Axis, LobeForm
 from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
 from invrender.estimate.brushed import in_window, narrowed
 from invrender.estimate.evidence import Candidate, choose, climb_ladder
-from invrender.estimate.forms import Elements, FormTrial, beside, columns_of, try_forms
+from invrender.estimate.forms import FormTrial, beside, try_forms
 from invrender.estimate.linear import recovers_light
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.search import LADDER, OTHER_FORMS, fit, models_of, with_neutral
 from invrender.estimate.statistics import total_statistics
 from invrender.estimate.weighing import weigh
-from invrender.transport.columns import PhotoColumns
+from invrender.transport.columns import Elements, PhotoColumns, columns_of
 from invrender.transport.transfer import light_elements
 
 Floats = NDArray[np.float64]
@@ -133,10 +133,10 @@ def _in_form(
     """
     columns = columns_of((form,), photos, elements)[form]
     noise, weights = weigh(columns, models_of(form)[-1])
-    printed = climb_ladder(photos, weights, models=LADDER)
     own = climb_ladder(columns, weights, models=_models(models_of(form), photos))
     if moves and isinstance(form, Brushed) and not in_window(form, own[-1].estimate.brdf):
         return _in_form(*_narrowed(form, own[-1], trials), photos, elements, moves - 1)
+    printed = climb_ladder(photos, weights, models=LADDER)
     rest = [
         candidate
         for candidate in _others(own[-1], form, trials)

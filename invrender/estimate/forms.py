@@ -8,7 +8,7 @@ than their error bars hold.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -25,9 +25,8 @@ from invrender.estimate.noise import Weights
 from invrender.estimate.search import OTHER_FORMS, fit, models_of
 from invrender.estimate.statistics import total_statistics
 from invrender.estimate.weighing import weigh
-from invrender.transport.columns import PhotoColumns, columns_of_forms, sample_count
+from invrender.transport.columns import Elements, PhotoColumns, columns_of, sample_count
 from invrender.transport.predict import predict_photos
-from invrender.transport.transfer import LightElement
 from recon.sampling.draw import by_information
 
 # Two forms that differ by a tenth of the noise are three standard errors apart on 1500; of a highlight twice as many
@@ -39,8 +38,6 @@ _FEWEST = 20
 _DECISIVE = 9.0
 # Times the least cost up to which facets that hide light and viewer apart are tried beside those that do it together.
 _NEAR = 2.0
-
-Elements = Mapping[str, Sequence[LightElement]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,20 +122,6 @@ def together(forms: Sequence[LobeForm]) -> list[tuple[LobeForm, ...]]:
     facets = tuple(form for form in forms if isinstance(form, Smith | Richer))
     others: list[tuple[LobeForm, ...]] = [(form,) for form in forms if form not in facets]
     return [facets, *others] if facets else others
-
-
-def columns_of(
-    forms: Sequence[LobeForm], photos: Sequence[PhotoColumns], elements: Elements
-) -> dict[LobeForm, list[PhotoColumns]]:
-    """The same samples with columns of other forms: of several of facets, or of one."""
-    return columns_of_forms(
-        [photo.lighting for photo in photos],
-        elements,
-        [photo.field for photo in photos],
-        forms,
-        photos[0].shadows,
-        [photo.columns[..., 0] for photo in photos],
-    )
 
 
 def beside(reference: Candidate, tried: Candidate, own: Candidate) -> Candidate:

@@ -67,7 +67,7 @@ class IncidentLight:
 @dataclass(frozen=True, eq=False)
 class CentredShading:
     """A lobe about its centre. profile : of the cosine between centre and light. factor, factor_slope : of the cosine
-    between view and normal, and its derivative. about_mirrored_view : else about the normal, and without a view.
+    between view and normal, and its derivative. about_mirrored_view : else about the normal.
     """
 
     profile: OfCosine

@@ -31,6 +31,8 @@ from invrender.transport.visibility import Rays, Shadows, seen_specular
 from recon.sampling.lightfield import LightField, blocks, joined, pools
 
 Floats = NDArray[np.float64]
+# Of each lighting, by name.
+Elements = Mapping[str, Sequence[LightElement]]
 
 # Memory then doesn't grow with a photograph's rays.
 _RAYS_AT_A_TIME = 4096
@@ -152,7 +154,7 @@ def _photo_columns(
 
 def all_columns(
     lightings: Sequence[str],
-    elements: Mapping[str, Sequence[LightElement]],
+    elements: Elements,
     fields: Sequence[LightField],
     form: LobeForm = RH01_FORM,
     shadows: Shadows | None = None,
@@ -169,7 +171,7 @@ def all_columns(
 
 def columns_of_forms(
     lightings: Sequence[str],
-    elements: Mapping[str, Sequence[LightElement]],
+    elements: Elements,
     fields: Sequence[LightField],
     forms: Sequence[LobeForm],
     shadows: Shadows | None = None,
@@ -204,6 +206,20 @@ def columns_of_forms(
         for k, own in zip(pool, columns, strict=True)
     }
     return {form: [found[k][place] for k in range(len(fields))] for place, form in enumerate(forms)}
+
+
+def columns_of(
+    forms: Sequence[LobeForm], photos: Sequence[PhotoColumns], elements: Elements
+) -> dict[LobeForm, list[PhotoColumns]]:
+    """The same samples with columns of other forms: of several of facets, or of one."""
+    return columns_of_forms(
+        [photo.lighting for photo in photos],
+        elements,
+        [photo.field for photo in photos],
+        forms,
+        photos[0].shadows,
+        [photo.columns[..., 0] for photo in photos],
+    )
 
 
 def column_weights(

@@ -12,12 +12,12 @@ from scipy.optimize import minimize
 from invrender.brdf.lobes import GGX_FORM, PLASTICS, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import COATED, HAZY
-from invrender.estimate.forms import columns_of
 from invrender.estimate.jacobian import pack
 from invrender.estimate.models import Estimate, Model, bounds_of, coordinates, estimate_at
 from invrender.estimate.search import LADDER, fit, fit_subsets, models_of, with_neutral
 from invrender.estimate.statistics import Statistics, Subsets, by_lighting, photo_statistics
 from invrender.estimate.uncertainty import PRIOR_STD, uncertainty_of
+from invrender.transport.columns import columns_of
 from invrender.transport.predict import predict_columns
 from invrender.transport.transfer import light_elements
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
