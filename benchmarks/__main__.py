@@ -11,7 +11,6 @@ A part that fails doesn't keep the others from being drawn, but makes the comman
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 import traceback
@@ -20,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks.atlas.charts import draw_atlas
+from benchmarks.commandline import documented_parser
 from benchmarks.gloss.chart import draw_gloss
 from benchmarks.pareto import draw_pareto
 from benchmarks.programs import PROGRAMS
@@ -39,13 +39,7 @@ _DOCS = Path(__file__).parents[1] / "docs" / "benchmarks"
 
 def main(arguments: list[str] | None = None) -> None:
     """Draw what is asked for."""
-    lines = (__doc__ or "").splitlines()
-    options = argparse.ArgumentParser(
-        "python -m benchmarks",
-        description=lines[0],
-        epilog="\n".join(lines[1:]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = documented_parser("python -m benchmarks", __doc__)
     options.add_argument("--quick", action="store_true", help="coarse versions, to see whether all works")
     options.add_argument("--only", choices=sorted(CHARTS), help=f"one of {', '.join(CHARTS)}", metavar="NAME")
     options.add_argument("--out", type=Path, help="folder of the figures and tables (docs/benchmarks)")

@@ -15,7 +15,6 @@ files by name only. Timings, versions and hashes are left out. What a command pr
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -34,6 +33,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from benchmarks.commandline import documented_parser
 from benchmarks.smallscene import small_scene
 from capture.files.documents import numbers, write_json
 from capture.files.imagefile import read_exr_layers, read_pixels
@@ -211,13 +211,7 @@ def compare(before: Path, after: Path, relative: float) -> bool:
 
 def main(arguments: list[str] | None = None) -> None:
     """Keep or compare, as asked."""
-    lines = (__doc__ or "").splitlines()
-    options = argparse.ArgumentParser(
-        "python -m benchmarks.witness",
-        description=lines[0],
-        epilog="\n".join(lines[1:]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = documented_parser("python -m benchmarks.witness", __doc__)
     actions = options.add_subparsers(dest="action", required=True)
     keeping = actions.add_parser("keep", help="run the commands and keep what they find")
     keeping.add_argument("out", type=Path, metavar="OUT.json")

@@ -11,7 +11,6 @@ folder of real data; what needs it says so where it is missing.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
@@ -20,6 +19,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
+from benchmarks.commandline import documented_parser
 from benchmarks.kept import Kept
 from benchmarks.papers.catalogue import ENTRIES
 from benchmarks.papers.entry import MissingMeansError, Workplace
@@ -30,13 +30,7 @@ _DOCS = Path(__file__).parents[2] / "docs" / "papers"
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw what is asked for, and write the index."""
-    lines = (__doc__ or "").splitlines()
-    options = argparse.ArgumentParser(
-        "python -m benchmarks.papers",
-        description=lines[0],
-        epilog="\n".join(lines[1:]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    options = documented_parser("python -m benchmarks.papers", __doc__)
     options.add_argument(
         "figures", nargs="*", metavar="FIGURE", help="names as in the index; all if left out"
     )
