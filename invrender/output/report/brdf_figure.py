@@ -54,6 +54,9 @@ def brdf_figure(name: str, found: Reflectance) -> Figure:
     # After all is drawn: the panels share the axis.
     panels[0].set_ylim(0, None)
     panels[0].set_ylabel("BRDF times cosine (1/sr)")
+    if len(planes) > 1:
+        for line, plane in zip(planes, ("along the brushing", "across it"), strict=True):
+            panels[-1].plot([], [], line, color="0.3", lw=1.2, label=plane)
     panels[-1].legend(frameon=False, fontsize=8)
     return figure
 
