@@ -151,7 +151,8 @@ def published_solution(
 
     fields, predicted : samples of the fitted photographs, and their radiance (n, 3) as predicted.
     """
-    left = [field.radiance - own for field, own in zip(fields, predicted, strict=True)]
+    seen = [field.radiance for field in fields]
+    left = [own - made for own, made in zip(seen, predicted, strict=True)]
     noise = fit_noise(predicted, left)
     weights = tuple(photo_weights(noise, *pair) for pair in zip(predicted, left, strict=True))
     names = (*(f"{name}.{c}" for name in ("kd", "ks") for c in "rgb"), "mu", "sigma")
@@ -162,7 +163,8 @@ def published_solution(
         noise=noise,
         weights=weights,
         structured=structured_share(fields, left),
-        quantities=unless_misfit(quantities, candidate.error),
+        # Not by unseen photographs: fits to fewer, which these judge, are no numbers of the procedure.
+        quantities=unless_misfit(quantities, relative_rms(*(np.concatenate(own) for own in (left, seen)))),
         lightings=(lighting,),
         covariance=np.full((len(names), len(names)), np.nan),
         covariance_names=names,

@@ -23,6 +23,9 @@ NO_CAUSE = (
 )
 # Structured residual, and share of outliers, above which a warning is due.
 _STRUCTURED, _OUTLIERS = 0.005, 0.02
+# With fewer photographs, what a fit to the others misses may be their number's fault as well as the model's.
+_FEW = 5
+_FEW_MISFIT = "No model explains these photographs well, or {} are too few to settle it"
 # Photographs or lightings that a warning names before it counts the rest.
 _NAMED = 8
 
@@ -42,9 +45,11 @@ def find_warnings(
     candidate = solution.candidates[solution.chosen]
     if candidate.error > POOR:
         remedy = "see to its cause" if causes else MISFIT_REMEDY
+        few = len(photoset.fitted) < _FEW
         warnings.append(
-            f"No model explains these photographs well: {candidate.error:.0%} of the radiance (RMS) is left on unseen"
-            f" photographs. Before using any number, {remedy}."
+            f"{_FEW_MISFIT.format(len(photoset.fitted)) if few else 'No model explains these photographs well'}:"
+            f" {candidate.error:.0%} of the radiance (RMS) is left on unseen photographs. Before using any number,"
+            f" {'take more photographs, or ' if few else ''}{remedy}."
         )
     elif solution.structured > max(_STRUCTURED, 0.5 * solution.noise.relative):
         unknown = "" if causes else f" {NO_CAUSE}"

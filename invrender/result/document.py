@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture.files.documents import numbers, software
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause
-from invrender.estimate.evidence import MISFIT_REMEDY, Candidate, PictureError, misfit_reason
+from invrender.estimate.evidence import Candidate, PictureError
 from invrender.estimate.interreflection.statement import Interreflection
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.textured.layout import TexelLayout
@@ -237,7 +237,8 @@ def absence(result: Factorization, name: str) -> tuple[str, str]:
     chosen, best = result.model, min(result.candidates, key=lambda candidate: candidate.error)
     what = "Fresnel factor" if name == "mu" and chosen.estimate.model.specular else "specular term"
     if result.misfits:
-        return misfit_reason(chosen.error), MISFIT_REMEDY
+        withheld = next(iter(result.quantities.values()))
+        return withheld.reason, withheld.remedy
     form = chosen.estimate.model.form
     if what == "Fresnel factor" and not form.has_fresnel:
         return (

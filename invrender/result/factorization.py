@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause
-from invrender.estimate.evidence import HOPELESS, Candidate
+from invrender.estimate.evidence import MISFIT_REMEDY, Candidate
 from invrender.estimate.interreflection.statement import Interreflection
 from invrender.estimate.quantities import FittedLighting, PhotoScore, Quantity
 from invrender.estimate.textured.textures import FittedTextures
@@ -64,7 +64,7 @@ class Factorization:
     @property
     def misfits(self) -> bool:
         """Whether even the best model explains so little that no number is given."""
-        return self.model.error >= HOPELESS
+        return all(quantity.remedy == MISFIT_REMEDY for quantity in self.quantities.values())
 
     @property
     def model(self) -> Candidate:
