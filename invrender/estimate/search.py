@@ -72,7 +72,7 @@ def fit(
     lower, upper = bounds_of(model)
     grid = _grid(model)
     costs = solved(model, subsets.take([0] * len(grid)), grid).cost
-    starts = grid[_rivals(grid, costs)]
+    starts = grid[_starts(model, grid, costs)]
     rivals = gauss_newton(model, subsets.take([0] * len(starts)), starts, lower, upper, _TELLING)
     return fit_subsets(model, subsets, min(rivals, key=lambda estimate: estimate.cost), small)[0]
 
@@ -114,6 +114,17 @@ def _rivals(grid: Floats, costs: Floats) -> list[int]:
     """Places of the best point of a grid (g, n), and of the best of those far from it."""
     best, *others = np.argsort(costs, kind="stable").tolist()
     return [best, next((k for k in others if abs(grid[k, 0] - grid[best, 0]) > 0.5), others[0])]
+
+
+def _starts(model: Model, grid: Floats, costs: Floats) -> list[int]:
+    """Places in a grid (g, n) to search from: its rivals, and the best with each set of shares of lobes."""
+    own = [k for k, name in enumerate(model.coordinates) if name in SHARES_BEYOND]
+    chosen = _rivals(grid, costs)
+    if own:
+        _, kinds = np.unique(grid[:, own], axis=0, return_inverse=True)
+        order = np.argsort(costs, kind="stable")
+        chosen += order[np.unique(kinds[order], return_index=True)[1]].tolist()
+    return list(dict.fromkeys(chosen))
 
 
 def _coarse_grid(lower: Floats, upper: Floats) -> list[Floats]:
