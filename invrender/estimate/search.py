@@ -121,9 +121,8 @@ def _starts(model: Model, grid: Floats, costs: Floats) -> list[int]:
     own = [k for k, name in enumerate(model.coordinates) if name in SHARES_BEYOND]
     chosen = _rivals(grid, costs)
     if own:
-        _, kinds = np.unique(grid[:, own], axis=0, return_inverse=True)
         order = np.argsort(costs, kind="stable")
-        chosen += order[np.unique(kinds[order], return_index=True)[1]].tolist()
+        chosen += order[np.unique(grid[order][:, own], axis=0, return_index=True)[1]].tolist()
     return list(dict.fromkeys(chosen))
 
 

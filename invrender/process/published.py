@@ -164,7 +164,7 @@ def published_solution(
         weights=weights,
         structured=structured_share(fields, left),
         # Not by unseen photographs: fits to fewer, which these judge, are no numbers of the procedure.
-        quantities=unless_misfit(quantities, relative_rms(*(np.concatenate(own) for own in (left, seen)))),
+        quantities=unless_misfit(quantities, relative_rms(np.concatenate(left), np.concatenate(seen))),
         lightings=(lighting,),
         covariance=np.full((len(names), len(names)), np.nan),
         covariance_names=names,

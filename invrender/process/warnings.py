@@ -25,7 +25,6 @@ NO_CAUSE = (
 _STRUCTURED, _OUTLIERS = 0.005, 0.02
 # With fewer photographs, what a fit to the others misses may be their number's fault as well as the model's.
 _FEW = 5
-_FEW_MISFIT = "No model explains these photographs well, or {} are too few to settle it"
 # Photographs or lightings that a warning names before it counts the rest.
 _NAMED = 8
 
@@ -45,11 +44,15 @@ def find_warnings(
     candidate = solution.candidates[solution.chosen]
     if candidate.error > POOR:
         remedy = "see to its cause" if causes else MISFIT_REMEDY
-        few = len(photoset.fitted) < _FEW
+        count = len(photoset.fitted)
+        too_few, more = (
+            (f", or {count} are too few to settle it", "take more photographs, or ")
+            if count < _FEW
+            else ("", "")
+        )
         warnings.append(
-            f"{_FEW_MISFIT.format(len(photoset.fitted)) if few else 'No model explains these photographs well'}:"
-            f" {candidate.error:.0%} of the radiance (RMS) is left on unseen photographs. Before using any number,"
-            f" {'take more photographs, or ' if few else ''}{remedy}."
+            f"No model explains these photographs well{too_few}: {candidate.error:.0%} of the radiance (RMS) is left on"
+            f" unseen photographs. Before using any number, {more}{remedy}."
         )
     elif solution.structured > max(_STRUCTURED, 0.5 * solution.noise.relative):
         unknown = "" if causes else f" {NO_CAUSE}"

@@ -64,7 +64,7 @@ class Factorization:
     @property
     def misfits(self) -> bool:
         """Whether even the best model explains so little that no number is given."""
-        return all(quantity.remedy == MISFIT_REMEDY for quantity in self.quantities.values())
+        return any(quantity.remedy == MISFIT_REMEDY for quantity in self.quantities.values())
 
     @property
     def model(self) -> Candidate:

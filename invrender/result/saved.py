@@ -21,7 +21,7 @@ from invrender.brdf.brushed import FACETS, brushed
 from invrender.brdf.form import Axis, LobeForm
 from invrender.brdf.lobes import FORMS, PLASTICS, RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import RICHER
-from invrender.estimate.evidence import HOPELESS
+from invrender.estimate.evidence import MISFIT_REMEDY
 
 RESULT_NAME = "result.json"
 _MANIFEST_NAME = "photoset.toml"
@@ -267,7 +267,7 @@ class SavedResult:
     @property
     def misfits(self) -> bool:
         """Whether even the best model explains so little that no number is given."""
-        return any(model.chosen and model.unseen >= HOPELESS for model in self.content.models)
+        return any(entry.remedy == MISFIT_REMEDY for entry in self.content.identifiability)
 
     def finding(self, parameter: str) -> SavedFinding:
         """What identifiability says of a parameter; empty words where it says nothing."""
