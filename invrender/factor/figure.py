@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.figures import printable, short_name
 from capture.lighting import Lighting
+from capture.photoset import Photo, PhotoSet
 from capture.radiance import CHANNELS
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.factor.given import Given
@@ -29,16 +30,20 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _COLOURS = ("#d1242f", "#1a7f37", "#0969da")
-# Differences saturate at so many times the RMS residual, and are cut out with so many pixels around the sphere.
+# Differences saturate at so many times the least error of the pictures, which are cut out with so many pixels around.
 _DEVIATIONS, _MARGIN = 4.0, 3
 
 
 @dataclass(frozen=True, eq=False)
 class ShownPhoto:
-    """A photograph, cut out around the sphere: observed and predicted (h, w, 3), and where it is predicted (h, w)."""
+    """A photograph, cut out around the object: observed and predicted (h, w, 3), and where it is predicted (h, w).
+
+    error : of the picture, relative RMS.
+    """
 
     label: str
     held_out: bool
+    error: float
     observed: Floats
     predicted: Floats
     inside: NDArray[np.bool_]
@@ -53,10 +58,24 @@ class ShownPhoto:
         return ShownPhoto(
             prediction.photo.label,
             prediction.photo.held_out,
+            prediction.error.rms,
             prediction.observed.radiance[cut].astype(float),
             prediction.predicted[cut].astype(float),
             prediction.inside[cut],
         )
+
+
+def pictured(photoset: PhotoSet, scores: Sequence[Mapping[str, Any]]) -> list[Photo]:
+    """The fitted photographs that are predicted worst and typically, and the worst of those held out, if any.
+
+    scores : the photographs in result.json, with the errors of their pictures.
+    """
+    errors = {score["file"]: score["rms_relative"] for score in scores}
+    ranked = sorted(photoset.photos, key=lambda photo: errors[photo.label])
+    fitted = [photo for photo in ranked if not photo.held_out]
+    held_out = [photo for photo in ranked if photo.held_out]
+    chosen = (fitted[-1], fitted[(len(fitted) - 1) // 2], *held_out[-1:])
+    return list({photo.label: photo for photo in chosen}.values())
 
 
 def factor_figure(result: Factorization, given: Given, photos: Sequence[ShownPhoto]) -> Figure:
@@ -82,9 +101,9 @@ def factor_figure(result: Factorization, given: Given, photos: Sequence[ShownPho
         axes.set(xlabel="azimuth from +X (degrees)", ylabel="polar angle from +Z (degrees)")
     _draw_shares(panels[-2], result, given)
     _draw_scalars(panels[-1], result, given)
-    rms = result.rms(held_out=False) or 0.0
+    limit = max(_DEVIATIONS * min(shown.error for shown in photos), 1e-6)
     for row, shown in zip(rows, photos, strict=True):
-        _draw_photo(row.subplots(1, 3), shown, rms)
+        _draw_photo(row.subplots(1, 3), shown, limit)
     return figure
 
 
@@ -147,16 +166,17 @@ def _draw_number(axes: Axes, quantity: Quantity | None, truth: Floats | None, fi
     axes.set_ylim(middle - 1.2 * half, middle + 1.2 * half)
 
 
-def _draw_photo(panels: Sequence[Axes], shown: ShownPhoto, rms: float) -> None:
+def _draw_photo(panels: Sequence[Axes], shown: ShownPhoto, limit: float) -> None:
+    """Photograph, prediction and difference, which saturates at `limit`, relative to the photograph's radiance."""
     observed = np.where(shown.inside[..., None], shown.observed, 0)
     white = white_of_photo(observed[shown.inside])
     scale = float(np.sqrt(np.mean(observed[shown.inside] ** 2)))
-    limit = max(_DEVIATIONS * rms, 1e-6)
     difference = (observed - shown.predicted).mean(axis=2)
     name = short_name(shown.label) + (", held out" if shown.held_out else "")
+    off = f"predicted, off by {shown.error:.1%} RMS"
     pictures = (
         (f"photograph {name}", tone_mapped(observed, white)),
-        ("predicted", tone_mapped(shown.predicted, white)),
+        (off, tone_mapped(shown.predicted, white)),
         (
             f"difference, ±{limit:.1%} of RMS radiance",
             difference_picture(difference, limit * scale, shown.inside),

@@ -15,12 +15,12 @@ from capture.radiance import CHANNELS
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity
 from invrender.factor.choices import FactorChoices
-from invrender.factor.figure import ShownPhoto, factor_figure
+from invrender.factor.figure import ShownPhoto, factor_figure, pictured
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
 from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
 from invrender.process.run import Run
-from invrender.result.document import identifiability
+from invrender.result.document import errors_in_words, identifiability
 from invrender.result.factorization import Factorization
 from invrender.wording import with_error
 
@@ -45,21 +45,17 @@ def run_factor(source: Path, out: Path, choices: FactorChoices) -> Run:
         document = write_fit(run, folder, more)
     with added_files(out, PICTURES) as folder:
         document = write_pictures(run, folder, document, track)
-        factor_figure(run.result, given, _pictured(run)).savefig(folder / "factor.png")
+        shown = [
+            ShownPhoto.of(prediction)
+            for prediction in run.predictions(pictured(photoset, document["photos"]))
+        ]
+        factor_figure(run.result, given, shown).savefig(folder / "factor.png")
     _print_numbers(run.result, given)
     _print_light(run.result, given, error)
+    console.print(errors_in_words(document["fit"]), soft_wrap=True)
     _print_rest(run.result)
     console.print(f"Results: {out / 'result.json'}   Look at it: {out / 'factor.png'}", soft_wrap=True)
     return run
-
-
-def _pictured(run: Run) -> list[ShownPhoto]:
-    """The first photograph, the one in the middle, and the last or one that is held out."""
-    photos = run.photoset.photos
-    held_out = [k for k, photo in enumerate(photos) if photo.held_out]
-    fitted = [k for k, photo in enumerate(photos) if not photo.held_out]
-    chosen = {fitted[0], fitted[len(fitted) // 2], held_out[0] if held_out else fitted[-1]}
-    return [ShownPhoto.of(prediction) for k, prediction in enumerate(run.predictions()) if k in chosen]
 
 
 def _print_numbers(result: Factorization, given: Given) -> None:
@@ -138,13 +134,7 @@ def _print_light(result: Factorization, given: Given, error: LightError | None) 
 
 
 def _print_rest(result: Factorization) -> None:
-    held_out = result.rms(held_out=True)
-    console.print(
-        f"RMS residual {result.rms(held_out=False):.2%} of the radiance, {result.model.error:.2%} on unseen photographs"
-        + (f", {held_out:.2%} on those held out" if held_out is not None else "")
-        + f". Scale: {result.gauge}.",
-        soft_wrap=True,
-    )
+    console.print(f"Scale: {result.gauge}.", soft_wrap=True)
     rows = identifiability(result)
     for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
         names = ", ".join(row["parameter"] for row in rows if row["reason"] == reason)

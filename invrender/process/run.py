@@ -91,10 +91,10 @@ class Run:
         """Directions (k, 3) of each lighting's sources, by its name."""
         return {entry.lighting.name: entry.lighting.directions for entry in self.result.lightings}
 
-    def predictions(self) -> Iterator[Prediction]:
-        """Predicted photographs in the set's order, a few at a time in memory."""
+    def predictions(self, photos: Sequence[Photo] | None = None) -> Iterator[Prediction]:
+        """Predicted photographs, all in the set's order if none are named, a few at a time in memory."""
         with one_blas_thread():
-            yield from parallel_map(self._predict, self.photoset.photos)
+            yield from parallel_map(self._predict, self.photoset.photos if photos is None else photos)
 
     def _predict(self, photo: Photo) -> Prediction:
         observed, mask = decode_photo(self.photoset, photo), self.geometry.found.mask_of(photo)

@@ -11,7 +11,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from capture.files.imagefile import read_pixels
+from capture.photoset import load_photoset
 from invrender.factor.choices import read_choices
+from invrender.factor.figure import pictured
 from invrender.output.compare.sides import read_side
 from invrender.result.saved import read_result
 from lightfactor.cli import app
@@ -55,7 +57,19 @@ def test_the_terminal_holds_it_against_what_is_given(done: tuple[Path, str]):
     assert "Given: truth.json." in done[1]
     assert "off / std" in done[1]
     assert "Against the given light (photoset.toml, 1 lamp)" in done[1]
-    assert "on those held out" in done[1]
+    # One measure for every command: the pixels of the predicted pictures, highlights included.
+    fit = json.loads((done[0] / "result.json").read_text())["fit"]
+    assert f"off by {fit['rms_relative']:.2%} in the photographs that were fitted" in done[1]
+    assert f"{fit['held_out_rms_relative']:.2%} in those held out (RMS over all unsaturated pixels" in done[1]
+
+
+def test_the_figure_begins_with_the_worst_photograph(done: tuple[Path, str], small_set_original: Path):
+    document = json.loads((done[0] / "result.json").read_text())
+    shown = [photo.label for photo in pictured(load_photoset(small_set_original), document["photos"])]
+    errors = {photo["file"]: photo["rms_relative"] for photo in document["photos"] if not photo["held_out"]}
+    assert shown[0] == max(errors, key=errors.__getitem__)
+    assert errors[shown[1]] == pytest.approx(np.median(list(errors.values())))
+    assert {photo["file"] for photo in document["photos"] if photo["held_out"]} >= set(shown[2:]) != set()
 
 
 def test_other_commands_read_the_result(done: tuple[Path, str], small_set_original: Path, tmp_path: Path):
