@@ -14,6 +14,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.evidence import Candidate
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.rh01 import PublishedFactors, published_factors, published_factors_direct
+from invrender.estimate.solution import unless_misfit
 from invrender.estimate.unknown_light import Region
 from invrender.estimate.unknown_light.solution import GAUGE
 from invrender.observation.clock import Clock
@@ -70,10 +71,12 @@ def solve_as_published(
 
         made = [predicted[photo.label] for photo in fitted]
         lighting = _lighting(found, photoset.photos[0].lighting)
-        solution = published_solution(
-            _candidate(found, unseen_errors(seen, predictor)), _quantities(found), lighting, GAUGE, seen, made
-        )
-    warnings = (*left_out, *find_warnings(photoset, solution, geometry, {}))
+        candidate = _candidate(found, unseen_errors(seen, predictor))
+        # By the error that the procedure minimises: of highlights of the lamp, which it leaves out, a mirror's light is
+        # a poor picture whatever the numbers are.
+        quantities = unless_misfit(_quantities(found), found.rms)
+        solution = published_solution(candidate, quantities, lighting, GAUGE, seen, made)
+    warnings = (*left_out, *find_warnings(photoset, solution, geometry, {}, published=True))
     result = factorization(photoset, geometry, solution, fields, residuals, warnings)
 
     def radiance(_: Photo, field: LightField) -> Floats:

@@ -91,8 +91,13 @@ def solve_known_light_as_published(
         }
         candidate = published_candidate("RH01, section 6.1", brdf, 6, unseen)
         made = [predicted[photo.label] for photo in fitted]
-        solution = published_solution(candidate, _quantities(brdf), given[names[0]], _ABSOLUTE, seen, made)
-    warnings = (*left_out, *find_warnings(photoset, solution, geometry, lightings))
+        error = relative_rms(
+            np.concatenate([residuals[photo.label] for photo in fitted]),
+            np.concatenate([field.radiance for field in seen]),
+        )
+        quantities = unless_misfit(_quantities(brdf), error)
+        solution = published_solution(candidate, quantities, given[names[0]], _ABSOLUTE, seen, made)
+    warnings = (*left_out, *find_warnings(photoset, solution, geometry, lightings, published=True))
     scored = [entry for name, entry in given.items() if name != names[0]]
     result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored=scored)
 
@@ -151,8 +156,7 @@ def published_solution(
 
     fields, predicted : samples of the fitted photographs, and their radiance (n, 3) as predicted.
     """
-    seen = [field.radiance for field in fields]
-    left = [own - made for own, made in zip(seen, predicted, strict=True)]
+    left = [field.radiance - made for field, made in zip(fields, predicted, strict=True)]
     noise = fit_noise(predicted, left)
     weights = tuple(photo_weights(noise, *pair) for pair in zip(predicted, left, strict=True))
     names = (*(f"{name}.{c}" for name in ("kd", "ks") for c in "rgb"), "mu", "sigma")
@@ -163,8 +167,7 @@ def published_solution(
         noise=noise,
         weights=weights,
         structured=structured_share(fields, left),
-        # Not by unseen photographs: fits to fewer, which these judge, are no numbers of the procedure.
-        quantities=unless_misfit(quantities, relative_rms(np.concatenate(left), np.concatenate(seen))),
+        quantities=quantities,
         lightings=(lighting,),
         covariance=np.full((len(names), len(names)), np.nan),
         covariance_names=names,

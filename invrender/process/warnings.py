@@ -35,14 +35,22 @@ def find_warnings(
     geometry: SceneGeometry,
     lightings: Mapping[str, Lighting],
     causes: Sequence[NamedCause] = (),
+    published: bool = False,
 ) -> tuple[str, ...]:
     """Sentences on all that a user should know before using the numbers; empty if there is nothing.
 
-    causes : of what the solution leaves, the best supported first.
+    causes : of what the solution leaves, the best supported first. published : whether it is a published procedure's,
+    which may fail on photographs without a fault.
     """
     warnings = [*geometry.warnings, *(cause.text for cause in causes)]
     candidate = solution.candidates[solution.chosen]
-    if candidate.error > POOR:
+    if candidate.error > POOR and published:
+        warnings.append(
+            f"The published procedure leaves {candidate.error:.0%} of the radiance (RMS) on photographs that it has not"
+            " seen; a lamp's highlights are where it is off most. Leave out --published to see whether another model"
+            " explains the photographs."
+        )
+    elif candidate.error > POOR:
         remedy = "see to its cause" if causes else MISFIT_REMEDY
         count = len(photoset.fitted)
         too_few, more = (
