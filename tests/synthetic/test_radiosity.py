@@ -58,8 +58,15 @@ def hollows(cat: MeshSurface, rng: np.random.Generator) -> tuple[Points, Floats]
 )
 @pytest.mark.parametrize("everywhere", [False, True], ids=["interpolated", "everywhere"])
 def test_gathered_light_is_that_of_random_paths(
-    cat: MeshSurface, rng: np.random.Generator, material: Material, bounces: int, everywhere: bool
+    cat: MeshSurface,
+    rng: np.random.Generator,
+    monkeypatch: pytest.MonkeyPatch,
+    material: Material,
+    bounces: int,
+    everywhere: bool,
 ) -> None:
+    # A quarter of the directions at vertices: their scatter of 1% is a third of what the paths leave in one point.
+    monkeypatch.setattr("synthetic.render.radiosity._PARTS", 512)
     points, views = hollows(cat, rng)
     count, rounds = len(points), 250
     again = np.tile(np.arange(count), rounds)
