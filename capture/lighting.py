@@ -84,10 +84,27 @@ def latlong_pixels(directions: NDArray[AnyFloat], height: int) -> tuple[NDArray[
     The first pixel's centre is (0.5, 0.5). Rounding can put a column at 2H, which is column 0 again.
     """
     scale = directions.dtype.type(height / np.pi)
-    theta = np.arccos(np.clip(directions[..., 2], -1, 1))
-    phi = np.arctan2(directions[..., 1], directions[..., 0])
+    x, y, z = (directions[..., k] for k in range(3))
+    if directions.dtype == np.float32:
+        across = np.sqrt(x * x + y * y)
+        return _angle(z, across) * scale, _angle(x, y) * scale
+    theta = np.arccos(np.clip(z, -1, 1))
+    phi = np.arctan2(y, x)
     phi = np.where(phi < 0, phi + directions.dtype.type(2 * np.pi), phi)
     return theta * scale, phi * scale
+
+
+def _angle(x: NDArray[AnyFloat], y: NDArray[AnyFloat]) -> NDArray[AnyFloat]:
+    """The angle of (x, y) from the x axis, 0 to 2 pi, in single precision; 0 at the origin.
+
+    OpenCV's is good to 2e-4; Newton's step from there to rounding, in a quarter of `np.arctan2`'s time.
+    """
+    import cv2
+
+    angle = np.asarray(cv2.phase(np.ravel(x), np.ravel(y)), x.dtype).reshape(x.shape)
+    cos, sin = np.cos(angle), np.sin(angle)
+    angle += (y * cos - x * sin) / np.maximum(x * cos + y * sin, x.dtype.type(1e-30))
+    return np.maximum(angle, 0)
 
 
 def latlong_solid_angles(height: int) -> Floats:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -174,6 +175,16 @@ class RayFrames:
         along = [(axis * views).sum(axis=1) for axis in axes]
         return cls(*(part.astype(np.float32) for part in (*axes, views, *along)))
 
+    @cached_property
+    def axes(self) -> Singles:
+        """Tangents, bitangents and normals (3, m, 3), component by component: these come first, the axes last."""
+        return np.stack([self.tangent, self.bitangent, self.normal], axis=-1).transpose(1, 0, 2).copy()
+
+    @cached_property
+    def level(self) -> Singles:
+        """The view along tangent and bitangent, (m, 2)."""
+        return np.stack([self.along_tangent, self.along_bitangent], axis=-1)
+
 
 @dataclass(frozen=True, eq=False)
 class Ring:
@@ -197,12 +208,12 @@ def facet_ring(light: PreparedMap, frame: RayFrames, theta: float, turn: float) 
     z = np.float32(np.cos(theta))
     x, y = np.float32(np.sin(theta)) * unit_x, np.float32(np.sin(theta)) * unit_y
     cos_exitant = frame.along_normal[:, None]
-    level = frame.along_tangent[:, None] * unit_x + frame.along_bitangent[:, None] * unit_y
+    level = frame.level @ np.stack([unit_x, unit_y])
     toward = np.float32(np.sin(theta)) * level + cos_exitant * z
     # n.wi is sin(2 theta) level + cos(2 theta) cos(theta_o). Where the horizon crosses a node's cell, the node
     # counts by the share that is lit: all or nothing converges slowly (1% of a wide lobe against 0.2%).
     sin_twice, cos_twice = np.float32(np.sin(2 * theta)), np.float32(np.cos(2 * theta))
-    sideways = frame.along_bitangent[:, None] * unit_x - frame.along_tangent[:, None] * unit_y
+    sideways = frame.level @ np.stack([-unit_y, unit_x])
     around = np.float32(2 * np.pi / count) * sin_twice * sideways
     outward = np.float32(2 * log_step * theta) * (cos_twice * level - sin_twice * cos_exitant)
     # Four times as fast as np.hypot, whose care for huge numbers isn't needed.
@@ -210,13 +221,13 @@ def facet_ring(light: PreparedMap, frame: RayFrames, theta: float, turn: float) 
     cos_incident = sin_twice * level + cos_twice * cos_exitant
     lit = np.clip(cos_incident / cell + np.float32(0.5), 0, 1)
     cos_incident = np.maximum(cos_incident, lit * cell / 2)
-    twice = 2 * toward
-    incident = np.empty((*toward.shape, 3), np.float32)
-    for k in range(3):
-        half = frame.tangent[:, k, None] * x + frame.bitangent[:, k, None] * y + frame.normal[:, k, None] * z
-        incident[..., k] = twice * half - frame.view[:, k, None]
+    half_vectors = np.stack([x, y, np.full_like(x, z)])
+    incident = frame.axes @ half_vectors
+    incident *= 2 * toward
+    incident -= frame.view.T[:, :, None]
     # Incident directions move by twice the half-vector's angle.
-    radiance = light.seen(incident, 2 * min(log_step * theta, 2 * np.pi * np.sin(theta) / count))
+    spacing = 2 * min(log_step * theta, 2 * np.pi * np.sin(theta) / count)
+    radiance = light.seen(np.moveaxis(incident, 0, -1), spacing)
     return Ring(toward, cos_incident, lit, radiance)
 
 
