@@ -12,10 +12,10 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
+from capture.gaussnewton import LocalProblem, damped_step, gauss_newton
 from recon.poses.align.pixelrays import PixelRays
-from recon.poses.similarity import Similarity, rotations_all_over
+from recon.poses.similarity import Similarity, motion_jacobian, rotations_all_over
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -24,6 +24,8 @@ LEAST_PICKS = 4
 _ROTATIONS = 600
 # Starts that are refined, and degrees by which they differ.
 _STARTS, _APART = 6, np.radians(25)
+# Squared pixels below which a further step is worth nothing, and the most steps.
+_CONVERGED, _STEPS = 1e-14, 100
 # Subsets of picks that are tried where not all agree.
 _SUBSETS = 120
 # How far off a click may be before it is doubted, pixels; or as a share of the photo's focal length.
@@ -166,20 +168,29 @@ def _solved(normal: Floats, right: Floats) -> Floats:
 
 def _polished(rays: PixelRays, points: Floats, start: Similarity, free_scale: bool) -> Similarity:
     """The place of least reprojection next to a start."""
-    pivot = start.apply(points).mean(axis=0)
-    radius = float(np.linalg.norm(start.apply(points) - pivot, axis=1).max())
-    unit = np.array([1.0] * 3 + [radius] * 3 + [1.0])[: 7 if free_scale else 6]
+    free = 7 if free_scale else 6
 
-    def moved(step: Floats) -> Similarity:
-        full = np.zeros(7)
-        full[: len(step)] = step * unit
-        full[6] = np.clip(full[6], -20, 20)
-        return start.moved(full, pivot)
+    def about(place: Similarity) -> LocalProblem[Similarity]:
+        placed = place.apply(points)
+        pivot = placed.mean(axis=0)
+        offsets, by_point = rays.offsets(placed)
+        jacobian = (by_point @ motion_jacobian(placed, pivot)[:, :, :free]).reshape(-1, free)
+        normal, pull = jacobian.T @ jacobian, -jacobian.T @ offsets.ravel()
 
-    def residuals(step: Floats) -> Floats:
-        return rays.offsets(moved(step).apply(points))[0].ravel()
+        def moved(step: Floats) -> Similarity:
+            full = np.zeros(7)
+            full[:free] = step
+            full[6] = np.clip(full[6], -1, 1)
+            return place.moved(full, pivot)
 
-    return moved(least_squares(residuals, np.zeros(len(unit)), method="lm", max_nfev=400).x)
+        return LocalProblem(
+            step=lambda damping: damped_step(normal, pull, damping),
+            pull=pull,
+            moved=moved,
+            gain=lambda other: float((offsets**2).sum() - (rays.offsets(other.apply(points))[0] ** 2).sum()),
+        )
+
+    return gauss_newton(start, about, _CONVERGED, _STEPS, told_apart=_CONVERGED)
 
 
 def _off(rays: PixelRays, points: Floats, place: Similarity) -> Floats:
