@@ -25,7 +25,7 @@ _ROTATIONS = 600
 # Starts that are refined, and degrees by which they differ.
 _STARTS, _APART = 6, np.radians(25)
 # Squared pixels below which a further step is worth nothing, and the most steps.
-_CONVERGED, _STEPS = 1e-14, 100
+_CONVERGED, _STEPS = 1e-9, 100
 # Subsets of picks that are tried where not all agree.
 _SUBSETS = 120
 # How far off a click may be before it is doubted, pixels; or as a share of the photo's focal length.
