@@ -70,8 +70,8 @@ def test_one_source_lights_the_side_that_faces_it() -> None:
 @pytest.mark.parametrize("index", [0, pytest.param(18, marks=pytest.mark.slow)])
 def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = demo_staging().scene
-    camera = scene.shots[index].camera.binned(2)  # larger pixels are the harder ones
-    scene = replace(scene, shots=(replace(scene.shots[index], camera=camera),))
+    scene = replace(scene, shots=scene.shots[index : index + 1])
+    camera = scene.shots[0].camera
     radiance, coverage = photograph(scene)
     for name in ("_FEWEST_SUBSAMPLES", "_MOST_SUBSAMPLES"):
         monkeypatch.setattr(f"synthetic.render.spherepixels.{name}", 9)
@@ -84,7 +84,7 @@ def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.Monkey
     usable = (cos_o > 0.25) & (coverage == 1)
     error = np.abs(radiance - dense) / (dense + 0.01 * dense[usable].mean())
     assert np.sqrt((error[usable] ** 2).mean()) < 1e-3  # a tenth of the sensor's noise
-    assert error[usable].max() < 0.03  # where a grazing highlight ends at the source's horizon
+    assert error[usable].max() < 0.02  # where a grazing highlight ends at the source's horizon
     assert error[cos_o > 0.6].max() < 1e-5  # away from that horizon all is smooth
 
 
