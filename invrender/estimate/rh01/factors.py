@@ -119,7 +119,7 @@ def published_factors(
     hand; None takes the sharpest peak of the recovered light, as far out as it gets darker. Raises ValueError for too
     few samples.
     """
-    return _factored(DualLighting(Samples.of(photos, _height(photos), DUAL_DEGREE), fresnel), region)
+    return _factored(DualLighting(Samples.of(photos, _height(photos), DUAL_DEGREE), fresnel), region, 0.0)
 
 
 def published_factors_direct(
@@ -138,7 +138,8 @@ def published_factors_direct(
     height = max(_height(photos), 2 * degree + 1)
     inner = DirectLighting(Samples.of(photos, height, degree, shadows), fresnel)
     if shadows is None:
-        return _factored(inner, region)
+        # Harmonics up to l* spread a source's edge by their resolution, pi / l*.
+        return _factored(inner, region, np.pi / degree)
     # On a mesh the borders of a source's shadows, which harmonics up to l* can't follow, weigh more than highlights do;
     # without the source's highlights nothing is left that determines mu.
     found = _search(inner)
@@ -157,7 +158,8 @@ def _height(photos: Sequence[LightField]) -> int:
     return int(np.clip(np.sqrt(samples / (2 * _SAMPLES_PER_NODE)), low, high))
 
 
-def _factored(inner: InverseLighting, region: Region | None) -> PublishedFactors:
+def _factored(inner: InverseLighting, region: Region | None, margin: float) -> PublishedFactors:
+    """The search by samples that mirror nothing within margin, radians, of the source; its peak from all of them."""
     samples = inner.samples
 
     def specular(share: Floats, coefficients: Floats) -> Floats:
@@ -168,7 +170,7 @@ def _factored(inner: InverseLighting, region: Region | None) -> PublishedFactors
     peak = find_peak(first.reshape(samples.height, -1, 3), region)
     if peak is None:
         return _search(inner)
-    found = _search(inner.judging(samples.looking_outside(peak.region)))
+    found = _search(inner.judging(samples.looking_outside(peak.region, margin)))
     highlights = specular(found.share, found.coefficients)
     light, exitance = highlights_near_normal(samples, highlights, found.mu)
     return replace(found, peak=find_peak(light, region, exitance))

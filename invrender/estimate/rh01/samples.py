@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 from scipy.sparse.linalg import splu
 
+from capture.lighting import latlong_directions
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.estimate.rh01.nodes import bilinear, laplacian
 from invrender.estimate.rh01.simplex import root_weight
@@ -127,6 +128,10 @@ class Samples:
         factors = splu((gram + held).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
         return np.asarray(factors.solve(rows.T @ (root[:, None] * known)))
 
-    def looking_outside(self, region: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which samples (n,) mirror no node of a region (H, 2H) of the map."""
-        return np.asarray(self.mirrored @ region.ravel().astype(float) == 0)
+    def looking_outside(self, region: NDArray[np.bool_], margin: float = 0.0) -> NDArray[np.bool_]:
+        """Which samples (n,) mirror no node within margin, radians, of a region (H, 2H) of the map."""
+        grid = latlong_directions(self.height).reshape(-1, 3)
+        nearest = (grid @ grid[region.ravel()].T).max(axis=1, initial=-1.0)
+        # Rounding leaves a node's own cosine a little under 1.
+        near = region.ravel() | (nearest >= np.cos(margin))
+        return np.asarray(self.mirrored @ near.astype(float) == 0)
