@@ -1,12 +1,16 @@
-"""Distant lighting: a lat-long map, directional sources, and what of them is known.
+"""Lighting: a distant lat-long map, sources far away or near, and what of them is known.
 
 A lat-long map has H rows and 2H columns; row r is at theta = (r + 0.5) pi / H from +Z, column c at
 phi = (c + 0.5) 2 pi / W from +X towards +Y. Directions point from the object to the light.
+
+Sources, as functions take them, are rows (k, 3), unit directions, or (k, 4) where some are near: a row (u, q) lies from
+a point p in the direction of u - q p, and its irradiance there falls with the square of that vector's length. q is 0 of
+a source far away, and u then its direction.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,16 +26,18 @@ AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """One named distant lighting.
+    """One named lighting.
 
     radiance_map : (H, 2H, 3) float32 lat-long radiance without the sources, or None for darkness.
-    directions : (k, 3) unit vectors towards the directional sources.
-    irradiances : (k, 3), irradiance of each source on a plane that faces it; ignored if to be recovered.
+    directions : (k, 3) unit vectors towards the sources, as the object's centre sees them.
+    irradiances : (k, 3), irradiance of each source on a plane there that faces it; ignored if to be recovered.
     recover_irradiance : the sources' irradiances are unknown; so are they fitted, per channel.
     recover_ambient : a uniform radiance from all sides, unknown, is fitted; it stands in for the map.
     origin : where it comes from, for messages: "room.exr", "mirror ball chrome.0.png", ...
     direction_std_deg : (k,), standard deviations of measured directions; None where they are given as exact.
     warnings : what its measuring brought up, in plain words.
+    closeness : (k,), 1 / metres, one over the distance of each source from the centre; None where all are far away.
+    centre : (3,) metres, the object's; only near sources ask for it.
     """
 
     name: str
@@ -43,6 +49,8 @@ class Lighting:
     origin: str = ""
     direction_std_deg: Floats | None = None
     warnings: tuple[str, ...] = ()
+    closeness: Floats | None = None
+    centre: Floats = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         directions = np.asarray(self.directions, float).reshape(-1, 3)
@@ -58,6 +66,14 @@ class Lighting:
             raise ValueError(f"lighting {self.name!r}: an irradiance is negative or not finite")
         object.__setattr__(self, "directions", frozen_array(directions / lengths))
         object.__setattr__(self, "irradiances", frozen_array(irradiances))
+        if self.closeness is not None:
+            closeness = np.asarray(self.closeness, float)
+            if closeness.shape != (len(directions),) or not (np.isfinite(closeness) & (closeness >= 0)).all():
+                raise ValueError(
+                    f"lighting {self.name!r}: closeness is {closeness.tolist()}; it must be a number, at least 0, of"
+                    f" each of {len(directions)} sources"
+                )
+            object.__setattr__(self, "closeness", frozen_array(closeness))
         if self.radiance_map is not None:
             check_latlong(self.radiance_map, f"lighting {self.name!r}: map")
             object.__setattr__(self, "radiance_map", frozen_array(self.radiance_map, np.float32))
@@ -67,6 +83,52 @@ class Lighting:
         """The names, as in a manifest's `recover`, of what is fitted."""
         flags = {"irradiance": self.recover_irradiance, "ambient": self.recover_ambient}
         return tuple(name for name, recovered in flags.items() if recovered)
+
+    @property
+    def sources(self) -> Floats:
+        """The sources as rows: (k, 3), or (k, 4) where some are near."""
+        if self.closeness is None:
+            return self.directions
+        towards = self.directions + self.closeness[:, None] * self.centre
+        return np.column_stack([towards, self.closeness])
+
+    @property
+    def places(self) -> tuple[tuple[Floats, Floats] | None, ...]:
+        """Position (3,), metres, and intensity (3,), irradiance times metres squared, of each source; None far away."""
+        if self.closeness is None:
+            return (None,) * len(self.directions)
+        return tuple(
+            (self.centre + direction / closeness, irradiance / closeness**2) if closeness else None
+            for direction, irradiance, closeness in zip(
+                self.directions, self.irradiances, self.closeness, strict=True
+            )
+        )
+
+    @property
+    def from_afar(self) -> Lighting:
+        """The same, its sources moved far away: directions and irradiances are those of the object's centre."""
+        return replace(self, closeness=None)
+
+
+def seen_from(sources: Floats, positions: Floats) -> tuple[Floats, Floats]:
+    """Where points (m, 3) see sources, and how bright.
+
+    Returns unit directions (m, k, 3) and factors (m, k) of irradiance; of sources (k, 3), which are far away,
+    directions (k, 3) and factors (k,) for all points alike.
+    """
+    if sources.shape[1] == 3:
+        return sources, np.ones(len(sources))
+    towards = sources[:, :3] - positions[:, None] * sources[:, 3:]
+    # Rays that miss the object have no place; theirs may be a source's.
+    lengths = np.maximum(np.linalg.norm(towards, axis=2), 1e-9)
+    return towards / lengths[..., None], 1 / lengths**2
+
+
+def cosines(normals: Floats, directions: Floats) -> Floats:
+    """Cosines (m, k) between normals (m, 3) and directions (k, 3), or directions (m, k, 3) of each normal's own."""
+    if directions.ndim == 2:
+        return np.asarray(normals @ directions.T)
+    return np.einsum("mi,mki->mk", normals, directions)
 
 
 def latlong_directions(height: int) -> Floats:

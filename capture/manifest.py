@@ -97,6 +97,11 @@ class SourceTable(Table):
         return self
 
 
+class NearSourceTable(Table):
+    position: Vector3
+    intensity: Vector3 | None = None
+
+
 def _one_photo(value: Any) -> Any:
     """One photo is a bracket of one."""
     return (value,) if isinstance(value, str) else value
@@ -176,6 +181,7 @@ class LightingTable(Table):
     name: str
     map: str | None = None
     directional: tuple[SourceTable, ...] = ()
+    near: tuple[NearSourceTable, ...] = ()
     mirror_ball: MirrorBallTable | None = None
     unknown: bool = False
     dark: bool = False
@@ -183,7 +189,7 @@ class LightingTable(Table):
 
     @model_validator(mode="after")
     def _one_source_of_truth(self) -> LightingTable:
-        known = [key for key in ("map", "directional", "mirror_ball") if getattr(self, key)]
+        known = [key for key in ("map", "directional", "near", "mirror_ball") if getattr(self, key)]
         if self.unknown and known:
             raise ValueError(f"unknown = true contradicts {known[0]}: remove one of them")
         if self.dark and not self.unknown:
@@ -192,7 +198,7 @@ class LightingTable(Table):
             raise ValueError(f"mirror_ball and {known[0]} both give this lighting: remove one of them")
         if not self.unknown and not known:
             raise ValueError(
-                "says nothing of the light: give map, directional, mirror_ball or unknown = true"
+                "says nothing of the light: give map, directional, near, mirror_ball or unknown = true"
             )
         return self
 

@@ -96,9 +96,10 @@ def plan(
 ) -> PlannedScene:
     """What a scene's photographs will determine before anyone takes them, and which one more would help most.
 
-    scene : the name of a built-in one, or a scene file. light : "all", "ball" or "nothing", what the set will tell of
-        the light, in place of what the file says. degree : highest harmonic degree of unknown light, 0 to 30.
-        samples : pixels that are looked at, 1000 or more. progress : show bars on the terminal.
+    scene : the name of a built-in one, or a scene file. light : "all", "distant" (lamps as if they were), "ball" or
+        "nothing", what the set will tell of the light, in place of what the file says. degree : highest harmonic degree
+        of unknown light, 0 to 30. samples : pixels that are looked at, 1000 or more. progress : show bars on the
+        terminal.
     The answer has `document`, as plan.json; `figure()`; `write(folder)`. ValueError says what is wrong with the scene.
     """
     check_effort(degree, samples)
@@ -117,8 +118,8 @@ def synth(
     """Photograph a synthetic scene into a photo set with its truth.json beside it, and return the folder.
 
     scene : the name of a built-in one, or a scene file. folder : an earlier set of the same scene in it is replaced.
-        light : "all", "ball" or "nothing", what the set tells of the light, in place of what the file says. seed : of
-        all that is random. progress : show bars on the terminal.
+        light : "all", "distant" (lamps as if they were), "ball" or "nothing", what the set tells of the light, in place
+        of what the file says. seed : of all that is random. progress : show bars on the terminal.
     ValueError says what is wrong with the scene, or that the folder holds something else.
     """
     photograph_scene(str(scene), Path(folder), _told(light), seed, terminal_track if progress else None)

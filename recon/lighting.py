@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.decode import decode_in_set, read_mask
 from capture.exposure import ExposureSettings, relative_exposure
@@ -13,46 +14,69 @@ from capture.lighting import Lighting, read_latlong
 from capture.manifest import BallViewTable, CameraTable, LightingTable, MirrorBallTable
 from capture.photoset import Photo, PhotoSet, build_camera
 from capture.placing import matrix4
+from recon.mesh.bodies import Body
 from recon.mirrorball.bracket import view_bracket
 from recon.mirrorball.light import ball_lighting, lighting_of_ball
 from recon.mirrorball.view import BallView
 from recon.sphere.circle import Disk
 
+Floats = NDArray[np.float64]
 
-def read_lighting(photoset: PhotoSet, table: LightingTable) -> Lighting:
-    """One named lighting of a set; ValueError names the table and what it lacks."""
+
+# Near a surface a lamp is no point: the least distance, over the object's size.
+_LEAST_CLEARANCE = 0.1
+
+
+def read_lighting(photoset: PhotoSet, table: LightingTable, body: Body | None = None) -> Lighting:
+    """One named lighting of a set; ValueError names the table and what it lacks.
+
+    body : the object, from which near lamps are seen; None where whoever asks takes all light for distant.
+    """
     where = f'{photoset.manifest}: [[lighting]] "{table.name}"'
     if table.unknown:
         raise ValueError(
             f"{where}: unknown = true: this version recovers reflectance under known light only;"
-            " give map, directional or mirror_ball"
+            " give map, directional, near or mirror_ball"
         )
     if table.mirror_ball is not None:
         return _from_ball(photoset, table, table.mirror_ball, where)
     recover = table.recover or ()
     directions = np.array([source.direction for source in table.directional]).reshape(-1, 3)
-    lacking = [k for k, source in enumerate(table.directional) if source.irradiance is None]
+    centre, offsets = _from_object(table, body, where)
+    distances = np.linalg.norm(offsets, axis=1)
+    lacking = [
+        *(
+            f"directional source {k + 1} has no irradiance"
+            for k, s in enumerate(table.directional)
+            if not s.irradiance
+        ),
+        *(f"near source {k + 1} has no intensity" for k, lamp in enumerate(table.near) if not lamp.intensity),
+    ]
     if lacking and "irradiance" not in recover:
-        raise ValueError(
-            f"{where}: source {lacking[0] + 1} has no irradiance; give it, or"
-            " recover = ['irradiance'] to have it fitted"
-        )
-    if "irradiance" in recover and not table.directional:
-        raise ValueError(f"{where}: recover = ['irradiance'], but there is no directional source")
+        raise ValueError(f"{where}: {lacking[0]}; give it, or recover = ['irradiance'] to have it fitted")
+    if "irradiance" in recover and not (table.directional or table.near):
+        raise ValueError(f"{where}: recover = ['irradiance'], but there is no directional or near source")
     if "ambient" in recover and table.map:
         raise ValueError(
             f"{where}: recover = ['ambient'] contradicts map: a recovered ambient stands in for a map"
         )
     irradiances = [source.irradiance or (1.0, 1.0, 1.0) for source in table.directional]
+    # At the object's centre.
+    irradiances += [
+        tuple(np.array(lamp.intensity) / distance**2) if lamp.intensity else (1.0, 1.0, 1.0)
+        for lamp, distance in zip(table.near, distances, strict=True)
+    ]
     try:
         lighting = Lighting(
             name=table.name,
             radiance_map=read_latlong(photoset.resolve(table.map)) if table.map else None,
-            directions=directions,
+            directions=np.concatenate([directions, offsets]),
             irradiances=np.array(irradiances).reshape(-1, 3),
             recover_irradiance="irradiance" in recover,
             recover_ambient="ambient" in recover,
             origin=table.map or "manifest",
+            closeness=np.concatenate([np.zeros(len(directions)), 1 / distances]) if table.near else None,
+            centre=centre,
         )
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
@@ -60,6 +84,28 @@ def read_lighting(photoset: PhotoSet, table: LightingTable) -> Lighting:
     if dark and not lighting.recovers:
         raise ValueError(f"{where}: gives no light at all; every irradiance is zero")
     return lighting
+
+
+def _from_object(table: LightingTable, body: Body | None, where: str) -> tuple[Floats, Floats]:
+    """The object's centre (3,), and near lamps (k, 3) from there, metres."""
+    if not table.near:
+        return np.zeros(3), np.zeros((0, 3))
+    if body is None:
+        raise ValueError(
+            f"{where}: near: lamps at a place are for `lightfactor process`; this takes all light for distant: give"
+            " the lamp as directional where it is ten times the object's size away, or leave its photographs out"
+        )
+    for k, lamp in enumerate(table.near):
+        clearance = body.clearance(np.array(lamp.position))
+        at = f"{where}: near source {k + 1} at {list(lamp.position)} m"
+        if clearance < 0:
+            raise ValueError(f"{at} lies inside the object; position is in the world's frame, in metres")
+        if clearance < _LEAST_CLEARANCE * body.size:
+            raise ValueError(
+                f"{at} is {clearance:.3g} m from the object's surface, nearer than a tenth of its size"
+                f" ({body.size:.3g} m): no lamp is a point from there; check the unit, or move the lamp away"
+            )
+    return body.centre, np.array([lamp.position for lamp in table.near]) - body.centre
 
 
 def frame_warnings(photoset: PhotoSet) -> list[str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from synthetic.lights.illumination import Illumination
+from synthetic.lights.sources import PointSource
 from synthetic.materials.texture import Textured
 from synthetic.shapes.ball import Ball
 from synthetic.staging import Staging
@@ -83,13 +84,19 @@ def intrinsics(camera: Camera) -> dict[str, Any]:
     }
 
 
-def sources(illumination: Illumination, target: Floats) -> list[dict[str, Any]]:
-    """The single sources as distant ones: lamps at a place as they look from the object's centre, (3,) metres."""
-    tables = []
+def _sources(illumination: Illumination, target: Floats) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Tables of the distant sources and of the near ones.
+
+    Where the light is given as distant, lamps are as they look from the object's centre, (3,) metres.
+    """
+    distant, near = [], []
     for source in illumination.sources:
+        if isinstance(source, PointSource) and illumination.given == "all":
+            near.append({"position": source.position.tolist(), "intensity": source.intensity.tolist()})
+            continue
         direction, _, irradiance = source.at(target[None])
-        tables.append({"direction": direction[0].tolist(), "irradiance": irradiance[0].tolist()})
-    return tables
+        distant.append({"direction": direction[0].tolist(), "irradiance": irradiance[0].tolist()})
+    return distant, near
 
 
 def _object(staging: Staging, written: WrittenSet, mesh: str) -> dict[str, Any]:
@@ -113,8 +120,9 @@ def _lighting(illumination: Illumination, staging: Staging, written: WrittenSet)
     else:
         if illumination.name in written.maps:
             keys["map"] = written.maps[illumination.name]
-        if illumination.sources:
-            keys["directional"] = sources(illumination, staging.scene.surface.centre)
+        distant, near = _sources(illumination, staging.scene.surface.centre)
+        keys |= {"directional": distant} if distant else {}
+        keys |= {"near": near} if near else {}
     return keys
 
 

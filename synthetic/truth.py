@@ -125,7 +125,8 @@ def _object(staging: Staging) -> dict[str, Any]:
     if isinstance(surface, Ball):
         return {"shape": "sphere", "centre": surface.centre.tolist(), "radius": surface.radius}
     mesh = "truth/object.obj" if staging.faults.mesh_m else "object.obj"
-    return {"shape": "mesh", "mesh": mesh, "mesh_to_world": staging.mesh_to_world.tolist()}
+    centre = np.asarray(surface.centre).tolist()
+    return {"shape": "mesh", "mesh": mesh, "centre": centre, "mesh_to_world": staging.mesh_to_world.tolist()}
 
 
 def _lighting(illumination: Illumination, written: WrittenSet) -> dict[str, Any]:

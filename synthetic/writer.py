@@ -94,7 +94,7 @@ def _write_maps(illuminations: Sequence[Illumination], folder: Path) -> dict[str
     for illumination in illuminations:
         if illumination.extended:
             stem = "lighting" if len(illuminations) == 1 else f"lighting-{illumination.name}"
-            name = f"{stem}.exr" if illumination.given == "all" else f"truth/{stem}.exr"
+            name = f"{stem}.exr" if illumination.given in ("all", "distant") else f"truth/{stem}.exr"
             write_exr(folder / name, latlong_map(illumination.extended, _MAP_HEIGHT))
             maps[illumination.name] = name
     return maps

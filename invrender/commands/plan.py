@@ -32,8 +32,8 @@ def plan(
     light: Annotated[
         LightOfSet | None,
         typer.Option(
-            help="What the set will give of the light, instead of what the scene file says: all, photographs of a"
-            " mirror ball, or nothing.",
+            help="What the set will give of the light, instead of what the scene file says: all, all with lamps as if"
+            " they were distant, photographs of a mirror ball, or nothing.",
             show_default=False,
         ),
     ] = None,

@@ -60,12 +60,17 @@ def known_light_remainders(
 def _light(
     lighting: Lighting, elements: Sequence[LightElement], strengths: Floats, shadows: Shadows | None
 ) -> tuple[Floats, Floats, Rest | None, frozenset[str]]:
-    """Sources and their irradiances (k, 3) each, what is reflected of all else, and what of the light was fitted."""
-    count = len(lighting.directions)
-    irradiances, others, weights = lighting.irradiances.copy(), [], []
+    """Sources and their irradiances (k, 3) each, what is reflected of all else, and what of the light was fitted.
+
+    Where some sources are near all of the light counts as the rest: what nobody turns or moves.
+    """
+    near = lighting.closeness is not None
+    directions = lighting.directions[: 0 if near else None]
+    count = len(directions)
+    irradiances, others, weights = lighting.irradiances[:count].copy(), [], []
     sources = 0
     for element, strength in zip(elements, strengths, strict=True):
-        if element.name.startswith("source"):
+        if element.name.startswith("source") and not near:
             irradiances[sources], sources = strength, sources + 1
             continue
         # Of known light the lighting's own sources come first, then those that its map holds.
@@ -77,9 +82,9 @@ def _light(
     names = {"irradiance": lighting.recover_irradiance, "ambient": lighting.recover_ambient}
     recovered = frozenset(name for name, found in names.items() if found)
     if not others:
-        return lighting.directions, irradiances, None, recovered
+        return directions, irradiances, None, recovered
 
     def rest_of(brdf: Microfacet, field: LightField) -> tuple[Floats, Floats]:
         return reflected(brdf, others, np.array(weights), field, shadows)
 
-    return lighting.directions, irradiances, remembered(rest_of), recovered
+    return directions, irradiances, remembered(rest_of), recovered

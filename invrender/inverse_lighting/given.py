@@ -21,8 +21,8 @@ class GivenLight:
 def given_lights(photoset: PhotoSet) -> dict[str, GivenLight]:
     """The known lights of a set by the names that its photographs have for them.
 
-    From the manifest where it knows all of a light, else from a truth.json beside it. ValueError where either is
-    unreadable.
+    From the manifest where it knows all of a light, and that is distant, else from a truth.json beside it. ValueError
+    where either is unreadable.
     """
     names = list(dict.fromkeys(photo.lighting for photo in photoset.photos))
     found = {}
@@ -34,7 +34,7 @@ def given_lights(photoset: PhotoSet) -> dict[str, GivenLight]:
             if entry is not None and entry.is_whole:
                 found[name] = GivenLight(entry.lighting, TRUTH_NAME)
     for table in photoset.lightings:
-        if table.name in names and not table.unknown and not table.recover:
+        if table.name in names and not table.unknown and not table.recover and not table.near:
             lighting = read_lighting(photoset, table)
             if not lighting.recovers:
                 found[table.name] = GivenLight(lighting, photoset.manifest.name)

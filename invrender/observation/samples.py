@@ -41,7 +41,7 @@ def read_samples(
 ) -> tuple[dict[str, LightField], list[str]]:
     """Samples of every photograph by its label, on all cores; and sentences on what was left out.
 
-    sources : per lighting that has any, directions (k, 3) at whose terminators nothing is sampled. samples : about
+    sources : per lighting that has any, those (k, 3) or (k, 4) at whose terminators nothing is sampled. samples : about
     how many in all, evenly over the photographs that are fitted; each that is held out gets as many. importance : per
     lighting, how informative pixels are; of one without it samples are spread evenly. highlights : as of `sample_body`.
     """

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 from capture.files.outfolder import result_folder
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.plan.from_scene import read_experiment
 from invrender.plan.planned import PLAN_FILES, PlannedScene, check_effort, plan_experiment
 from invrender.plan.summary import quantity_table
+from synthetic.lights.illumination import Given
 
 
-def run_plan(
-    scene: str, out: Path | None, given: Literal["all", "ball", "nothing"] | None, degree: int, samples: int
-) -> None:
+def run_plan(scene: str, out: Path | None, given: Given | None, degree: int, samples: int) -> None:
     """Plan a scene, say what will be determined, and write it into a folder if one is given."""
     check_effort(degree, samples)
     leave_cleanly_when_stopped()

@@ -23,6 +23,7 @@ from invrender.transport.columns import photo_columns
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
 from recon.lighting import read_lighting
+from recon.mesh.bodies import Body
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -89,7 +90,7 @@ def scored_lighting(
     return FittedLighting(fitted, std, ambient, ambient_std, up_to_scale=scaled)
 
 
-def held_out_lights(photoset: PhotoSet) -> Mapping[str, HeldOutLight]:
+def held_out_lights(photoset: PhotoSet, body: Body) -> Mapping[str, HeldOutLight]:
     """The known lightings beside the unknown ones of a set, by name; ValueError where a photograph under one is fitted.
 
     None where all are known: no lighting is given to a fit then.
@@ -109,7 +110,7 @@ def held_out_lights(photoset: PhotoSet) -> Mapping[str, HeldOutLight]:
                 f" unknown = true into every [[lighting]], or hold out the photographs under {table.name!r}, which then"
                 " score the reflectance"
             )
-        lighting = read_lighting(photoset, table)
+        lighting = read_lighting(photoset, table, body)
         elements = [
             replace(element, name=_UP_TO_SCALE) if element.name == "known" else element
             for element in light_elements(lighting)
@@ -118,9 +119,9 @@ def held_out_lights(photoset: PhotoSet) -> Mapping[str, HeldOutLight]:
     return found
 
 
-def used_lightings(photoset: PhotoSet) -> dict[str, Lighting]:
-    """What the set gives of the lightings that photographs are under, by name."""
-    return {table.name: read_lighting(photoset, table) for table in used_tables(photoset)}
+def used_lightings(photoset: PhotoSet, body: Body | None = None) -> dict[str, Lighting]:
+    """What the set gives of the lightings that photographs are under, by name; body : as of `read_lighting`."""
+    return {table.name: read_lighting(photoset, table, body) for table in used_tables(photoset)}
 
 
 def used_tables(photoset: PhotoSet) -> list[LightingTable]:

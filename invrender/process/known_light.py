@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.lighting import Lighting
+from capture.lighting import Lighting, cosines, seen_from
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
 from invrender.diagnostics.diagnosis import diagnose
@@ -58,8 +58,8 @@ def solve_known_light(
     find_causes : whether to look for the causes of what the model doesn't explain.
     """
     with clock.on("recon"):
-        lightings = used_lightings(photoset)
-    sources = {name: lighting.directions for name, lighting in lightings.items()}
+        lightings = used_lightings(photoset, geometry.body)
+    sources = {name: lighting.sources for name, lighting in lightings.items()}
     importance = importances(photoset, geometry, lightings, clock)
     fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, importance)
     with clock.on("invrender"):
@@ -233,7 +233,11 @@ def _check_lit(
     for name, lighting in lightings.items():
         users = [columns[photo.label] for photo in photoset.photos if photo.lighting == name]
         for k, direction in enumerate(lighting.directions):
-            highest = max(float((photo.field.sample_normals @ direction).max()) for photo in users)
+            source = lighting.sources[k][None]
+            highest = max(
+                float(cosines(photo.field.normals, seen_from(source, photo.field.positions)[0]).max())
+                for photo in users
+            )
             if highest <= 0:
                 raise ValueError(
                     f'{photoset.manifest}: [[lighting]] "{name}": source {k + 1} at {np.round(direction, 3).tolist()}'

@@ -49,14 +49,15 @@ def importances(
 
     From a first fit to a few photographs; what these are under has its leverage, the rest what the same fit predicts.
     """
-    elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+    # What is drawn where may go by light from afar: what each sample stands for makes up for it.
+    elements = {name: light_elements(lighting.from_afar) for name, lighting in lightings.items()}
     lit = {name: own for name, own in elements.items() if any(len(e.directions) for e in own)}
     fitted = [photo for photo in photoset.photos if not photo.held_out and photo.lighting in lit]
     if not fitted:
         return {}
     chosen = [fitted[k] for k in np.unique(np.linspace(0, len(fitted) - 1, _PHOTOS).round().astype(int))]
     few = replace(photoset, photos=tuple(chosen))
-    sources = {name: lighting.directions for name, lighting in lightings.items()}
+    sources = {name: lighting.sources for name, lighting in lightings.items()}
     narrow = {name: _at_any_width(own) for name, own in lit.items()}
     mapped = any(element.slow_map is not None for photo in chosen for element in lit[photo.lighting])
     samples = (_SAMPLES_OF_MAPS if mapped else _SAMPLES) * len(chosen)
@@ -64,7 +65,7 @@ def importances(
     with clock.on("invrender"):
         photos = all_columns(
             [photo.lighting for photo in chosen],
-            elements,
+            {name: light_elements(lighting) for name, lighting in lightings.items()},
             [fields[photo.label] for photo in chosen],
             GGX_FORM,
             geometry.shadows,

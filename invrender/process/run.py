@@ -88,8 +88,8 @@ class Run:
 
     @cached_property
     def _sources(self) -> dict[str, NDArray[np.float64]]:
-        """Directions (k, 3) of each lighting's sources, by its name."""
-        return {entry.lighting.name: entry.lighting.directions for entry in self.result.lightings}
+        """Each lighting's sources, (k, 3) or (k, 4), by its name."""
+        return {entry.lighting.name: entry.lighting.sources for entry in self.result.lightings}
 
     def predictions(self, photos: Sequence[Photo] | None = None) -> Iterator[Prediction]:
         """Predicted photographs, all in the set's order if none are named, a few at a time in memory."""

@@ -87,8 +87,8 @@ class _Bench:
 
     def pixels(self, photo: Photo) -> LightField:
         """All usable pixels of a photograph."""
-        directions = self.lightings[photo.lighting].directions
-        return usable_pixels(self.photoset, self.geometry.found, photo, directions, self.clock)
+        sources = self.lightings[photo.lighting].sources
+        return usable_pixels(self.photoset, self.geometry.found, photo, sources, self.clock)
 
     def direct(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
@@ -118,7 +118,7 @@ def solve_textured(
     all photographs the residuals are reported of. recovered : the light, where the set doesn't give it.
     """
     assert isinstance(geometry.body, MeshBody)
-    lightings = _given(photoset, clock) if recovered is None else recovered.lightings
+    lightings = _given(photoset, geometry.body, clock) if recovered is None else recovered.lightings
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
     bench = _Bench(photoset, geometry, geometry.body, lightings, elements, clock, {})
     with clock.on("recon"):
@@ -194,9 +194,9 @@ def _check_any(photoset: PhotoSet, textures: FittedTextures) -> None:
         )
 
 
-def _given(photoset: PhotoSet, clock: Clock) -> dict[str, Lighting]:
+def _given(photoset: PhotoSet, body: MeshBody, clock: Clock) -> dict[str, Lighting]:
     with clock.on("recon"):
-        lightings = used_lightings(photoset)
+        lightings = used_lightings(photoset, body)
     _check_known(photoset, lightings)
     return lightings
 

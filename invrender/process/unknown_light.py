@@ -81,10 +81,10 @@ def solve_unknown_light(
     factorize : `factorize_blind` with some of its options chosen; if None, as the set has it.
     """
     with clock.on("recon"):
-        others = held_out_lights(photoset)
+        others = held_out_lights(photoset, geometry.body)
     orders = orders_of(photoset, others)
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
-    sources = {name: other.lighting.directions for name, other in others.items()}
+    sources = {name: other.lighting.sources for name, other in others.items()}
     fields, left_out = read_samples(
         photoset, geometry.found, sources, samples, clock, track, highlights=orders == _DARK
     )

@@ -317,19 +317,22 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
                 "direction_std_deg": None if std_deg is None else float(std_deg),
                 "irradiance": numbers(irradiance),
                 "irradiance_std": numbers(std),
+                "position": None if place is None else numbers(place[0]),
             }
-            for direction, std_deg, irradiance, std in zip(
+            for direction, std_deg, irradiance, std, place in zip(
                 lighting.directions,
                 [None] * len(lighting.directions)
                 if lighting.direction_std_deg is None
                 else lighting.direction_std_deg,
                 lighting.irradiances,
                 entry.irradiance_std,
+                lighting.places,
                 strict=True,
             )
         ],
         "ambient": None if entry.ambient is None else numbers(entry.ambient),
         "ambient_std": None if entry.ambient_std is None else numbers(entry.ambient_std),
+        "centre": None if lighting.closeness is None else numbers(lighting.centre),
         "map": map_file,
         "harmonics": None if harmonics is None else _harmonics(harmonics),
     }

@@ -140,6 +140,7 @@ class _Source(_Lenient):
     direction: _Triple
     irradiance: _Triple
     irradiance_std: tuple[float | None, float | None, float | None]
+    position: _Triple | None = None
 
 
 class _Coefficients(_Lenient):
@@ -149,7 +150,8 @@ class _Coefficients(_Lenient):
 class SavedLighting(_Lenient):
     """A lighting; `sh` are its first nine coefficients, `map` the file beside result.json.
 
-    recovered : what of it was fitted: "irradiance", "ambient", "scale", "all".
+    recovered : what of it was fitted: "irradiance", "ambient", "scale", "all". centre : the object's, (3,) metres, as
+    which sources are seen; None where all are far away.
     """
 
     name: str
@@ -157,6 +159,7 @@ class SavedLighting(_Lenient):
     sh: _Coefficients
     directional: tuple[_Source, ...]
     map: str
+    centre: _Triple | None = None
 
     @property
     def irradiance_std(self) -> NDArray[np.float64]:
@@ -294,12 +297,23 @@ class SavedResult:
         path = self.folder / entry.map
         radiance = read_pixels(path).astype(np.float32)
         check_latlong(radiance, str(path))
+        centre, closeness = np.zeros(3), None
+        if entry.centre is not None:
+            centre = np.array(entry.centre)
+            closeness = np.array(
+                [
+                    0 if source.position is None else 1 / np.linalg.norm(np.array(source.position) - centre)
+                    for source in entry.directional
+                ]
+            )
         return Lighting(
             entry.name,
             radiance if radiance.any() else None,
             np.array([source.direction for source in entry.directional]).reshape(-1, 3),
             np.array([source.irradiance for source in entry.directional]).reshape(-1, 3),
             origin=str(path),
+            closeness=closeness,
+            centre=centre,
         )
 
 

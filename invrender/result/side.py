@@ -34,7 +34,8 @@ class Number:
 class SideLighting:
     """A lighting and how well its sources are known.
 
-    irradiance_std : (k, 3), 0 where given, NaN where unknown. is_whole : False where lamps at a finite distance lack.
+    irradiance_std : (k, 3), 0 where given, NaN where unknown. is_whole : False where lamps at a finite distance are
+    taken as from afar.
     """
 
     lighting: Lighting

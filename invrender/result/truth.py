@@ -71,11 +71,16 @@ class _Source(_Lenient):
     irradiance: _Triple
 
 
+class _Lamp(_Lenient):
+    position: _Triple
+    intensity: _Triple
+
+
 class _TrueLighting(_Lenient):
     name: str
     map: str | None
     directional: tuple[_Source, ...]
-    lamps: tuple[dict[str, Any], ...]
+    lamps: tuple[_Lamp, ...]
     mirror_ball: dict[str, Any] | None
 
 
@@ -85,6 +90,7 @@ class _Photo(_Lenient):
 
 
 class _Object(_Lenient):
+    centre: _Triple = (0.0, 0.0, 0.0)
     mesh: str | None = None
 
 
@@ -120,7 +126,7 @@ def truth_side(path: Path) -> Side:
         )
     if any(light.lamps for light in truth.lighting):
         notes.append(
-            "The truth has lamps at a finite distance, which a comparison of distant light leaves out."
+            "The truth has lamps at a finite distance: they are compared as the object's centre sees them."
         )
     textures = _true_textures(path.parent, truth, of_brdf)
     is_known = truth.brdf.form is not None or truth.brdf.model == "lambertian"
@@ -133,7 +139,10 @@ def truth_side(path: Path) -> Side:
         title=str(path),
         is_absolute=True,
         numbers=numbers,
-        lightings=tuple(_lighting(path, light, factor if of_ball else 1.0) for light in truth.lighting),
+        lightings=tuple(
+            _lighting(path, light, factor if of_ball else 1.0, truth.object.centre)
+            for light in truth.lighting
+        ),
         brdf=brdf_of(numbers, truth.brdf.form) if is_known and textures is None else None,
         form=truth.brdf.form,
         pictures=pictures,
@@ -196,13 +205,19 @@ def _exact(value: Floats) -> Number:
     return Number(value, np.zeros_like(value))
 
 
-def _lighting(path: Path, light: _TrueLighting, factor: float) -> SideLighting:
+def _lighting(path: Path, light: _TrueLighting, factor: float, centre: _Triple) -> SideLighting:
+    """A lighting; lamps at a finite distance as the object's centre sees them."""
     radiance = None if light.map is None else read_latlong(path.parent / light.map) * np.float32(factor)
-    irradiances = factor * np.array([source.irradiance for source in light.directional]).reshape(-1, 3)
+    directions = [np.array(source.direction) for source in light.directional]
+    irradiances = [np.array(source.irradiance) for source in light.directional]
+    for lamp in light.lamps:
+        towards = np.array(lamp.position) - np.array(centre)
+        directions.append(towards)
+        irradiances.append(np.array(lamp.intensity) / (towards @ towards))
     lighting = Lighting(
         light.name,
         radiance,
-        np.array([source.direction for source in light.directional]).reshape(-1, 3),
-        irradiances,
+        np.array(directions).reshape(-1, 3),
+        factor * np.array(irradiances).reshape(-1, 3),
     )
-    return SideLighting(lighting, np.zeros_like(irradiances), is_whole=not light.lamps)
+    return SideLighting(lighting, np.zeros_like(lighting.irradiances), is_whole=not light.lamps)

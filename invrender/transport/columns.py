@@ -127,7 +127,8 @@ def _photo_columns(
             visible = None if shadows is None else shadows.visible(element, part)
 
             def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
-                return forms_transfer(lobes, light, part.normals[rays], part.views[rays], nodes, fresnel)
+                here = light.at(part.positions[rays])
+                return forms_transfer(lobes, here, part.normals[rays], part.views[rays], nodes, fresnel)
 
             means: NDArray[np.floating] = np.zeros((len(part), len(lobes), of_lobe, channels))
             if size:
@@ -138,7 +139,8 @@ def _photo_columns(
                 if first == 1 and diffuse is not None:
                     below[1] = diffuse[:, block, e, None]
                 else:
-                    base = base_columns(form, element, part.normals, part.views, visible)
+                    here = element.at(part.positions)
+                    base = base_columns(form, here, part.normals, part.views, visible)
                     below[first] = part.mean_over_rays(base).transpose(2, 0, 1)
             for (held, first), columns in found.items():
                 columns[:, block, e, :first] = below[first]

@@ -219,9 +219,10 @@ def entering(
 
     What a mesh hides of the sky is taken to pass as the rest does: exact where it hides all or nothing.
     """
-    cos = np.maximum(normals @ element.directions.T, 0)
+    cos = element.cosines(normals)
     falling = cos if visible is None else cos * visible.sources
-    result = np.einsum("msk,ms,sc->mkc", passing(cos), falling, element.irradiances)
+    of_sources = "sc" if element.irradiances.ndim == 2 else "msc"
+    result = np.einsum(f"msk,ms,{of_sources}->mkc", passing(cos), falling, element.irradiances)
     if element.diffuse_coefficients is None and not element.uniform:
         return result
     sky = _clear_sky(passing, element, normals)

@@ -94,8 +94,10 @@ def forms_transfer(
         plain = specular_transfer(element, normals, views, sigmas)
         return np.asarray(factors[:, None, :, None, None] * plain[:, None, None])
     shape = len(normals), len(forms), fresnel(np.ones(1)).shape[-1], len(sigmas), element.channels
-    result = np.empty(shape) if len(element.directions) else np.zeros(shape)
-    for k, (direction, strength) in enumerate(zip(element.directions, element.irradiances, strict=True)):
+    result = np.empty(shape) if element.irradiances.shape[-2] else np.zeros(shape)
+    for k, (direction, irradiance) in enumerate(element.sources):
+        # (channels,), or each ray's: (m, 1, 1, channels).
+        strength = irradiance if irradiance.ndim == 1 else irradiance[:, None, None]
         angles = Angles.between(normals, direction, views, forms[0].axis)
         wide = angles.widened
         for own, form in enumerate(forms):
@@ -107,9 +109,9 @@ def forms_transfer(
                 np.multiply(lobe[..., None], strength, out=result[:, own])
     brushed = [form for form in forms if isinstance(form, Brushed)]
     if brushed:
-        for light, strength in ((element.prepared_map, 1.0), (_white(), element.uniform)):
-            if light is not None and strength:
-                result += strength * brushed_transfer(brushed, light, normals, views, sigmas, fresnel)
+        for light, share in ((element.prepared_map, 1.0), (_white(), element.uniform)):
+            if light is not None and share:
+                result += share * brushed_transfer(brushed, light, normals, views, sigmas, fresnel)
         return result
     if element.uniform:
         grid, table = _uniform_table(tuple(forms), tuple(sigmas.tolist()), fresnel)

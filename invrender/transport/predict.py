@@ -60,18 +60,19 @@ def reflected(
         return np.asarray(form_transfer(brdf.form, light, normals, views, sigma, fresnel)[:, 0, 0])
 
     def gather(light: LightElement, rays: Rays) -> Floats:
-        normals, views = field.normals[rays], field.views[rays]
+        normals, views, places = field.normals[rays], field.views[rays], field.positions[rays]
         if prepared is None or light.slow_map is None:
-            return integrated(light, normals, views)
-        rest = integrated(replace(light, slow_map=None), normals, views)
+            return integrated(light.at(places), normals, views)
+        rest = integrated(replace(light, slow_map=None).at(places), normals, views)
         steep = (normals * views).sum(axis=1) < MIN_COS_EXITANT
         rest[~steep] += prepared.towards(normals[~steep], views[~steep])
-        rest[steep] = integrated(light, normals[steep], views[steep])
+        rest[steep] = integrated(light.at(places[steep]), normals[steep], views[steep])
         return rest
 
     for element, strength in zip(elements, strengths, strict=True):
         visible = None if shadows is None else shadows.visible(element, field)
-        base = base_transfer(brdf.form, brdf.mu, element, field.normals, field.views, visible)
+        here = element.at(field.positions)
+        base = base_transfer(brdf.form, brdf.mu, here, field.normals, field.views, visible)
         diffuse += strength * base
         if brdf.sigma is not None and brdf.ks.any():
             specular += strength * seen_specular(element, visible, gather)

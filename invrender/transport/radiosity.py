@@ -74,7 +74,8 @@ class ConcaveMesh:
         direct = np.zeros((len(mesh.vertices), 3))
         for element, strength in zip(elements, strengths, strict=True):
             visible = self.shadows.of_vertices(element)
-            direct += strength * base_irradiance(brdf.form, brdf.mu, element, mesh.normals, visible)
+            here = element.at(mesh.vertices)
+            direct += strength * base_irradiance(brdf.form, brdf.mu, here, mesh.normals, visible)
         return self.exchanged(direct, albedo(brdf) if share is None else share)
 
     def exchanged(self, direct: Floats, albedo: Floats) -> Bounced:

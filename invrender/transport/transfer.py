@@ -1,11 +1,13 @@
 """Transfer: what one element of the lighting sends through the diffuse and the specular part of the BRDF.
 
-For directional sources both are closed forms [RH01, eq. 23]. For a lat-long map the diffuse part is a
+Of an element with near sources, it is what points see of it, `at` them. For sources both are closed forms [RH01, eq.
+23]. For a lat-long map the diffuse part is a
 convolution [RH01, eq. 15], the specular part an integral over half-vectors (`half_vectors`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -13,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.lighting import Lighting, latlong_directions, latlong_solid_angles
+from capture.lighting import Lighting, cosines, latlong_directions, latlong_solid_angles, seen_from
 from invrender.theory.lambertian import irradiance
 from invrender.theory.specialcases import lobe
 from invrender.transport.half_vectors import PreparedMap, map_transfer
@@ -33,7 +35,8 @@ class LightElement:
     """A part of the lighting whose strength is one number per channel (1 where known).
 
     name : "known", "source 1", "ambient". channels : 3, or 1 where all channels share the transfer.
-    directions, irradiances : (k, 3) and (k, channels), directional sources.
+    directions, irradiances : (k, 3) and (k, channels), sources; directions (k, 4) where some are near, which at points
+    become (m, k, 3), and irradiances (m, k, channels).
     slow_map : (H, 2H, channels) float32 or None, what varies slowly enough to be looked up.
     uniform : radiance from all sides, in units of the element's strength.
     """
@@ -46,7 +49,30 @@ class LightElement:
 
     @property
     def channels(self) -> int:
-        return self.irradiances.shape[1]
+        return self.irradiances.shape[-1]
+
+    def at(self, positions: Floats) -> LightElement:
+        """The element as points (m, 3) see it, metres in the world; itself where all its sources are far away."""
+        if self.directions.shape[-1] == 3:
+            return self
+        directions, factors = seen_from(self.directions, positions)
+        return replace(self, directions=directions, irradiances=factors[..., None] * self.irradiances)
+
+    def cosines(self, normals: Floats) -> Floats:
+        """Cosines (m, k) of incidence at unit normals (m, 3), 0 of sources below the horizon."""
+        return np.maximum(cosines(normals, self.directions), 0)
+
+    def falling(self, shares: Floats) -> Floats:
+        """Irradiance (m, channels) of sources that count by shares (m, k), cosines say."""
+        if self.irradiances.ndim == 2:
+            return np.asarray(shares @ self.irradiances)
+        return np.einsum("mk,mkc->mc", shares, self.irradiances)
+
+    @property
+    def sources(self) -> Iterator[tuple[Floats, Floats]]:
+        """Direction, (3,) or (m, 3), and irradiance, (channels,) or (m, channels), of each source."""
+        count = self.irradiances.shape[-2]
+        return ((self.directions[..., k, :], self.irradiances[..., k, :]) for k in range(count))
 
     @cached_property
     def diffuse_coefficients(self) -> Floats | None:
@@ -70,17 +96,18 @@ def light_elements(lighting: Lighting) -> tuple[LightElement, ...]:
     directions, irradiances = np.zeros((0, 3)), np.zeros((0, 3))
     slow_map = None
     if not lighting.recover_irradiance:
-        directions, irradiances = lighting.directions, lighting.irradiances
+        directions, irradiances = lighting.sources, lighting.irradiances
     if lighting.radiance_map is not None and not lighting.recover_ambient:
         slow_map, hot_directions, hot_irradiances = split_map(lighting.radiance_map)
-        directions = np.concatenate([directions, hot_directions])
+        hot = np.column_stack([hot_directions, np.zeros((len(hot_directions), directions.shape[1] - 3))])
+        directions = np.concatenate([directions, hot])
         irradiances = np.concatenate([irradiances, hot_irradiances])
     if len(directions) or slow_map is not None:
         elements.append(LightElement("known", directions, irradiances, slow_map))
     if lighting.recover_irradiance:
         elements += [
             LightElement(f"source {k + 1}", direction[None], np.ones((1, 1)))
-            for k, direction in enumerate(lighting.directions)
+            for k, direction in enumerate(lighting.sources)
         ]
     if lighting.recover_ambient:
         elements.append(LightElement("ambient", np.zeros((0, 3)), np.zeros((0, 1)), uniform=1.0))
@@ -115,8 +142,7 @@ def split_map(radiance_map: Singles) -> tuple[Singles, Floats, Floats]:
 
 def diffuse_transfer(element: LightElement, normals: Floats) -> Floats:
     """Irradiance (m, channels) at unit normals (m, 3) from a unit strength of the element."""
-    cos = np.maximum(normals @ element.directions.T, 0)
-    result = cos @ element.irradiances + np.pi * element.uniform
+    result = element.falling(element.cosines(normals)) + np.pi * element.uniform
     if element.diffuse_coefficients is not None:
         result += irradiance(normals, element.diffuse_coefficients)
     return result
@@ -130,13 +156,13 @@ def specular_transfer(element: LightElement, normals: Floats, views: Floats, sig
     sigmas = np.atleast_1d(np.asarray(sigmas, float))
     cos_exitant = np.maximum((normals * views).sum(axis=1), 1e-6)
     result = np.zeros((len(normals), len(sigmas), element.channels))
-    for direction, strength in zip(element.directions, element.irradiances, strict=True):
+    for direction, strength in element.sources:
         half = views + direction
         half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
         theta = np.arccos(np.clip((half * normals).sum(axis=1), -1, 1))
-        lit = normals @ direction > 0
+        lit = (normals * direction).sum(axis=1) > 0
         weight = np.where(lit, 1 / (4 * cos_exitant), 0.0)  # [RH01, eq. 23]
-        result += (lobe(theta[:, None], sigmas) * weight[:, None])[:, :, None] * strength
+        result += (lobe(theta[:, None], sigmas) * weight[:, None])[:, :, None] * strength[..., None, :]
     if element.uniform:
         grid, table = _uniform_table(tuple(sigmas))
         for j in range(len(sigmas)):

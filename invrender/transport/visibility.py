@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.lighting import cosines, seen_from
 from invrender.transport.transfer import LightElement, diffuse_transfer
 from recon.harmonics.basis import clamped_cosine_transfer, degree_of, evaluate_harmonics, to_degree
-from recon.mesh.bodies import MeshBody, blended
+from recon.mesh.bodies import MeshBody, blended, sees
 from recon.mesh.tangents import tangents
 from recon.mesh.transfer import TransferVectors
 from recon.sampling.lightfield import LightField
@@ -69,14 +70,14 @@ class Shadows:
         assert field.faces is not None
         coefficients = _sky(element, self.l_max)
         hidden = None if coefficients is None else self.hidden(field, coefficients)
-        sources = [self.lit(field, direction) for direction in element.directions]
+        sources = [self.lit(field, source) for source in element.directions]
         return RayVisibility(_columns(sources, len(field.faces)), field.reflected_visible, hidden)
 
     def of_vertices(self, element: LightElement) -> RayVisibility:
         """What vertices see of an element's light; nothing is said of mirrored rays, which they have none of."""
         mesh, coefficients = self.body.mesh, _sky(element, self.l_max)
         hidden = None if coefficients is None else self.kept_off(coefficients)
-        sources = [self._seen(mesh.vertices, mesh.normals, direction) for direction in element.directions]
+        sources = [sees(self.body, mesh.vertices, mesh.normals, source) for source in element.directions]
         return RayVisibility(
             _columns(sources, len(mesh.vertices)), np.zeros(len(mesh.vertices), bool), hidden
         )
@@ -86,29 +87,28 @@ class Shadows:
         """Degree up to which the shadow of the sky is known."""
         return degree_of(self.shadow.shape[1])
 
-    def free(self, field: LightField, direction: Floats) -> Mask:
-        """Which rays (m,) of a photograph's samples meet the mesh where it sees a unit direction (3,)."""
+    def free(self, field: LightField, source: Floats) -> Mask:
+        """Which rays (m,) of a photograph's samples meet the mesh where it sees a source, (3,) or (4,)."""
         assert field.faces is not None
-        return self._seen(field.positions, self.body.facets[field.faces], direction)
+        return sees(self.body, field.positions, self.body.facets[field.faces], source)
 
-    def lit(self, field: LightField, direction: Floats) -> Floats:
-        """How much of each ray's part of its pixel (m,) sees a unit direction (3,), 0 to 1.
+    def lit(self, field: LightField, source: Floats) -> Floats:
+        """How much of each ray's part of its pixel (m,) sees a source, (3,) or (4,), 0 to 1.
 
         Without footprints all of it or nothing, as its ray does.
         """
         assert field.faces is not None
-        lit = self.free(field, direction).astype(float)
+        lit = self.free(field, source).astype(float)
         if field.footprints is None:
             return lit
         # What turns away is dark all over.
-        rays = np.flatnonzero(
-            (self.body.facets[field.faces] @ direction > 0) & field.footprints.any(axis=(1, 2))
-        )
-        corners = [self._seen(*self._beside(field, rays, *corner), direction) for corner in _CORNERS]
+        towards = cosines(self.body.facets[field.faces], seen_from(source[None], field.positions)[0])[:, 0]
+        rays = np.flatnonzero((towards > 0) & field.footprints.any(axis=(1, 2)))
+        corners = [sees(self.body, *self._beside(field, rays, *corner), source) for corner in _CORNERS]
         crossed = rays[np.any([corner != (lit[rays] > 0) for corner in corners], axis=0)]
         steps = (2 * np.arange(_PER_SIDE) + 1) / _PER_SIDE - 1
         points = [self._below(*self._beside(field, crossed, x, y)) for x in steps for y in steps]
-        lit[crossed] = np.mean([self._seen(*point, direction) for point in points], axis=0)
+        lit[crossed] = np.mean([sees(self.body, *point, source) for point in points], axis=0)
         return lit
 
     def _beside(
@@ -130,9 +130,6 @@ class Shadows:
         met = ((found.faces >= 0) & ((there * facets).sum(axis=1) > 0))[:, None]
         on = blended(mesh.vertices, mesh.faces[found.faces], found.weights)
         return np.where(met, on, points), np.where(met, there, facets)
-
-    def _seen(self, positions: Floats, facets: Floats, direction: Floats) -> Mask:
-        return self.body.visible(positions, facets, np.broadcast_to(direction, facets.shape))
 
     def around(self, field: LightField, towards: Floats, angle: float) -> Iterator[tuple[Mask, Mask]]:
         """Whether rays meet the mesh where it sees directions an angle (radians) off theirs, all around in a few steps.
@@ -187,11 +184,13 @@ class RayVisibility:
 
 
 def seen_diffuse(element: LightElement, normals: Floats, visible: RayVisibility | None) -> Floats:
-    """`diffuse_transfer` under visibility, (m, channels); visible : None where nothing is hidden."""
+    """`diffuse_transfer` under visibility, (m, channels), of an element at the normals' places.
+
+    visible : None where nothing is hidden.
+    """
     if visible is None:
         return diffuse_transfer(element, normals)
-    cos = np.maximum(normals @ element.directions.T, 0) * visible.sources
-    total = cos @ element.irradiances
+    total = element.falling(element.cosines(normals) * visible.sources)
     if visible.hidden is not None:
         # Below zero only by rounding, and by harmonics that end at some degree.
         total += np.maximum(diffuse_transfer(element.without_sources, normals) - visible.hidden, 0)
@@ -206,7 +205,7 @@ def seen_specular(
     """What a lobe gathers of an element's light under visibility, (m, ...); visible : None where nothing is hidden.
 
     gather(part, rays) : what it gathers of a part of the light at some of the rays, (r, ...), nothing being hidden;
-    `specular_transfer` at these rays, say.
+    `specular_transfer` of the part at these rays' places, say.
     """
     if visible is None:
         return gather(element, slice(None))

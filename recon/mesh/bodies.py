@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
+from capture.lighting import seen_from
 from recon.harmonics.basis import sphere_directions
 from recon.mesh.rays import RayTracer
 from recon.mesh.trianglemesh import TriangleMesh, area_vectors
@@ -54,7 +55,7 @@ class PixelGeometry:
 
     whole : (n,) bool, the pixel shows one smooth piece of surface. clear : (n,) bool, so do the pixels around it.
     normals : (n, 3) at its centre. cos : (n,) of the exitant angle there.
-    turn : (n,) radians by which the normal turns across the pixel.
+    turn : (n,) radians by which the normal turns across the pixel. positions : (n, 3) metres, at its centre.
     """
 
     whole: NDArray[np.bool_]
@@ -62,10 +63,19 @@ class PixelGeometry:
     normals: Floats
     cos: Floats
     turn: Floats
+    positions: Floats
 
 
 class Body(Protocol):
     """A shape in the world."""
+
+    @property
+    def centre(self) -> Floats:
+        """Its middle (3,), metres in the world."""
+
+    @property
+    def size(self) -> float:
+        """Its largest extent, metres."""
 
     def pixel_geometry(self, camera: Camera, rows: Ints, columns: Ints) -> PixelGeometry:
         """How the surface lies in given pixels, (n,) rows and columns."""
@@ -73,8 +83,13 @@ class Body(Protocol):
     def hits(self, camera: Camera, pixels: Floats) -> SurfaceHits:
         """What rays through image points (n, 2) meet first."""
 
-    def visible(self, positions: Floats, facets: Floats, directions: Floats) -> NDArray[np.bool_]:
-        """Whether points of the surface (n, 3) see unit directions (n, 3), (n,)."""
+    def visible(
+        self, positions: Floats, facets: Floats, directions: Floats, distances: Floats | None = None
+    ) -> NDArray[np.bool_]:
+        """Whether points of the surface (n, 3) see unit directions (n, 3), as far as distances (n,), (n,)."""
+
+    def clearance(self, point: Floats) -> float:
+        """How far a point (3,) is from the surface, metres; negative inside."""
 
     def outline_points(self, camera: Camera) -> Floats:
         """Points (n, 3) whose box in the image holds the body's image, but for a few percent."""
@@ -86,6 +101,14 @@ class SphereBody:
 
     sphere: Sphere
 
+    @property
+    def centre(self) -> Floats:
+        return self.sphere.centre
+
+    @property
+    def size(self) -> float:
+        return 2 * self.sphere.radius
+
     def pixel_geometry(self, camera: Camera, rows: Ints, columns: Ints) -> PixelGeometry:
         centres = _centres(rows, columns)
         whole = np.ones(len(centres), bool)
@@ -94,7 +117,7 @@ class SphereBody:
         at = self.hits(camera, centres)
         cos = (at.normals * at.views).sum(axis=1)
         turn = 1 / (self.sphere.pixel_radius(camera) * np.maximum(cos, 1e-9))
-        return PixelGeometry(whole, whole, at.normals, cos, turn)
+        return PixelGeometry(whole, whole, at.normals, cos, turn, at.positions)
 
     def hits(self, camera: Camera, pixels: Floats) -> SurfaceHits:
         origins, directions = camera.rays(pixels)
@@ -104,8 +127,13 @@ class SphereBody:
         positions = np.where(hit[:, None], self.sphere.centre + self.sphere.radius * normals, 0.0)
         return SurfaceHits(hit, -directions, positions, normals, normals)
 
-    def visible(self, positions: Floats, facets: Floats, directions: Floats) -> NDArray[np.bool_]:
+    def visible(
+        self, positions: Floats, facets: Floats, directions: Floats, distances: Floats | None = None
+    ) -> NDArray[np.bool_]:
         return (facets * directions).sum(axis=1) > 0
+
+    def clearance(self, point: Floats) -> float:
+        return float(np.linalg.norm(point - self.sphere.centre)) - self.sphere.radius
 
     def outline_points(self, camera: Camera) -> Floats:
         return self.sphere.centre + self.sphere.radius * sphere_directions(600)
@@ -127,6 +155,14 @@ class MeshBody:
         areas = area_vectors(self.mesh.vertices, self.mesh.faces)
         lengths = np.linalg.norm(areas, axis=1, keepdims=True)
         object.__setattr__(self, "facets", areas / np.maximum(lengths, np.finfo(float).tiny))
+
+    @property
+    def centre(self) -> Floats:
+        return self.tracer.centre
+
+    @property
+    def size(self) -> float:
+        return self.tracer.size
 
     def pixel_geometry(self, camera: Camera, rows: Ints, columns: Ints) -> PixelGeometry:
         centres = _centres(rows, columns)
@@ -153,7 +189,8 @@ class MeshBody:
         clear = whole.copy()
         for corner in _CORNERS:
             clear &= _continues(at, self.hits(camera, centres + _CLEARANCE * corner), per_metre, _CLEARANCE)
-        return PixelGeometry(whole, clear, at.normals, (at.normals * at.views).sum(axis=1), turn)
+        cos = (at.normals * at.views).sum(axis=1)
+        return PixelGeometry(whole, clear, at.normals, cos, turn, at.positions)
 
     def hits(self, camera: Camera, pixels: Floats) -> SurfaceHits:
         origins, directions = camera.rays(pixels)
@@ -183,11 +220,36 @@ class MeshBody:
             weights=weights,
         )
 
-    def visible(self, positions: Floats, facets: Floats, directions: Floats) -> NDArray[np.bool_]:
-        return ~self.tracer.occluded(positions, facets, directions)
+    def visible(
+        self, positions: Floats, facets: Floats, directions: Floats, distances: Floats | None = None
+    ) -> NDArray[np.bool_]:
+        return ~self.tracer.occluded(positions, facets, directions, distances)
+
+    def clearance(self, point: Floats) -> float:
+        """How far a point (3,) is from the nearest vertex, metres; negative where it sees the mesh from within."""
+        offsets = self.mesh.vertices - point
+        distances = np.linalg.norm(offsets, axis=1)
+        nearest = distances.argmin()
+        # Towards the middle of a face beside the nearest vertex: rays through vertices may slip between faces.
+        beside = self.mesh.faces[(self.mesh.faces == nearest).any(axis=1).argmax()]
+        towards = self.mesh.vertices[beside].mean(axis=0) - point
+        ray = (towards / np.linalg.norm(towards))[None]
+        met = self.tracer.first_hits(point[None], ray).faces[0]
+        inside = met >= 0 and float(self.facets[met] @ ray[0]) > 0
+        return float(-distances[nearest] if inside else distances[nearest])
 
     def outline_points(self, camera: Camera) -> Floats:
         return self.mesh.vertices
+
+
+def sees(body: Body, positions: Floats, facets: Floats, source: Floats) -> NDArray[np.bool_]:
+    """Whether points of the surface (n, 3) see a source (3,), or (4,) that may be near, (n,)."""
+    directions, factors = seen_from(source[None], positions)
+    if directions.ndim == 2:
+        return body.visible(positions, facets, np.broadcast_to(source, facets.shape))
+    # A source's distance is that vector's length over its closeness.
+    reach = np.full(len(positions), np.inf) if source[3] == 0 else 1 / (source[3] * np.sqrt(factors[:, 0]))
+    return body.visible(positions, facets, directions[:, 0], reach)
 
 
 def body_window(body: Body, camera: Camera) -> tuple[int, int, int, int]:

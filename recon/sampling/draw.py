@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
+from capture.lighting import seen_from
 from capture.radiance import RadianceImage
-from recon.mesh.bodies import Body, SurfaceHits, body_window
+from recon.mesh.bodies import Body, PixelGeometry, SurfaceHits, body_window, sees
 from recon.sampling.highlights import small_highlights
 from recon.sampling.lightfield import LightField
 
@@ -71,7 +72,7 @@ def sample_body(
 ) -> LightField:
     """Samples of a body in one photograph, at most `budget` of them, spread over its normals.
 
-    coverage : (h, w) mask in 0 to 1, or None to trust the shape alone. sources : (k, 3) unit, towards them.
+    coverage : (h, w) mask in 0 to 1, or None to trust the shape alone. sources : (k, 3), or (k, 4) where some are near.
     importance : how informative pixels are, by which a part of the budget is drawn; None spreads all of it evenly.
     highlights : whether, where no importance is known, all of small highlights is taken beside the budget, up to a
     fifth of it, and seen through finer rays.
@@ -103,9 +104,7 @@ def sample_body(
         clear &= ~_any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
     grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
     weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
-    near = _near_mirror(
-        geometry.normals[usable], _views(camera, rows, columns), geometry.turn[usable], sources
-    )
+    near = _near_mirror(geometry, camera, rows, columns, sources, usable)
     finest = np.where(near, _FINEST, np.where(bright, _FINE, 0))
     field, complete = _gather(
         body, camera, image, rows, columns, geometry.turn[usable], weight, sources, finest
@@ -124,10 +123,10 @@ def samples_at(
 ) -> LightField:
     """The samples of given pixels that lie wholly on the body, usable for a fit or not; their weight is 1.
 
-    glints : (k, 3) unit, towards sources whose highlights are seen through finer rays.
+    glints : (k, 3) or (k, 4), sources whose highlights are seen through finer rays.
     """
     geometry = body.pixel_geometry(camera, rows, columns)
-    near = _near_mirror(geometry.normals, _views(camera, rows, columns), geometry.turn, glints)
+    near = _near_mirror(geometry, camera, rows, columns, glints)
     finest = np.where(near, _FINEST, 0)
     return _gather(body, camera, image, rows, columns, geometry.turn, np.ones(len(rows)), sources, finest)[0]
 
@@ -137,11 +136,23 @@ def _views(camera: Camera, rows: Ints, columns: Ints) -> Floats:
     return np.asarray(-camera.rays(np.column_stack([columns, rows]) + 0.5)[1])
 
 
-def _near_mirror(normals: Floats, views: Floats, turn: Floats, sources: Floats) -> NDArray[np.bool_]:
-    """Pixels (n,) in which a highlight of some source may be narrower than they are wide."""
+def _near_mirror(
+    geometry: PixelGeometry,
+    camera: Camera,
+    rows: Ints,
+    columns: Ints,
+    sources: Floats,
+    which: Ints | slice = slice(None),
+) -> NDArray[np.bool_]:
+    """Pixels (n,) in which a highlight of some source may be narrower than they are wide.
+
+    which : of the geometry's pixels, those that rows and columns are of.
+    """
+    normals, turn, views = geometry.normals[which], geometry.turn[which], _views(camera, rows, columns)
     near = np.zeros(len(normals), bool)
-    for source in sources:
-        half = views + source
+    directions, _ = seen_from(sources, geometry.positions[which])
+    for k in range(len(sources)):
+        half = views + directions[..., k, :]
         half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
         near |= np.linalg.norm(np.cross(half, normals), axis=1) < _GLINT + 2 * turn
     return near
@@ -341,9 +352,7 @@ def _gather(
     hits = body.hits(camera, points)
     views = hits.views
     reflected = 2 * (hits.normals * views).sum(axis=1)[:, None] * hits.normals - views
-    seen = [
-        body.visible(hits.positions, hits.facets, np.broadcast_to(source, views.shape)) for source in sources
-    ]
+    seen = [sees(body, hits.positions, hits.facets, source) for source in sources]
     field = LightField(
         rows=rows,
         columns=columns,

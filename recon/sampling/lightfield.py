@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from capture.arrays import frozen_array
+from capture.lighting import cosines, seen_from
 
 Floats = NDArray[np.float64]
 
@@ -187,18 +188,18 @@ def pools(photos: Sequence[LightField], lightings: Sequence[Any]) -> list[list[i
     return found
 
 
-def off_terminators(field: LightField, directions: Floats) -> LightField:
-    """The samples in which none of the sources (k, 3) rises, sets or goes behind the object.
+def off_terminators(field: LightField, sources: Floats) -> LightField:
+    """The samples in which none of the sources, (k, 3) or (k, 4), rises, sets or goes behind the object.
 
     There the light is neither on nor off: a source has a size, a pixel a width, and the model's highlight
     ends abruptly [RH01, eq. 23 has no shadowing term], so that dim pixels would carry large errors.
     """
-    return field.where(clear_of_terminators(field, directions)) if len(directions) else field
+    return field.where(clear_of_terminators(field, sources)) if len(sources) else field
 
 
-def clear_of_terminators(field: LightField, directions: Floats) -> NDArray[np.bool_]:
+def clear_of_terminators(field: LightField, sources: Floats) -> NDArray[np.bool_]:
     """Which samples (n,) `off_terminators` keeps."""
-    cos = field.normals @ directions.T
+    cos = cosines(field.normals, seen_from(sources, field.positions)[0])
     lit_share = np.asarray(field.mean_over_rays(((cos > 0) & field.sources_visible).astype(float)))
     at_horizon = np.abs(field.mean_over_rays(cos)) < _PENUMBRA
     return np.asarray(~(((lit_share > 0) & (lit_share < 1)) | at_horizon).any(axis=1))

@@ -18,7 +18,7 @@ from capture.files.outfolder import result_folder
 from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from recon.lighting import read_lighting
-from recon.mesh.bodies import MeshBody
+from recon.mesh.bodies import Body, MeshBody
 from recon.mesh.transfer import TransferVectors
 from recon.mesh.transfercache import cached_transfer
 from recon.mesh.trianglemesh import TriangleMesh
@@ -42,7 +42,7 @@ def run_samples(source: Path, out: Path, budget: int | None, l_max: int, rays: i
             raise ValueError(f"{path}: there is no such file; see {photoset.manifest}")
     with result_folder(out, OWN_FILES) as folder:
         found = find_body(photoset, track)
-        sources = known_sources(photoset)
+        sources = known_sources(photoset, found.body)
         transfer, warnings = _transfer(photoset, found, l_max, rays)
         rows = []
         (folder / "samples").mkdir()
@@ -101,10 +101,10 @@ def _inputs(photoset: PhotoSet) -> list[Path]:
     return [photoset.manifest, *photoset.calibration_files, *mesh, *photos]
 
 
-def known_sources(photoset: PhotoSet) -> dict[str, Floats]:
-    """Directions (k, 3) of the known sources of each lighting; none where it is to be recovered."""
+def known_sources(photoset: PhotoSet, body: Body) -> dict[str, Floats]:
+    """The known sources of each lighting, (k, 3) or (k, 4); none where it is to be recovered."""
     return {
-        table.name: NO_SOURCES if table.unknown else read_lighting(photoset, table).directions
+        table.name: NO_SOURCES if table.unknown else read_lighting(photoset, table, body).sources
         for table in photoset.lightings
     }
 

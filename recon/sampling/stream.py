@@ -27,7 +27,7 @@ def light_fields(
 ) -> Iterator[LightField]:
     """Samples of each photograph of a set, in its order; one photograph per core is in memory, and one more.
 
-    sources : per lighting, unit directions (k, 3) of its sources, whose visibility is computed. budget : samples of all
+    sources : per lighting, its sources, (k, 3) or (k, 4), whose visibility is computed. budget : samples of all
     photographs together, the same number from each as far as it has them; None for all usable pixels. mask_of : gives a
     photograph's mask (h, w) in 0 to 1, if it has one.
     """

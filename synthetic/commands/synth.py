@@ -12,6 +12,7 @@ import typer
 
 class LightOfSet(StrEnum):
     ALL = "all"
+    DISTANT = "distant"
     BALL = "ball"
     NOTHING = "nothing"
 
@@ -44,7 +45,7 @@ def synth(
         LightOfSet | None,
         typer.Option(
             help="What the set gives of the light on photographs that are not held out, instead of what the scene"
-            " file says: all, photographs of a mirror ball, or nothing.",
+            " file says: all, all with lamps as if they were distant, photographs of a mirror ball, or nothing.",
             show_default=False,
         ),
     ] = None,

@@ -18,7 +18,7 @@ from synthetic.lights.sources import DirectionalSource, PointSource
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]
-Given = Literal["all", "ball", "nothing"]
+Given = Literal["all", "distant", "ball", "nothing"]
 
 # Sub-samples per side of a lat-long pixel.
 _SUBSAMPLES = 3
@@ -34,7 +34,8 @@ class Illumination:
     """Light under a name.
 
     extended : light from ranges of directions. sources : light from single directions and places.
-    given : what a photo set gives of it: everything, photographs of a mirror ball, or nothing.
+    given : what a photo set gives of it: everything, everything as if lamps were distant, photographs of a mirror ball,
+    or nothing.
     """
 
     name: str

@@ -199,8 +199,8 @@ class SceneLighting(Table):
     lamp: tuple[LampTable, ...] = ()
     map: str | None = None
     map_scale: Positive = 1.0
-    # What the photo set gives of it.
-    given: Literal["all", "ball", "nothing"] = "all"
+    # What the photo set gives of it; "distant": lamps as they look from the object's centre, all else.
+    given: Literal["all", "distant", "ball", "nothing"] = "all"
 
     @model_validator(mode="after")
     def _some_light(self) -> SceneLighting:

@@ -28,7 +28,7 @@ BRUSHED = 'model = "anisotropic"\nkd = [0.05, 0.04, 0.03]\nks = 0.08\nmu = 1.6\n
 def write_set(
     folder: Path, material: str = GLOSSY, distance: float | None = None, noise: float = 0.01
 ) -> Path:
-    """A sphere under one lamp per photograph; distance : of the lamps, metres, None for far away."""
+    """A sphere under one lamp per photograph, given as distant; distance : metres, None for far away."""
     parts = [
         f'format = 1\nname = "faulty"\n[object]\nshape = "sphere"\nradius = {RADIUS}\nstated = true',
         f"[material]\n{material}",
@@ -40,7 +40,7 @@ def write_set(
         lamp = (
             f"directional = [{{ {towards} }}]"
             if distance is None
-            else f"lamp = [{{ {towards}, distance = {distance} }}]"
+            else f'given = "distant"\nlamp = [{{ {towards}, distance = {distance} }}]'
         )
         parts.append(f'[[lighting]]\nname = "lamp {k}"\n{lamp}')
     parts += [f'[[view]]\nazimuth_deg = 0\nlighting = "lamp {k}"' for k in range(len(LAMPS))]

@@ -89,17 +89,20 @@ def middle_of(path: Path, pose: np.ndarray) -> np.ndarray:
     return np.asarray((vertices.min(axis=0) + vertices.max(axis=0)) / 2)
 
 
+CENTRE = np.array([0.1, -0.2, 0.3])
+
+
 def test_turning_a_light_by_any_angle_keeps_all_of_it() -> None:
     room = np.random.default_rng(0).uniform(0, 1, (4, 8, 3)).astype(np.float32)
     element = LightElement("room", np.array([[0.6, 0, 0.8]]), np.ones((1, 3)), room)
-    by_steps = turned(turned(element, 50), 40)
-    whole = turned(element, 90)
+    by_steps = turned(turned(element, CENTRE, 50), CENTRE, 40)
+    whole = turned(element, CENTRE, 90)
     assert_allclose(by_steps.directions, [[0, 0.6, 0.8]], atol=1e-15)
     assert whole.slow_map is not None
     assert by_steps.slow_map is not None
     np.testing.assert_array_equal(whole.slow_map, np.roll(room, 2, axis=1))
     assert_allclose(by_steps.slow_map.sum(axis=1), room.sum(axis=1), rtol=1e-6)
-    assert turned(element, -360) is element
+    assert turned(element, CENTRE, -360) is element
 
 
 def test_a_strip_and_a_video_are_the_folders_pictures(

@@ -83,7 +83,7 @@ def cat_set(tmp_path_factory) -> Path:
 def cat_fields(cat_set):
     photoset = load_photoset(cat_set)
     found = find_body(photoset)
-    return photoset, found, list(light_fields(photoset, found.body, known_sources(photoset)))
+    return photoset, found, list(light_fields(photoset, found.body, known_sources(photoset, found.body)))
 
 
 def test_the_mesh_fits_its_masks(cat_fields):
@@ -138,9 +138,9 @@ def test_transfer_under_visibility_explains_the_radiance_under_a_wide_light(cat_
 def test_a_budget_is_shared_by_the_photographs(cat_set):
     photoset = load_photoset(cat_set)
     found = find_body(photoset)
-    fields = list(light_fields(photoset, found.body, known_sources(photoset), 300))
+    fields = list(light_fields(photoset, found.body, known_sources(photoset, found.body), 300))
     assert [len(field) for field in fields] == [100, 100, 100]
-    again = list(light_fields(photoset, found.body, known_sources(photoset), 300))
+    again = list(light_fields(photoset, found.body, known_sources(photoset, found.body), 300))
     assert_allclose(fields[1].positions, again[1].positions)
 
 

@@ -229,7 +229,7 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(synth: Run, tiny: Path, t
 def test_options_out_of_range_are_refused(synth: Run) -> None:
     code, _, err = synth("demo", "-o", "x", "--light", "none")
     assert code == 2
-    assert "'none' is not one of 'all', 'ball', 'nothing'" in err
+    assert "'none' is not one of 'all', 'distant', 'ball', 'nothing'" in err
     assert synth("demo", "-o", "x", "--seed", "-1")[0] == 2
 
 

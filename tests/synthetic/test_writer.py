@@ -20,6 +20,7 @@ from capture.files.imagefile import read_pixels
 from capture.lighting import read_latlong
 from capture.photoset import load_photoset
 from recon.mesh.trianglemesh import read_mesh
+from synthetic.lights.sources import PointSource
 from synthetic.render.photograph import photographs
 from synthetic.render.pixels import pixel_coverage
 from synthetic.scene import Shot
@@ -180,14 +181,13 @@ def test_what_the_set_says_is_the_scene_where_nothing_is_wrong(write: Write) -> 
     lab, lamp = photoset.lightings
     assert lab.map == "lighting-lab.exr"
     assert read_latlong(photoset.resolve(lab.map)).shape == (128, 256, 3)
-    # A lamp is told of as a distant one, as it is seen from the object.
-    (source,) = lamp.directional
+    (near,) = lamp.near
     assert lamp.map is None
-    assert source.direction is not None
-    offset = staging.scene.shots[2].illumination.sources[0].position - staging.scene.surface.centre  # type: ignore[union-attr]
-    assert_allclose(source.direction, offset / np.linalg.norm(offset), atol=1e-12)
-    # The mesh's bounding box has another middle than its origin: by 1e-6 of its size.
-    assert_allclose(source.irradiance, [2, 1, 1], rtol=1e-6)
+    assert not lamp.directional
+    source = staging.scene.shots[2].illumination.sources[0]
+    assert isinstance(source, PointSource)
+    assert_allclose(near.position, source.position, rtol=1e-15)
+    assert near.intensity == tuple(source.intensity)
     assert photoset.object.mesh == "object.obj"
     handed = read_mesh(folder / "object.obj")
     placed = np.array(photoset.object.mesh_to_world)
@@ -198,6 +198,23 @@ def test_what_the_set_says_is_the_scene_where_nothing_is_wrong(write: Write) -> 
     )  # digits in the file
     assert not (folder / "truth" / "object.obj").exists()
     assert (folder / "scene.toml").read_text() == staging.source
+
+
+def test_a_set_may_call_a_lamp_distant(write: Write) -> None:
+    distant = LAMP.replace("[[lighting]]", '[[lighting]]\ngiven = "distant"')
+    folder, staging = write(
+        scene(MESH, LAB + distant, GANTRY + '[[view]]\nazimuth_deg = 30\nlighting = "lamp"\n')
+    )
+    lamp = load_photoset(folder).lightings[1]
+    assert not lamp.near
+    (told,) = lamp.directional
+    assert told.direction is not None
+    source = staging.scene.shots[2].illumination.sources[0]
+    assert isinstance(source, PointSource)
+    offset = source.position - staging.scene.surface.centre
+    assert_allclose(told.direction, offset / np.linalg.norm(offset), atol=1e-12)
+    # The mesh's bounding box has another middle than its origin: by 1e-6 of its size.
+    assert_allclose(told.irradiance, [2, 1, 1], rtol=1e-6)
 
 
 def test_faults_are_in_the_set_and_the_truth_beside_it(write: Write) -> None:

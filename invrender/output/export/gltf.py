@@ -64,11 +64,17 @@ def write_gltf(
         document["textures"] = [{"sampler": 0, "source": k} for k in range(len(images))]
     files = [MODEL_NAME]
     if lighting is not None:
-        lights = [_light(irradiance) for irradiance in lighting.irradiances]
+        lights = [
+            _light("directional", irradiance) if place is None else _light("point", place[1])
+            for irradiance, place in zip(lighting.irradiances, lighting.places, strict=True)
+        ]
         if lights:
             document["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
             document["extensionsUsed"].append("KHR_lights_punctual")
-            nodes += [_light_node(k, direction) for k, direction in enumerate(lighting.directions)]
+            nodes += [
+                _light_node(k, direction, None if place is None else place[0])
+                for k, (direction, place) in enumerate(zip(lighting.directions, lighting.places, strict=True))
+            ]
         if lighting.radiance_map is not None:
             write_exr(folder / ENVIRONMENT_NAME, panorama(lighting.radiance_map))
             files.append(ENVIRONMENT_NAME)
@@ -113,21 +119,22 @@ def _material(
     return described, images, notes
 
 
-def _light(irradiance: Floats) -> dict[str, Any]:
-    """A source; its intensity is its irradiance in the unit of the light, not lux."""
-    most = float(irradiance.max())
+def _light(kind: str, strength: Floats) -> dict[str, Any]:
+    """A source; its intensity is its irradiance, or that times metres squared, in the unit of the light, not lux."""
+    most = float(strength.max())
     return {
-        "type": "directional",
-        "color": (irradiance / (most or 1.0)).tolist(),
+        "type": kind,
+        "color": (strength / (most or 1.0)).tolist(),
         "intensity": most,
     }
 
 
-def _light_node(index: int, direction: Floats) -> dict[str, Any]:
-    """A node whose -Z is the way the light of a source in a direction (of our world) goes."""
+def _light_node(index: int, direction: Floats, position: Floats | None) -> dict[str, Any]:
+    """A node whose -Z is the way the light of a source in a direction (of our world) goes; or at its position."""
+    rotation = {"rotation": _from_z(TO_GLTF @ direction).tolist()}
     return {
         "name": f"source {index + 1}",
-        "rotation": _from_z(TO_GLTF @ direction).tolist(),
+        **(rotation if position is None else {"translation": (TO_GLTF @ position).tolist()}),
         "extensions": {"KHR_lights_punctual": {"light": index}},
     }
 

@@ -172,7 +172,14 @@ def _emitters(scene: ET.Element, lighting: Lighting, folder: Path, files: list[s
         emitter = ET.SubElement(scene, "emitter", type="envmap")
         _add(emitter, "string", filename=_MAP_NAME)
         _transform(emitter, MITSUBA_MAP_TO_WORLD)
-    for direction, irradiance in zip(lighting.directions, lighting.irradiances, strict=True):
+    sources = zip(lighting.directions, lighting.irradiances, lighting.places, strict=True)
+    for direction, irradiance, place in sources:
+        if place is not None:
+            emitter = ET.SubElement(scene, "emitter", type="point")
+            x, y, z = (_number(value) for value in _MILLIMETRES * place[0])
+            ET.SubElement(emitter, "point", name="position", x=x, y=y, z=z)
+            _add(emitter, "rgb", intensity=_list(_MILLIMETRES**2 * place[1]))
+            continue
         emitter = ET.SubElement(scene, "emitter", type="directional")
         # The way that the light goes.
         x, y, z = (_number(-value) for value in direction)

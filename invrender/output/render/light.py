@@ -74,8 +74,11 @@ def light_element(lighting: Lighting) -> LightElement:
     return element
 
 
-def turned(element: LightElement, degrees: float) -> LightElement:
-    """An element turned about +Z, counter-clockwise seen from above; its sources exactly, its map between columns."""
+def turned(element: LightElement, centre: Floats, degrees: float) -> LightElement:
+    """An element turned about +Z through a centre (3,), counter-clockwise seen from above.
+
+    Its sources exactly, its map between columns.
+    """
     if degrees % 360 == 0:
         return element
     angle = np.radians(degrees)
@@ -90,7 +93,11 @@ def turned(element: LightElement, degrees: float) -> LightElement:
         slow_map = (1 - share) * np.roll(slow_map, whole, axis=1) + share * np.roll(
             slow_map, whole + 1, axis=1
         )
-    return replace(element, directions=element.directions @ about_z.T, slow_map=slow_map)
+    towards, closeness = element.directions[:, :3], element.directions[:, 3:]
+    # A row (u, q) lies from a point p towards u - q p; rows without q are of sources far away.
+    offsets = closeness.sum(axis=1, keepdims=True) * centre
+    directions = np.column_stack([(towards - offsets) @ about_z.T + offsets, closeness])
+    return replace(element, directions=directions, slow_map=slow_map)
 
 
 def parse_source(text: str) -> tuple[Floats, Floats]:

@@ -84,7 +84,7 @@ class Photographer:
     @cached_property
     def _under(self) -> Callable[[float], LightElement]:
         # Pictures in which the light rests share what is prepared of it.
-        return lru_cache(maxsize=1)(partial(turned, light_element(self.lighting)))
+        return lru_cache(maxsize=1)(partial(turned, light_element(self.lighting), self.subject.centre))
 
     @cached_property
     def _bounces(self) -> Callable[[LightElement], Bounced | None] | None:

@@ -123,13 +123,13 @@ class Previewer:
 
 
 def previewer(studio: Photographer, epsilon: float = 0.03) -> Previewer:
-    """What takes quick pictures of a photographer's subject. epsilon : as in `prefilter`.
+    """What takes quick pictures of a photographer's subject, near lamps as from afar. epsilon : as in `prefilter`.
 
     ValueError where Kd and Ks vary over the subject, the BRDF is black or its lobe too narrow for maps.
     """
     if studio.material.textures is not None:
         raise ValueError("--preview: the result's Kd and Ks vary over its object; give --mean for the means")
-    lighting, found = studio.lighting, None
+    lighting, found = studio.lighting.from_afar, None
     try:
         brdf = centred_microfacet(studio.material.brdf, studio.result.content.name)
         if lighting.radiance_map is not None:
