@@ -37,6 +37,7 @@ class Lighting:
     direction_std_deg : (k,), standard deviations of measured directions; None where they are given as exact.
     warnings : what its measuring brought up, in plain words.
     closeness : (k,), 1 / metres, one over the distance of each source from the centre; None where all are far away.
+    closeness_std : (k,), its standard deviations, infinite where no photograph tells; None where it is given.
     centre : (3,) metres, the object's; only near sources ask for it.
     """
 
@@ -50,6 +51,7 @@ class Lighting:
     direction_std_deg: Floats | None = None
     warnings: tuple[str, ...] = ()
     closeness: Floats | None = None
+    closeness_std: Floats | None = None
     centre: Floats = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
@@ -107,7 +109,7 @@ class Lighting:
     @property
     def from_afar(self) -> Lighting:
         """The same, its sources moved far away: directions and irradiances are those of the object's centre."""
-        return replace(self, closeness=None)
+        return replace(self, closeness=None, closeness_std=None)
 
 
 def seen_from(sources: Floats, positions: Floats) -> tuple[Floats, Floats]:

@@ -87,6 +87,12 @@ class Diagnosis:
     shares: dict[str, float]
 
 
+def lamp_distance(diagnosis: Diagnosis) -> float | None:
+    """How far from the object's centre its lamps seem to be, metres; None where they aren't the first cause."""
+    fit = diagnosis.findings[0].fit
+    return diagnosis.scene.radius / float(fit.numbers[0]) if fit.cause.name == "near lamp" else None
+
+
 def diagnose(scene: Remainders, in_any_case: bool = False) -> Diagnosis | None:
     """Why photographs aren't what the fit predicts; None where they are, to the noise.
 

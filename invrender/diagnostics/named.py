@@ -112,7 +112,7 @@ def _near_lamp(scene: Remainders, fit: CauseFit) -> tuple[str, str]:
     return (
         f"The lamps seem to be near, about {radii:.3g} radii of the object ({radii * scene.radius:.3g} m) from its"
         " centre, but the model takes their light for parallel",
-        f"Put them {_FAR} radii away, photograph a smaller object, or give their places as `near` in [[lighting]].",
+        f"Put them {_FAR} radii away, photograph a smaller object, or give their places as `near`.",
     )
 
 

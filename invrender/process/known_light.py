@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -13,13 +13,19 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting, cosines, seen_from
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
-from invrender.diagnostics.diagnosis import diagnose
+from invrender.diagnostics.diagnosis import diagnose, lamp_distance
 from invrender.diagnostics.known_light import known_light_remainders
 from invrender.diagnostics.named import NamedCause, named_causes
 from invrender.estimate.evidence import fit_strengths, outlying
 from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.estimate.interreflection.correction import Sent
 from invrender.estimate.interreflection.known_light import correct_known_light, unknown_scale
+from invrender.estimate.lamp_distances import (
+    at_one_distance,
+    distance_doubts,
+    distance_sentence,
+    with_found_distances,
+)
 from invrender.estimate.solution import Solution, solution_of
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
@@ -41,6 +47,8 @@ from recon.sampling.lightfield import LightField
 
 # Of what photographs differ from the model, the share (RMS) by which pictures of it may be off: they differ 3% more.
 PICTURES_OFF = 0.25
+# Of the error on unseen photographs, what sources at a found distance may leave at most to be believed.
+_FEWER = 0.98
 # Deviation of a sphere's place, of its radius, below which normals are known well enough: a twentieth of a degree.
 _PLACED_WELL = 8e-4
 
@@ -55,10 +63,50 @@ def solve_known_light(
 ) -> Run:
     """Recover the BRDF of an object, and what of its lighting is free.
 
-    find_causes : whether to look for the causes of what the model doesn't explain.
+    find_causes : whether to look for the causes of what the model doesn't explain. Where that is sources nearer than
+    given, their distances are found, and the photographs explained once more.
     """
     with clock.on("recon"):
         lightings = used_lightings(photoset, geometry.body)
+
+    def solve(under: Mapping[str, Lighting], said: Sequence[str] = (), causes: bool = True) -> _Solved:
+        return _solve(photoset, geometry, under, samples, clock, track, find_causes and causes, said)
+
+    given = solve(lightings)
+    if given.distance is None:
+        return given.run
+    centre, shadows = geometry.body.centre, geometry.shadows
+    near = at_one_distance(lightings, centre, given.distance)
+    near = with_found_distances(near, solve(near, causes=False).solution, shadows)
+    found = solve(near, [distance_sentence(near, given.error)])
+    return found.run if found.error < _FEWER * given.error else given.run
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A solution under known lightings. distance : metres, at which the sources seem to be in truth, if they do."""
+
+    run: Run
+    solution: Solution
+    distance: float | None
+
+    @property
+    def error(self) -> float:
+        """Relative RMS on unseen photographs."""
+        return self.solution.candidates[self.solution.chosen].error
+
+
+def _solve(
+    photoset: PhotoSet,
+    geometry: SceneGeometry,
+    lightings: Mapping[str, Lighting],
+    samples: int,
+    clock: Clock,
+    track: Track,
+    find_causes: bool,
+    said: Sequence[str],
+) -> _Solved:
+    """said : sentences on the lightings."""
     sources = {name: lighting.sources for name, lighting in lightings.items()}
     importance = importances(photoset, geometry, lightings, clock)
     fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, importance)
@@ -88,6 +136,9 @@ def solve_known_light(
         concluded = known if bounces is None else bounces.solution
         doubts = [] if bounces is None else [bounces.doubts]
         doubts += _of_place(geometry.body, concluded, elements)
+        settled = concluded.candidates[concluded.chosen].estimate
+        lights = {lighting.name: lighting for lighting in used}
+        doubts += distance_doubts(concluded.photos, settled.brdf, settled.strengths, lights, geometry.shadows)
         solution = solution_of(concluded, used, doubts)
         columns = _in_form(photoset, solution, columns, elements)
         sent = None if bounces is None else bounces.taken
@@ -111,17 +162,19 @@ def solve_known_light(
     if chosen.error > POOR and not any(light.recovers for light in used):
         elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
     causes: tuple[NamedCause, ...] = ()
+    distance = None
     if find_causes and elsewhere is None:
         left = {photo.label: columns[photo.label] for photo in fitted}
         scene = known_light_remainders(solution, geometry, left, lightings, elements, residuals)
         diagnosis = diagnose(scene, bool(outlying(chosen.photo_errors).any()))
         causes = named_causes(diagnosis, photoset.radiometry.exposure, geometry.brushing_axis)
         if diagnosis is not None and diagnosis.findings:
+            distance = lamp_distance(diagnosis)
             # The error bars hold what a fault moves.
             brdf = solution.estimate.brdf
             instead = [finding.instead(brdf) for finding in diagnosis.findings]
             solution = solution_of(concluded, used, doubts, instead)
-    warnings = [*left_out, *find_warnings(photoset, solution, geometry, lightings, causes), *remarks]
+    warnings = [*left_out, *said, *find_warnings(photoset, solution, geometry, lightings, causes), *remarks]
     warnings += [elsewhere] if elsewhere else []
     found = None if bounces is None else bounces.found
     result = factorization(
@@ -150,7 +203,8 @@ def solve_known_light(
         shown = many.radiance(photo.lighting, strengths[photo.label], field)
         return with_bounces(photo, field, shown)
 
-    return Run(photoset, geometry, result, fields, residuals, radiance, pictured)
+    run = Run(photoset, geometry, result, fields, residuals, radiance, pictured)
+    return _Solved(run, solution, distance)
 
 
 def _columns(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
+from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import Candidate, PictureError
@@ -298,7 +299,13 @@ def model_entries(candidates: Sequence[Candidate], chosen: int) -> list[dict[str
 def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
     lighting, harmonics = entry.lighting, entry.harmonics
     recovered = (
-        [*lighting.recovers, *(["scale"] if entry.up_to_scale else [])] if harmonics is None else ["all"]
+        [
+            *lighting.recovers,
+            *(["scale"] if entry.up_to_scale else []),
+            *(["distance"] if lighting.closeness_std is not None else []),
+        ]
+        if harmonics is None
+        else ["all"]
     )
     if harmonics is None:
         coefficients = map_coefficients(lighting_map(entry), _L_MAX)
@@ -318,8 +325,9 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
                 "irradiance": numbers(irradiance),
                 "irradiance_std": numbers(std),
                 "position": None if place is None else numbers(place[0]),
+                "distance_std": None if distance_std is None else float(distance_std),
             }
-            for direction, std_deg, irradiance, std, place in zip(
+            for direction, std_deg, irradiance, std, place, distance_std in zip(
                 lighting.directions,
                 [None] * len(lighting.directions)
                 if lighting.direction_std_deg is None
@@ -327,6 +335,7 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
                 lighting.irradiances,
                 entry.irradiance_std,
                 lighting.places,
+                _distance_std(lighting),
                 strict=True,
             )
         ],
@@ -336,6 +345,17 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
         "map": map_file,
         "harmonics": None if harmonics is None else _harmonics(harmonics),
     }
+
+
+def _distance_std(lighting: Lighting) -> list[float | None]:
+    """Standard deviations of found distances, metres; None where none was found."""
+    if lighting.closeness is None or lighting.closeness_std is None:
+        return [None] * len(lighting.directions)
+    known = np.isfinite(lighting.closeness_std) & (lighting.closeness > 0)
+    return [
+        float(std / closeness**2) if found else None
+        for closeness, std, found in zip(lighting.closeness, lighting.closeness_std, known, strict=True)
+    ]
 
 
 def _harmonics(light: HarmonicLight) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
@@ -220,6 +222,40 @@ def test_a_near_lamp_is_solved_saved_rendered_and_exported(
     rgb = emitter.find("rgb")
     assert rgb is not None
     assert_allclose([float(v) for v in str(rgb.get("value")).split()], 1e6 * LAMP.intensity, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "recover", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["known", "strength recovered"]
+)
+def test_a_near_lamp_that_is_called_distant_is_found(
+    lightfactor: Command, near_set: Path, tmp_path: Path, request: pytest.FixtureRequest, recover: bool
+) -> None:
+    if not recover:
+        request.getfixturevalue("few_forms")
+    folder = Path(shutil.copytree(near_set, tmp_path / "set"))
+    manifest = folder / "photoset.toml"
+    offset = LAMP.position - CENTRE
+    distance = float(np.linalg.norm(offset))
+    told = f"directional = [{{ direction = {offset.tolist()}"
+    told += " }]" if recover else f", irradiance = {(LAMP.intensity / distance**2).tolist()} }}]"
+    told += '\nrecover = ["irradiance"]' if recover else ""
+    manifest.write_text(re.sub("near = .*", told, manifest.read_text()))
+    code, said, _ = lightfactor("process", folder, "-o", tmp_path / "out")
+    assert code == 0, said
+    assert "Their distances from the object's centre were found with the BRDF: lamp: 0.0" in said
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert found["fit"]["rms_relative"] < 0.012
+    assert found["causes"] == []
+    entry = found["lighting"][0]
+    assert "distance" in entry["recovered"]
+    (source,) = entry["directional"]
+    # The direction is the centre's that masks showed: beside it the place is a distance.
+    std = source["distance_std"]
+    assert 0 < std < 0.01 * distance
+    assert np.linalg.norm(np.array(source["position"]) - LAMP.position) < 4 * std + 1e-4 * distance
+    if not recover:
+        kd = found["brdf"]["kd"]
+        assert np.all(np.abs(np.array(kd["value"]) - DELRIN.kd) < 4 * np.array(kd["std"]))
 
 
 def test_what_a_lamp_at_a_place_may_not_be(lightfactor: Command, near_set: Path, tmp_path: Path) -> None:
