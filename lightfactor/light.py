@@ -18,14 +18,16 @@ Floats = NDArray[np.float64]
 class FittedLight:
     """A lighting as the fit leaves it.
 
-    directions : (k, 3) unit vectors towards the directional sources. irradiances, irradiance_std : (k, 3), their
-    irradiance on a plane that faces them; the deviation is 0 where it was given, NaN where unknown.
+    directions : (k, 3) unit vectors from the object's centre towards the sources. positions : (k, 3), metres, of near
+    sources, NaN of those far away. irradiances, irradiance_std : (k, 3), their irradiance on a plane at the centre that
+    faces them; the deviation is 0 where it was given, NaN where unknown.
     map : (H, 2H, 3) float32, radiance of everything else, lat-long (docs/conventions.md); None where it is dark.
-    recovered : what of it was fitted: "irradiance", "ambient", "scale", "all"; empty where all was given.
+    recovered : what of it was fitted: "irradiance", "ambient", "distance", "scale", "all"; empty where all was given.
     """
 
     name: str
     directions: Floats
+    positions: Floats
     irradiances: Floats
     irradiance_std: Floats
     map: NDArray[np.float32] | None
@@ -47,6 +49,7 @@ def fitted_lights(result: SavedResult) -> tuple[FittedLight, ...]:
             FittedLight(
                 lighting.name,
                 lighting.directions,
+                np.array([np.full(3, np.nan) if p is None else p[0] for p in lighting.places]).reshape(-1, 3),
                 lighting.irradiances,
                 entry.irradiance_std,
                 lighting.radiance_map,

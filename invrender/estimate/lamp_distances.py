@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,7 +179,7 @@ class _Numbers:
             return 0
         return 1 if self.solution.estimate.model.neutral else 3
 
-    @property
+    @cached_property
     def _free(self) -> dict[str, Floats]:
         """Which elements' strengths are free, (elements,), by lighting."""
         return {

@@ -150,8 +150,8 @@ class _Coefficients(_Lenient):
 class SavedLighting(_Lenient):
     """A lighting; `sh` are its first nine coefficients, `map` the file beside result.json.
 
-    recovered : what of it was fitted: "irradiance", "ambient", "scale", "all". centre : the object's, (3,) metres, as
-    which sources are seen; None where all are far away.
+    recovered : what of it was fitted: "irradiance", "ambient", "distance", "scale", "all". centre : (3,) metres, the
+    object's, from which near sources are seen; None where all are far away.
     """
 
     name: str
