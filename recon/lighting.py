@@ -100,12 +100,17 @@ def _from_object(table: LightingTable, body: Body | None, where: str) -> tuple[F
         at = f"{where}: near source {k + 1} at {list(lamp.position)} m"
         if clearance < 0:
             raise ValueError(f"{at} lies inside the object; position is in the world's frame, in metres")
-        if clearance < _LEAST_CLEARANCE * body.size:
+        if not stands_clear(body, np.array(lamp.position)):
             raise ValueError(
                 f"{at} is {clearance:.3g} m from the object's surface, nearer than a tenth of its size"
                 f" ({body.size:.3g} m): no lamp is a point from there; check the unit, or move the lamp away"
             )
     return body.centre, np.array([lamp.position for lamp in table.near]) - body.centre
+
+
+def stands_clear(body: Body, position: Floats) -> bool:
+    """Whether a lamp at a position (3,) is far enough from an object to count as a point."""
+    return body.clearance(position) >= _LEAST_CLEARANCE * body.size
 
 
 def frame_warnings(photoset: PhotoSet) -> list[str]:

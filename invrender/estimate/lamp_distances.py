@@ -46,9 +46,14 @@ class _Seen:
 def at_one_distance(
     lightings: Mapping[str, Lighting], centre: Floats, distance: float
 ) -> dict[str, Lighting]:
-    """Lightings by name whose sources all lie so many metres from an object's centre (3,)."""
+    """Lightings by name whose sources are all assumed to lie so many metres from an object's centre (3,)."""
     return {
-        name: replace(own, closeness=np.full(len(own.directions), 1 / distance), centre=centre)
+        name: replace(
+            own,
+            closeness=np.full(len(own.directions), 1 / distance),
+            closeness_std=np.full(len(own.directions), np.inf),
+            centre=centre,
+        )
         for name, own in lightings.items()
     }
 
@@ -58,8 +63,8 @@ def with_found_distances(
 ) -> dict[str, Lighting]:
     """Near lightings by name, each source at the distance that suits photographs best, with its standard deviation.
 
-    solution : of the photographs, with sources where they are assumed to be. A source that no photograph shows keeps
-    its distance, with an infinite deviation.
+    solution : of the photographs, with sources where they are assumed to be. A lighting that no photograph of it is
+    under stays as it is.
     """
     seen = _some(solution, any(own.radiance_map is not None for own in lightings.values()))
     used = [name for name in lightings if any(one.lighting == name for one in seen)]
@@ -89,9 +94,7 @@ def with_found_distances(
     _, _, moved = numbers.unpacked(found.x)
     std = np.sqrt(np.diag(covariance))
     return {
-        name: replace(moved[name], closeness_std=numbers.closeness_of(std)[name])
-        if name in moved
-        else replace(own, closeness_std=np.full(len(own.directions), np.inf))
+        name: replace(moved[name], closeness_std=numbers.closeness_of(std)[name]) if name in moved else own
         for name, own in lightings.items()
     }
 

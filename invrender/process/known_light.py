@@ -42,6 +42,7 @@ from invrender.transport.predict import predict, predict_columns
 from invrender.transport.radiosity import ConcaveMesh
 from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
+from recon.lighting import stands_clear
 from recon.mesh.bodies import Body, SphereBody
 from recon.sampling.lightfield import LightField
 
@@ -77,6 +78,9 @@ def solve_known_light(
         return given.run
     centre, shadows = geometry.body.centre, geometry.shadows
     near = at_one_distance(lightings, centre, given.distance)
+    places = [place[0] for lighting in near.values() for place in lighting.places if place is not None]
+    if not all(stands_clear(geometry.body, place) for place in places):
+        return given.run
     near = with_found_distances(near, solve(near, causes=False).solution, shadows)
     found = solve(near, [distance_sentence(near, given.error)])
     return found.run if found.error < _FEWER * given.error else given.run
@@ -285,6 +289,9 @@ def _check_lit(
     photoset: PhotoSet, lightings: Mapping[str, Lighting], columns: Mapping[str, PhotoColumns]
 ) -> None:
     for name, lighting in lightings.items():
+        if lighting.closeness_std is not None:
+            # Where its sources were put isn't for the set to mend.
+            continue
         users = [columns[photo.label] for photo in photoset.photos if photo.lighting == name]
         for k, direction in enumerate(lighting.directions):
             source = lighting.sources[k][None]
