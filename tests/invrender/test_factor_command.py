@@ -123,10 +123,10 @@ def test_rh01s_light_may_be_harmonics(small_set_original: Path, tmp_path: Path):
     assert run.exit_code == 0, run.output
     found = json.loads((tmp_path / "out" / "result.json").read_text())
     assert found["choices"]["orders"] == [4]
-    # Four degrees blur the lamp, and each photograph is predicted by the other two to 30% in the mean. Most of that is
+    # Four degrees blur the lamp, and each photograph is predicted by the other two to 25% in the mean. Most of that is
     # the lamp's highlight, which the search leaves out: its numbers are given, with a warning.
     assert np.mean([photo["rms_relative"] for photo in found["photos"] if not photo["held_out"]]) < 0.3
-    assert found["models"][0]["cross_validated_rms_relative"] > 0.3
+    assert found["models"][0]["cross_validated_rms_relative"] > 0.2
     assert found["brdf"]["ks"]["value"] is not None
     assert not read_result(tmp_path / "out").misfits
     assert any("The published procedure leaves" in warning for warning in found["warnings"])
