@@ -76,6 +76,9 @@ class Lighting:
                     f" each of {len(directions)} sources"
                 )
             object.__setattr__(self, "closeness", frozen_array(closeness))
+        if self.closeness_std is not None:
+            object.__setattr__(self, "closeness_std", frozen_array(self.closeness_std))
+        object.__setattr__(self, "centre", frozen_array(self.centre))
         if self.radiance_map is not None:
             check_latlong(self.radiance_map, f"lighting {self.name!r}: map")
             object.__setattr__(self, "radiance_map", frozen_array(self.radiance_map, np.float32))

@@ -93,7 +93,7 @@ def _from_object(table: LightingTable, body: Body | None, where: str) -> tuple[F
     if body is None:
         raise ValueError(
             f"{where}: near: lamps at a place are for `lightfactor process`; this takes all light for distant: give"
-            " the lamp as directional where it is ten times the object's size away, or leave its photographs out"
+            " the lamp as directional where it is 25 times the object's size away, or leave its photographs out"
         )
     for k, lamp in enumerate(table.near):
         clearance = body.clearance(np.array(lamp.position))

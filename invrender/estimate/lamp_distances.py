@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,8 @@ def at_one_distance(
             closeness_std=np.full(len(own.directions), np.inf),
             centre=centre,
         )
+        if len(own.directions)
+        else own
         for name, own in lightings.items()
     }
 
@@ -91,11 +93,10 @@ def with_found_distances(
     covariance = symmetric_pinv(found.jac.T @ found.jac) * max(
         2 * found.cost / (found.fun.size - start.size), 1
     )
-    _, _, moved = numbers.unpacked(found.x)
-    std = np.sqrt(np.diag(covariance))
+    std = numbers.split(np.sqrt(np.diag(covariance)))
     return {
-        name: replace(moved[name], closeness_std=numbers.closeness_of(std)[name]) if name in moved else own
-        for name, own in lightings.items()
+        name: replace(own, closeness_std=std["closeness", name]) if ("closeness", name) in std else own
+        for name, own in {**lightings, **numbers.unpacked(found.x)[2]}.items()
     }
 
 
@@ -103,8 +104,8 @@ def distance_sentence(lightings: Mapping[str, Lighting], error: float) -> str:
     """What was found of sources that were given as distant. error : on unseen photographs without it."""
     told = []
     for name, own in lightings.items():
-        assert own.closeness is not None
-        assert own.closeness_std is not None
+        if own.closeness is None or own.closeness_std is None:
+            continue
         told += [
             f"{name}: {with_error(1 / near, deviation / near**2)} m"
             for near, deviation in zip(own.closeness, own.closeness_std, strict=True)
@@ -119,7 +120,7 @@ def distance_sentence(lightings: Mapping[str, Lighting], error: float) -> str:
 
 
 def distance_doubts(
-    solution_photos: Sequence[PhotoColumns],
+    photos: Sequence[PhotoColumns],
     brdf: Microfacet,
     strengths: Mapping[str, Floats],
     lightings: Mapping[str, Lighting],
@@ -131,18 +132,17 @@ def distance_doubts(
         if lighting.closeness is None or lighting.closeness_std is None:
             continue
         for k in np.flatnonzero(np.isfinite(lighting.closeness_std) & (lighting.closeness_std > 0)):
-            ends = []
-            for way in (0.5, -0.5):
-                closeness = lighting.closeness.copy()
-                closeness[k] = max(closeness[k] + way * lighting.closeness_std[k], 0)
-                elements = light_elements(replace(lighting, closeness=closeness))
-                ends.append(partial(predict, brdf, elements, strengths[name], shadows=shadows))
+            off = 0.5 * lighting.closeness_std[k] * (np.arange(len(lighting.directions)) == k)
+            ends = [
+                light_elements(replace(lighting, closeness=np.maximum(lighting.closeness + way * off, 0)))
+                for way in (1, -1)
+            ]
             doubts.append(
                 [
-                    ends[0](photo.field) - ends[1](photo.field)
+                    np.subtract(*(predict(brdf, end, strengths[name], photo.field, shadows) for end in ends))
                     if photo.lighting == name
                     else np.zeros_like(photo.radiance)
-                    for photo in solution_photos
+                    for photo in photos
                 ]
             )
     return doubts
@@ -167,23 +167,25 @@ class _Numbers:
     solution: Solution
     lightings: Mapping[str, Lighting]
 
-    @property
-    def _brdf(self) -> Microfacet:
-        return self.solution.estimate.brdf
-
-    @property
-    def _lobe(self) -> tuple[str, ...]:
-        return tuple(name for name in ("mu", "sigma") if getattr(self._brdf, name) is not None)
-
-    @property
-    def _ks(self) -> int:
-        """How many numbers Ks is: none, one, or one per channel."""
-        if self._brdf.sigma is None:
-            return 0
-        return 1 if self.solution.estimate.model.neutral else 3
+    @cached_property
+    def _parts(self) -> dict[tuple[str, str], Floats]:
+        """The vector's parts at the start, by what they are and of which lighting, if of any."""
+        estimate = self.solution.estimate
+        brdf, parts = estimate.brdf, {("kd", ""): estimate.brdf.kd}
+        if brdf.sigma is not None:
+            parts["ks", ""] = brdf.ks[:1] if estimate.model.neutral else brdf.ks
+        for name in ("mu", "sigma"):
+            if getattr(brdf, name) is not None:
+                parts[name, ""] = np.array([getattr(brdf, name)])
+        for name, own in self.lightings.items():
+            if own.closeness is not None:
+                parts["closeness", name] = own.closeness
+        for name, free in self._free.items():
+            parts["strengths", name] = estimate.strengths[name][free].ravel()
+        return parts
 
     @cached_property
-    def _free(self) -> dict[str, Floats]:
+    def _free(self) -> dict[str, NDArray[np.bool_]]:
         """Which elements' strengths are free, (elements,), by lighting."""
         return {
             name: np.array([element.name != "known" for element in light_elements(own)])
@@ -192,55 +194,36 @@ class _Numbers:
 
     @property
     def start(self) -> Floats:
-        brdf = self._brdf
-        lobe = [getattr(brdf, name) for name in self._lobe]
-        closeness = [own.closeness for own in self.lightings.values()]
-        strengths = [
-            self.solution.estimate.strengths[name][free].ravel() for name, free in self._free.items()
-        ]
-        parts = [brdf.kd, brdf.ks[: self._ks], lobe, *closeness, *strengths]
-        return np.concatenate([np.asarray(part, float) for part in parts])
+        return np.concatenate(list(self._parts.values()))
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        low, high = np.full((2, len(self.start)), np.inf)
-        low *= -1
-        lobe = {"mu": MU_RANGE, "sigma": SIGMA_RANGE}
-        first = 3 + self._ks
-        for place, name in enumerate(self._lobe, start=first):
-            value = self.start[place]
-            low[place], high[place] = min(lobe[name][0], 0.99 * value), max(lobe[name][1], 1.01 * value)
-        first += len(self._lobe)
-        low[first : first + self._sources] = 0
+        """The least and the largest vector; the fit's own mu and sigma may be at the ends of their ranges."""
+        ranges = {"mu": MU_RANGE, "sigma": SIGMA_RANGE, "closeness": (0, np.inf)}
+        ends = []
+        for (what, _), values in self._parts.items():
+            low, high = ranges.get(what, (-np.inf, np.inf))
+            ends.append(np.stack([np.minimum(low, 0.99 * values), np.maximum(high, 1.01 * values)]))
+        low, high = np.concatenate(ends, axis=1)
         return low, high
 
-    @property
-    def _sources(self) -> int:
-        return sum(len(own.directions) for own in self.lightings.values())
-
-    def closeness_of(self, vector: Floats) -> dict[str, Floats]:
-        """The part of a vector that is of each lighting's sources."""
-        place = 3 + self._ks + len(self._lobe)
-        found = {}
-        for name, own in self.lightings.items():
-            found[name] = vector[place : place + len(own.directions)]
-            place += len(own.directions)
-        return found
+    def split(self, vector: Floats) -> dict[tuple[str, str], Floats]:
+        """A vector's parts, as `_parts`."""
+        ends = np.cumsum([len(values) for values in self._parts.values()])[:-1]
+        return dict(zip(self._parts, np.split(vector, ends), strict=True))
 
     def unpacked(self, vector: Floats) -> tuple[Microfacet, dict[str, Floats], dict[str, Lighting]]:
         """The BRDF, strengths (elements, 3) and lightings that a vector stands for."""
-        brdf, first = replace(self._brdf, kd=vector[:3]), 3 + self._ks
-        if self._ks:
-            brdf = replace(brdf, ks=np.broadcast_to(vector[3:first], 3))
-        brdf = replace(brdf, **dict(zip(self._lobe, vector[first:].tolist(), strict=False)))
-        lightings = {
-            name: replace(self.lightings[name], closeness=closeness)
-            for name, closeness in self.closeness_of(vector).items()
-        }
-        place, strengths = first + len(self._lobe) + self._sources, {}
+        parts = self.split(vector)
+        mu, sigma = (float(parts[name, ""][0]) if (name, "") in parts else None for name in ("mu", "sigma"))
+        brdf = replace(self.solution.estimate.brdf, kd=parts["kd", ""], mu=mu, sigma=sigma)
+        if ("ks", "") in parts:
+            brdf = replace(brdf, ks=np.broadcast_to(parts["ks", ""], 3))
+        lightings = dict(self.lightings)
+        strengths = {}
         for name, free in self._free.items():
+            if ("closeness", name) in parts:
+                lightings[name] = replace(lightings[name], closeness=parts["closeness", name])
             strengths[name] = np.array(self.solution.estimate.strengths[name], float)
-            count = 3 * int(free.sum())
-            strengths[name][free] = vector[place : place + count].reshape(-1, 3)
-            place += count
+            strengths[name][free] = parts["strengths", name].reshape(-1, 3)
         return brdf, strengths, lightings

@@ -13,7 +13,7 @@ from capture.parallel import parallel_map
 from capture.progress import Track
 from invrender.estimate.identifiability import lighting_degree
 from invrender.plan.experiment import PlannedView
-from invrender.plan.photographs import Draw, sees
+from invrender.plan.photographs import Draw, visible_sources
 from invrender.plan.planning import Plan
 from invrender.plan.prospect import Expected
 from invrender.plan.shown import ShownSamples
@@ -115,7 +115,7 @@ def lamp_candidates(
         bench, field, light = plan.bench, at.drawn.field, place.view.light
         further = bench.object.under_lamp(place.direction, at.irradiance, field)
         towards = place.direction[None]
-        visible = sees(plan.experiment.body, field, towards)
+        visible = visible_sources(plan.experiment.body, field, towards)
         keep = clear_of_terminators(replace(field, sources_visible=visible), towards)
         both = at.seen.under_more(further).where(keep)
         added = bench.one_more(light, replace(at.drawn, field=field.where(keep)), both)

@@ -230,6 +230,6 @@ def _light_notes(light: Illumination, centre: Floats) -> list[str]:
         return []
     nearest = min(float(np.linalg.norm(lamp.position - centre)) for lamp in lamps)
     return [
-        f"lamps of lighting {light.name!r}, {nearest:.2g} m away or more, are planned as if they were distant, as the"
-        " set calls them: what their nearness distorts isn't in these numbers"
+        f"lamps of lighting {light.name!r}, {nearest:.2g} m away or more, are planned as if they were distant: what"
+        " their nearness distorts isn't in these numbers"
     ]

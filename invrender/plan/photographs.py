@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from recon.mesh.bodies import Body, MeshBody, body_coverage, body_window
+from recon.mesh.bodies import Body, MeshBody, body_coverage, body_window, sees
 from recon.sampling.draw import NO_SOURCES, sample_body, samples_at
 from recon.sampling.lightfield import LightField, off_terminators
 
@@ -47,14 +47,14 @@ def draw(
     some[rng.choice(count, min(looked_at, count), replace=False)] = True
     # Borders of shadows are left out: nobody asks how much of a pixel is lit.
     field = replace(taken.where(some), footprints=None)
-    lit = off_terminators(replace(field, sources_visible=sees(body, field, sources)), sources)
+    lit = off_terminators(replace(field, sources_visible=visible_sources(body, field, sources)), sources)
     return Draw(lit, count * step**2 / max(int(some.sum()), 1))
 
 
-def sees(body: Body, field: LightField, directions: Floats) -> NDArray[np.bool_]:
+def visible_sources(body: Body, field: LightField, directions: Floats) -> NDArray[np.bool_]:
     """Which rays (m, k) of a field on the body see unit directions (k, 3)."""
     facets = body.facets[field.faces] if isinstance(body, MeshBody) else field.normals
-    seen = [body.visible(field.positions, facets, np.broadcast_to(one, facets.shape)) for one in directions]
+    seen = [sees(body, field.positions, facets, one) for one in directions]
     return np.array(seen, bool).reshape(len(directions), len(facets)).T
 
 

@@ -104,7 +104,7 @@ def sample_body(
         clear &= ~_any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
     grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
     weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
-    near = _near_mirror(geometry, camera, rows, columns, sources, usable)
+    near = _near_mirror(geometry, _views(camera, rows, columns), sources, usable)
     finest = np.where(near, _FINEST, np.where(bright, _FINE, 0))
     field, complete = _gather(
         body, camera, image, rows, columns, geometry.turn[usable], weight, sources, finest
@@ -126,7 +126,7 @@ def samples_at(
     glints : (k, 3) or (k, 4), sources whose highlights are seen through finer rays.
     """
     geometry = body.pixel_geometry(camera, rows, columns)
-    near = _near_mirror(geometry, camera, rows, columns, glints)
+    near = _near_mirror(geometry, _views(camera, rows, columns), glints)
     finest = np.where(near, _FINEST, 0)
     return _gather(body, camera, image, rows, columns, geometry.turn, np.ones(len(rows)), sources, finest)[0]
 
@@ -137,18 +137,10 @@ def _views(camera: Camera, rows: Ints, columns: Ints) -> Floats:
 
 
 def _near_mirror(
-    geometry: PixelGeometry,
-    camera: Camera,
-    rows: Ints,
-    columns: Ints,
-    sources: Floats,
-    which: Ints | slice = slice(None),
+    geometry: PixelGeometry, views: Floats, sources: Floats, which: Ints | slice = slice(None)
 ) -> NDArray[np.bool_]:
-    """Pixels (n,) in which a highlight of some source may be narrower than they are wide.
-
-    which : of the geometry's pixels, those that rows and columns are of.
-    """
-    normals, turn, views = geometry.normals[which], geometry.turn[which], _views(camera, rows, columns)
+    """Pixels (n,) in which a highlight of some source may be narrower than they are wide; which : of the geometry's."""
+    normals, turn = geometry.normals[which], geometry.turn[which]
     near = np.zeros(len(normals), bool)
     directions, _ = seen_from(sources, geometry.positions[which])
     for k in range(len(sources)):

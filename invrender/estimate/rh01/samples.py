@@ -128,7 +128,7 @@ class Samples:
         factors = splu((gram + held).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
         return np.asarray(factors.solve(rows.T @ (root[:, None] * known)))
 
-    def looking_outside(self, region: NDArray[np.bool_], margin: float = 0.0) -> NDArray[np.bool_]:
+    def looking_outside(self, region: NDArray[np.bool_], margin: float) -> NDArray[np.bool_]:
         """Which samples (n,) mirror no node within margin, radians, of a region (H, 2H) of the map."""
         grid = latlong_directions(self.height).reshape(-1, 3)
         nearest = (grid @ grid[region.ravel()].T).max(axis=1, initial=-1.0)

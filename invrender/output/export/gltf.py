@@ -72,7 +72,12 @@ def write_gltf(
             document["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
             document["extensionsUsed"].append("KHR_lights_punctual")
             nodes += [
-                _light_node(k, direction, None if place is None else place[0])
+                _light_node(
+                    k,
+                    {"rotation": _from_z(TO_GLTF @ direction).tolist()}
+                    if place is None
+                    else {"translation": (TO_GLTF @ place[0]).tolist()},
+                )
                 for k, (direction, place) in enumerate(zip(lighting.directions, lighting.places, strict=True))
             ]
         if lighting.radiance_map is not None:
@@ -129,12 +134,11 @@ def _light(kind: str, strength: Floats) -> dict[str, Any]:
     }
 
 
-def _light_node(index: int, direction: Floats, position: Floats | None) -> dict[str, Any]:
-    """A node whose -Z is the way the light of a source in a direction (of our world) goes; or at its position."""
-    rotation = {"rotation": _from_z(TO_GLTF @ direction).tolist()}
+def _light_node(index: int, placed: dict[str, Any]) -> dict[str, Any]:
+    """A source's node. placed : of one far away the rotation after which light goes along -Z, else its translation."""
     return {
         "name": f"source {index + 1}",
-        **(rotation if position is None else {"translation": (TO_GLTF @ position).tolist()}),
+        **placed,
         "extensions": {"KHR_lights_punctual": {"light": index}},
     }
 
