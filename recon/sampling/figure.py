@@ -13,7 +13,7 @@ from capture.camera import Camera
 from capture.figures import short_name
 from capture.radiance import RadianceImage
 from capture.srgb import linear_to_srgb
-from recon.mesh.bodies import Body, body_window
+from recon.mesh.bodies import Body, body_window, sees
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -102,7 +102,6 @@ def _pictures(
     free = body.visible(hits.positions, hits.facets, mirrored).astype(float)
     pictures.append(("mirrored ray: 1 free, 0 meets the object", drawn(free)))
     if len(panel.sources):
-        source = np.broadcast_to(panel.sources[0], views.shape)
-        lit = body.visible(hits.positions, hits.facets, source).astype(float)
+        lit = sees(body, hits.positions, hits.facets, panel.sources[0]).astype(float)
         pictures.append(("first source: 1 seen, 0 hidden", drawn(lit)))
     return pictures

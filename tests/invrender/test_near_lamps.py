@@ -258,6 +258,16 @@ def test_a_near_lamp_that_is_called_distant_is_found(
         assert np.all(np.abs(np.array(kd["value"]) - DELRIN.kd) < 4 * np.array(kd["std"]))
 
 
+def test_samples_say_what_sees_a_near_lamp(lightfactor: Command, near_set: Path, tmp_path: Path) -> None:
+    code, _, said = lightfactor("samples", near_set, "-o", tmp_path / "out", "--samples", 2000)
+    assert code == 0, said
+    with np.load(tmp_path / "out" / "samples" / "001.npz") as field:
+        towards, _, _ = LAMP.at(field["positions"])
+        # A sphere hides a lamp from what looks away from it, and from nothing else.
+        assert (field["sources_visible"][:, 0] == ((field["normals"] * towards).sum(axis=1) > 0)).all()
+        assert 0.1 < field["sources_visible"].mean() < 0.9
+
+
 def test_what_a_lamp_at_a_place_may_not_be(lightfactor: Command, near_set: Path, tmp_path: Path) -> None:
     manifest = near_set / "photoset.toml"
     text = manifest.read_text()
