@@ -18,6 +18,7 @@ from invrender.commands.compare import compare
 from invrender.commands.demo import demo
 from invrender.commands.export import export
 from invrender.commands.factor import factor
+from invrender.commands.gradients import gradients
 from invrender.commands.light import light
 from invrender.commands.plan import plan
 from invrender.commands.prefilter import prefilter
@@ -80,6 +81,9 @@ app.command(short_help="The light on a sphere of known BRDF, as harmonics and as
 app.command(short_help="What a result looks like from other sides and under other light.")(render)
 app.command(short_help="Reflection maps of a BRDF under a map of light, with what they can be off by.")(
     prefilter
+)
+app.command(short_help="What makes the gradients of a result's photographs, and where light counts as near.")(
+    gradients
 )
 app.command(short_help="Two results side by side, or a result beside the truth.")(compare)
 app.command(short_help="A result for other programs: glTF, Mitsuba, MaterialX.")(export)

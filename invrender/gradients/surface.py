@@ -78,10 +78,11 @@ class CentredShading:
 
 @dataclass(frozen=True, eq=False)
 class GradientTerms:
-    """Derivatives (n, 2) of reflected radiance along the tangents, and the radiance (n,).
+    """Derivatives of reflected radiance along two ways, (n, 2) or (n, 2, channels), and the radiance, (n, ...).
 
-    spatial : SV, of light that differs from place to place. curvature : CDV, of a centre that turns with the normal.
-    perspective : of a view that turns towards a near camera. texture : TV, of a material that varies.
+    spatial : SV, of light that differs from place to place. curvature : CDV, of a normal that turns. perspective : of
+    a view that turns towards a near camera. texture : TV, of a material that varies. visibility : of what the surface
+    hides from itself; 0 where nobody asked.
     """
 
     radiance: Floats
@@ -89,11 +90,12 @@ class GradientTerms:
     curvature: Floats
     perspective: Floats
     texture: Floats
+    visibility: Floats | float = 0.0
 
     @property
     def whole(self) -> Floats:
         """All of the gradient."""
-        return self.spatial + self.curvature + self.perspective + self.texture
+        return self.spatial + self.curvature + self.perspective + self.texture + self.visibility
 
 
 def gradient_terms(

@@ -19,7 +19,7 @@ from invrender.transport.diffuse_base import base_transfer
 from invrender.transport.form_transfer import OneIndex, form_transfer
 from invrender.transport.reflected import ReflectedMap
 from invrender.transport.transfer import LightElement
-from invrender.transport.visibility import Rays, Shadows, seen_specular
+from invrender.transport.visibility import Rays, RayVisibility, Shadows, seen_specular
 from recon.sampling.draw import MIN_COS_EXITANT
 from recon.sampling.lightfield import LightField, pools
 
@@ -54,6 +54,25 @@ def reflected(
     prepared : of the elements' map, looked up in place of an integral for each ray.
     """
     diffuse, specular = np.zeros((2, len(field.normals), 3))
+    for element, strength in zip(elements, strengths, strict=True):
+        visible = None if shadows is None else shadows.visible(element, field)
+        by_base, by_lobe = reflected_of(brdf, element, field, visible, prepared)
+        diffuse += strength * by_base
+        specular += strength * by_lobe
+    return diffuse, specular
+
+
+def reflected_of(
+    brdf: Microfacet,
+    element: LightElement,
+    field: LightField,
+    visible: RayVisibility | None,
+    prepared: ReflectedMap | None = None,
+) -> tuple[Floats, NDArray[np.floating]]:
+    """What rays (m, channels) reflect of a unit of one element, per unit of Kd, and of Ks: `reflected` adds them up.
+
+    visible : what the rays see of it; None where nothing is hidden.
+    """
     sigma, fresnel = np.array([brdf.sigma or np.nan]), OneIndex(brdf.mu)
 
     def integrated(light: LightElement, normals: Floats, views: Floats) -> Floats:
@@ -69,14 +88,11 @@ def reflected(
         rest[steep] = integrated(light.at(places[steep]), normals[steep], views[steep])
         return rest
 
-    for element, strength in zip(elements, strengths, strict=True):
-        visible = None if shadows is None else shadows.visible(element, field)
-        here = element.at(field.positions)
-        base = base_transfer(brdf.form, brdf.mu, here, field.normals, field.views, visible)
-        diffuse += strength * base
-        if brdf.sigma is not None and brdf.ks.any():
-            specular += strength * seen_specular(element, visible, gather)
-    return diffuse, specular
+    here = element.at(field.positions)
+    base = base_transfer(brdf.form, brdf.mu, here, field.normals, field.views, visible)
+    if brdf.sigma is None or not brdf.ks.any():
+        return base, np.zeros_like(base)
+    return base, seen_specular(element, visible, gather)
 
 
 def transfers(photo: PhotoColumns, brdf: Microfacet) -> tuple[Floats, Floats]:

@@ -12,6 +12,7 @@ import numpy as np
 import trimesh
 
 from capture.camera import Camera
+from capture.files.documents import file_hash
 from capture.files.imagefile import read_exr_layers, read_pixels, write_exr
 from recon.mesh.trianglemesh import TriangleMesh, write_mesh
 
@@ -96,3 +97,44 @@ def tile(path: Path, with_uv: bool = True) -> None:
     corners = np.column_stack([uv - 0.5, np.zeros(4)])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     write_mesh(path, TriangleMesh(corners, faces, np.tile([0, 0, 1.0], (4, 1)), uv if with_uv else None))
+
+
+TILE_SET = """
+format = 1
+name = "tile"
+camera = { model = "PINHOLE", params = [100.0, 100.0, 20.0, 20.0], width = 40, height = 40 }
+radiometry = { encoding = "linear", exposure = "equal" }
+
+[object]
+shape = "mesh"
+mesh = "tile.obj"
+mesh_to_world = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
+
+[[lighting]]
+name = "sky"
+directional = [{ direction = [0.0, 0, 1], irradiance = [1.0, 1, 1] }]
+
+[[photo]]
+file = "000.exr"
+world_to_camera = [[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 3], [0, 0, 0, 1]]
+"""
+
+
+def tile_result(folder: Path, **changes: Any) -> Path:
+    """The result of a photo set of a tile, half a metre up, the set beside it; changes as of `write_result`."""
+    photographs = folder / "set"
+    photographs.mkdir()
+    manifest = photographs / "photoset.toml"
+    manifest.write_text(TILE_SET)
+    write_exr(photographs / "000.exr", np.zeros((40, 40, 3), np.float32))
+    tile(photographs / "tile.obj")
+    pose = np.eye(4)
+    pose[2, 3] = 0.5
+    known: dict[str, Any] = {
+        "shape": "mesh",
+        "mesh_to_world": pose.tolist(),
+        "centre": [0, 0, 0.5],
+        "radius": 0.5**0.5,
+    }
+    inputs = {path.name: file_hash(path) for path in (manifest, photographs / "tile.obj")}
+    return write_result(folder / "result", object=known, inputs=inputs, **changes)

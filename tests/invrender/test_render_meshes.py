@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +25,7 @@ from synthetic.render.photograph import photographs
 from synthetic.scene import Scene, Shot
 from synthetic.shapes.meshsurface import MeshSurface
 
-from .renders import KD, KS, cameras, plates, read, tile, within, write_result
+from .renders import KD, KS, cameras, plates, read, tile, tile_result, within, write_result
 
 Command = Callable[..., tuple[int, str, str]]
 # Of a result whose photographs spoke against it, as of those that are integrated here.
@@ -180,46 +179,10 @@ def test_textures_without_coordinates_are_refused_or_averaged(lightfactor: Comma
     assert "texture_ks.exr: is missing" in err
 
 
-SET = """
-format = 1
-name = "tile"
-camera = { model = "PINHOLE", params = [100.0, 100.0, 20.0, 20.0], width = 40, height = 40 }
-radiometry = { encoding = "linear", exposure = "equal" }
-
-[object]
-shape = "mesh"
-mesh = "tile.obj"
-mesh_to_world = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
-
-[[lighting]]
-name = "sky"
-directional = [{ direction = [0.0, 0, 1], irradiance = [1.0, 1, 1] }]
-
-[[photo]]
-file = "000.exr"
-world_to_camera = [[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 3], [0, 0, 0, 1]]
-"""
-
-
 @pytest.fixture
 def of_a_tile(tmp_path: Path) -> Path:
     """The result of a photo set of a tile, half a metre up, the set beside it."""
-    folder = tmp_path / "set"
-    folder.mkdir()
-    manifest = folder / "photoset.toml"
-    manifest.write_text(SET)
-    write_exr(folder / "000.exr", np.zeros((40, 40, 3), np.float32))
-    tile(folder / "tile.obj")
-    pose = np.eye(4)
-    pose[2, 3] = 0.5
-    known: dict[str, Any] = {
-        "shape": "mesh",
-        "mesh_to_world": pose.tolist(),
-        "centre": [0, 0, 0.5],
-        "radius": 0.5**0.5,
-    }
-    inputs = {path.name: file_hash(path) for path in (manifest, folder / "tile.obj")}
-    return write_result(tmp_path / "result", object=known, inputs=inputs)
+    return tile_result(tmp_path)
 
 
 def test_a_result_of_a_mesh_is_rendered_with_it(

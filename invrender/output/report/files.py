@@ -49,7 +49,7 @@ def write_pictures(
     """
     (folder / "predicted").mkdir()
     report = ReportWriter(run)
-    names = _predicted_names([photo.label for photo in run.photoset.photos])
+    names = photo_file_names([photo.label for photo in run.photoset.photos])
     errors = {}
     for prediction in _with_progress(run, track):
         write_exr(folder / "predicted" / names[prediction.photo.label], prediction.predicted)
@@ -67,7 +67,7 @@ def _with_progress(run: Run, track: Track) -> Iterator[Prediction]:
         yield next(predictions)
 
 
-def _predicted_names(labels: Sequence[str]) -> dict[str, str]:
+def photo_file_names(labels: Sequence[str]) -> dict[str, str]:
     """A file name for each photograph's prediction: its own with .exr for its suffix, or after it where two agree."""
     flat = {label: label.replace("/", "_") for label in labels}
     short = {label: Path(name).with_suffix(".exr").name for label, name in flat.items()}

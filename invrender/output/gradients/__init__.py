@@ -1,0 +1,1 @@
+"""The command `gradients`: what makes the gradients of predicted photographs."""
