@@ -32,7 +32,7 @@ FAR = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class PixelRays:
+class MaterialRays:
     """One ray through each of n image points.
 
     field : where it meets the body. brdf : what it meets there; its kd and ks are those of all, (3,), or (n, 3).
@@ -46,8 +46,8 @@ class PixelRays:
 class PixelCross:
     """Rays through the middles of n pixels, and half a pixel before and after them, to the right and down."""
 
-    middle: PixelRays
-    ends: Sequence[tuple[PixelRays, PixelRays]]
+    middle: MaterialRays
+    ends: Sequence[tuple[MaterialRays, MaterialRays]]
 
     def steps(self, name: str) -> Floats:
         """Derivatives (n, 2, 3), per pixel, of the rays' positions, normals or views."""
@@ -146,7 +146,7 @@ def _moved(field: LightField, name: str, step: Floats) -> LightField:
 
 
 def _radiance(
-    rays: PixelRays, element: LightElement, field: LightField, visible: RayVisibility | None
+    rays: MaterialRays, element: LightElement, field: LightField, visible: RayVisibility | None
 ) -> Floats:
     """Radiance (n, 3) of a field with the material of rays."""
     diffuse, specular = reflected_of(rays.brdf, element, field, visible)

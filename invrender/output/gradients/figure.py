@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_COLUMNS = 4
+_MOST_COLUMNS = 4
 _TITLES = {
     "spatial": "spatial light\n(a lamp nearby)",
     "curvature": "curvature\n(the normal turns)",
@@ -41,10 +41,11 @@ def gradients_figure(name: str, found: PhotoGradients) -> Figure:
     whole = found.difference
     terms = {term: values for term, values in named_terms(found).items() if values.any()}
     panels = 3 + len(terms)
-    rows = -(-panels // _COLUMNS)
-    figure = Figure(figsize=(3.5 * _COLUMNS, 3.4 * rows + 0.4), dpi=90, layout="constrained")
+    rows = -(-panels // _MOST_COLUMNS)
+    columns = -(-panels // rows)
+    figure = Figure(figsize=(3.5 * columns, 3.4 * rows + 0.4), dpi=90, layout="constrained")
     figure.suptitle(printable(f"Gradient of the predicted radiance of {name}"))
-    axes = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for each in axes:
         each.set_axis_off()
     _draw_radiance(axes[0], found)
@@ -84,7 +85,7 @@ def _draw_nearness(axes: Axes, found: PhotoGradients) -> None:
         share = float((found.nearness >= FAR).mean())
         norm = LogNorm(FAR / 10, 1, clip=True)
         _draw(axes, found.picture(found.nearness, np.nan), norm, "cividis", "(1 / d) / (2 k)")
-        axes.set_title(f"1 / d against 2 k\n(near from {FAR:g} on: {share:.0%} of pixels)")
+        axes.set_title(f"1 / d against 2 k\n(light is near at {share:.0%})")
         return
     distances = near_below(found.curvature)
     finite = distances[np.isfinite(distances)]
@@ -95,7 +96,7 @@ def _draw_nearness(axes: Axes, found: PhotoGradients) -> None:
     # Of a sphere both are the same.
     norm = LogNorm(low / 1.5, high * 1.5)
     _draw(axes, found.picture(distances, np.nan), norm, "viridis", "metres")
-    axes.set_title(f"light is far away; lamps count as\nnear within (median {np.median(finite):.3g} m)")
+    axes.set_title(f"light is far; a lamp is near\nwithin (median {np.median(finite):.4g} m)")
 
 
 def _draw(axes: Axes, picture: NDArray[np.float32], norm: Normalize, colours: str, label: str) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from invrender.gradients.predicted import PixelCross, PixelRays, nearness, predicted_terms
+from invrender.gradients.predicted import MaterialRays, PixelCross, nearness, predicted_terms
 from invrender.gradients.surface import GradientTerms
 from invrender.output.render.subject import Subject
 from invrender.result.reflectance import Reflectance
@@ -113,7 +113,7 @@ def _crossed(
             replace(reflectance.brdf, kd=rays.kd[everywhere], ks=rays.ks[everywhere]) for rays in painted
         ]
     middle, left, right, above, below = (
-        PixelRays(field.where(everywhere[complete]), brdf)
+        MaterialRays(field.where(everywhere[complete]), brdf)
         for (field, complete), brdf in zip(found, brdfs, strict=True)
     )
     return kept[everywhere], PixelCross(middle, ((left, right), (above, below)))

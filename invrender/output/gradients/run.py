@@ -169,4 +169,4 @@ def _nearness(entries: Sequence[Mapping[str, Any]]) -> str:
     distances = [entry["near"]["near_below_m"]["median"] for entry in entries]
     if not all(distances):
         return "Light is far away; on what is flat any lamp at a place would count as near."
-    return f"Light is far away; a lamp nearer than {np.mean(distances):.3g} m (median pixel) would count as near."
+    return f"Light is far away; a lamp nearer than {np.mean(distances):.4g} m (median pixel) would count as near."
