@@ -17,7 +17,7 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.gradients.surface import GradientTerms
 from invrender.transport.predict import reflected_of
 from invrender.transport.transfer import LightElement
-from invrender.transport.visibility import RayVisibility, Shadows, facing
+from invrender.transport.visibility import RayVisibility, Shadows
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,10 @@ class MaterialRays:
 
 @dataclass(frozen=True, eq=False)
 class PixelCross:
-    """Rays through the middles of n pixels, and half a pixel before and after them, to the right and down."""
+    """Rays through the middles of n pixels, and half a pixel before and after them, to the right and down.
+
+    Their normals face the camera (`transport.visibility.facing`).
+    """
 
     middle: MaterialRays
     ends: Sequence[tuple[MaterialRays, MaterialRays]]
@@ -76,17 +79,13 @@ def predicted_terms(
     difference across the pixel, too. element : of known strength. shadows : of a mesh. Light that the body sends itself
     has no part.
     """
-    middle, left, right, above, below = (
-        replace(rays, field=facing(rays.field)) for rays in (cross.middle, *cross.ends[0], *cross.ends[1])
-    )
-    ends = (left, right, above, below)
-    turned = PixelCross(middle, ((left, right), (above, below)))
+    middle, ends = cross.middle, (*cross.ends[0], *cross.ends[1])
     seen = _visible(shadows, element, middle.field)
     diffuse, specular = reflected_of(middle.brdf, element, middle.field, seen)
 
     def slope(name: str, way: int) -> Floats:
         """What changes as one of the field's vectors moves on."""
-        step = turned.steps(name)[:, way]
+        step = cross.steps(name)[:, way]
         if not step.any() or (name == "positions" and element.directions.shape[-1] == 3):
             return np.zeros((len(step), 3))
         more, less = (
@@ -99,16 +98,15 @@ def predicted_terms(
 
     painted = [rays.brdf.kd * diffuse + rays.brdf.ks * specular for rays in ends]
     shown = [_visible(shadows, element, rays.field) for rays in ends]
-    hidden = [
-        painted[0] * 0 if visible is None else _radiance(middle, element, middle.field, visible)
-        for visible in shown
-    ]
     moved = [_radiance(rays, element, rays.field, visible) for rays, visible in zip(ends, shown, strict=True)]
+    visibility = np.zeros((len(diffuse), 2, 3))
+    if shadows is not None:
+        visibility = across([_radiance(middle, element, middle.field, visible) for visible in shown])
     spatial, curvature, perspective = (
         np.stack([slope(name, way) for way in (0, 1)], axis=1) for name in ("positions", "normals", "views")
     )
     radiance = middle.brdf.kd * diffuse + middle.brdf.ks * specular
-    terms = GradientTerms(radiance, spatial, curvature, perspective, across(painted), across(hidden))
+    terms = GradientTerms(radiance, spatial, curvature, perspective, across(painted), visibility)
     return terms, across(moved)
 
 
@@ -117,7 +115,7 @@ def nearness(cross: PixelCross, element: LightElement, shadows: Shadows | None =
 
     d is the lamp's distance, k the curvature; on a plane it is infinite. Light counts as far well below 1 (`FAR`).
     """
-    field = facing(cross.middle.field)
+    field = cross.middle.field
     if element.directions.shape[-1] == 3 or not len(element.directions):
         return np.zeros(len(field))
     factors = seen_from(element.directions, field.positions)[1]

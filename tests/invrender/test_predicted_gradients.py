@@ -252,6 +252,7 @@ def test_flat_facets_are_said(lightfactor: Command, tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("result", "--photo", "01.exr"), "--photo 01.exr: "),
+        (("set", "--photo", "01.exr"), "--photo 01.exr: "),
         (("result", "--set", "nowhere"), "nowhere"),
         (("set", "--set", "set"), "--set names the photo set of a result"),
         (("nothing",), "nothing: does not exist"),

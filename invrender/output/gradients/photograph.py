@@ -14,6 +14,7 @@ from invrender.gradients.surface import GradientTerms
 from invrender.output.render.subject import Subject
 from invrender.result.reflectance import Reflectance
 from invrender.transport.transfer import LightElement
+from invrender.transport.visibility import facing
 from recon.mesh.bodies import body_window, larger_pixels
 from recon.sampling.draw import MIN_COS_EXITANT, samples_around
 
@@ -113,7 +114,7 @@ def _crossed(
             replace(reflectance.brdf, kd=rays.kd[everywhere], ks=rays.ks[everywhere]) for rays in painted
         ]
     middle, left, right, above, below = (
-        MaterialRays(field.where(everywhere[complete]), brdf)
+        MaterialRays(facing(field.where(everywhere[complete])), brdf)
         for (field, complete), brdf in zip(found, brdfs, strict=True)
     )
     return kept[everywhere], PixelCross(middle, ((left, right), (above, below)))

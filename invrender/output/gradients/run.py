@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from rich.table import Table
 from capture.files.documents import write_json
 from capture.files.imagefile import write_exr
 from capture.files.outfolder import result_folder
-from capture.photoset import MANIFEST_NAME
+from capture.photoset import MANIFEST_NAME, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.output.gradients.document import TERMS, gradients_document, named_terms, photo_entry
 from invrender.output.gradients.figure import gradients_figure
@@ -58,6 +58,9 @@ def run_gradients(options: GradientsOptions) -> None:
             raise ValueError(
                 f"--set names the photo set of a result, and {source} is a photo set; leave it out"
             )
+        # What is mistyped is said before minutes of work.
+        labels = [photo.label for photo in load_photoset(source).photos]
+        _check_photos(options.photos, labels, source)
         source, out, photoset = out / "result", out / "gradients", source
         run_process(photoset, source)
     result = read_result(source)
@@ -80,10 +83,14 @@ def _chosen(result: SavedResult, names: Sequence[str]) -> list[SavedPhoto]:
     known = {photo.file: photo for photo in result.content.photos}
     if not known:
         raise ValueError(f"{result.path}: holds no photographs, and gradients are those of photographs")
+    _check_photos(names, known, result.path)
+    return [known[name] for name in dict.fromkeys(names)] or list(known.values())
+
+
+def _check_photos(names: Sequence[str], known: Collection[str], where: Path) -> None:
     for name in names:
         if name not in known:
-            raise ValueError(f"--photo {name}: {result.path} has no such photograph; {nearest(name, known)}")
-    return [known[name] for name in dict.fromkeys(names)] or list(known.values())
+            raise ValueError(f"--photo {name}: {where} has no such photograph; {nearest(name, known)}")
 
 
 def _write_photos(
