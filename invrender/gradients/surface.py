@@ -82,7 +82,7 @@ class GradientTerms:
 
     spatial : SV, of light that differs from place to place. curvature : CDV, of a normal that turns. perspective : of
     a view that turns towards a near camera. texture : TV, of a material that varies. visibility : of what the surface
-    hides from itself; 0 where nobody asked.
+    hides from itself.
     """
 
     radiance: Floats
@@ -90,7 +90,7 @@ class GradientTerms:
     curvature: Floats
     perspective: Floats
     texture: Floats
-    visibility: Floats | float = 0.0
+    visibility: Floats
 
     @property
     def whole(self) -> Floats:
@@ -124,12 +124,14 @@ def gradient_terms(
         return of_centre + of_cosine * (shading.factor_slope(cosine) * gathered)[:, None]
 
     nothing = np.zeros_like(points.tangents)
+    still = np.zeros((len(radiance), 2))
     return GradientTerms(
         radiance=radiance,
         spatial=(points.tangents * places[:, None]).sum(axis=-1),
         curvature=turned(points.normal_steps, nothing),
         perspective=turned(nothing, points.view_steps),
-        texture=np.zeros((len(radiance), 2)) if albedo_steps is None else albedo_steps * radiance[:, None],
+        texture=still if albedo_steps is None else albedo_steps * radiance[:, None],
+        visibility=still,
     )
 
 
