@@ -23,6 +23,10 @@ _Row = tuple[float, float, float, float]
 _Rows = tuple[_Row, _Row, _Row, _Row]
 
 
+_Six = tuple[float, float, float, float, float, float]
+_Seven = tuple[float, float, float, float, float, float, float]
+
+
 class _Lenient(Table):
     """Results hold more than what is read back."""
 
@@ -32,6 +36,7 @@ class _Lenient(Table):
 class _PosedPhoto(_Lenient):
     file: str
     world_to_camera: _Rows
+    covariance: tuple[_Six, ...] | None = None
 
 
 class _UnposedPhoto(_Lenient):
@@ -52,6 +57,7 @@ class _Poses(_Lenient):
 class _Alignment(_Lenient):
     mesh_to_world: _Rows
     world_scale: Annotated[float, Field(gt=0)]
+    covariance: tuple[_Seven, ...] | None = None
     made_from: dict[str, str]
 
 
@@ -59,12 +65,14 @@ class _Alignment(_Lenient):
 class Poses:
     """Poses of photographs by the manifest's names of their files.
 
-    world_to_camera : (4, 4) each. unregistered : why the others have none. own_frame : whether place, direction and
-        size of their world are the finder's own choice, so that nothing else can be given in it.
+    world_to_camera : (4, 4) each. covariances : (6, 6) each, as in `calibrationerrors`, or None. unregistered : why the
+        others have none. own_frame : whether place, direction and size of their world are the finder's own choice, so
+        that nothing else can be given in it.
     """
 
     path: Path
     world_to_camera: Mapping[str, Floats]
+    covariances: Mapping[str, Floats | None]
     unregistered: Mapping[str, str]
     own_frame: bool = False
 
@@ -84,11 +92,12 @@ class Alignment:
     """Where a mesh lies in the world, and how large the world is.
 
     mesh_to_world : (4, 4) rigid, from the mesh in metres. world_scale : what positions of cameras are multiplied by,
-        so that they are in the mesh's metres.
+        so that they are in the mesh's metres. covariance : (7, 7), as in `calibrationerrors`, or None.
     """
 
     mesh_to_world: Floats
     world_scale: float
+    covariance: Floats | None
 
 
 def read_poses(path: Path) -> Poses:
@@ -98,6 +107,7 @@ def read_poses(path: Path) -> Poses:
     return Poses(
         path,
         {photo.file: np.array(photo.world_to_camera) for photo in table.photos},
+        {photo.file: _square(path, photo.covariance, 6) for photo in table.photos},
         {photo.file: photo.reason for photo in table.unregistered},
         not table.scale.metric,
     )
@@ -113,10 +123,20 @@ def read_alignment(path: Path, files: Mapping[str, Path]) -> Alignment:
     what = (
         "an alignment.json, as `lightfactor align` writes it, holds mesh_to_world, world_scale and made_from"
     )
-    table = read_json(path, _Alignment, keys, what)
+    table = read_json(path, _Alignment, keys, what, ("covariance",))
     for name in sorted({*files, *table.made_from}):
         now = file_hash(files[name]) if name in files else None
         if now != table.made_from.get(name):
             file = files[name].name if name in files else f"{name}, which the set no longer has"
             raise ValueError(f"{path}: was made with another {file}; run `lightfactor align` again")
-    return Alignment(np.array(table.mesh_to_world), table.world_scale)
+    covariance = _square(path, table.covariance, 7)
+    return Alignment(np.array(table.mesh_to_world), table.world_scale, covariance)
+
+
+def _square(path: Path, rows: tuple[tuple[float, ...], ...] | None, size: int) -> Floats | None:
+    """A covariance, checked for its size; None where there is none."""
+    if rows is None:
+        return None
+    if len(rows) != size:
+        raise ValueError(f"{path}: a covariance has {len(rows)} rows; it must be {size}x{size}")
+    return np.array(rows, float)

@@ -14,6 +14,7 @@ from capture.files.tables import Table, validated
 Vector3 = tuple[float, float, float]
 Matrix4 = tuple[tuple[float, float, float, float], ...]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 # What of a lighting isn't known and is recovered with the BRDF.
 Recoverable = Literal["irradiance", "ambient"]
 
@@ -244,12 +245,23 @@ class PhotoTable(Table):
         return self
 
 
+class UncertaintyTable(Table):
+    """Standard deviations of what a manifest gives: degrees about each axis, metres, shares of the focal length."""
+
+    rotation_deg: NotNegative | None = None
+    position: NotNegative | None = None
+    focal_length: NotNegative | None = None
+    direction_deg: NotNegative | None = None
+    height: NotNegative | None = None
+
+
 class Manifest(Table):
     format: Literal[1]
     name: str
     camera: CameraTable = CameraTable()
     radiometry: RadiometryTable = RadiometryTable()
     object: ObjectTable = ObjectTable()
+    uncertainty: UncertaintyTable = UncertaintyTable()
     poses: str | None = None
     gantry: GantryTable | None = None
     light_arc: ArcTable | None = None

@@ -9,9 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from capture.arc.gantry import Arc
+from capture.calibrationerrors import (
+    NO_ERRORS,
+    CalibrationErrors,
+    check_lens_covariance,
+    lens_errors,
+    pose_errors,
+    read_lens_covariance,
+)
 from capture.camera import Camera
 from capture.exposure import ExposureSettings, check_alike, read_exif_exposure
 from capture.files.documents import read_json
+from capture.found import Alignment, Poses
 from capture.manifest import (
     CameraTable,
     LightingTable,
@@ -60,6 +69,8 @@ class PhotoSet:
     calibration_files : the files of cameras, radiometry, arcs, poses and alignment that were read.
     mesh_to_world : (4, 4) rigid, from the mesh of [object] in metres; None where there is none, or nothing places it.
     own_frame : whether the poses were registered in a frame of their own, which light directions can't know of.
+    errors : how far off poses, lenses and mesh may be.
+    direction_std_deg : of directions that the manifest gives of sources, in any direction across; 0 if they are exact.
     """
 
     name: str
@@ -71,6 +82,8 @@ class PhotoSet:
     calibration_files: tuple[Path, ...] = ()
     mesh_to_world: np.ndarray | None = None
     own_frame: bool = False
+    errors: CalibrationErrors = NO_ERRORS
+    direction_std_deg: float = 0.0
 
     @property
     def folder(self) -> Path:
@@ -115,9 +128,8 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
     labels = _labels(manifest_path, [table.file for table in manifest.photo])
     poses = None if find_poses else registered_poses(manifest_path, manifest)
     given = photo_poses(manifest_path, manifest, poses, find_poses)
-    mesh_to_world, world_scale, alignment_files = mesh_placement(
-        manifest_path, manifest, poses, find_poses or find_alignment
-    )
+    placement, alignment_files = mesh_placement(manifest_path, manifest, poses, find_poses or find_alignment)
+    world_scale = 1.0 if placement is None else placement.world_scale
     photos = []
     for table, label, pose in zip(manifest.photo, labels, given, strict=True):
         if pose is not None:
@@ -140,8 +152,55 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         ),
         photos=tuple(photos),
         calibration_files=(*_calibration_files(manifest_path, manifest), *found_files),
-        mesh_to_world=mesh_to_world,
+        mesh_to_world=None if placement is None else placement.mesh_to_world,
         own_frame=poses is not None and poses.own_frame,
+        errors=_errors(manifest_path, manifest, photos, poses, placement),
+        direction_std_deg=manifest.uncertainty.direction_deg or 0.0,
+    )
+
+
+def _errors(
+    manifest_path: Path,
+    manifest: Manifest,
+    photos: Sequence[Photo],
+    poses: Poses | None,
+    placement: Alignment | None,
+) -> CalibrationErrors:
+    """How far off poses, lenses and mesh may be, as the manifest and calibrations say."""
+    given = manifest.uncertainty
+    if given.height and manifest.object.shape != "mesh":
+        raise ValueError(
+            f"{manifest_path}: [uncertainty] height is of a mesh's vertices, but [object] shape is 'sphere': remove it"
+        )
+    cameras = {photo.label: photo.camera for photo in photos}
+    scaled = np.repeat([1.0, 1.0 if placement is None else placement.world_scale], 3)
+    of_poses: dict[str, np.ndarray | None] = {}
+    of_lenses: dict[str, np.ndarray | None] = {}
+    files: dict[Path, np.ndarray | None] = {}
+    for photo, table in zip(photos, manifest.photo, strict=True):
+        found = None if poses is None else poses.world_to_camera.get(table.file)
+        own = None if poses is None else poses.covariances.get(table.file)
+        # The manifest may state a pose of its own.
+        registered = found is not None and np.allclose(found[:3, :3], photo.camera.world_to_camera[:3, :3])
+        of_poses[photo.label] = None if own is None or not registered else own * np.outer(scaled, scaled)
+        file = (
+            manifest.camera.file if table.camera is None or table.camera.file is None else table.camera.file
+        )
+        if file is not None:
+            path = resolve(manifest_path, file)
+            if path not in files:
+                files[path] = read_lens_covariance(path)
+            covariance = files[path]
+            if covariance is not None:
+                check_lens_covariance(path, covariance, photo.camera.params)
+            of_lenses[photo.label] = covariance
+    stated = given.rotation_deg, given.position
+    return CalibrationErrors(
+        pose_errors(cameras, of_poses),
+        (np.radians(stated[0] or 0.0), stated[1] or 0.0) if any(stated) else None,
+        lens_errors(cameras, of_lenses, given.focal_length),
+        None if placement is None else placement.covariance,
+        given.height or 0.0,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from capture.arc.gantry import Arc
 from capture.camera import rigid_transform
 from capture.files.documents import read_json
-from capture.found import ALIGNMENT_NAME, POSES_NAME, Poses, read_alignment, read_poses
+from capture.found import ALIGNMENT_NAME, POSES_NAME, Alignment, Poses, read_alignment, read_poses
 from capture.manifest import ArcTable, GantryTable, Manifest, Matrix4, PhotoTable, resolve
 
 _ARC_KEYS = ("centre", "axis", "radius", "start", "mount", "step_deg")
@@ -52,34 +52,33 @@ def photo_poses(
 
 def mesh_placement(
     manifest_path: Path, manifest: Manifest, poses: Poses | None, only_given: bool
-) -> tuple[np.ndarray | None, float, list[Path]]:
-    """mesh_to_world (4, 4) or None, the factor on cameras' positions, and the files that gave them.
+) -> tuple[Alignment | None, list[Path]]:
+    """Where the mesh lies, None where nothing says so, and the files that gave it.
 
     only_given : what was found by `lightfactor align` doesn't count.
     """
     table = manifest.object
     if table.mesh is None:
-        return None, 1.0, []
+        return None, []
     if table.mesh_to_world is not None:
         try:
-            return rigid_transform(table.mesh_to_world, "mesh_to_world"), 1.0, []
+            return Alignment(rigid_transform(table.mesh_to_world, "mesh_to_world"), 1.0, None), []
         except ValueError as error:
             raise ValueError(f"{manifest_path}: [object]: {error}") from error
     if only_given:
-        return None, 1.0, []
+        return None, []
     path = manifest_path.parent / ALIGNMENT_NAME
     if path.is_file():
         files = {"mesh": resolve(manifest_path, table.mesh)}
         if poses is not None:
             files["poses"] = poses.path
-        alignment = read_alignment(path, files)
-        return alignment.mesh_to_world, alignment.world_scale, [path]
+        return read_alignment(path, files), [path]
     if table.align is not None:
         raise ValueError(
             f"{manifest_path}: [object] align = {table.align!r}, but the mesh has not been aligned yet:"
             f" run `lightfactor align {manifest_path.parent}`"
         )
-    return np.eye(4), 1.0, []
+    return Alignment(np.eye(4), 1.0, None), []
 
 
 def read_arc(manifest: Path, name: str, table: ArcTable | None) -> Arc | None:

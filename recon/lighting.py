@@ -75,6 +75,9 @@ def read_lighting(photoset: PhotoSet, table: LightingTable, body: Body | None = 
             recover_irradiance="irradiance" in recover,
             recover_ambient="ambient" in recover,
             origin=table.map or "manifest",
+            direction_std_deg=np.full(len(irradiances), photoset.direction_std_deg)
+            if photoset.direction_std_deg
+            else None,
             closeness=np.concatenate([np.zeros(len(directions)), 1 / distances]) if table.near else None,
             centre=centre,
         )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +14,23 @@ from capture.lighting import Lighting
 Floats = NDArray[np.float64]
 Status = Literal["determined", "weak", "undetermined"]
 
+# What makes error bars, by its name in files, in words.
+CAUSES = {
+    "noise": "pixel noise",
+    "misfit": "what the model leaves",
+    "forms": "other forms that explain as well",
+    "map_pixels": "pixels of the light's map",
+    "bounced_light": "light between parts",
+    "sphere_place": "place of the sphere",
+    "lamp_distances": "distances of lamps",
+    "faults": "faults that were found",
+    "poses": "camera poses",
+    "lenses": "camera lenses",
+    "mesh_place": "place of the mesh",
+    "heights": "noise of the scan",
+    "light_directions": "directions of lights",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
@@ -21,6 +39,8 @@ class Quantity:
     value, std : (k,) arrays, k = 1 or 3; None where the photographs don't determine it.
     status : "determined", "weak" (std above a tenth of the value, or mu beyond common indices) or "undetermined".
     reason, remedy : plain words; empty where determined.
+    shares : of its variance, mean of channels, by what causes it (`CAUSES`); they add up to 1. Empty where nobody split
+        it.
     """
 
     value: Floats | None
@@ -28,6 +48,7 @@ class Quantity:
     status: Status
     reason: str = ""
     remedy: str = ""
+    shares: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -141,6 +141,16 @@ class Report:
         if "mu" in scalars:
             quantities["mu"] = assess_mu(scalars["mu"], fields, ks_share)
         return quantities
+
+    def with_shares(self, name: str, quantity: Quantity, variances: Mapping[str, Floats]) -> Quantity:
+        """A quantity with what each cause has of its variance; variances : by cause, laid out as reported."""
+        # Albedo follows from Kd, and an exponent from sigma, by factors.
+        place = self.places[{"albedo": "kd", "exponent": "sigma"}.get(name, name)]
+        own = {cause: float(values[place].mean()) for cause, values in variances.items()}
+        total = sum(own.values())
+        if quantity.std is None or total <= 0:
+            return quantity
+        return replace(quantity, shares={cause: part / total for cause, part in own.items() if part > 0})
 
     def strength(self, values: Floats, name: str) -> Floats:
         """The three numbers of a recovered strength in a vector laid out as reported."""

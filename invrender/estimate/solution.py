@@ -35,6 +35,8 @@ from invrender.transport.predict import predict_photos
 
 Floats = NDArray[np.float64]
 
+# Causes that are read off what photographs leave, among it what errors of calibration do.
+_SHOWN = ("misfit", "sphere_place")
 # Weight of a rival below which it isn't measured: it would move a number by a thirtieth of what they differ.
 _NO_RIVAL = 1e-3
 
@@ -77,29 +79,48 @@ def factorize(
 def solution_of(
     known: Explanation,
     lightings: Sequence[Lighting],
-    doubts: Sequence[Sequence[Floats]] = (),
+    doubts: Mapping[str, Sequence[Sequence[Floats]]] | None = None,
     instead: Sequence[Microfacet] = (),
+    scores: Mapping[str, Floats] | None = None,
 ) -> Solution:
     """What an explanation amounts to: numbers with their uncertainty, and which of them are determined.
 
-    doubts : one for each thing in doubt, (n, 3) per photograph, the radiance by which its samples are all off together
-    if that is off by one standard deviation. instead : the BRDF as each fault that was found puts it.
+    doubts : by cause, one for each thing in doubt, (n, 3) per photograph, the radiance by which its samples are all off
+    together if that is off by one standard deviation. instead : the BRDF as each fault that was found puts it.
+    scores : (p, q) by cause, as `calibration.calibration_scores` has them.
     """
     chosen, weights, photos = known.chosen, known.weights, known.photos
     measured = _measure(known.candidates[chosen], photos, weights)
     report, values, fragility = measured.report, measured.values, measured.fragility
-    covariance = measured.covariance + np.diag(_disagreement(measured, known) ** 2)
+    parts = {
+        "noise": np.diag(measured.noise),
+        "misfit": measured.covariance - np.diag(measured.noise),
+        "forms": np.diag(_disagreement(measured, known) ** 2),
+    }
     if "sigma" in report.places:
         place = report.places["sigma"].start
-        covariance[place, place] += _width_of_pixels(lightings, values[place]) ** 2
-    others = [refitted(known, doubt) for doubt in doubts]
-    others += [replace(known.candidates[chosen].estimate, brdf=brdf) for brdf in instead]
-    for other in others:
-        moved = _reported(known, other) - values
-        covariance += np.outer(moved, moved)
+        of_pixels = np.zeros(len(values))
+        of_pixels[place] = _width_of_pixels(lightings, values[place]) ** 2
+        parts["map_pixels"] = np.diag(of_pixels)
+
+    def moved(others: Sequence[Estimate]) -> Floats:
+        apart = [_reported(known, other) - values for other in others]
+        return np.asarray(sum((np.outer(each, each) for each in apart), np.zeros_like(measured.covariance)))
+
+    for cause, own in (doubts or {}).items():
+        parts[cause] = moved([refitted(known, doubt) for doubt in own])
+    parts["faults"] = moved([replace(known.candidates[chosen].estimate, brdf=brdf) for brdf in instead])
+    stated = {
+        cause: measured.response @ columns @ columns.T @ measured.response.T
+        for cause, columns in (scores or {}).items()
+    }
+    parts = {**_without(parts, stated), **stated}
+    covariance = np.asarray(sum(parts.values()))
     std = np.sqrt(np.diag(covariance))
     fields, degree = [photo.field for photo in photos], lighting_degree(lightings)
     quantities = report.quantities(values, std, fragility, fields, degree)
+    variances = {cause: np.diag(part) for cause, part in parts.items()}
+    quantities = {name: report.with_shares(name, own, variances) for name, own in quantities.items()}
     brdf_size = report.places["strengths"].start
     return Solution(
         estimate=known.candidates[chosen].estimate,
@@ -117,6 +138,19 @@ def solution_of(
     )
 
 
+def _without(parts: Mapping[str, Floats], stated: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Covariances by cause, of which stated errors of calibration explain some: what they do isn't counted twice.
+
+    Poses that are off leave residuals that repeat and outlines that disagree. Of what these imply only the excess over
+    stated errors counts beside them.
+    """
+    shown = {cause: part for cause, part in parts.items() if cause in _SHOWN}
+    before = np.diag(sum(shown.values()))
+    explained = np.diag(sum(stated.values(), np.zeros((len(before), len(before)))))
+    root = np.sqrt(np.maximum(before - explained, 0) / np.maximum(before, 1e-300))
+    return {**parts, **{cause: part * np.outer(root, root) for cause, part in shown.items()}}
+
+
 def _reported(known: Explanation, estimate: Estimate) -> Floats:
     """The reported numbers of another estimate of the chosen model."""
     parameters = pack(estimate, {photo.lighting: photo.elements for photo in known.photos})
@@ -129,12 +163,14 @@ def _has_known(photos: Sequence[PhotoColumns]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """A candidate's reported numbers with their covariance; fragility as in `uncertainty.Uncertainty`."""
+    """A candidate's reported numbers with their covariance; the rest as in `uncertainty.Uncertainty`."""
 
     report: Report
     values: Floats
     covariance: Floats
+    noise: Floats
     fragility: Floats
+    response: Floats
     structured: float
 
 
@@ -156,7 +192,8 @@ def _measure(candidate: Candidate, photos: Sequence[PhotoColumns], weights: Sequ
     if candidate.estimate.model.neutral:
         # One number has one error bar.
         own[report.places["ks"]] = own[report.places["ks"]].max()
-    return _Measured(report, values, found.covariance + np.diag(own**2), found.fragility, structured)
+    covariance = found.covariance + np.diag(own**2)
+    return _Measured(report, values, covariance, found.noise, found.fragility, found.response, structured)
 
 
 def _between_photographs(

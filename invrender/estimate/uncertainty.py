@@ -51,13 +51,17 @@ PRIOR_STD = {
 class Uncertainty:
     """How certain reported numbers are.
 
-    covariance : (k, k). fragility : (k,), the standard deviation that each number would have if the model
+    covariance : (k, k). noise : (k,), the part of its diagonal that independent pixel noise implies.
+    fragility : (k,), the standard deviation that each number would have if the model
         were off by its whole radiance, independently in each cluster; times a relative accuracy of the
         model, what that accuracy allows to know.
+    response : (k, p), what a score, a sum of weighted derivatives times changes of radiance, moves.
     """
 
     covariance: Floats
+    noise: Floats
     fragility: Floats
+    response: Floats
 
 
 def uncertainty_of(
@@ -128,7 +132,7 @@ def uncertainty_of(
     root = np.sqrt(ratio)
     covariance = independent * np.outer(root, root)
     apart = derivative @ _halves_apart(by_level, parameters, reduced)
-    return Uncertainty(covariance + np.outer(apart, apart), fragility)
+    return Uncertainty(covariance + np.outer(apart, apart), np.diag(independent), fragility, moved / reduced)
 
 
 def _pull(moved: Floats, clusters: Floats) -> Floats:

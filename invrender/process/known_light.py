@@ -16,6 +16,7 @@ from capture.progress import Track, counted
 from invrender.diagnostics.diagnosis import diagnose, lamp_distance
 from invrender.diagnostics.known_light import known_light_remainders
 from invrender.diagnostics.named import NamedCause, named_causes
+from invrender.estimate.calibration import calibration_scores
 from invrender.estimate.evidence import fit_strengths, outlying
 from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.estimate.interreflection.correction import Sent
@@ -138,12 +139,24 @@ def _solve(
         elif parts is not None:
             remarks = unknown_scale(parts, known, elements)
         concluded = known if bounces is None else bounces.solution
-        doubts = [] if bounces is None else [bounces.doubts]
-        doubts += _of_place(geometry.body, concluded, elements)
+        doubts = {} if bounces is None else {"bounced_light": [bounces.doubts]}
+        doubts["sphere_place"] = _of_place(geometry.body, concluded, elements)
         settled = concluded.candidates[concluded.chosen].estimate
         lights = {lighting.name: lighting for lighting in used}
-        doubts += distance_doubts(concluded.photos, settled.brdf, settled.strengths, lights, geometry.shadows)
-        solution = solution_of(concluded, used, doubts)
+        doubts["lamp_distances"] = distance_doubts(
+            concluded.photos, settled.brdf, settled.strengths, lights, geometry.shadows
+        )
+        scores = calibration_scores(
+            concluded,
+            [photo.label for photo in fitted],
+            [photo.camera for photo in fitted],
+            geometry.body,
+            _found_of_sphere(photoset),
+            photoset.errors,
+            lights,
+            geometry.shadows,
+        )
+        solution = solution_of(concluded, used, doubts, scores=scores)
         columns = _in_form(photoset, solution, columns, elements)
         sent = None if bounces is None else bounces.taken
         if sent is not None:
@@ -177,7 +190,7 @@ def _solve(
             # The error bars hold what a fault moves.
             brdf = solution.estimate.brdf
             instead = [finding.instead(brdf) for finding in diagnosis.findings]
-            solution = solution_of(concluded, used, doubts, instead)
+            solution = solution_of(concluded, used, doubts, instead, scores)
     warnings = [*left_out, *said, *find_warnings(photoset, solution, geometry, lightings, causes), *remarks]
     warnings += [elsewhere] if elsewhere else []
     found = None if bounces is None else bounces.found
@@ -243,6 +256,13 @@ def _of_place(
         return predict(estimate.brdf, elements[name], estimate.strengths[name], field)
 
     return place_changes([photo.field for photo in photos], body.sphere, radiance)
+
+
+def _found_of_sphere(photoset: PhotoSet) -> NDArray[np.bool_]:
+    """What of a sphere's centre and radius (4,) its outlines gave; nothing of a mesh."""
+    given = photoset.object
+    is_sphere = given.shape == "sphere"
+    return np.array([is_sphere and given.centre is None] * 3 + [is_sphere and given.radius is None])
 
 
 def _less_bounced(

@@ -272,13 +272,14 @@ def quantity_entry(quantity: Quantity | None, scalar: bool = False) -> dict[str,
     if quantity is None:
         return None
     if quantity.value is None or quantity.std is None:
-        return {"value": None, "std": None, "status": quantity.status}
+        return {"value": None, "std": None, "status": quantity.status, "variance_shares": {}}
     value, std = numbers(quantity.value), numbers(quantity.std)
     undetermined = np.isnan(quantity.std).all()
     return {
         "value": value[0] if scalar else value,
         "std": None if undetermined else std[0] if scalar else std,
         "status": quantity.status,
+        "variance_shares": {cause: round(share, 4) for cause, share in quantity.shares.items()},
     }
 
 

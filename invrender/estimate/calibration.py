@@ -1,0 +1,271 @@
+"""What errors of calibration do to the numbers of a fit, to first order: scores of the photographs' changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.calibrationerrors import CalibrationErrors, SharedError
+from capture.camera import Camera
+from capture.lighting import Lighting
+from invrender.estimate.explanation import Explanation
+from invrender.estimate.jacobian import jacobians, pack
+from invrender.gradients.slopes import Light, PhotoRadiance, RadianceSlopes
+from invrender.transport.predict import predict
+from invrender.transport.transfer import light_elements
+from invrender.transport.visibility import Shadows
+from recon.displacement.rays import (
+    Motion,
+    SeenBody,
+    lens_motion,
+    mesh_motion,
+    pose_motion,
+    ray_change,
+    sphere_motion,
+)
+from recon.displacement.sphere import place_shift
+from recon.mesh.bodies import Body, MeshBody, SphereBody
+from recon.mesh.tangents import tangents
+from recon.mesh.trianglemesh import smooth_normals
+from recon.sampling.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+# Rays that slopes are taken of, of all photographs together; under maps, which take long, fewer.
+_RAYS, _RAYS_OF_MAPS = 30_000, 6_000
+# Draws of a scan's noise, whose effect on normals isn't of first order.
+_DRAWS = 8
+# Principal variances, as shares of the largest, below which an error counts for nothing.
+_NEGLIGIBLE = 1e-9
+# Of a sphere's radius, a shift by which differences are taken.
+_PLACE_STEP = 1e-3
+
+
+def calibration_scores(
+    known: Explanation,
+    labels: Sequence[str],
+    cameras: Sequence[Camera],
+    body: Body,
+    found: NDArray[np.bool_],
+    errors: CalibrationErrors,
+    lightings: Mapping[str, Lighting],
+    shadows: Shadows | None,
+) -> dict[str, Floats]:
+    """Scores (p, q) of each cause, by its name, one column for each of its q errors of one standard deviation.
+
+    A score is the sum over samples of weighted derivatives times the radiance that the error changes; times the
+    inverse of the information it is what the error moves. known : its photographs have these labels and cameras.
+    found : (4,), what of a sphere's centre and radius its outlines gave, so that it follows cameras that are elsewhere.
+    Errors of different photographs, lenses and sources are independent.
+    """
+    directions = {name: own for name, own in lightings.items() if own.direction_std_deg is not None}
+    if not errors.of_geometry and not directions:
+        return {}
+    estimate = known.candidates[known.chosen].estimate
+    size = len(pack(estimate, {photo.lighting: photo.elements for photo in known.photos}).vector)
+    photos = dict(
+        zip(labels, _photos(known, cameras, body, lightings, shadows, errors.of_geometry), strict=True)
+    )
+    scores: dict[str, Floats] = {}
+    if poses := errors.poses_about(body.centre, dict(zip(labels, cameras, strict=True))):
+        scores["poses"] = _of_cameras(photos, body, found, poses, pose_motion, body.size, size)
+    if errors.lenses:
+        scores["lenses"] = _of_cameras(photos, body, found, errors.lenses, lens_motion, 1.0, size)
+    if errors.mesh_place is not None:
+        motions = map(mesh_motion, _principal(errors.mesh_place, body.size))
+        scores["mesh_place"] = _stacked([_moved(photos.values(), motion, size) for motion in motions], size)
+    if errors.height and isinstance(body, MeshBody):
+        scores["heights"] = _of_heights(list(photos.values()), body, errors.height, size)
+    columns: list[Floats] = []
+    for name, lighting in directions.items():
+        under = [photo for photo in photos.values() if photo.lighting == name]
+        columns += _of_directions(under, lighting, size)
+    if columns:
+        scores["light_directions"] = _stacked(columns, size)
+    return scores
+
+
+@dataclass(frozen=True, eq=False)
+class _Photo:
+    """Some of a photograph's samples. weighted : per channel (n, p), weighted derivatives of their radiance."""
+
+    lighting: str
+    scene: SeenBody
+    field: LightField
+    weighted: Sequence[Floats]
+    rays: PhotoRadiance
+    slopes: RadianceSlopes | None
+    predicted: Callable[[Lighting, int], Floats]
+
+    def score(self, change: Floats) -> Floats:
+        """Of a change (m, 3) of the rays' radiance, (p,)."""
+        mean = self.field.mean_over_rays(change)
+        return np.asarray(sum(own.T @ mean[:, c] for c, own in enumerate(self.weighted)))
+
+    def moved(self, motion: Motion) -> Floats:
+        """Of what changes as the scene moves, (p,)."""
+        assert self.slopes is not None
+        return self.score(self.slopes.change(ray_change(self.field, self.scene, motion)))
+
+
+def _moved(photos: Iterable[_Photo], motion: Motion, size: int) -> Floats:
+    """The score (p,) of a motion in all of some photographs."""
+    return np.asarray(sum((photo.moved(motion) for photo in photos), np.zeros(size)))
+
+
+def _photos(
+    known: Explanation,
+    cameras: Sequence[Camera],
+    body: Body,
+    lightings: Mapping[str, Lighting],
+    shadows: Shadows | None,
+    geometric: bool,
+) -> Iterator[_Photo]:
+    estimate = known.candidates[known.chosen].estimate
+    parameters = pack(estimate, {photo.lighting: photo.elements for photo in known.photos})
+    elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+    mapped = any(element.slow_map is not None for own in elements.values() for element in own)
+    rays = sum(len(photo.field.ray_sample) for photo in known.photos)
+    step = max(round(rays / (_RAYS_OF_MAPS if mapped else _RAYS)), 1)
+    for photo, weights, camera in zip(known.photos, known.weights, cameras, strict=True):
+        keep = np.arange(len(photo.field)) % step == 0
+        # What is left stands for the rest.
+        weight = weights.weight[keep] * (len(keep) / max(int(keep.sum()), 1))
+        derivatives = jacobians(photo, parameters, estimate)
+        field, strengths = photo.field.where(keep), estimate.strengths[photo.lighting]
+        light = Light(elements[photo.lighting], strengths)
+        radiance = PhotoRadiance(estimate.brdf, light, field, shadows)
+
+        def predicted(
+            lighting: Lighting, source: int, field: LightField = field, strengths: Floats = strengths
+        ) -> Floats:
+            """Radiance (n, 3) of the samples under one source of a lighting."""
+            alone, own = _one_source(lighting, source, strengths)
+            return predict(estimate.brdf, light_elements(alone), own, field, shadows)
+
+        yield _Photo(
+            photo.lighting,
+            SeenBody(camera, body),
+            field,
+            [own[keep] * weight[:, c, None] for c, own in enumerate(derivatives)],
+            radiance,
+            radiance.slopes() if geometric else None,
+            predicted,
+        )
+
+
+def _of_cameras(
+    photos: Mapping[str, _Photo],
+    body: Body,
+    found: NDArray[np.bool_],
+    errors: Sequence[SharedError],
+    motion_of: Callable[[Floats], Motion],
+    length: float,
+    size: int,
+) -> Floats:
+    """Scores of errors of poses or lenses. A sphere that was found by its outlines goes with them."""
+    everyone = list(photos.values())
+    scenes = [photo.scene for photo in everyone]
+    columns = []
+    by_place = None
+    if isinstance(body, SphereBody) and found.any():
+        step = _PLACE_STEP * body.sphere.radius
+        shifts = [_moved(everyone, sphere_motion(step * unit), size) for unit in np.eye(4)]
+        # Per metre.
+        by_place = np.stack(shifts, axis=1) / step
+    for shared in errors:
+        own = [photos[label] for label in shared.photos if label in photos]
+        for error in _principal(shared.covariance, length) if own else ():
+            motion = motion_of(error)
+            column = _moved(own, motion, size)
+            if by_place is not None and isinstance(body, SphereBody):
+                moving = [photo in own for photo in everyone]
+                column += by_place @ place_shift(body.sphere, scenes, moving, motion, found)
+            columns.append(column)
+    return _stacked(columns, size)
+
+
+def _of_heights(photos: Sequence[_Photo], body: MeshBody, height: float, size: int) -> Floats:
+    """Scores (p, draws) of a scan's noise: vertices that are off by it along their normals, independently.
+
+    Divided so that squares of what they move add up to its mean square.
+    """
+    mesh, rng = body.mesh, np.random.default_rng(0)
+    flat = smooth_normals(mesh.vertices, mesh.faces)
+    # Vertices that a texture's seam doubles are one.
+    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    columns = []
+    for _ in range(_DRAWS):
+        offsets = height * rng.standard_normal(int(same.max()) + 1)[same.ravel()]
+        bent = smooth_normals(mesh.vertices + offsets[:, None] * mesh.normals, mesh.faces) - flat
+        column = np.zeros(size)
+        for photo in photos:
+            field = photo.field
+            assert field.faces is not None
+            assert field.corner_weights is not None
+            normals = field.normals + np.einsum(
+                "mk,mkx->mx", field.corner_weights, bent[mesh.faces[field.faces]]
+            )
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            column += photo.score(photo.rays.of(replace(field, normals=normals)) - photo.rays.of(field))
+        columns.append(column / np.sqrt(_DRAWS))
+    return _stacked(columns, size)
+
+
+def _of_directions(photos: Sequence[_Photo], lighting: Lighting, size: int) -> list[Floats]:
+    """Scores (p,) of each source's direction, off by its standard deviation either way across."""
+    assert lighting.direction_std_deg is not None
+    columns = []
+    for k, std in enumerate(np.radians(lighting.direction_std_deg)):
+        for tangent in tangents(lighting.directions[k][None])[0] if std > 0 else ():
+            turned = []
+            for way in (0.5, -0.5):
+                directions = lighting.directions.copy()
+                directions[k] += way * std * tangent
+                turned.append(replace(lighting, directions=directions))
+            column = np.zeros(size)
+            for photo in photos:
+                change = photo.predicted(turned[0], k) - photo.predicted(turned[1], k)
+                for c, own in enumerate(photo.weighted):
+                    column += own.T @ change[:, c]
+            columns.append(column)
+    return columns
+
+
+def _one_source(lighting: Lighting, source: int, strengths: Floats) -> tuple[Lighting, Floats]:
+    """A lighting with nothing but one of its sources, and its strength, (1, 3)."""
+    here = slice(source, source + 1)
+    alone = replace(
+        lighting,
+        radiance_map=None,
+        directions=lighting.directions[here],
+        irradiances=lighting.irradiances[here],
+        recover_ambient=False,
+        direction_std_deg=None,
+        closeness=None if lighting.closeness is None else lighting.closeness[here],
+        closeness_std=None,
+    )
+    if not lighting.recover_irradiance:
+        return alone, np.ones((1, 3))
+    # Elements are what is known, if there is anything, then the sources.
+    first = len(light_elements(lighting)) - len(lighting.directions) - lighting.recover_ambient
+    return alone, strengths[first + source][None]
+
+
+def _principal(covariance: Floats, length: float) -> list[Floats]:
+    """Independent errors (p,) of one standard deviation each that make up a covariance.
+
+    length : metres, by which shifts, the second three numbers, are compared with turns.
+    """
+    unit = np.ones(len(covariance))
+    unit[3:6] = length
+    variances, directions = np.linalg.eigh(covariance / np.outer(unit, unit))
+    notable = variances > _NEGLIGIBLE * max(float(variances.max()), 1e-300)
+    return list((directions * np.sqrt(np.maximum(variances, 0)))[:, notable].T * unit)
+
+
+def _stacked(columns: Sequence[Floats], size: int) -> Floats:
+    return np.stack(columns, axis=1) if columns else np.zeros((size, 0))

@@ -1,0 +1,1 @@
+"""What samples show if cameras or the body are elsewhere than was thought."""
