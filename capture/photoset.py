@@ -201,6 +201,7 @@ def _errors(
         lens_errors(cameras, of_lenses, given.focal_length),
         None if placement is None else placement.covariance,
         given.height or 0.0,
+        any(given.model_dump(exclude_none=True).values()),
     )
 
 

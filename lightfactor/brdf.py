@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from invrender.estimate.quantities import limits
 from invrender.result.saved import SavedQuantity, SavedResult
 from invrender.wording import parameter_lines
 
@@ -24,6 +25,8 @@ class FittedNumber:
         that they need doesn't have it. std is None, too, where a published procedure gives none.
     status : "determined", "weak" (std above a tenth of the value, or mu a metal's), "undetermined", or "not needed".
     reason, remedy : why it isn't determined, and what would settle it; empty where it is.
+    variance_shares : what each cause has of its variance, by name ("noise", "poses", ...); they add up to 1. Empty
+        where nobody split it.
     """
 
     name: str
@@ -32,6 +35,7 @@ class FittedNumber:
     status: str
     reason: str = ""
     remedy: str = ""
+    variance_shares: Mapping[str, float] = field(default_factory=dict)
 
     def lines(self, is_absolute: bool = True) -> list[tuple[str, str]]:
         """Label and text, "value ± std", of each channel."""
@@ -39,6 +43,11 @@ class FittedNumber:
         if value is not None and std is None:
             std = np.zeros_like(value)
         return parameter_lines(self.name, value, std, is_absolute)
+
+    @property
+    def limits(self) -> str:
+        """What has most of its variance, in words; empty where nobody split it."""
+        return limits(self.variance_shares)
 
     def __repr__(self) -> str:
         numbers = ", ".join(text for _, text in self.lines())
@@ -85,7 +94,8 @@ def fitted_brdf(result: SavedResult) -> FittedBrdf:
         why = (found.reason, found.remedy)
         if quantity is None:
             return FittedNumber(name, None, None, absent, *why)
-        return FittedNumber(name, _array(quantity.value), _array(quantity.std), quantity.status, *why)
+        value, std = _array(quantity.value), _array(quantity.std)
+        return FittedNumber(name, value, std, quantity.status, *why, quantity.variance_shares)
 
     return FittedBrdf(
         model=saved.model,

@@ -19,6 +19,7 @@ from invrender.transport.transfer import light_elements
 from invrender.transport.visibility import Shadows
 from recon.displacement.rays import (
     Motion,
+    RayChange,
     SeenBody,
     lens_motion,
     mesh_motion,
@@ -35,9 +36,12 @@ from recon.sampling.lightfield import LightField
 Floats = NDArray[np.float64]
 
 # Rays that slopes are taken of, of all photographs together; under maps, which take long, fewer.
-_RAYS, _RAYS_OF_MAPS = 30_000, 6_000
-# Draws of a scan's noise, whose effect on normals isn't of first order.
-_DRAWS = 8
+_RAYS, _RAYS_OF_MAPS = 40_000, 8_000
+# Rays of a sample, of which there are up to 64 where the surface bends: many samples tell more than many rays.
+_RAYS_OF_SAMPLE = 3
+# Draws of a scan's noise, whose effect on normals isn't of first order; pairs of draws of a pose's or a lens's errors,
+# by which their second order is known.
+_DRAWS, _PAIRS = 8, 3
 # Principal variances, as shares of the largest, below which an error counts for nothing.
 _NEGLIGIBLE = 1e-9
 # Of a sphere's radius, a shift by which differences are taken.
@@ -107,8 +111,30 @@ class _Photo:
 
     def moved(self, motion: Motion) -> Floats:
         """Of what changes as the scene moves, (p,)."""
+        return self.followed(ray_change(self.field, self.scene, motion))
+
+    def followed(self, change: RayChange) -> Floats:
+        """Of rays' changes, to first order, (p,)."""
         assert self.slopes is not None
-        return self.score(self.slopes.change(ray_change(self.field, self.scene, motion)))
+        return self.score(self.slopes.change(change))
+
+    def curved(self, changes: Sequence[RayChange]) -> Floats:
+        """Of the mean of what independent errors change to second order, (p,): they smear highlights.
+
+        changes : of the rays, with one standard deviation each.
+        """
+        rng, mean = np.random.default_rng(0), np.zeros((len(self.field.normals), 3))
+        for _ in range(_PAIRS):
+            own = rng.standard_normal(len(changes))
+            together = RayChange(
+                *(
+                    sum(share * getattr(change, name) for share, change in zip(own, changes, strict=True))
+                    for name in ("normals", "views", "positions")
+                )
+            )
+            for way in (1.0, -1.0):
+                mean += self.rays.of(together.applied(self.field, way)) / (2 * _PAIRS)
+        return self.score(mean - self.rays.of(self.field))
 
 
 def _moved(photos: Iterable[_Photo], motion: Motion, size: int) -> Floats:
@@ -128,14 +154,15 @@ def _photos(
     parameters = pack(estimate, {photo.lighting: photo.elements for photo in known.photos})
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
     mapped = any(element.slow_map is not None for own in elements.values() for element in own)
-    rays = sum(len(photo.field.ray_sample) for photo in known.photos)
+    fields = [photo.field.thinned(_RAYS_OF_SAMPLE) for photo in known.photos]
+    rays = sum(len(field.ray_sample) for field in fields)
     step = max(round(rays / (_RAYS_OF_MAPS if mapped else _RAYS)), 1)
-    for photo, weights, camera in zip(known.photos, known.weights, cameras, strict=True):
-        keep = np.arange(len(photo.field)) % step == 0
+    for photo, thin, weights, camera in zip(known.photos, fields, known.weights, cameras, strict=True):
+        keep = np.arange(len(thin)) % step == 0
         # What is left stands for the rest.
         weight = weights.weight[keep] * (len(keep) / max(int(keep.sum()), 1))
         derivatives = jacobians(photo, parameters, estimate)
-        field, strengths = photo.field.where(keep), estimate.strengths[photo.lighting]
+        field, strengths = thin.where(keep), estimate.strengths[photo.lighting]
         light = Light(elements[photo.lighting], strengths)
         radiance = PhotoRadiance(estimate.brdf, light, field, shadows)
 
@@ -166,7 +193,7 @@ def _of_cameras(
     length: float,
     size: int,
 ) -> Floats:
-    """Scores of errors of poses or lenses. A sphere that was found by its outlines goes with them."""
+    """Scores of errors of poses or lenses, last of their second order. A sphere that was found goes with them."""
     everyone = list(photos.values())
     scenes = [photo.scene for photo in everyone]
     columns = []
@@ -176,16 +203,22 @@ def _of_cameras(
         shifts = [_moved(everyone, sphere_motion(step * unit), size) for unit in np.eye(4)]
         # Per metre.
         by_place = np.stack(shifts, axis=1) / step
+    curved = np.zeros(size)
     for shared in errors:
         own = [photos[label] for label in shared.photos if label in photos]
-        for error in _principal(shared.covariance, length) if own else ():
-            motion = motion_of(error)
-            column = _moved(own, motion, size)
+        motions = [motion_of(error) for error in (_principal(shared.covariance, length) if own else ())]
+        changes = [[ray_change(photo.field, photo.scene, motion) for motion in motions] for photo in own]
+        for photo, of_errors in zip(own, changes, strict=True):
+            curved += photo.curved(of_errors)
+        for k, motion in enumerate(motions):
+            column = np.sum(
+                [photo.followed(each[k]) for photo, each in zip(own, changes, strict=True)], axis=0
+            )
             if by_place is not None and isinstance(body, SphereBody):
                 moving = [photo in own for photo in everyone]
                 column += by_place @ place_shift(body.sphere, scenes, moving, motion, found)
             columns.append(column)
-    return _stacked(columns, size)
+    return _stacked([*columns, curved], size)
 
 
 def _of_heights(photos: Sequence[_Photo], body: MeshBody, height: float, size: int) -> Floats:

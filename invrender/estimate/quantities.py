@@ -14,6 +14,8 @@ from capture.lighting import Lighting
 Floats = NDArray[np.float64]
 Status = Literal["determined", "weak", "undetermined"]
 
+# Share of a variance below which its cause isn't worth a word.
+_NOTABLE = 0.05
 # What makes error bars, by its name in files, in words.
 CAUSES = {
     "noise": "pixel noise",
@@ -100,6 +102,13 @@ class PhotoScore:
     samples: int
     rms: float
     cross_validated: float | None
+
+
+def limits(shares: Mapping[str, float], most: int = 3) -> str:
+    """What has most of a number's variance, in words: "camera poses 62%, pixel noise 30%"; empty if nobody split it."""
+    largest = sorted(shares.items(), key=lambda entry: -entry[1])[:most]
+    told = [f"{CAUSES.get(cause, cause)} {share:.0%}" for cause, share in largest if share >= _NOTABLE]
+    return ", ".join(told)
 
 
 def scaled(quantity: Quantity, factor: float) -> Quantity:

@@ -43,6 +43,11 @@ def find_warnings(
     which may fail on photographs without a fault.
     """
     warnings = [*geometry.warnings, *(cause.text for cause in causes)]
+    numbers = solution.quantities.values()
+    if photoset.errors.stated and not any(number.shares for number in numbers):
+        warnings.append(
+            "Error bars don't hold what [uncertainty] states: only `process` of one BRDF under known light carries it."
+        )
     candidate = solution.candidates[solution.chosen]
     if candidate.error > POOR and published:
         warnings.append(

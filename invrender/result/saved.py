@@ -42,11 +42,15 @@ class _Lenient(Table):
 
 
 class SavedQuantity(_Lenient):
-    """A number, or one per channel; `value` is None where it is undetermined."""
+    """A number, or one per channel; `value` is None where it is undetermined.
+
+    variance_shares : what each cause has of its variance (`quantities.CAUSES`); empty where nobody split it.
+    """
 
     value: float | _Triple | None
     std: float | _Triple | None
     status: str
+    variance_shares: dict[str, float] = Field(default_factory=dict)
 
 
 class _Shares(_Lenient):

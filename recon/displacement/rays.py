@@ -17,8 +17,9 @@ Floats = NDArray[np.float64]
 
 # Pixels by which what rays meet is moved to take a difference: less than a facet or a highlight, more than rounding.
 _STEP_PX = 0.2
-# A ray that moves so many times as far as the others do has gone on to another part of the surface.
-_JUMP = 30.0
+# A ray that goes on to another part of the surface moves unevenly: of the way, the share by which halves differ. Below
+# the second, of the body's size, ways are rounding.
+_UNEVEN, _SAME = 0.3, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,16 @@ class RayChange:
     normals: Floats
     views: Floats
     positions: Floats
+
+    def applied(self, field: LightField, way: float) -> LightField:
+        """A field whose rays are changed by so many times this."""
+        normals, views = field.normals + way * self.normals, field.views + way * self.views
+        return replace(
+            field,
+            normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+            views=views / np.linalg.norm(views, axis=1, keepdims=True),
+            positions=field.positions + way * self.positions,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +71,16 @@ def ray_change(field: LightField, here: SeenBody, motion: Motion) -> RayChange:
     """
     pixels = here.camera.project(field.positions)
     size = _step(field, here, motion(here, 1.0))
-    less, more = (motion(here, way * size).seen(pixels) for way in (-1, 1))
-    steps = [(after - before) / (2 * size) for before, after in zip(less[1:], more[1:], strict=True)]
-    kept = less[0] & more[0]
-    gone = np.linalg.norm(steps[2], axis=1)
-    kept &= gone <= _JUMP * max(float(np.median(gone[kept])) if kept.any() else 0.0, 1e-12)
+    (met_before, *less), (met_after, *more) = (motion(here, way * size).seen(pixels) for way in (-1, 1))
+    steps = [(after - before) / (2 * size) for before, after in zip(less, more, strict=True)]
+    # Before and after, a ray goes as far on one surface.
+    before, after = field.positions - less[2], more[2] - field.positions
+    uneven = np.linalg.norm(after - before, axis=1)
+    kept = (
+        met_before
+        & met_after
+        & (uneven <= _UNEVEN * np.linalg.norm(after + before, axis=1) + _SAME * here.body.size)
+    )
     return RayChange(*(np.where(kept[:, None], step, 0.0) for step in steps))
 
 

@@ -119,7 +119,18 @@ class LightField:
 
     def where(self, keep: NDArray[np.bool_]) -> LightField:
         """The samples marked by a mask (n,)."""
-        rays = keep[self.ray_sample]
+        return self._kept(keep, keep[self.ray_sample])
+
+    def thinned(self, rays: int) -> LightField:
+        """The same samples with so many rays at most, drawn from theirs."""
+        order = np.lexsort((np.random.default_rng(0).random(len(self.ray_sample)), self.ray_sample))
+        first = np.searchsorted(self.ray_sample, np.arange(len(self)))
+        kept = np.zeros(len(order), bool)
+        kept[order[np.arange(len(order)) - first[self.ray_sample] < rays]] = True
+        return self._kept(np.ones(len(self), bool), kept)
+
+    def _kept(self, keep: NDArray[np.bool_], rays: NDArray[np.bool_]) -> LightField:
+        """Samples (n,) and rays (m,) that are marked; each kept sample keeps a ray."""
         kept: dict[str, Any] = {}
         for name in (entry.name for entry in fields(self)):
             values = getattr(self, name)

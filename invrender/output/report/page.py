@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from invrender.estimate.quantities import FittedLighting, Quantity
+from invrender.estimate.quantities import FittedLighting, Quantity, limits
 from invrender.estimate.textured.layout import TexelLayout
 from invrender.output.report.causefigure import cause_figure
 from invrender.output.report.pictures import (
@@ -206,6 +206,7 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
                 "as_for": repeated,
                 "values": _values(quantity),
                 "status": quantity.status if quantity else absent,
+                "limits": limits(quantity.shares) if quantity else "",
                 "reason": row["reason"],
                 "remedy": row["remedy"],
             }

@@ -10,7 +10,7 @@ from rich.table import Table
 from capture.files.outfolder import added_files, result_folder
 from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
-from invrender.estimate.quantities import Quantity
+from invrender.estimate.quantities import Quantity, limits
 from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.process.run import Run
@@ -71,17 +71,17 @@ def run_demo(out: Path) -> None:
 
 def _print_summary(result: Factorization) -> None:
     table = Table(title=f"{result.name}: {result.model.estimate.model.name}", title_justify="left")
-    for heading in ("parameter", "value ± std", "status"):
+    for heading in ("parameter", "value ± std", "status", "limited most by"):
         table.add_column(heading)
     rows = identifiability(result)
     for row in rows:
         quantity = result.quantities.get(row["parameter"])
         status = row["status"] if quantity or result.misfits else "not needed"
         for label, text in _lines(row["parameter"], quantity, result.is_absolute):
-            table.add_row(label, text, status)
+            table.add_row(label, text, status, limits(quantity.shares, 1) if quantity else "")
     for name in ("exponent", *own_numbers(result.brdf)):
         if quantity := result.quantities.get(name):
-            table.add_row(*_lines(name, quantity)[0], quantity.status)
+            table.add_row(*_lines(name, quantity)[0], quantity.status, limits(quantity.shares, 1))
     console.print(table)
     if result.textures is not None:
         console.print(
