@@ -19,18 +19,18 @@ _NOTABLE = 0.05
 # What makes error bars, by its name in files, in words.
 CAUSES = {
     "noise": "pixel noise",
-    "misfit": "what the model leaves",
-    "forms": "other forms that explain as well",
-    "map_pixels": "pixels of the light's map",
-    "bounced_light": "light between parts",
-    "sphere_place": "place of the sphere",
-    "lamp_distances": "distances of lamps",
-    "faults": "faults that were found",
+    "misfit": "misfit",
+    "forms": "other forms",
+    "map_pixels": "map's pixels",
+    "bounced_light": "bounced light",
+    "sphere_place": "sphere's place",
+    "lamp_distances": "lamp distances",
+    "faults": "found faults",
     "poses": "camera poses",
-    "lenses": "camera lenses",
-    "mesh_place": "place of the mesh",
-    "heights": "noise of the scan",
-    "light_directions": "directions of lights",
+    "lenses": "lenses",
+    "mesh_place": "mesh's place",
+    "heights": "scan noise",
+    "light_directions": "light directions",
 }
 
 
