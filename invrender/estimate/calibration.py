@@ -28,7 +28,7 @@ from recon.displacement.rays import (
     sphere_motion,
 )
 from recon.displacement.sphere import place_shift
-from recon.mesh.bodies import Body, MeshBody, SphereBody
+from recon.mesh.bodies import Body, MeshBody, SphereBody, blended
 from recon.mesh.tangents import tangents
 from recon.mesh.trianglemesh import smooth_normals
 from recon.sampling.lightfield import LightField
@@ -134,7 +134,7 @@ class _Photo:
             )
             for way in (1.0, -1.0):
                 mean += self.rays.of(together.applied(self.field, way)) / (2 * _PAIRS)
-        return self.score(mean - self.rays.of(self.field))
+        return self.score(mean - self.rays.here)
 
 
 def _moved(photos: Iterable[_Photo], motion: Motion, size: int) -> Floats:
@@ -239,11 +239,9 @@ def _of_heights(photos: Sequence[_Photo], body: MeshBody, height: float, size: i
             field = photo.field
             assert field.faces is not None
             assert field.corner_weights is not None
-            normals = field.normals + np.einsum(
-                "mk,mkx->mx", field.corner_weights, bent[mesh.faces[field.faces]]
-            )
+            normals = field.normals + blended(bent, mesh.faces[field.faces], field.corner_weights)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-            column += photo.score(photo.rays.of(replace(field, normals=normals)) - photo.rays.of(field))
+            column += photo.score(photo.rays.of(replace(field, normals=normals)) - photo.rays.here)
         columns.append(column / np.sqrt(_DRAWS))
     return _stacked(columns, size)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,11 @@ class PhotoRadiance:
         self._seen: list[RayVisibility | None] = [
             None if shadows is None else shadows.visible(element, field) for element in light.elements
         ]
+
+    @cached_property
+    def here(self) -> Floats:
+        """Radiance (m, 3) of the rays as they are."""
+        return self.of(self._field)
 
     def of(self, field: LightField) -> Floats:
         """Radiance (m, 3) of the rays, moved a little as `field` has them."""
