@@ -98,6 +98,18 @@ def perturbed_mesh(
     return replace(mesh, vertices=moved, normals=smooth_normals(moved, mesh.faces))
 
 
+def scanned_mesh(mesh: TriangleMesh, std_m: float, rng: np.random.Generator) -> TriangleMesh:
+    """A mesh each of whose vertices is off along its normal, independently; its normals are recomputed.
+
+    std_m : standard deviation, metres. Vertices at one place move as one: seams stay closed.
+    """
+    _check_amount("std_m", std_m, "metres")
+    _, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    offset = std_m * rng.standard_normal(int(vertex.max()) + 1)[vertex.ravel()]
+    moved = mesh.vertices + offset[:, None] * mesh.normals
+    return replace(mesh, vertices=moved, normals=smooth_normals(moved, mesh.faces))
+
+
 def with_background(
     radiance: NDArray[np.floating], coverage: NDArray[np.floating], background: ArrayLike
 ) -> Floats:

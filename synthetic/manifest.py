@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
+from synthetic.given import given_camera, given_light
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import PointSource
 from synthetic.materials.texture import Textured
@@ -49,12 +50,14 @@ class WrittenSet:
 def manifest_text(staging: Staging, written: WrittenSet, mesh: str) -> str:
     """photoset.toml. mesh : the mesh's file."""
     scene = staging.scene
-    first = scene.shots[0].camera
+    first = given_camera(scene.shots[0].camera, staging)
+    stated = staging.uncertainty.model_dump(exclude_defaults=True)
     tables = [
         _table("", format=1, name=scene.name),
         _table("[camera]", **intrinsics(first)),
         _table("[radiometry]", **written.radiometry),
         _table("[object]", **_object(staging, written, mesh)),
+        *([_table("[uncertainty]", **stated)] if stated else []),
         *(_table("[[lighting]]", **_lighting(light, staging, written)) for light in scene.illuminations),
     ]
     several = len(scene.illuminations) > 1
@@ -68,8 +71,9 @@ def manifest_text(staging: Staging, written: WrittenSet, mesh: str) -> str:
         if shot.held_out:
             keys["held_out"] = True
         keys["world_to_camera"] = written.poses[photograph.shot].tolist()
-        if intrinsics(shot.camera) != intrinsics(first):
-            keys["camera"] = intrinsics(shot.camera)
+        own = intrinsics(given_camera(shot.camera, staging))
+        if own != intrinsics(first):
+            keys["camera"] = own
         tables.append(_table("[[photo]]", **keys))
     return "\n".join(tables)
 
@@ -120,7 +124,7 @@ def _lighting(illumination: Illumination, staging: Staging, written: WrittenSet)
     else:
         if illumination.name in written.maps:
             keys["map"] = written.maps[illumination.name]
-        distant, near = _sources(illumination, staging.scene.surface.centre)
+        distant, near = _sources(given_light(illumination, staging), staging.scene.surface.centre)
         keys |= {"directional": distant} if distant else {}
         keys |= {"near": near} if near else {}
     return keys

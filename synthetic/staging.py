@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.manifest import UncertaintyTable
 from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.lights.sources import PointSource
 from synthetic.scene import Scene
@@ -23,8 +24,9 @@ class Staging:
 
     sensor : the ideal one, which writes linear EXR, or a camera. mesh : the object, which the set then holds, in its
     own frame, mesh_to_world : (4, 4) where it stands; None for spheres. stated : a sphere's centre and
-    radius are handed over too, not left to be found from the masks. source : the text of the scene file, "" for
-    scenes made in memory.
+    radius are handed over too, not left to be found from the masks. faults : what goes wrong unnoticed. uncertainty :
+    how far off what is handed over may be, which the set states. source : the text of the scene file, "" for scenes
+    made in memory.
     """
 
     scene: Scene
@@ -33,6 +35,7 @@ class Staging:
     mesh_to_world: Floats = field(default_factory=lambda: np.eye(4))
     stated: bool = False
     faults: FaultsTable = field(default_factory=FaultsTable)
+    uncertainty: UncertaintyTable = field(default_factory=UncertaintyTable)
     ball: BallTable | None = None
     calibration: CalibrationTable | None = None
     source: str = ""

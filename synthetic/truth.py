@@ -61,6 +61,7 @@ def truth_document(
         ],
         "sensor": _sensor(staging),
         "faults": staging.faults.model_dump(),
+        "uncertainty": staging.uncertainty.model_dump(),
         "calibration": calibration,
         "integration": {
             "relative_rms_error": error,
@@ -124,7 +125,8 @@ def _object(staging: Staging) -> dict[str, Any]:
     surface = staging.scene.surface
     if isinstance(surface, Ball):
         return {"shape": "sphere", "centre": surface.centre.tolist(), "radius": surface.radius}
-    mesh = "truth/object.obj" if staging.faults.mesh_m else "object.obj"
+    exact = not (staging.faults.mesh_m or staging.uncertainty.height)
+    mesh = "object.obj" if exact else "truth/object.obj"
     centre = np.asarray(surface.centre).tolist()
     return {"shape": "mesh", "mesh": mesh, "centre": centre, "mesh_to_world": staging.mesh_to_world.tolist()}
 

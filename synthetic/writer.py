@@ -19,7 +19,8 @@ from capture.files.documents import write_json
 from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import MANIFEST_NAME
 from recon.mesh.trianglemesh import write_mesh
-from synthetic.faults import misaligned, perturbed_mesh, perturbed_pose, with_background, with_outliers
+from synthetic.faults import with_background, with_outliers
+from synthetic.given import given_mesh, given_place, given_poses
 from synthetic.lights.illumination import Illumination, latlong_map
 from synthetic.manifest import Photograph, WrittenSet, manifest_text
 from synthetic.materials.texture import Textured
@@ -54,8 +55,8 @@ PHOTOSET_FILES = (
     *RADIOMETRY_FILES,
 )
 _MAP_HEIGHT = 128
-# What random numbers are for: each use has a stream of its own, so that none changes another's.
-_POSES, _MESH, _ALIGNMENT, _PHOTOGRAPHS, _CALIBRATION, _ROOM_LOOK = range(1, 7)
+# What random numbers are for: each use has a stream of its own, so that none changes another's. Others are in `given`.
+_PHOTOGRAPHS, _CALIBRATION, _ROOM_LOOK = 4, 5, 6
 # Pixels by which the integration is judged, of each of so many photographs.
 _JUDGED_PIXELS, _JUDGED_PHOTOS = 48, 12
 # Side of the room behind the object, in largest distances of a camera.
@@ -74,11 +75,12 @@ def write_photoset(staging: Staging, folder: Path, progress: Progress | None = N
     written = WrittenSet(
         maps=_write_maps(scene.illuminations, folder),
         balls=write_mirror_balls(staging, folder, progress),
-        poses=_written_poses(staging),
-        mesh_to_world=_write_mesh(staging, folder),
+        poses=given_poses(staging),
+        mesh_to_world=None if staging.mesh is None else given_place(staging),
         radiometry=_write_radiometry(staging, folder),
         photographs=taken,
     )
+    _write_mesh(staging, folder)
     calibration = _write_calibration(staging, folder, progress)
     error = integration_error(scene, judged)
     write_json(folder / TRUTH_NAME, truth_document(staging, written, calibration, error))
@@ -100,35 +102,18 @@ def _write_maps(illuminations: Sequence[Illumination], folder: Path) -> dict[str
     return maps
 
 
-def _written_poses(staging: Staging) -> list[Floats]:
-    scene, faults = staging.scene, staging.faults
-    rng = np.random.default_rng([scene.seed, _POSES])
-    poses = [shot.camera.world_to_camera for shot in scene.shots]
-    if not (faults.pose_deg or faults.pose_m):
-        return poses
-    centre = scene.surface.centre
-    return [perturbed_pose(pose, centre, faults.pose_deg, faults.pose_m, rng) for pose in poses]
-
-
-def _write_mesh(staging: Staging, folder: Path) -> Floats | None:
-    """Write the mesh as it is handed over, and if that isn't the true one, the true one; returns mesh_to_world."""
-    mesh, faults, seed = staging.mesh, staging.faults, staging.scene.seed
+def _write_mesh(staging: Staging, folder: Path) -> None:
+    """Write the mesh as it is handed over, and if that isn't the true one, the true one."""
+    mesh = staging.mesh
     if mesh is None:
-        return None
-    handed = mesh
-    if faults.mesh_m:
-        rng = np.random.default_rng([seed, _MESH])
-        handed = perturbed_mesh(mesh, faults.mesh_m, faults.mesh_correlation_m, rng)
+        return
+    handed = given_mesh(staging, mesh)
+    if handed is not mesh:
         write_mesh(folder / "truth" / MESH_NAME, mesh)
     write_mesh(folder / MESH_NAME, handed)
     if isinstance(staging.scene.material, Textured):
         write_exr(folder / "truth" / "texture_kd.exr", staging.scene.material.kd_map)
         write_exr(folder / "truth" / "texture_ks.exr", staging.scene.material.ks_map)
-    if faults.misaligned_deg or faults.misaligned_m:
-        rng = np.random.default_rng([seed, _ALIGNMENT])
-        centre = staging.scene.surface.centre
-        return misaligned(staging.mesh_to_world, centre, faults.misaligned_deg, faults.misaligned_m, 1.0, rng)
-    return staging.mesh_to_world
 
 
 def _write_radiometry(staging: Staging, folder: Path) -> dict[str, Any]:

@@ -101,6 +101,7 @@ def _staging(file: SceneFile, folder: Path, source: str) -> Staging:
         mesh_to_world=placed,
         stated=file.object.stated,
         faults=file.faults,
+        uncertainty=file.uncertainty,
         ball=file.mirror_ball,
         calibration=file.calibration,
         source=source,

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from capture.files.tables import Table, validated
+from capture.manifest import UncertaintyTable
 from synthetic.scenes.schema import (
     BallTable,
     CalibrationTable,
@@ -39,6 +40,7 @@ class SceneFile(Table):
     view: tuple[ViewTable, ...] = ()
     sensor: SensorTable = SensorTable()
     faults: FaultsTable = FaultsTable()
+    uncertainty: UncertaintyTable = UncertaintyTable()
     render: EffortTable = EffortTable()
     mirror_ball: BallTable | None = None
     calibration: CalibrationTable | None = None
@@ -54,7 +56,7 @@ class SceneFile(Table):
             if names.count(name) > 1:
                 raise ValueError(f"has two [[lighting]] tables named {name!r}; names must differ")
         self._check_lightings_used(names)
-        self._check_faults()
+        self._check_errors()
         if self.calibration is not None and self.sensor.file == "exr":
             raise ValueError(
                 "has [calibration], photographs of a camera, but the sensor writes EXR: give [sensor] file = 'png', ..."
@@ -83,13 +85,20 @@ class SceneFile(Table):
                     " [gantry], [turntable] or a [[view]], or remove it"
                 )
 
-    def _check_faults(self) -> None:
+    def _check_errors(self) -> None:
         meshes = {"mesh_m", "mesh_correlation_m", "misaligned_deg", "misaligned_m"}
         given = self.faults.model_fields_set & meshes
         if given and self.object.shape == "sphere":
             raise ValueError(
                 f"has {min(given)} in [faults], which is for meshes, but shows a sphere: remove it"
             )
+        if self.uncertainty.height and self.object.shape == "sphere":
+            raise ValueError(
+                "has height in [uncertainty], of a mesh's vertices, but shows a sphere: remove it"
+            )
+        sources = any(table.directional or table.lamp for table in self.lighting)
+        if self.uncertainty.direction_deg and not sources:
+            raise ValueError("has direction_deg in [uncertainty], but no lighting has sources: remove it")
 
 
 def read_scene_file(path: Path) -> SceneFile:

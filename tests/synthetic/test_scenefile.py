@@ -254,6 +254,12 @@ WRONG = {
         GANTRY + "[faults]\nmisaligned_m = 0.1\n",
         r"has misaligned_m in \[faults\], which is for meshes",
     ),
+    "a sphere's scan": (
+        GANTRY,
+        GANTRY + "[uncertainty]\nheight = 1e-4\n",
+        r"has height in \[uncertainty\], of a mesh's vertices, but shows a sphere",
+    ),
+    "a sure pose": (GANTRY, GANTRY + "[uncertainty]\nrotation = 0.1\n", "rotation"),
     "sub-samples": (GANTRY, GANTRY + "[render]\nper_side = 3\n", "per_side is 3; it must be 1, 2, 4 or 8"),
     "directions": (
         GANTRY,

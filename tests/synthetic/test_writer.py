@@ -247,6 +247,41 @@ def test_faults_are_in_the_set_and_the_truth_beside_it(write: Write) -> None:
     assert truth["faults"]["outliers"] == 0.05
 
 
+def test_what_a_set_gives_is_off_by_what_it_states(write: Write) -> None:
+    stated = (
+        "rotation_deg = 0.5\nposition = 0.0002\nfocal_length = 0.01\ndirection_deg = 2.0\nheight = 0.0001\n"
+    )
+    views = '[gantry]\nphotos = 12\nstep_deg = 25\n[[view]]\nazimuth_deg = 5\nlighting = "lamp"\n'
+    folder, staging = write(scene(MESH, LAB + LAMP, views, f"[uncertainty]\n{stated}"))
+    photoset, exact = load_photoset(folder), staging.scene.shots
+    assert photoset.errors.stated_pose == (np.radians(0.5), 0.0002)
+    assert photoset.errors.height == 0.0001
+    centre = staging.scene.surface.centre
+    turns, shifts = [], []
+    for photo, shot in zip(photoset.photos, exact, strict=True):
+        given, true = photo.camera.world_to_camera, shot.camera.world_to_camera
+        turns.append(Rotation.from_matrix(given[:3, :3] @ true[:3, :3].T).as_rotvec())
+        shifts.append((given[:3, :3] @ centre + given[:3, 3]) - (true[:3, :3] @ centre + true[:3, 3]))
+    # Of 39 numbers the RMS is known to 11%.
+    assert_allclose(np.sqrt(np.mean(np.square(turns))), np.radians(0.5), rtol=0.3)
+    assert_allclose(np.sqrt(np.mean(np.square(shifts))), 0.0002, rtol=0.3)
+    # One lens is off alike in all photographs, by 1% or so.
+    (focal,) = {photo.camera.params[0] for photo in photoset.photos}
+    assert 1e-4 < abs(focal / exact[0].camera.params[0] - 1) < 0.03
+    lab, lamp = photoset.lightings
+    told = [lab.directional[0].direction, np.array(lamp.near[0].position) - centre]
+    true = [shot.illumination.sources[0].at(centre[None])[0][0] for shot in (exact[0], exact[-1])]
+    for one, other in zip(told, true, strict=True):
+        assert 0.1 < np.degrees(np.arccos(one @ other / np.linalg.norm(one))) < 8
+    assert_allclose(np.linalg.norm(told[1]), 0.3, rtol=1e-9)
+    handed, mesh = read_mesh(folder / "object.obj"), read_mesh(folder / truth_of(folder)["object"]["mesh"])
+    along = np.einsum("nk,nk->n", handed.vertices - mesh.vertices, mesh.normals)
+    assert_allclose(along.std(), 0.0001, rtol=0.2)
+    # Independent: neighbours are off otherwise.
+    edges = mesh.faces[:, :2]
+    assert abs(np.corrcoef(along[edges[:, 0]], along[edges[:, 1]])[0, 1]) < 0.2
+
+
 def test_a_turntable_in_the_room_shows_the_same_pictures(write: Write) -> None:
     # In the object's frame the camera and the light go round; in the room's the object turns.
     text = scene(SPHERE + "centre = [0.003, -0.002, 0.001]\n")
