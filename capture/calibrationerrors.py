@@ -97,6 +97,11 @@ def pose_errors(
     return tuple(found)
 
 
+def stated_pose(rotation_deg: float | None, position: float | None) -> tuple[float, float] | None:
+    """A stated error of every pose as `CalibrationErrors` has it; None where neither is stated."""
+    return (np.radians(rotation_deg or 0.0), position or 0.0) if rotation_deg or position else None
+
+
 def lens_errors(
     cameras: Mapping[str, Camera], covariances: Mapping[str, Floats | None], focal_length: float | None
 ) -> tuple[SharedError, ...]:

@@ -16,6 +16,7 @@ from capture.calibrationerrors import (
     lens_errors,
     pose_errors,
     read_lens_covariance,
+    stated_pose,
 )
 from capture.camera import Camera
 from capture.exposure import ExposureSettings, check_alike, read_exif_exposure
@@ -194,10 +195,9 @@ def _errors(
             if covariance is not None:
                 check_lens_covariance(path, covariance, photo.camera.params)
             of_lenses[photo.label] = covariance
-    stated = given.rotation_deg, given.position
     return CalibrationErrors(
         pose_errors(cameras, of_poses),
-        (np.radians(stated[0] or 0.0), stated[1] or 0.0) if any(stated) else None,
+        stated_pose(given.rotation_deg, given.position),
         lens_errors(cameras, of_lenses, given.focal_length),
         None if placement is None else placement.covariance,
         given.height or 0.0,

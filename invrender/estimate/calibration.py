@@ -13,9 +13,8 @@ from capture.camera import Camera
 from capture.lighting import Lighting
 from invrender.estimate.explanation import Explanation
 from invrender.estimate.jacobian import jacobians, pack
-from invrender.gradients.slopes import Light, PhotoRadiance, RadianceSlopes
-from invrender.transport.predict import predict
-from invrender.transport.transfer import light_elements
+from invrender.gradients.slopes import Light, PhotoRadiance
+from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
 from recon.displacement.rays import (
     Motion,
@@ -49,43 +48,38 @@ _PLACE_STEP = 1e-3
 
 
 def calibration_scores(
-    known: Explanation,
-    labels: Sequence[str],
-    cameras: Sequence[Camera],
+    photos: Iterable[WeighedPhoto],
     body: Body,
     found: NDArray[np.bool_],
     errors: CalibrationErrors,
     lightings: Mapping[str, Lighting],
-    shadows: Shadows | None,
 ) -> dict[str, Floats]:
     """Scores (p, q) of each cause, by its name, one column for each of its q errors of one standard deviation.
 
     A score is the sum over samples of weighted derivatives times the radiance that the error changes; times the
-    inverse of the information it is what the error moves. known : its photographs have these labels and cameras.
-    found : (4,), what of a sphere's centre and radius its outlines gave, so that it follows cameras that are elsewhere.
+    inverse of the information it is what the error moves. photos : read only where there are errors. found : (4,), what
+    of a sphere's centre and radius its outlines gave, so that it follows cameras that are elsewhere. lightings : known.
     Errors of different photographs, lenses and sources are independent.
     """
     directions = {name: own for name, own in lightings.items() if own.direction_std_deg is not None}
     if not errors.of_geometry and not directions:
         return {}
-    estimate = known.candidates[known.chosen].estimate
-    size = len(pack(estimate, {photo.lighting: photo.elements for photo in known.photos}).vector)
-    photos = dict(
-        zip(labels, _photos(known, cameras, body, lightings, shadows, errors.of_geometry), strict=True)
-    )
+    by_label = {photo.label: photo for photo in photos}
+    everyone = list(by_label.values())
+    size = everyone[0].weighted[0].shape[1]
     scores: dict[str, Floats] = {}
-    if poses := errors.poses_about(body.centre, dict(zip(labels, cameras, strict=True))):
-        scores["poses"] = _of_cameras(photos, body, found, poses, pose_motion, body.size, size)
+    if poses := errors.poses_about(body.centre, {photo.label: photo.scene.camera for photo in everyone}):
+        scores["poses"] = _of_cameras(by_label, body, found, poses, pose_motion, body.size, size)
     if errors.lenses:
-        scores["lenses"] = _of_cameras(photos, body, found, errors.lenses, lens_motion, 1.0, size)
+        scores["lenses"] = _of_cameras(by_label, body, found, errors.lenses, lens_motion, 1.0, size)
     if errors.mesh_place is not None:
         motions = map(mesh_motion, _principal(errors.mesh_place, body.size))
-        scores["mesh_place"] = _stacked([_moved(photos.values(), motion, size) for motion in motions], size)
+        scores["mesh_place"] = _stacked([_moved(everyone, motion, size) for motion in motions], size)
     if errors.height and isinstance(body, MeshBody):
-        scores["heights"] = _of_heights(list(photos.values()), body, errors.height, size)
+        scores["heights"] = _of_heights(everyone, body, errors.height, size)
     columns: list[Floats] = []
     for name, lighting in directions.items():
-        under = [photo for photo in photos.values() if photo.lighting == name]
+        under = [photo for photo in everyone if photo.lighting == name]
         columns += _of_directions(under, lighting, size)
     if columns:
         scores["light_directions"] = _stacked(columns, size)
@@ -93,16 +87,20 @@ def calibration_scores(
 
 
 @dataclass(frozen=True, eq=False)
-class _Photo:
-    """Some of a photograph's samples. weighted : per channel (n, p), weighted derivatives of their radiance."""
+class WeighedPhoto:
+    """Some of a photograph's samples, and how much each counts in a fit's p numbers.
 
+    weighted : per channel (n, p), derivatives of their radiance times weights. radiance : of the samples' rays under
+    the lighting, whose elements have these strengths, (elements, 3).
+    """
+
+    label: str
     lighting: str
     scene: SeenBody
     field: LightField
     weighted: Sequence[Floats]
-    rays: PhotoRadiance
-    slopes: RadianceSlopes | None
-    predicted: Callable[[Lighting, int], Floats]
+    radiance: PhotoRadiance
+    strengths: Floats
 
     def score(self, change: Floats) -> Floats:
         """Of a change (m, 3) of the rays' radiance, (p,)."""
@@ -115,8 +113,7 @@ class _Photo:
 
     def followed(self, change: RayChange) -> Floats:
         """Of rays' changes, to first order, (p,)."""
-        assert self.slopes is not None
-        return self.score(self.slopes.change(change))
+        return self.score(self.radiance.slopes.change(change))
 
     def curved(self, changes: Sequence[RayChange]) -> Floats:
         """Of the mean of what independent errors change to second order, (p,): they smear highlights.
@@ -133,59 +130,62 @@ class _Photo:
                 )
             )
             for way in (1.0, -1.0):
-                mean += self.rays.of(together.applied(self.field, way)) / (2 * _PAIRS)
-        return self.score(mean - self.rays.here)
+                mean += self.radiance.of(together.applied(self.field, way)) / (2 * _PAIRS)
+        return self.score(mean - self.radiance.here)
 
 
-def _moved(photos: Iterable[_Photo], motion: Motion, size: int) -> Floats:
-    """The score (p,) of a motion in all of some photographs."""
-    return np.asarray(sum((photo.moved(motion) for photo in photos), np.zeros(size)))
-
-
-def _photos(
+def weighed_photos(
     known: Explanation,
+    labels: Sequence[str],
     cameras: Sequence[Camera],
     body: Body,
     lightings: Mapping[str, Lighting],
     shadows: Shadows | None,
-    geometric: bool,
-) -> Iterator[_Photo]:
+) -> Iterator[WeighedPhoto]:
+    """The photographs of a fit, which have these labels and cameras."""
     estimate = known.candidates[known.chosen].estimate
     parameters = pack(estimate, {photo.lighting: photo.elements for photo in known.photos})
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-    mapped = any(element.slow_map is not None for own in elements.values() for element in own)
-    fields = [photo.field.thinned(_RAYS_OF_SAMPLE) for photo in known.photos]
-    rays = sum(len(field.ray_sample) for field in fields)
-    step = max(round(rays / (_RAYS_OF_MAPS if mapped else _RAYS)), 1)
-    for photo, thin, weights, camera in zip(known.photos, fields, known.weights, cameras, strict=True):
-        keep = np.arange(len(thin)) % step == 0
-        # What is left stands for the rest.
-        weight = weights.weight[keep] * (len(keep) / max(int(keep.sum()), 1))
+    kept = some_rays([photo.field for photo in known.photos], elements.values())
+    for label, photo, (keep, field, weight), own, camera in zip(
+        labels, known.photos, kept, known.weights, cameras, strict=True
+    ):
+        weights, strengths = weight * own.weight[keep], estimate.strengths[photo.lighting]
         derivatives = jacobians(photo, parameters, estimate)
-        field, strengths = thin.where(keep), estimate.strengths[photo.lighting]
-        light = Light(elements[photo.lighting], strengths)
-        radiance = PhotoRadiance(estimate.brdf, light, field, shadows)
-
-        def predicted(
-            lighting: Lighting, source: int, field: LightField = field, strengths: Floats = strengths
-        ) -> Floats:
-            """Radiance (n, 3) of the samples under one source of a lighting."""
-            alone, own = _one_source(lighting, source, strengths)
-            return predict(estimate.brdf, light_elements(alone), own, field, shadows)
-
-        yield _Photo(
+        yield WeighedPhoto(
+            label,
             photo.lighting,
             SeenBody(camera, body),
             field,
-            [own[keep] * weight[:, c, None] for c, own in enumerate(derivatives)],
-            radiance,
-            radiance.slopes() if geometric else None,
-            predicted,
+            [channel[keep] * weights[:, c, None] for c, channel in enumerate(derivatives)],
+            PhotoRadiance(estimate.brdf, Light(elements[photo.lighting], strengths), field, shadows),
+            strengths,
         )
 
 
+def some_rays(
+    fields: Sequence[LightField], elements: Iterable[Sequence[LightElement]]
+) -> Iterator[tuple[NDArray[np.bool_], LightField, float]]:
+    """As much of photographs as slopes are taken of: which samples, these with few rays, and how many each stands for.
+
+    elements : of all lightings.
+    """
+    mapped = any(element.slow_map is not None for own in elements for element in own)
+    thin = [field.thinned(_RAYS_OF_SAMPLE) for field in fields]
+    rays = sum(len(field.ray_sample) for field in thin)
+    step = max(round(rays / (_RAYS_OF_MAPS if mapped else _RAYS)), 1)
+    for field in thin:
+        keep = np.arange(len(field)) % step == 0
+        yield keep, field.where(keep), len(keep) / max(int(keep.sum()), 1)
+
+
+def _moved(photos: Iterable[WeighedPhoto], motion: Motion, size: int) -> Floats:
+    """The score (p,) of a motion in all of some photographs."""
+    return np.asarray(sum((photo.moved(motion) for photo in photos), np.zeros(size)))
+
+
 def _of_cameras(
-    photos: Mapping[str, _Photo],
+    photos: Mapping[str, WeighedPhoto],
     body: Body,
     found: NDArray[np.bool_],
     errors: Sequence[SharedError],
@@ -221,7 +221,7 @@ def _of_cameras(
     return _stacked([*columns, curved], size)
 
 
-def _of_heights(photos: Sequence[_Photo], body: MeshBody, height: float, size: int) -> Floats:
+def _of_heights(photos: Sequence[WeighedPhoto], body: MeshBody, height: float, size: int) -> Floats:
     """Scores (p, draws) of a scan's noise: vertices that are off by it along their normals, independently.
 
     Divided so that squares of what they move add up to its mean square.
@@ -241,12 +241,12 @@ def _of_heights(photos: Sequence[_Photo], body: MeshBody, height: float, size: i
             assert field.corner_weights is not None
             normals = field.normals + blended(bent, mesh.faces[field.faces], field.corner_weights)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-            column += photo.score(photo.rays.of(replace(field, normals=normals)) - photo.rays.here)
+            column += photo.score(photo.radiance.of(replace(field, normals=normals)) - photo.radiance.here)
         columns.append(column / np.sqrt(_DRAWS))
     return _stacked(columns, size)
 
 
-def _of_directions(photos: Sequence[_Photo], lighting: Lighting, size: int) -> list[Floats]:
+def _of_directions(photos: Sequence[WeighedPhoto], lighting: Lighting, size: int) -> list[Floats]:
     """Scores (p,) of each source's direction, off by its standard deviation either way across."""
     assert lighting.direction_std_deg is not None
     columns = []
@@ -259,15 +259,14 @@ def _of_directions(photos: Sequence[_Photo], lighting: Lighting, size: int) -> l
                 turned.append(replace(lighting, directions=directions))
             column = np.zeros(size)
             for photo in photos:
-                change = photo.predicted(turned[0], k) - photo.predicted(turned[1], k)
-                for c, own in enumerate(photo.weighted):
-                    column += own.T @ change[:, c]
+                ends = [photo.radiance.under(_one_source(one, k, photo.strengths)).here for one in turned]
+                column += photo.score(ends[0] - ends[1])
             columns.append(column)
     return columns
 
 
-def _one_source(lighting: Lighting, source: int, strengths: Floats) -> tuple[Lighting, Floats]:
-    """A lighting with nothing but one of its sources, and its strength, (1, 3)."""
+def _one_source(lighting: Lighting, source: int, strengths: Floats) -> Light:
+    """A lighting with nothing but one of its sources; strengths : of all the lighting's elements."""
     here = slice(source, source + 1)
     alone = replace(
         lighting,
@@ -279,11 +278,12 @@ def _one_source(lighting: Lighting, source: int, strengths: Floats) -> tuple[Lig
         closeness=None if lighting.closeness is None else lighting.closeness[here],
         closeness_std=None,
     )
-    if not lighting.recover_irradiance:
-        return alone, np.ones((1, 3))
-    # Elements are what is known, if there is anything, then the sources.
-    first = len(light_elements(lighting)) - len(lighting.directions) - lighting.recover_ambient
-    return alone, strengths[first + source][None]
+    own = np.ones((1, 3))
+    if lighting.recover_irradiance:
+        # Elements are what is known, if there is anything, then the sources.
+        first = len(light_elements(lighting)) - len(lighting.directions) - lighting.recover_ambient
+        own = strengths[first + source][None]
+    return Light(light_elements(alone), own)
 
 
 def _principal(covariance: Floats, length: float) -> list[Floats]:

@@ -19,6 +19,7 @@ _NOTABLE = 0.05
 # What makes error bars, by its name in files, in words.
 CAUSES = {
     "noise": "pixel noise",
+    "quadratures": "quadratures",
     "misfit": "misfit",
     "forms": "other forms",
     "map_pixels": "map's pixels",

@@ -57,10 +57,14 @@ class PhotoRadiance:
     """What the rays of a photograph's samples reflect, what they see of the light being fixed."""
 
     def __init__(self, brdf: Microfacet, light: Light, field: LightField, shadows: Shadows | None) -> None:
-        self._brdf, self._light, self._field = brdf, light, field
+        self._brdf, self._light, self._field, self._shadows = brdf, light, field, shadows
         self._seen: list[RayVisibility | None] = [
             None if shadows is None else shadows.visible(element, field) for element in light.elements
         ]
+
+    def under(self, light: Light) -> PhotoRadiance:
+        """The same rays under other light."""
+        return PhotoRadiance(self._brdf, light, self._field, self._shadows)
 
     @cached_property
     def here(self) -> Floats:
@@ -77,6 +81,7 @@ class PhotoRadiance:
             total += strength * (self._brdf.kd * diffuse + self._brdf.ks * specular)
         return total
 
+    @cached_property
     def slopes(self) -> RadianceSlopes:
         """Derivatives of the radiance, by central differences."""
         field, sigma = self._field, self._brdf.sigma

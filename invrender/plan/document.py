@@ -14,7 +14,7 @@ from invrender.plan.candidates import AddedPhoto
 from invrender.plan.experiment import Experiment, angles_deg
 from invrender.plan.light_prospect import LightProspect
 from invrender.plan.planning import Plan
-from invrender.plan.prospect import Expected
+from invrender.plan.prospect import Expected, worth_improving
 
 FORMAT = 1
 
@@ -35,6 +35,7 @@ def plan_document(plan: Plan, advice: Advice, inputs: Mapping[str, str]) -> dict
                 "truth": _numbers(one.truth),
                 "std": _numbers(one.std),
                 "noise_std": _numbers(one.noise_std),
+                "variance_shares": one.shares,
                 "status": one.quantity.status,
                 "reason": one.quantity.reason,
                 "remedy": one.quantity.remedy,
@@ -47,6 +48,18 @@ def plan_document(plan: Plan, advice: Advice, inputs: Mapping[str, str]) -> dict
             for light in experiment.lights
         ],
         "repeated": _outcome(plan.repeated),
+        "calibration": [
+            {
+                "cause": cause,
+                "gain": gain,
+                "quantities": [
+                    {"name": one.name, "std": _numbers(one.improved(cause))}
+                    for one in plan.expected
+                    if one.causes
+                ],
+            }
+            for cause, gain in worth_improving(plan.expected)
+        ],
         "advice": _advice(experiment, advice),
         "notes": list(experiment.notes),
         "inputs": dict(inputs),

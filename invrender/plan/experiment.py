@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.calibrationerrors import NO_ERRORS, CalibrationErrors
 from capture.camera import Camera
 from capture.lighting import Lighting, latlong_solid_angles
 from invrender.brdf.microfacet import Microfacet
@@ -67,6 +68,8 @@ class Experiment:
     brdf : sigma is None, and Ks zero, for matte objects; mu is None where there is no Fresnel factor.
     centre : (3,) metres, of the object: directions of views count from there.
     notes : sentences on what the plan takes for something else than the scene says.
+    errors : of what the set will give; those of light directions are in the lights.
+    found_place : (4,), what of a sphere's centre and radius its outlines will give.
     """
 
     name: str
@@ -77,6 +80,8 @@ class Experiment:
     views: tuple[PlannedView, ...]
     sensor: PlannedSensor
     notes: tuple[str, ...] = ()
+    errors: CalibrationErrors = NO_ERRORS
+    found_place: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(4, bool))
 
     def __post_init__(self) -> None:
         if not self.views:
@@ -99,6 +104,11 @@ class Experiment:
         """The unit direction (3,) from the object to a view's camera."""
         offset = view.camera.centre - self.centre
         return np.asarray(offset / np.linalg.norm(offset))
+
+    @property
+    def counts_errors(self) -> bool:
+        """Whether `process` carries errors of calibration into its error bars: not where it looks for light."""
+        return all(light.known for light in self.lights)
 
     @property
     def gauge_light(self) -> int | None:

@@ -106,7 +106,7 @@ def _draw_gains(
     elevation = np.pi / 2 - (np.arange(_MAP_HEIGHT) + 0.5) * np.pi / _MAP_HEIGHT
     values = np.roll(np.maximum(blended, 1), _MAP_HEIGHT, axis=1)
     drawn = axes.pcolormesh(azimuth, elevation, values, norm=norm, cmap="viridis", shading="nearest")
-    what = printable(f"the noise's share of the std of {target.label}: now, over that with it")
+    what = printable(f"what photographs change of the std of {target.label}: now, over that with it")
     figure.colorbar(drawn, ax=axes, orientation="horizontal", shrink=0.8, pad=0.12).set_label(
         what, fontsize=9
     )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.calibrationerrors import CalibrationErrors, lens_errors, stated_pose
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.phong import phong_sigma
@@ -58,7 +59,7 @@ def experiment_of(staging: Staging) -> Experiment:
 
     ValueError for materials that RH01's parameters can't stand for.
     """
-    scene = staging.scene
+    scene, stated = staging.scene, staging.uncertainty
     brdf, notes = _brdf(scene.name, scene.material)
     shots = [(f"{index:03d}", shot) for index, shot in enumerate(scene.shots) if not shot.held_out]
     if not shots:
@@ -84,7 +85,10 @@ def experiment_of(staging: Staging) -> Experiment:
     else:
         assert staging.mesh is not None, "what isn't a ball has a mesh"
         body = MeshBody(placed(staging.mesh, staging.mesh_to_world))
+    if any(stated.model_dump().values()) and any(light.given == "nothing" for light in used):
+        notes.append("what [uncertainty] states isn't counted: `process` carries it under known light only")
     index = {id(light): k for k, light in enumerate(used)}
+    cameras = {name: shot.camera for name, shot in shots}
     sensor = staging.sensor
     return Experiment(
         name=scene.name,
@@ -92,10 +96,17 @@ def experiment_of(staging: Staging) -> Experiment:
         # A view of a scene file looks at the object's frame, wherever its middle lies.
         centre=staging.mesh_to_world[:3, 3] if staging.mesh is not None else np.asarray(surface.centre),
         brdf=brdf,
-        lights=tuple(_light(light, surface.centre) for light in used),
+        lights=tuple(_light(light, surface.centre, stated.direction_deg or 0.0) for light in used),
         views=tuple(PlannedView(shot.camera, index[id(shot.illumination)], name) for name, shot in shots),
         sensor=DevelopedSensor(sensor) if isinstance(sensor, Development) else NoisySensor(sensor),
         notes=tuple(notes),
+        errors=CalibrationErrors(
+            stated_pose=stated_pose(stated.rotation_deg, stated.position),
+            lenses=lens_errors(cameras, {}, stated.focal_length),
+            height=stated.height or 0.0,
+            stated=any(stated.model_dump().values()),
+        ),
+        found_place=np.full(4, isinstance(surface, Ball) and not staging.stated),
     )
 
 
@@ -208,7 +219,7 @@ def _microfacet(material: Material, mu: float | None, sigma: float) -> Microface
     return Microfacet(material.kd, material.ks, mu, sigma)
 
 
-def _light(light: Illumination, centre: Floats) -> PlannedLight:
+def _light(light: Illumination, centre: Floats, direction_std_deg: float) -> PlannedLight:
     discs = [one for one in light.extended if isinstance(one, DiscLight) and one.radius_rad <= _SMALL_DISC]
     extended = [one for one in light.extended if one not in discs]
     sources: list[tuple[Floats, Floats]] = [(disc.direction, disc.irradiance) for disc in discs]
@@ -220,6 +231,7 @@ def _light(light: Illumination, centre: Floats) -> PlannedLight:
         latlong_map(extended, _MAP_HEIGHT) if extended else None,
         np.array([direction for direction, _ in sources]).reshape(-1, 3),
         np.array([irradiance for _, irradiance in sources]).reshape(-1, 3),
+        direction_std_deg=np.full(len(sources), direction_std_deg) if direction_std_deg else None,
     )
     return PlannedLight(lighting, light.given != "nothing")
 

@@ -10,7 +10,7 @@ patch of the surface, would do to the unknowns.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -119,17 +119,24 @@ class Marginal:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Standard deviations (r,) of some numbers, and their fragility as in `estimate.uncertainty.Uncertainty`."""
+    """Standard deviations (r,) of some numbers, and their fragility as in `estimate.uncertainty.Uncertainty`.
+
+    std : by noise. causes : variances (r,) by errors of calibration, each by its name.
+    """
 
     std: Floats
     fragility: Floats
+    causes: Mapping[str, Floats] = field(default_factory=dict)
 
 
 class Posterior:
-    """What all photographs together leave uncertain. marginals : one per lighting; they share some numbers."""
+    """What all photographs together leave uncertain. marginals : one per lighting; they share some numbers.
 
-    def __init__(self, marginals: Sequence[Marginal]) -> None:
-        self.marginals = tuple(marginals)
+    scores : (t, q) by cause, of errors of calibration in the shared numbers, in units of the prior.
+    """
+
+    def __init__(self, marginals: Sequence[Marginal], scores: Mapping[str, Floats] | None = None) -> None:
+        self.marginals, self.scores = tuple(marginals), dict(scores or {})
         precision = np.sum([marginal.shared.corner for marginal in marginals], axis=0)
         self.covariance = np.linalg.inv((precision + precision.T) / 2 + np.eye(len(precision)))
         self._pull = np.sum([marginal.pull for marginal in marginals], axis=0)
@@ -144,7 +151,9 @@ class Posterior:
         """Of linear functions (r, t) of the shared numbers, in units of the prior."""
         gain = rows @ self.covariance
         patches = ((self._patches @ gain.T) ** 2).sum(axis=0)
-        return _spread(_along(gain, rows), _along(gain @ self._pull, gain), patches)
+        spread = _spread(_along(gain, rows), _along(gain @ self._pull, gain), patches)
+        moved = {cause: gain @ columns for cause, columns in self.scores.items()}
+        return replace(spread, causes={cause: _along(each, each) for cause, each in moved.items()})
 
     def of_lighting(self, index: int) -> Spread:
         """Of the rows of a marginal."""
@@ -173,7 +182,7 @@ class Posterior:
     def _with_marginal(self, index: int, marginal: Marginal) -> Posterior:
         marginals = list(self.marginals)
         marginals[index] = marginal
-        return Posterior(marginals)
+        return Posterior(marginals, self.scores)
 
 
 def _along(left: Floats, right: Floats) -> Floats:

@@ -220,4 +220,4 @@ def _assessed(
     else:
         quantity = Quantity(size, std, "determined")
     relative_to = np.maximum(size, 1e-3 * size.max())
-    return Expected(name, label, size, std, spread.std, quantity, relative_to, reducible)
+    return Expected(name, label, size, std, spread.std, quantity, relative_to, reducible, spread.causes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from capture.parallel import one_blas_thread, parallel_map
 from capture.progress import Track, silent
 from invrender.estimate.identifiability import lighting_degree
+from invrender.plan.calibration import planned_scores
 from invrender.plan.experiment import Experiment
 from invrender.plan.information import Marginal, Posterior, Tally
 from invrender.plan.light_prospect import LightProspect
@@ -30,11 +31,13 @@ class Plan:
     """What the photographs of an experiment will determine.
 
     found : per light, the information in its photographs. draws : the samples looked at, in the order of the views.
+    scores : of errors of calibration, as `Posterior` has them.
     """
 
     bench: Bench
     found: tuple[Tally, ...]
     draws: tuple[Draw, ...]
+    scores: Mapping[str, Floats]
 
     @property
     def experiment(self) -> Experiment:
@@ -97,7 +100,8 @@ class Plan:
             none = np.zeros((0, 3 * light.size + len(bench.unknowns.std)))
             rows = bench.unknown_lights[k].asked if k in bench.unknown_lights else none
             marginals.append(Marginal(light, found.times(times), rows))
-        return Posterior(marginals)
+        # One pose has one error, however often it is photographed.
+        return Posterior(marginals, {cause: times * columns for cause, columns in self.scores.items()})
 
 
 def make_plan(
@@ -132,12 +136,16 @@ def make_plan(
             )
             for light in {view.light for view in views}
         }
-        steps = list(zip(views, draws, brightness, strict=True))
+        steps, weighted = list(zip(views, draws, brightness, strict=True)), []
         for view, one, bright in track(steps, "Adding up their information"):
-            found[view.light] += bench.information(
-                view.light, one, next(seen[view.light]), bright, exposure_s
-            )
-        return Plan(bench, tuple(found), tuple(draws))
+            shown = next(seen[view.light])
+            weights = bench.weights(one, shown, bright, exposure_s)
+            found[view.light] += bench.information(view.light, one, shown, weights)
+            weighted.append(shown.shared * bench.unknowns.std * weights.T[..., None])
+        scores = {}
+        if experiment.counts_errors:
+            scores = planned_scores(experiment, bench.object, [one.field for one in draws], weighted)
+        return Plan(bench, tuple(found), tuple(draws), scores)
 
 
 def _check_usable(experiment: Experiment, draws: Sequence[Draw]) -> None:

@@ -65,15 +65,19 @@ class Bench:
         """What photographs under a light show."""
         return self.object.shown(light, [one.field for one in draws])
 
-    def information(
-        self, light: int, drawn: Draw, seen: ShownSamples, brightness: Floats, exposure_s: float
-    ) -> Tally:
-        """The information in a photograph, all the files of its bracket together; brightness : (k, 3), its radiance."""
+    def weights(self, drawn: Draw, seen: ShownSamples, brightness: Floats, exposure_s: float) -> Floats:
+        """Inverse variances (n, 3) of a photograph's samples, all the files of its bracket together.
+
+        brightness : (k, 3), its radiance.
+        """
         sensor = self.experiment.sensor
         weights = sensor.information(seen.radiance, brightness, exposure_s)
         least = _LEAST_NOISE * float(np.sqrt(np.mean(brightness**2)))
         weights = np.minimum(weights, 1 / max(least, 1e-150) ** 2)
-        weights = drawn.stands_for * sensor.exposures * weights
+        return np.asarray(drawn.stands_for * sensor.exposures * weights)
+
+    def information(self, light: int, drawn: Draw, seen: ShownSamples, weights: Floats) -> Tally:
+        """The information in a photograph; weights : of `weights`."""
         return photograph_tally(self.unknowns, light, drawn.field, seen, weights)
 
     def nothing(self, light: int) -> Tally:
@@ -86,4 +90,4 @@ class Bench:
         if not brightness.any():
             return self.nothing(light)
         exposure_s = self.experiment.sensor.exposure_s([brightness])
-        return self.information(light, drawn, seen, brightness, exposure_s)
+        return self.information(light, drawn, seen, self.weights(drawn, seen, brightness, exposure_s))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,7 @@ class Expected:
     std : what noise forces, and what `process` always counts on top. noise_std : what noise alone forces. quantity :
     with status, reason and remedy. size : what a std is relative to, (k,): the truth's absolute value for most.
     reducible : (k,), the part of std that other photographs would change; the rest is a share of the number itself.
+    causes : variances (k,) by errors of calibration, each by its name.
     """
 
     name: str
@@ -38,6 +39,20 @@ class Expected:
     quantity: Quantity
     size: Floats
     reducible: Floats
+    causes: Mapping[str, Floats]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """What each cause has of the variance, mean of channels; they add up to 1."""
+        own = {"noise": self.noise_std**2, **self.causes}
+        own["quadratures"] = self.std**2 - np.sum(list(own.values()), axis=0)
+        total = float(np.mean(self.std**2))
+        return {cause: float(np.mean(part)) / total for cause, part in own.items() if total > 0}
+
+    def improved(self, cause: str) -> Floats:
+        """The standard deviations (k,) if errors of one cause were half as large."""
+        less = 0.75 * self.causes.get(cause, np.zeros(len(self.std)))
+        return np.asarray(np.sqrt(self.std**2 - less))
 
     @property
     def is_direction(self) -> bool:
@@ -58,6 +73,16 @@ class Expected:
     def rank(self) -> tuple[bool, float]:
         """How badly off it is; sorts."""
         return self.quantity.status == "undetermined", self.doubt
+
+
+def worth_improving(expected: Sequence[Expected]) -> list[tuple[str, float]]:
+    """Errors of calibration, the most harmful first: by what factor, twice as sure, each would shrink a std at best."""
+    causes = dict.fromkeys(cause for one in expected for cause in one.causes)
+    gains = {
+        cause: max(float(np.max(one.std / one.improved(cause))) for one in expected if one.causes)
+        for cause in causes
+    }
+    return sorted(gains.items(), key=lambda entry: -entry[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +135,7 @@ class AskedBrdf:
                     unknown if degree == 0 else quantities[name],
                     size,
                     reducible[own],
+                    {cause: variance[own] for cause, variance in spread.causes.items()},
                 )
             )
         return found
@@ -125,9 +151,10 @@ LABELS = {
 
 
 def counted(spread: Spread, scale: Floats) -> tuple[Floats, Floats]:
-    """Standard deviations as `process` states them, noise and its quadratures, and what of them is reducible.
+    """Standard deviations as `process` states them, and what of them is reducible: all but a share of the numbers.
 
     Quadratures count as a model error of the radiance, propagated, and as a share of a `scale`, which stays.
     """
-    reducible = np.hypot(spread.std, NUMERICAL * spread.fragility)
+    calibration = np.sum([np.zeros(len(spread.std)), *spread.causes.values()], axis=0)
+    reducible = np.sqrt(spread.std**2 + (NUMERICAL * spread.fragility) ** 2 + calibration)
     return np.asarray(np.hypot(reducible, FINEST * scale)), np.asarray(reducible)

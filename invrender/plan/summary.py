@@ -6,9 +6,11 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.markup import escape
 from rich.table import Table
 
+from invrender.estimate.quantities import CAUSES, limits
 from invrender.estimate.uncertainty import FINEST
 from invrender.plan.advice import Advice
 from invrender.plan.candidates import AddedPhoto
@@ -16,10 +18,12 @@ from invrender.plan.document import gauge
 from invrender.plan.experiment import Experiment, angles_deg
 from invrender.plan.light_prospect import HALF, LightProspect
 from invrender.plan.planning import Plan
-from invrender.plan.prospect import Expected
+from invrender.plan.prospect import Expected, worth_improving
 from invrender.wording import with_error
 
-QUANTITY_HEADINGS = ("quantity", "truth ± expected std", "relative", "status")
+Floats = NDArray[np.float64]
+
+QUANTITY_HEADINGS = ("quantity", "truth ± expected std", "relative", "status", "limited most by")
 # Of many lightings so many are printed; plan.json has them all.
 _SHOWN = 3
 # A photograph that leaves more than this of the worst quantity's standard deviation isn't worth its while.
@@ -27,7 +31,7 @@ _LITTLE = 0.95
 
 
 def quantity_table(plan: Plan) -> Table:
-    """Quantity, truth, expected standard deviation and status; of many lightings' the worst off."""
+    """Quantity, truth, expected standard deviation, status, what limits it; of many lightings' the worst off."""
     table = Table(
         *QUANTITY_HEADINGS, title=f"{escape(plan.experiment.name)}: what will be known", title_justify="left"
     )
@@ -36,10 +40,16 @@ def quantity_table(plan: Plan) -> Table:
     return table
 
 
-def quantity_rows(plan: Plan) -> list[tuple[str, str, str, str]]:
+def quantity_rows(plan: Plan) -> list[tuple[str, ...]]:
     """The cells of that table, by `QUANTITY_HEADINGS`."""
     return [
-        (one.label, _with_std(one), "" if one.is_direction else _share(one.relative), one.quantity.status)
+        (
+            one.label,
+            _with_std(one),
+            "" if one.is_direction else _share(one.relative),
+            one.quantity.status,
+            limits(one.shares, most=2),
+        )
         for one in shown_quantities(plan)
     ]
 
@@ -82,6 +92,7 @@ def sentences(plan: Plan, advice: Advice) -> Iterator[str]:
     if len(plan.lights) > _SHOWN:
         yield f"So for {len(plan.lights) - _SHOWN} lightings more; the table shows the one that is worst off."
     yield from _advice_sentences(plan, advice)
+    yield from _calibration_sentences(plan)
     for note in experiment.notes:
         yield f"Note: {note}."
     if count * experiment.sensor.exposures == 1:
@@ -172,6 +183,25 @@ def _advice_sentences(plan: Plan, advice: Advice) -> Iterator[str]:
         yield text
 
 
+def _calibration_sentences(plan: Plan) -> Iterator[str]:
+    """Which calibration is worth improving, of those whose errors the scene states."""
+    ranked = worth_improving(plan.expected)
+    if not ranked:
+        return
+    cause, gain = ranked[0]
+    if gain < 1 / _LITTLE:
+        yield (
+            "No calibration is worth improving: twice as sure as [uncertainty] says, none makes a notable difference."
+        )
+        return
+    improved = [
+        f"{one.label} {_bar(one, one.improved(cause))} in place of {_bar(one, one.std)}"
+        for one in plan.expected
+        if one.causes and float(np.min(one.improved(cause) / one.std)) < _LITTLE
+    ]
+    yield f"Worth improving first: {CAUSES[cause]}. Twice as sure, they leave {'; '.join(improved)}."
+
+
 def _helps(plan: Plan, target: Expected, candidate: AddedPhoto) -> bool:
     """Whether a candidate settles something, or makes the target's deviation notably smaller."""
     now = sum(one.quantity.status == "undetermined" for one in plan.expected)
@@ -228,9 +258,14 @@ def _outcome(one: Expected) -> str:
     """How well a quantity will be known, or that it won't."""
     if one.quantity.status == "undetermined":
         return "undetermined"
-    worst = int(np.argmax(one.std / one.size))
-    text = _with_std(one) if one.is_direction else f"± {one.std[worst]:.2g} ({_share(one.relative)})"
+    text = _with_std(one) if one.is_direction else _bar(one, one.std)
     return f"{text}, weak" if one.quantity.status == "weak" else text
+
+
+def _bar(one: Expected, std: Floats) -> str:
+    """The largest of a quantity's standard deviations (k,), as a number and as a share."""
+    worst = int(np.argmax(std / one.size))
+    return f"± {std[worst]:.2g} ({_share(float(std[worst] / one.size[worst]))})"
 
 
 def _share(relative: float) -> str:

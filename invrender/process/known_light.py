@@ -16,7 +16,7 @@ from capture.progress import Track, counted
 from invrender.diagnostics.diagnosis import diagnose, lamp_distance
 from invrender.diagnostics.known_light import known_light_remainders
 from invrender.diagnostics.named import NamedCause, named_causes
-from invrender.estimate.calibration import calibration_scores
+from invrender.estimate.calibration import calibration_scores, weighed_photos
 from invrender.estimate.evidence import fit_strengths, outlying
 from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.estimate.interreflection.correction import Sent
@@ -146,15 +146,16 @@ def _solve(
         doubts["lamp_distances"] = distance_doubts(
             concluded.photos, settled.brdf, settled.strengths, lights, geometry.shadows
         )
-        scores = calibration_scores(
+        weighed = weighed_photos(
             concluded,
             [photo.label for photo in fitted],
             [photo.camera for photo in fitted],
             geometry.body,
-            _found_of_sphere(photoset),
-            photoset.errors,
             lights,
             geometry.shadows,
+        )
+        scores = calibration_scores(
+            weighed, geometry.body, _found_of_sphere(photoset), photoset.errors, lights
         )
         solution = solution_of(concluded, used, doubts, scores=scores)
         columns = _in_form(photoset, solution, columns, elements)

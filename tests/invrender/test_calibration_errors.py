@@ -20,7 +20,7 @@ from capture.photoset import load_photoset
 from capture.radiance import RadianceImage
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.calibration import calibration_scores
+from invrender.estimate.calibration import calibration_scores, weighed_photos
 from invrender.estimate.explanation import explain
 from invrender.estimate.solution import solution_of
 from invrender.gradients.slopes import Light, PhotoRadiance
@@ -158,7 +158,7 @@ def test_slopes_of_a_matte_ball_are_those_of_the_cosine() -> None:
     matte = Microfacet(PAINT.kd, np.zeros(3), None, None, RH01_FORM)
     lamp = replace(LAMPS, directions=LAMPS.directions[:1], irradiances=LAMPS.irradiances[:1])
     elements = light_elements(lamp)
-    slopes = PhotoRadiance(matte, Light(elements, np.ones((1, 3))), field, None).slopes()
+    slopes = PhotoRadiance(matte, Light(elements, np.ones((1, 3))), field, None).slopes
     direction = lamp.directions[0]
     cosine = field.normals @ direction
     lit = cosine > 0.02
@@ -196,9 +196,9 @@ def fitted(
         photos.append(photo_columns("lamps", light_elements(lightings[1]), field, RH01_FORM, None))
     known = explain(photos, [lightings[1]])
     labels = [f"{k}" for k in range(len(photos))]
-    scores = calibration_scores(
-        known, labels, cameras[1], bodies[1], NOT_FOUND, errors, {"lamps": lightings[1]}, None
-    )
+    lights = {"lamps": lightings[1]}
+    weighed = weighed_photos(known, labels, cameras[1], bodies[1], lights, None)
+    scores = calibration_scores(weighed, bodies[1], NOT_FOUND, errors, lights)
     numbers = solution_of(known, [lightings[1]], scores=scores).quantities
     return {
         name: (number.value, number.std, dict(number.shares))

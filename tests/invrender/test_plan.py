@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.photoset import load_photoset
 from invrender.estimate.jacobian import pack
 from invrender.estimate.search import LADDER, fit
 from invrender.estimate.statistics import by_lighting, photo_statistics
@@ -18,11 +19,14 @@ from invrender.plan.experiment import PlannedLight, angles_deg
 from invrender.plan.from_scene import experiment_of
 from invrender.plan.information import Marginal, Posterior, Tally, photograph_tally
 from invrender.plan.planning import Plan, make_plan
-from invrender.plan.prospect import Expected
+from invrender.plan.prospect import Expected, worth_improving
 from invrender.process.pipeline import process
 from synthetic.scenes.build import read_staging
+from synthetic.writer import write_photoset
 
 from .planscenes import BRDF, GANTRY, LAMP, SKY, SOFT, TEFLON, columns_of, scene
+
+QUICK = "[render]\ndirections = 256\nper_side = 2\n"
 
 
 @pytest.fixture(scope="module")
@@ -85,16 +89,13 @@ def test_expected_deviations_are_the_scatter_of_estimates_and_what_the_solver_st
 
 
 def test_a_plan_states_what_process_then_reports(tmp_path: Path, few_forms: None):
-    from capture.photoset import load_photoset
-    from synthetic.writer import write_photoset
-
     path = tmp_path / "noisy.toml"
     # So noisy that what process adds for its quadratures hardly counts.
     path.write_text(
         scene(
             f"{SKY}\n{LAMP}",
             "[gantry]\nphotos = 4\nstep_deg = 40\n",
-            more="[sensor]\nnoise = 0.05\n[render]\ndirections = 256\nper_side = 2\n",
+            more="[sensor]\nnoise = 0.05\n" + QUICK,
         )
     )
     staging = read_staging(path)
@@ -113,6 +114,44 @@ def test_a_plan_states_what_process_then_reports(tmp_path: Path, few_forms: None
         ratio = found.std / expected.std
         assert ((ratio > (0.5 if name == "ks" else 0.85)) & (ratio < 1.3)).all(), (name, ratio)
         assert expected.quantity.status == found.status
+
+
+def test_a_plan_counts_what_a_scene_states_of_calibration_as_process_does(tmp_path: Path, few_forms: None):
+    path = tmp_path / "stated.toml"
+    paint = "kd = [0.2, 0.15, 0.1]\nks = [0.05, 0.06, 0.07]\nmu = 1.5\nsigma = 0.15"
+    text = scene(LAMP, GANTRY, material=paint, more=QUICK)
+    path.write_text(text)
+    # Nothing is off: errors that are leave misfit, by which a fit weighs its pixels otherwise than planned.
+    write_photoset(read_staging(path), tmp_path / "set")
+    stated = "[uncertainty]\nrotation_deg = 0.1\nfocal_length = 0.001\ndirection_deg = 0.1\n"
+    manifest = tmp_path / "set" / "photoset.toml"
+    manifest.write_text(manifest.read_text() + stated)
+    path.write_text(text + stated)
+    plan = make_plan(experiment_of(read_staging(path)), samples=40_000)
+    result = process(load_photoset(tmp_path / "set")).result
+    compared = 0
+    for name in ("kd", "ks", "sigma", "mu"):
+        expected, found = named(plan.expected, name), result.quantities[name]
+        assert sum(expected.shares.values()) == pytest.approx(1)
+        for cause in ("poses", "light_directions"):
+            if expected.shares[cause] > 0.15:
+                reported = np.mean(found.std**2) * found.shares[cause]
+                # By the same slopes: at the truth, from samples of its own.
+                assert np.mean(expected.causes[cause]) == pytest.approx(reported, rel=0.5), (name, cause)
+                compared += 1
+    assert compared >= 4
+    # Half the error counts as plan says.
+    path.write_text(text + stated.replace("rotation_deg = 0.1", "rotation_deg = 0.05"))
+    better = make_plan(experiment_of(read_staging(path)), samples=40_000)
+    for name in ("kd", "sigma", "mu"):
+        # But for the poses' second order, which falls faster.
+        improved = named(plan.expected, name).improved("poses")
+        assert_allclose(named(better.expected, name).std, improved, rtol=0.05)
+    # Every photograph twice, from where it was taken, leaves what calibration does as it is.
+    twice, once = named(plan.repeated, "kd"), named(plan.expected, "kd")
+    assert_allclose(twice.causes["poses"], once.causes["poses"], rtol=1e-3)
+    cause, gain = worth_improving(plan.expected)[0]
+    assert gain == max(float(np.max(one.std / one.improved(cause))) for one in plan.expected) > 1
 
 
 # --- what theory says

@@ -127,6 +127,27 @@ def test_unknown_light_is_told_by_degree_in_a_relative_gauge(plan: Run, tiny: Pa
 
 
 @pytest.mark.usefixtures("few_directions")
+def test_the_calibration_that_is_worth_improving_is_named(plan: Run, tiny: Path, tmp_path: Path) -> None:
+    tiny.write_text(SCENE + "[uncertainty]\nrotation_deg = 0.01\ndirection_deg = 1.0\n")
+    out = tmp_path / "out"
+    code, text, _ = plan(tiny, "-o", out, "--samples", 1000)
+    assert code == 0
+    # A degree of the one light is a hundred times what poses are off.
+    assert "Worth improving first: light directions. Twice as sure, they leave Kd (1/sr) ±" in text
+    assert "Note: what [uncertainty]" not in text
+    found = json.loads((out / "plan.json").read_text())
+    assert [one["cause"] for one in found["calibration"]] == ["light_directions", "poses"]
+    kd = found["quantities"][0]
+    assert kd["variance_shares"]["light_directions"] > 0.9
+    # Half of what is nearly all of it.
+    improved = found["calibration"][0]["quantities"][0]
+    assert improved["name"] == "kd"
+    np.testing.assert_allclose(improved["std"], np.array(kd["std"]) / 2, rtol=0.1)
+    _, unknown, _ = plan(tiny, "--light", "nothing", "--degree", 3, "--samples", 1000)
+    assert "Note: what [uncertainty] states isn't counted" in unknown
+
+
+@pytest.mark.usefixtures("few_directions")
 def test_a_plan_without_a_folder_writes_nothing(
     plan: Run, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
