@@ -146,6 +146,7 @@ def test_bars_hold_what_many_outliers_do() -> None:
     assert all(holds(finding) for finding in found.values() if finding.stated)
 
 
+@pytest.mark.slow
 def test_near_lamps_widen_the_bars_until_nothing_is_stated(noise: dict[str, Finding]) -> None:
     far = near_known_draw(0.003, 0)
     assert all(holds(finding) for finding in far.values())

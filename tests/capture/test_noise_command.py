@@ -31,7 +31,9 @@ def photographs(folder, bits: int, response: str, count: int) -> list[str]:
     return names
 
 
-@pytest.mark.parametrize(("bits", "encoding"), [(16, "linear"), (8, "srgb")])
+@pytest.mark.parametrize(
+    ("bits", "encoding"), [pytest.param(16, "linear", marks=pytest.mark.slow), (8, "srgb")]
+)
 def test_writes_numbers_and_figure(run, tmp_path, bits, encoding):
     names = photographs(tmp_path, bits, encoding, 3)
     result = run(*names, "--encoding", encoding, "-o", "cal/noise.json")

@@ -201,6 +201,7 @@ def test_corrections_leave_scale_and_span_alone():
 # Recovery from a synthetic sensor, which counts photons.
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth(tmp_path):
     shares = []
     for seed, (response, times) in enumerate([("gamma", (4, 0.5)), ("film", (0.2, 0.8, 2, 6))]):
@@ -239,6 +240,7 @@ def test_what_moves_is_left_out(tmp_path):
     assert np.nanmedian(recovery.response.log_std) < 0.03  # not covered by knowing nothing
 
 
+@pytest.mark.slow
 def test_colour_that_a_jpeg_smears_from_saturated_neighbours_does_not_bend_the_curve(tmp_path):
     rng = np.random.default_rng(10)
     # Coloured patches, whose edges the halved colour of a JPEG blurs.

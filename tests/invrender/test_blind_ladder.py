@@ -20,7 +20,9 @@ from synthetic.render.lobes import reflected_radiance
 from .test_blind import TEFLON, noisy
 
 
-@pytest.mark.parametrize(("width_rad", "degree", "highest"), [(0.25, 12, 16), (0.5, 6, 12)])
+@pytest.mark.parametrize(
+    ("width_rad", "degree", "highest"), [pytest.param(0.25, 12, 16, marks=pytest.mark.slow), (0.5, 6, 12)]
+)
 def test_finer_light_is_tried_as_long_as_photographs_ask_for_it(
     bench: SimpleNamespace, few_forms: None, width_rad: float, degree: int, highest: int
 ):

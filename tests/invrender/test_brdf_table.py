@@ -232,7 +232,12 @@ def test_a_lamp_that_is_near_is_found_to_be_so(black: list[LightField], lamp: Di
 
 @pytest.mark.parametrize(
     ("material", "explained"),
-    [(TEFLON, True), (SmithMaterial(TEFLON.kd, 4 * TEFLON.ks, 1.5, GGXSlopes(0.12, 0.12)), False)],
+    [
+        (TEFLON, True),
+        pytest.param(
+            SmithMaterial(TEFLON.kd, 4 * TEFLON.ks, 1.5, GGXSlopes(0.12, 0.12)), False, marks=pytest.mark.slow
+        ),
+    ],
     ids=["RH01's", "GGX"],
 )
 def test_no_far_lamp_counts_as_near_whatever_the_lobe(

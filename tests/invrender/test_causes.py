@@ -125,13 +125,14 @@ def test_the_fault_of_a_set_is_named_first(
     assert cause.share > {"stains": 0.5, "brightness": 0.6}.get(expected, 0.8)
 
 
-@pytest.mark.parametrize("surface", ["glossy", "matte"])
+@pytest.mark.parametrize("surface", ["glossy", pytest.param("matte", marks=pytest.mark.slow)])
 def test_a_sound_set_has_no_cause(sound: dict[str, Path], surface: str) -> None:
     result = result_of(sound[surface])
     assert result.causes == ()
     assert result.warnings == ()
 
 
+@pytest.mark.slow
 def test_lamps_that_are_near_are_found_each_at_its_distance(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set", distance=25 * RADIUS)
     result = process(load_photoset(folder), samples=2000).result

@@ -296,7 +296,12 @@ def test_a_failed_run_leaves_the_earlier_result(
     ("fate", "status", "said"),
     [
         ("raise OSError(28, 'No space left on device')", 1, "error: {}: [Errno 28] No space left on device"),
-        ("os.kill(os.getpid(), signal.SIGTERM); time.sleep(60)", 128 + signal.SIGTERM, "stopped; {}"),
+        pytest.param(
+            "os.kill(os.getpid(), signal.SIGTERM); time.sleep(60)",
+            128 + signal.SIGTERM,
+            "stopped; {}",
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["failed", "stopped"],
 )

@@ -46,11 +46,11 @@ def long_simplex(model: Model, statistics: tuple[Statistics, ...], start: Estima
     [
         ("microfacet without Fresnel", {}),
         ("neutral microfacet", {}),
-        ("microfacet", {}),
+        pytest.param("microfacet", {}, marks=pytest.mark.slow),
         ("microfacet", {"recover_irradiance": True}),
         # Where mu moves the base, too.
         ("neutral GGX plastic", {}),
-        ("GGX plastic", {"recover_irradiance": True}),
+        pytest.param("GGX plastic", {"recover_irradiance": True}, marks=pytest.mark.slow),
         # Whose own numbers are searched, too: of the base, of the lobe.
         ("GGX on a coated base", {"recover_irradiance": True}),
         ("neutral GGX with haze without Fresnel", {}),

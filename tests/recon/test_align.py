@@ -124,6 +124,7 @@ def test_from_ten_degrees_and_five_percent_it_converges(task, cat):
     assert misfit_px(found.refined) < 0.06
 
 
+@pytest.mark.slow
 def test_from_far_it_converges_or_says_that_it_did_not(task, cat):
     outcomes = []
     for seed in (0, 2):
@@ -270,6 +271,7 @@ def test_error_bars_cover_when_masks_are_drawn_by_a_shaky_hand(cat, masks):
     assert_errors_are_as_stated(scores)
 
 
+@pytest.mark.slow
 def test_error_bars_cover_when_poses_shift_whole_photographs(task):
     """Errors over standard deviations where every photograph is shifted by 0.7 px, 8 draws."""
     scores = []

@@ -73,7 +73,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("blur", [0.0, 1.0])
+@pytest.mark.parametrize("blur", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_a_sphere_is_found_where_it_is(ball, scene, blur):
     light, ambient, behind, tolerance = SCENES[scene]
     rng = np.random.default_rng(1)

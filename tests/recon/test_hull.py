@@ -140,6 +140,7 @@ def test_too_large_a_silhouette_is_told_from_dark_parts(ball):
     assert_allclose((found[0].column, found[0].row), 40, atol=2)
 
 
+@pytest.mark.slow
 def test_the_temple_lost_to_a_high_threshold_names_the_photograph(data_dir):
     lines = [line.split() for line in (data_dir / "temple" / "templeSR_par.txt").read_text().splitlines()]
     views, names, radiances = [], [], []

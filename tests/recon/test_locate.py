@@ -78,7 +78,10 @@ def test_the_sphere_is_found_or_taken_as_given(views):
     assert locate_sphere(bare, CENTRE, RADIUS).radius == RADIUS
 
 
-@pytest.mark.parametrize("given", [{}, {"radius": RADIUS}, {"centre": CENTRE, "radius": RADIUS}])
+@pytest.mark.parametrize(
+    "given",
+    [{}, pytest.param({"radius": RADIUS}, marks=pytest.mark.slow), {"centre": CENTRE, "radius": RADIUS}],
+)
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistaken_convention_is_named(views, mistake, given):
     with pytest.raises(ValueError, match=r"^\d\.png: .*looks? like") as error:

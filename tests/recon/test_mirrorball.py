@@ -338,6 +338,7 @@ def test_photographs_of_a_chrome_ball(data_dir: Path) -> None:
     assert max(angles) < 9
 
 
+@pytest.mark.slow
 def test_a_ball_in_a_room_is_found_without_a_hint_in_nine_megapixels(data_dir: Path) -> None:
     room, empty = (decode(data_dir / "mirrorball" / f"raw{k}.jpg", "srgb") for k in (1, 0))
 

@@ -311,6 +311,7 @@ def test_views_are_turned_to_each_other_by_what_they_show() -> None:
         registered([viewed(first, even, "first"), viewed(second, even, "second")])
 
 
+@pytest.mark.slow
 def test_the_bracket_of_a_ball_in_a_room(data_dir: Path) -> None:
     folder = data_dir / "mirrorball"
     # 19.8 mm on a sensor 23.5 mm wide.

@@ -70,7 +70,7 @@ def test_a_mesh_somewhat_off_is_warned_of():
         (1000, "it would fit if it were 0.001 times as large: millimetres taken for metres"),
         (0.001, "it would fit if it were 1000 times as large: metres taken for millimetres"),
         (1 / 25.4, "it would fit if it were 25.4 times as large: inches"),
-        (1.4, "it would fit if it were 0.714 times as large"),
+        pytest.param(1.4, "it would fit if it were 0.714 times as large", marks=pytest.mark.slow),
     ],
 )
 def test_a_wrong_unit_is_named_with_its_factor(factor, said):
@@ -108,7 +108,11 @@ def test_another_convention_of_poses_is_named(convert, said):
 
 
 @pytest.mark.parametrize(
-    ("factor", "also"), [(1, ""), (1000, "0.001 times as large: millimetres taken for metres")]
+    ("factor", "also"),
+    [
+        (1, ""),
+        pytest.param(1000, "0.001 times as large: millimetres taken for metres", marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize(
     ("turn", "why"),

@@ -249,6 +249,7 @@ def test_wrong_arguments_are_named(
     assert not (textured / "poses.json").exists()
 
 
+@pytest.mark.slow
 def test_very_many_photos_match_those_that_look_alike() -> None:
     # Photographs along a line, each sharing features with the next ones, listed in any order.
     rng = np.random.default_rng(4)

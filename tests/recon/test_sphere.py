@@ -156,7 +156,16 @@ def scatter_of(trial, count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.sqrt(np.mean(ratio**2, axis=0)), np.mean(np.abs(ratio) < 1.96)
 
 
-@pytest.mark.parametrize("kind", ["binary", "antialiased", "noisy", "stand", "binary with a stand"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "binary",
+        pytest.param("antialiased", marks=pytest.mark.slow),
+        "noisy",
+        pytest.param("stand", marks=pytest.mark.slow),
+        "binary with a stand",
+    ],
+)
 def test_the_covariance_of_one_view_is_its_scatter(kind):
     """Over random positions within a pixel."""
     rng = np.random.default_rng(2)
@@ -199,7 +208,9 @@ def test_the_radius_is_as_uncertain_as_where_binary_masks_were_cut():
     assert covered > 0.9
 
 
-@pytest.mark.parametrize(("count", "degrees"), [(3, 0.0), (3, 0.1), (8, 0.1)])
+@pytest.mark.parametrize(
+    ("count", "degrees"), [(3, 0.0), (3, 0.1), pytest.param(8, 0.1, marks=pytest.mark.slow)]
+)
 def test_the_covariance_of_several_views_knows_wrong_poses(draw, ball, count, degrees):
     """Errors of the poses shift whole outlines, 0.7 px each way, of which the outlines themselves show nothing."""
     rng = np.random.default_rng(3)

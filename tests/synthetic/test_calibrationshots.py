@@ -60,6 +60,7 @@ def test_boards_give_the_lens(shots):
     assert (found.std[:3] < 8.0).all()  # and not by being vague: 2% of the focal length, of 8 small pictures
 
 
+@pytest.mark.slow
 def test_bracket_gives_the_response(shots):
     truth = shots[1]["response"]
     found = recover_response(paths(shots, "response"), truth["exposure_s"])
