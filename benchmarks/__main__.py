@@ -19,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks.atlas.charts import draw_atlas
+from benchmarks.calibration import draw_calibration
 from benchmarks.commandline import documented_parser
 from benchmarks.gloss.chart import draw_gloss
 from benchmarks.pareto import draw_pareto
@@ -28,6 +29,7 @@ from benchmarks.scaling import draw_scaling
 
 CHARTS: dict[str, Callable[[Path, bool], None]] = {
     "atlas": draw_atlas,
+    "calibration": draw_calibration,
     "gloss": draw_gloss,
     "pareto": draw_pareto,
     "race": draw_race,

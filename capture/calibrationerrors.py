@@ -44,8 +44,9 @@ class CalibrationErrors:
         and along each axis; it stands before `poses`. None where the manifest states none.
     lenses : of the camera's params, one for each lens.
     mesh_place : (7, 7) of the mesh's turn about the world's axes, its shift, and the logarithm of the world's scale.
-    height : metres, standard deviation of each vertex along its normal, independently. stated : whether the manifest
-        states any of them, or of light directions.
+    height : metres, standard deviation of each vertex along its normal. height_correlation : metres, over which it
+        varies, as in `recon.mesh.scannoise`; 0 where each vertex is off by itself.
+    stated : whether the manifest states any of them, or of light directions.
     """
 
     poses: tuple[SharedError, ...] = ()
@@ -53,6 +54,7 @@ class CalibrationErrors:
     lenses: tuple[SharedError, ...] = ()
     mesh_place: Floats | None = None
     height: float = 0.0
+    height_correlation: float = 0.0
     stated: bool = False
 
     @property

@@ -253,6 +253,15 @@ class UncertaintyTable(Table):
     focal_length: NotNegative | None = None
     direction_deg: NotNegative | None = None
     height: NotNegative | None = None
+    height_correlation: Positive | None = None
+
+    @model_validator(mode="after")
+    def _noise_of_the_scan(self) -> UncertaintyTable:
+        if self.height_correlation is not None and not self.height:
+            raise ValueError(
+                "height_correlation is over what length height varies: give height, or remove it"
+            )
+        return self
 
 
 class Manifest(Table):

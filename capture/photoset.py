@@ -33,7 +33,7 @@ from capture.manifest import (
     read_manifest,
     resolve,
 )
-from capture.placing import mesh_placement, photo_poses, read_arc, registered_poses
+from capture.placing import mesh_placement, photo_poses, read_arc, registered_poses, takes_registered
 from capture.radiometry import Radiometry, read_radiometry
 
 MANIFEST_NAME = "photoset.toml"
@@ -179,11 +179,10 @@ def _errors(
     of_lenses: dict[str, np.ndarray | None] = {}
     files: dict[Path, np.ndarray | None] = {}
     for photo, table in zip(photos, manifest.photo, strict=True):
-        found = None if poses is None else poses.world_to_camera.get(table.file)
-        own = None if poses is None else poses.covariances.get(table.file)
-        # The manifest may state a pose of its own.
-        registered = found is not None and np.allclose(found[:3, :3], photo.camera.world_to_camera[:3, :3])
-        of_poses[photo.label] = None if own is None or not registered else own * np.outer(scaled, scaled)
+        own = None
+        if poses is not None and takes_registered(manifest, table):
+            own = poses.covariances.get(table.file)
+        of_poses[photo.label] = None if own is None else own * np.outer(scaled, scaled)
         file = (
             manifest.camera.file if table.camera is None or table.camera.file is None else table.camera.file
         )
@@ -201,6 +200,7 @@ def _errors(
         lens_errors(cameras, of_lenses, given.focal_length),
         None if placement is None else placement.covariance,
         given.height or 0.0,
+        given.height_correlation or 0.0,
         any(given.model_dump(exclude_none=True).values()),
     )
 

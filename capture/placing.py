@@ -35,12 +35,11 @@ def photo_poses(
     poses: list[np.ndarray | None] = []
     stops = 0
     for table in manifest.photo:
-        # Registered poses that the manifest names stand before all others: they were asked for.
-        if registered is not None and manifest.poses is not None:
+        if registered is not None and takes_registered(manifest, table):
             poses.append(registered.of(table.file))
             continue
         try:
-            pose = _pose(manifest_path, gantry, table, stops, registered)
+            pose = _pose(manifest_path, gantry, table, stops)
         except ValueError:
             if not may_lack or table.world_to_camera is not None or table.gantry_angle_deg is not None:
                 raise
@@ -48,6 +47,14 @@ def photo_poses(
         poses.append(pose)
         stops += table.world_to_camera is None
     return poses
+
+
+def takes_registered(manifest: Manifest, table: PhotoTable) -> bool:
+    """Whether a photo's pose is the registered one, if there is any.
+
+    Registered poses that the manifest names stand before all others: they were asked for.
+    """
+    return manifest.poses is not None or (table.world_to_camera is None and table.gantry_angle_deg is None)
 
 
 def mesh_placement(
@@ -111,10 +118,8 @@ def matrix4(rows: Matrix4, where: str) -> np.ndarray:
     return matrix
 
 
-def _pose(
-    manifest: Path, gantry: Arc | None, table: PhotoTable, stop: int, registered: Poses | None
-) -> np.ndarray:
-    """The pose of a photo; stop : how many photos before it stand on the gantry."""
+def _pose(manifest: Path, gantry: Arc | None, table: PhotoTable, stop: int) -> np.ndarray:
+    """The pose that a manifest gives of a photo; stop : how many photos before it stand on the gantry."""
     where = f'photo "{table.file}"'
     if table.world_to_camera is not None:
         return matrix4(table.world_to_camera, f"{manifest}: {where}")
@@ -122,8 +127,6 @@ def _pose(
         if gantry is None:
             raise ValueError(f"{manifest}: {where} has gantry_angle_deg, but there is no [gantry] table")
         return gantry.pose(np.radians(table.gantry_angle_deg))
-    if registered is not None:
-        return registered.of(table.file)
     if gantry is not None and gantry.step is not None:
         return gantry.pose(stop * gantry.step)
     if gantry is None:

@@ -14,13 +14,12 @@ from scipy.ndimage import gaussian_filter, label
 from scipy.spatial.transform import Rotation
 
 from capture.camera import rigid_transform
+from recon.mesh.scannoise import scan_noise
 from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Waves whose sum is a smooth random field: the covariance along a mesh is that of a Gaussian process to some percent.
-_WAVES = 400
 # Half of the pixels that are hit lie in specks, smooth noise of this width in pixels being above a threshold.
 _SPECK_SHARE, _SPECK_PX = 0.5, 1.5
 # Decades below and above the object's median brightness that outliers reach, and their colours' spread, in decades.
@@ -78,35 +77,14 @@ def misaligned(
 def perturbed_mesh(
     mesh: TriangleMesh, std_m: float, correlation_m: float, rng: np.random.Generator
 ) -> TriangleMesh:
-    """A mesh as a scanner with errors would give it: moved along its normals by smooth noise, its normals recomputed.
+    """A mesh as a scanner with errors would give it: moved along its normals by noise, its normals recomputed.
 
-    std_m : standard deviation of the displacement, metres, over draws. correlation_m : metres, at which distance the
-    correlation has fallen to exp(-1/2); the noise is a Gaussian process with a Gaussian covariance [Rahimi and Recht
-    2007, "Random features for large-scale kernel machines"]. Vertices at one place move as one: seams stay closed.
+    std_m, correlation_m : metres, as in `recon.mesh.scannoise`; 0 as correlation_m : each vertex by itself. Seams stay
+    closed.
     """
     _check_amount("std_m", std_m, "metres")
-    if not 0 < correlation_m < np.inf:
-        raise ValueError(f"correlation_m is {correlation_m}; it must be metres > 0")
-    # Each place once: products of matrices round equal rows differently, and seams would open.
-    places, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    # About the mesh, so that far from the origin no digits are lost.
-    places = places - places.mean(axis=0)
-    phase = places @ (rng.standard_normal((3, _WAVES)) / correlation_m)
-    along, across = rng.standard_normal((2, _WAVES)) / np.sqrt(_WAVES)
-    offset = std_m * (np.cos(phase) @ along + np.sin(phase) @ across)
-    moved = mesh.vertices + offset[vertex.ravel(), None] * mesh.normals
-    return replace(mesh, vertices=moved, normals=smooth_normals(moved, mesh.faces))
-
-
-def scanned_mesh(mesh: TriangleMesh, std_m: float, rng: np.random.Generator) -> TriangleMesh:
-    """A mesh each of whose vertices is off along its normal, independently; its normals are recomputed.
-
-    std_m : standard deviation, metres. Vertices at one place move as one: seams stay closed.
-    """
-    _check_amount("std_m", std_m, "metres")
-    _, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    offset = std_m * rng.standard_normal(int(vertex.max()) + 1)[vertex.ravel()]
-    moved = mesh.vertices + offset[:, None] * mesh.normals
+    _check_amount("correlation_m", correlation_m, "metres")
+    moved = mesh.vertices + scan_noise(mesh, std_m, correlation_m, rng)[:, None] * mesh.normals
     return replace(mesh, vertices=moved, normals=smooth_normals(moved, mesh.faces))
 
 

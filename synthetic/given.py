@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from recon.mesh.trianglemesh import TriangleMesh
-from synthetic.faults import misaligned, perturbed_mesh, perturbed_pose, scanned_mesh
+from synthetic.faults import misaligned, perturbed_mesh, perturbed_pose
 from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.staging import Staging
@@ -43,11 +43,14 @@ def given_camera(camera: Camera, staging: Staging) -> Camera:
 
 def given_mesh(staging: Staging, mesh: TriangleMesh) -> TriangleMesh:
     """The object's mesh, as a scanner with errors gives it."""
-    faults, height, seed = staging.faults, staging.uncertainty.height, staging.scene.seed
+    faults, stated, seed = staging.faults, staging.uncertainty, staging.scene.seed
     if faults.mesh_m:
         rng = np.random.default_rng([seed, _MESH])
         mesh = perturbed_mesh(mesh, faults.mesh_m, faults.mesh_correlation_m, rng)
-    return scanned_mesh(mesh, height, np.random.default_rng([seed, _SCAN])) if height else mesh
+    if stated.height:
+        rng = np.random.default_rng([seed, _SCAN])
+        mesh = perturbed_mesh(mesh, stated.height, stated.height_correlation or 0.0, rng)
+    return mesh
 
 
 def given_place(staging: Staging) -> Floats:

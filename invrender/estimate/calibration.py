@@ -28,6 +28,7 @@ from recon.displacement.rays import (
 )
 from recon.displacement.sphere import place_shift
 from recon.mesh.bodies import Body, MeshBody, SphereBody, blended
+from recon.mesh.scannoise import scan_noise
 from recon.mesh.tangents import tangents
 from recon.mesh.trianglemesh import smooth_normals
 from recon.sampling.lightfield import LightField
@@ -64,26 +65,36 @@ def calibration_scores(
     directions = {name: own for name, own in lightings.items() if own.direction_std_deg is not None}
     if not errors.of_geometry and not directions:
         return {}
-    by_label = {photo.label: photo for photo in photos}
-    everyone = list(by_label.values())
-    size = everyone[0].weighted[0].shape[1]
-    scores: dict[str, Floats] = {}
-    if poses := errors.poses_about(body.centre, {photo.label: photo.scene.camera for photo in everyone}):
-        scores["poses"] = _of_cameras(by_label, body, found, poses, pose_motion, body.size, size)
+    tally = _Tally(list(photos))
+    if poses := errors.poses_about(body.centre, {photo.label: photo.scene.camera for photo in tally.photos}):
+        _add_cameras(tally, "poses", body, found, poses, pose_motion, body.size)
     if errors.lenses:
-        scores["lenses"] = _of_cameras(by_label, body, found, errors.lenses, lens_motion, 1.0, size)
+        _add_cameras(tally, "lenses", body, found, errors.lenses, lens_motion, 1.0)
     if errors.mesh_place is not None:
-        motions = map(mesh_motion, _principal(errors.mesh_place, body.size))
-        scores["mesh_place"] = _stacked([_moved(everyone, motion, size) for motion in motions], size)
+        for error in _principal(errors.mesh_place, body.size):
+            motion = mesh_motion(error)
+            tally.add("mesh_place", [photo.moved(motion) for photo in tally.photos])
     if errors.height and isinstance(body, MeshBody):
-        scores["heights"] = _of_heights(everyone, body, errors.height, size)
-    columns: list[Floats] = []
-    for name, lighting in directions.items():
-        under = [photo for photo in everyone if photo.lighting == name]
-        columns += _of_directions(under, lighting, size)
-    if columns:
-        scores["light_directions"] = _stacked(columns, size)
-    return scores
+        _add_heights(tally, body, errors)
+    for lighting in directions.values():
+        _add_directions(tally, lighting)
+    return tally.scores()
+
+
+class _Tally:
+    """Scores, as they are added up, one error after the other."""
+
+    def __init__(self, photos: Sequence[WeighedPhoto]) -> None:
+        self.photos = photos
+        self._columns: dict[str, list[Floats]] = {}
+
+    def add(self, cause: str, changes: Sequence[Floats], share: float = 1.0) -> None:
+        """Enter what an error changes of each photograph's samples, (n, 3), squares counting so much."""
+        column = sum(photo.score(change) for photo, change in zip(self.photos, changes, strict=True))
+        self._columns.setdefault(cause, []).append(np.asarray(np.sqrt(share) * column))
+
+    def scores(self) -> dict[str, Floats]:
+        return {cause: np.stack(columns, axis=1) for cause, columns in self._columns.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,20 +114,23 @@ class WeighedPhoto:
     strengths: Floats
 
     def score(self, change: Floats) -> Floats:
-        """Of a change (m, 3) of the rays' radiance, (p,)."""
-        mean = self.field.mean_over_rays(change)
-        return np.asarray(sum(own.T @ mean[:, c] for c, own in enumerate(self.weighted)))
+        """Of a change (n, 3) of the samples' radiance, (p,)."""
+        return np.asarray(sum(own.T @ change[:, c] for c, own in enumerate(self.weighted)))
+
+    def changed(self, radiance: Floats) -> Floats:
+        """By how much the samples (n, 3) change if their rays' radiance becomes (m, 3)."""
+        return np.asarray(self.field.mean_over_rays(radiance - self.radiance.here))
 
     def moved(self, motion: Motion) -> Floats:
-        """Of what changes as the scene moves, (p,)."""
+        """By how much the samples (n, 3) change as the scene moves, to first order."""
         return self.followed(ray_change(self.field, self.scene, motion))
 
     def followed(self, change: RayChange) -> Floats:
-        """Of rays' changes, to first order, (p,)."""
-        return self.score(self.radiance.slopes.change(change))
+        """By how much the samples (n, 3) change with their rays, to first order."""
+        return np.asarray(self.field.mean_over_rays(self.radiance.slopes.change(change)))
 
     def curved(self, changes: Sequence[RayChange]) -> Floats:
-        """Of the mean of what independent errors change to second order, (p,): they smear highlights.
+        """The mean (n, 3) of what independent errors change to second order: they smear highlights.
 
         changes : of the rays, with one standard deviation each.
         """
@@ -131,7 +145,7 @@ class WeighedPhoto:
             )
             for way in (1.0, -1.0):
                 mean += self.radiance.of(together.applied(self.field, way)) / (2 * _PAIRS)
-        return self.score(mean - self.radiance.here)
+        return self.changed(mean)
 
 
 def weighed_photos(
@@ -179,77 +193,75 @@ def some_rays(
         yield keep, field.where(keep), len(keep) / max(int(keep.sum()), 1)
 
 
-def _moved(photos: Iterable[WeighedPhoto], motion: Motion, size: int) -> Floats:
-    """The score (p,) of a motion in all of some photographs."""
-    return np.asarray(sum((photo.moved(motion) for photo in photos), np.zeros(size)))
-
-
-def _of_cameras(
-    photos: Mapping[str, WeighedPhoto],
+def _add_cameras(
+    tally: _Tally,
+    cause: str,
     body: Body,
     found: NDArray[np.bool_],
     errors: Sequence[SharedError],
     motion_of: Callable[[Floats], Motion],
     length: float,
-    size: int,
-) -> Floats:
-    """Scores of errors of poses or lenses, last of their second order. A sphere that was found goes with them."""
-    everyone = list(photos.values())
-    scenes = [photo.scene for photo in everyone]
-    columns = []
-    by_place = None
-    if isinstance(body, SphereBody) and found.any():
-        step = _PLACE_STEP * body.sphere.radius
-        shifts = [_moved(everyone, sphere_motion(step * unit), size) for unit in np.eye(4)]
+) -> None:
+    """Enter errors of poses or lenses, to second order. A sphere that was found goes with them."""
+    photos = tally.photos
+    scenes = [photo.scene for photo in photos]
+    sphere = body.sphere if isinstance(body, SphereBody) and found.any() else None
+    by_place: list[Floats] = []
+    if sphere is not None:
+        step = _PLACE_STEP * sphere.radius
+        shifts = [sphere_motion(step * unit) for unit in np.eye(4)]
         # Per metre.
-        by_place = np.stack(shifts, axis=1) / step
-    curved = np.zeros(size)
+        by_place = [np.stack([photo.moved(shift) for shift in shifts], axis=-1) / step for photo in photos]
+    nothing = [np.zeros((len(photo.field), 3)) for photo in photos]
+    curved = nothing.copy()
     for shared in errors:
-        own = [photos[label] for label in shared.photos if label in photos]
-        motions = [motion_of(error) for error in (_principal(shared.covariance, length) if own else ())]
-        changes = [[ray_change(photo.field, photo.scene, motion) for motion in motions] for photo in own]
-        for photo, of_errors in zip(own, changes, strict=True):
-            curved += photo.curved(of_errors)
-        for k, motion in enumerate(motions):
-            column = np.sum(
-                [photo.followed(each[k]) for photo, each in zip(own, changes, strict=True)], axis=0
-            )
-            if by_place is not None and isinstance(body, SphereBody):
-                moving = [photo in own for photo in everyone]
-                column += by_place @ place_shift(body.sphere, scenes, moving, motion, found)
-            columns.append(column)
-    return _stacked([*columns, curved], size)
+        own = [k for k, photo in enumerate(photos) if photo.label in shared.photos]
+        found_changes: dict[int, list[RayChange]] = {k: [] for k in own}
+        for error in _principal(shared.covariance, length) if own else ():
+            motion, shift = motion_of(error), np.zeros(4)
+            if sphere is not None:
+                shift = place_shift(sphere, scenes, [k in own for k in range(len(photos))], motion, found)
+            changes = [each @ shift for each in by_place] or nothing.copy()
+            for k in own:
+                together = motion if sphere is None else _after(motion, sphere_motion(shift))
+                found_changes[k].append(ray_change(photos[k].field, photos[k].scene, together))
+                changes[k] = photos[k].followed(found_changes[k][-1])
+            tally.add(cause, changes)
+        second = nothing.copy()
+        for k, of_errors in found_changes.items():
+            second[k] = photos[k].curved(of_errors)
+            curved[k] = curved[k] + second[k]
+        # The square of a normal variable varies by the root of 2 about its mean.
+        tally.add(cause, second, share=2.0)
+    tally.add(cause, curved)
 
 
-def _of_heights(photos: Sequence[WeighedPhoto], body: MeshBody, height: float, size: int) -> Floats:
-    """Scores (p, draws) of a scan's noise: vertices that are off by it along their normals, independently.
+def _after(first: Motion, second: Motion) -> Motion:
+    return lambda scene, way: second(first(scene, way), way)
 
-    Divided so that squares of what they move add up to its mean square.
-    """
+
+def _add_heights(tally: _Tally, body: MeshBody, errors: CalibrationErrors) -> None:
+    """Enter a scan's noise, vertices that are off by it along their normals, by draws of it."""
     mesh, rng = body.mesh, np.random.default_rng(0)
     flat = smooth_normals(mesh.vertices, mesh.faces)
-    # Vertices that a texture's seam doubles are one.
-    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    columns = []
     for _ in range(_DRAWS):
-        offsets = height * rng.standard_normal(int(same.max()) + 1)[same.ravel()]
+        offsets = scan_noise(mesh, errors.height, errors.height_correlation, rng)
         bent = smooth_normals(mesh.vertices + offsets[:, None] * mesh.normals, mesh.faces) - flat
-        column = np.zeros(size)
-        for photo in photos:
+        changes = []
+        for photo in tally.photos:
             field = photo.field
             assert field.faces is not None
             assert field.corner_weights is not None
             normals = field.normals + blended(bent, mesh.faces[field.faces], field.corner_weights)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-            column += photo.score(photo.radiance.of(replace(field, normals=normals)) - photo.radiance.here)
-        columns.append(column / np.sqrt(_DRAWS))
-    return _stacked(columns, size)
+            changes.append(photo.changed(photo.radiance.of(replace(field, normals=normals))))
+        # Squares of what draws move add up to its mean square.
+        tally.add("heights", changes, share=1 / _DRAWS)
 
 
-def _of_directions(photos: Sequence[WeighedPhoto], lighting: Lighting, size: int) -> list[Floats]:
-    """Scores (p,) of each source's direction, off by its standard deviation either way across."""
+def _add_directions(tally: _Tally, lighting: Lighting) -> None:
+    """Enter errors of each source's direction, off by its standard deviation either way across."""
     assert lighting.direction_std_deg is not None
-    columns = []
     for k, std in enumerate(np.radians(lighting.direction_std_deg)):
         for tangent in tangents(lighting.directions[k][None])[0] if std > 0 else ():
             turned = []
@@ -257,12 +269,14 @@ def _of_directions(photos: Sequence[WeighedPhoto], lighting: Lighting, size: int
                 directions = lighting.directions.copy()
                 directions[k] += way * std * tangent
                 turned.append(replace(lighting, directions=directions))
-            column = np.zeros(size)
-            for photo in photos:
-                ends = [photo.radiance.under(_one_source(one, k, photo.strengths)).here for one in turned]
-                column += photo.score(ends[0] - ends[1])
-            columns.append(column)
-    return columns
+            changes = []
+            for photo in tally.photos:
+                change = np.zeros((len(photo.field), 3))
+                if photo.lighting == lighting.name:
+                    ends = [photo.radiance.under(_one_source(one, k, photo.strengths)).here for one in turned]
+                    change = np.asarray(photo.field.mean_over_rays(ends[0] - ends[1]))
+                changes.append(change)
+            tally.add("light_directions", changes)
 
 
 def _one_source(lighting: Lighting, source: int, strengths: Floats) -> Light:
@@ -296,7 +310,3 @@ def _principal(covariance: Floats, length: float) -> list[Floats]:
     variances, directions = np.linalg.eigh(covariance / np.outer(unit, unit))
     notable = variances > _NEGLIGIBLE * max(float(variances.max()), 1e-300)
     return list((directions * np.sqrt(np.maximum(variances, 0)))[:, notable].T * unit)
-
-
-def _stacked(columns: Sequence[Floats], size: int) -> Floats:
-    return np.stack(columns, axis=1) if columns else np.zeros((size, 0))

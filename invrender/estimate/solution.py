@@ -114,7 +114,7 @@ def solution_of(
         cause: measured.response @ columns @ columns.T @ measured.response.T
         for cause, columns in (scores or {}).items()
     }
-    parts = {**_without(parts, stated), **stated}
+    parts = {**_unexplained(parts, stated), **stated}
     covariance = np.asarray(sum(parts.values()))
     std = np.sqrt(np.diag(covariance))
     fields, degree = [photo.field for photo in photos], lighting_degree(lightings)
@@ -138,7 +138,7 @@ def solution_of(
     )
 
 
-def _without(parts: Mapping[str, Floats], stated: Mapping[str, Floats]) -> dict[str, Floats]:
+def _unexplained(parts: Mapping[str, Floats], stated: Mapping[str, Floats]) -> dict[str, Floats]:
     """Covariances by cause, of which stated errors of calibration explain some: what they do isn't counted twice.
 
     Poses that are off leave residuals that repeat and outlines that disagree. Of what these imply only the excess over

@@ -104,6 +104,7 @@ def experiment_of(staging: Staging) -> Experiment:
             stated_pose=stated_pose(stated.rotation_deg, stated.position),
             lenses=lens_errors(cameras, {}, stated.focal_length),
             height=stated.height or 0.0,
+            height_correlation=stated.height_correlation or 0.0,
             stated=any(stated.model_dump().values()),
         ),
         found_place=np.full(4, isinstance(surface, Ball) and not staging.stated),

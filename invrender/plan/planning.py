@@ -142,7 +142,7 @@ def make_plan(
             weights = bench.weights(one, shown, bright, exposure_s)
             found[view.light] += bench.information(view.light, one, shown, weights)
             weighted.append(shown.shared * bench.unknowns.std * weights.T[..., None])
-        scores = {}
+        scores: Mapping[str, Floats] = {}
         if experiment.counts_errors:
             scores = planned_scores(experiment, bench.object, [one.field for one in draws], weighted)
         return Plan(bench, tuple(found), tuple(draws), scores)

@@ -221,7 +221,7 @@ def off(value: Floats, name: str) -> Floats:
     return np.sqrt(np.mean((value - getattr(PAINT, name)) ** 2))
 
 
-@pytest.mark.parametrize("longer", [[0.4, 0, 0], [0, 0.03, -0.02]])
+@pytest.mark.parametrize("longer", [[0.4, 0, 0], pytest.param([0, 0.03, -0.02], marks=pytest.mark.slow)])
 def test_error_bars_hold_what_a_lens_moves(longer: list[float]) -> None:
     told = [replace(by, params=by.params + longer) for by in ROUND]
     errors = CalibrationErrors(lenses=(SharedError(ALL, np.outer(longer, longer)),))
@@ -235,6 +235,7 @@ def test_error_bars_hold_what_a_lens_moves(longer: list[float]) -> None:
         assert sum(shares.values()) == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_error_bars_hold_what_turned_cameras_move() -> None:
     # Each camera is off by a turn of its own about the ball; of the sum of eight the bars know the standard deviation.
     rng = np.random.default_rng(3)
@@ -256,6 +257,7 @@ def test_error_bars_hold_what_turned_cameras_move() -> None:
         assert 0.4 < np.sqrt(np.mean(np.square(own))) < 2
 
 
+@pytest.mark.slow
 def test_error_bars_hold_what_lights_elsewhere_move() -> None:
     rng = np.random.default_rng(5)
     ratios = []
@@ -270,6 +272,7 @@ def test_error_bars_hold_what_lights_elsewhere_move() -> None:
     assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 2
 
 
+@pytest.mark.slow
 def test_error_bars_hold_what_a_noisy_scan_moves(ball_mesh: TriangleMesh) -> None:
     height = 2e-5
     ratios = []

@@ -187,8 +187,8 @@ def test_amounts_that_cannot_be_are_named(rng):
             misaligned(POSE, CENTRE, *given, 1.0, rng)
     with pytest.raises(ValueError, match=r"scale is 0\.0; it must be a factor > 0"):
         misaligned(POSE, CENTRE, 0.0, 0.0, 0.0, rng)
-    with pytest.raises(ValueError, match="correlation_m is 0; it must be metres > 0"):
-        perturbed_mesh(unit_sphere(4), 0.1, 0, rng)
+    with pytest.raises(ValueError, match="correlation_m is -1; it must be metres >= 0"):
+        perturbed_mesh(unit_sphere(4), 0.1, -1, rng)
     with pytest.raises(ValueError, match=r"the share of outliers is 1\.5; it is a share"):
         with_outliers(np.ones((4, 4, 3)), np.ones((4, 4)), 1.5, rng)
     with pytest.raises(ValueError, match=r"the object's median radiance is 0\.0"):
