@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.ink import save, write_table
 from benchmarks.kept import Kept
+from benchmarks.spheres.coverage import RMS_BAND, rms_and_covered
 from capture.manifest import UncertaintyTable
 from capture.photoset import MANIFEST_NAME, load_photoset
 from invrender.process.pipeline import process
@@ -60,8 +61,6 @@ _CASES: dict[str, dict[str, float]] = {
     "scan 0.5 mm over 3 mm": {"height": 5e-4, "height_correlation": 3e-3},
 }
 _DRAWS, _SAMPLES = 12, 20_000
-# RMS errors in stated deviations within which error bars count as honest, and 95% intervals.
-_BAND, _HALF_WIDTH = (0.8, 1.3), 1.96
 
 
 def draw_calibration(out: Path, quick: bool) -> None:
@@ -126,8 +125,7 @@ def _coverage(entries: list[dict[str, float | None]]) -> dict[str, tuple[float, 
     for name in _TRUTH:
         values = np.array([entry[name] for entry in entries if entry[name] is not None], float)
         if len(values):
-            rms = float(np.sqrt(np.mean(values**2)))
-            found[name] = (rms, float((np.abs(values) < _HALF_WIDTH).mean()), len(values))
+            found[name] = (*rms_and_covered(values), len(values))
     return found
 
 
@@ -152,7 +150,7 @@ def _figure(found: Mapping[str, Mapping[str, tuple[float, float, int]]]) -> Figu
     figure = Figure(figsize=(8, 1.5 + 0.38 * len(found)), layout="constrained")
     axes = figure.subplots()
     places = np.arange(len(found))[::-1]
-    axes.axvspan(*_BAND, color="0.9", zorder=0, label="0.8 to 1.3")
+    axes.axvspan(*RMS_BAND, color="0.9", zorder=0, label="0.8 to 1.3")
     for k, (name, marker) in enumerate(zip(_TRUTH, "osD^", strict=True)):
         at = [(own[name][0], place) for own, place in zip(found.values(), places, strict=True) if name in own]
         if at:

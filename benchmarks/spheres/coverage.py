@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.atlas.stage import expected
 from benchmarks.kept import Kept
@@ -21,12 +22,15 @@ from invrender.transport.columns import all_columns
 from invrender.transport.transfer import light_elements
 from synthetic.materials.microfacet import MicrofacetMaterial
 
+Floats = NDArray[np.float64]
+
 _CHANNELS = "rgb"
 _NINE = 9
 # What the bound is known of, by its names and by ours.
 _BOUNDED = {"Ks share": "ks_normalised g", "mu": "mu", "sigma": "sigma"}
 _OF_BOUND = ", of the bound"
-_RMS, _COVERED = (0.8, 1.3), (0.90, 0.99)
+# Within which errors and intervals are as stated.
+RMS_BAND, _COVERED = (0.8, 1.3), (0.90, 0.99)
 
 
 def draw(kept: Kept, material: str, light: str, views: int, samples: int, draws: int) -> None:
@@ -80,6 +84,11 @@ def _light_z(solution: BlindSolution, truth: MicrofacetMaterial) -> dict[str, fl
     return {"source": source_z(solution), "light, RMS of nine": float(np.sqrt(np.mean(off**2)))}
 
 
+def rms_and_covered(z: Floats) -> tuple[float, float]:
+    """RMS of errors in their standard deviations (n,), and the share whose 95% interval holds the truth."""
+    return float(np.sqrt(np.mean(z**2))), float((np.abs(z) < 1.96).mean())
+
+
 def print_coverage(kept: Kept, title: str) -> None:
     """RMS, mean, share of 95% intervals that hold the truth, and how often there was no number."""
     entries = list(kept.values())
@@ -93,15 +102,15 @@ def print_coverage(kept: Kept, title: str) -> None:
         if not len(values):
             print(f"{name:25} never determined")
             continue
-        rms, covered = float(np.sqrt(np.mean(values**2))), float((np.abs(values) < 1.96).mean())
+        rms, covered = rms_and_covered(values)
         # Angles and means over several numbers are no normal variables: only their size can be looked at.
         if name.startswith(("light", "source")):
             line = f"{name:25} RMS {rms:5.2f}"
         elif name.endswith(_OF_BOUND):
-            line = f"{name:25} RMS {rms:5.2f}{_mark(rms, _RMS)}"
+            line = f"{name:25} RMS {rms:5.2f}{_mark(rms, RMS_BAND)}"
         else:
             line = (
-                f"{name:25} RMS {rms:5.2f}{_mark(rms, _RMS)}  mean {values.mean():+5.2f}"
+                f"{name:25} RMS {rms:5.2f}{_mark(rms, RMS_BAND)}  mean {values.mean():+5.2f}"
                 f"  95% intervals hold {covered:6.1%}{_mark(covered, _COVERED)}"
             )
         lost = len(entries) - len(values)

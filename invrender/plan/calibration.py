@@ -27,9 +27,7 @@ def planned_scores(
 
     fields : of each photograph, its samples. weighted : (3, n, t) of each, derivatives of their radiance times weights.
     """
-    views, elements = experiment.views, made.elements
-
-    strengths = np.ones((1, 3))
+    views, elements, strengths = experiment.views, made.elements, np.ones((1, 3))
     photos = (
         WeighedPhoto(
             view.name,

@@ -85,10 +85,17 @@ def experiment_of(staging: Staging) -> Experiment:
     else:
         assert staging.mesh is not None, "what isn't a ball has a mesh"
         body = MeshBody(placed(staging.mesh, staging.mesh_to_world))
-    if any(stated.model_dump().values()) and any(light.given == "nothing" for light in used):
+    cameras = {name: shot.camera for name, shot in shots}
+    errors = CalibrationErrors(
+        stated_pose=stated_pose(stated.rotation_deg, stated.position),
+        lenses=lens_errors(cameras, {}, stated.focal_length),
+        height=stated.height or 0.0,
+        height_correlation=stated.height_correlation or 0.0,
+        stated=any(stated.model_dump().values()),
+    )
+    if errors.stated and any(light.given == "nothing" for light in used):
         notes.append("what [uncertainty] states isn't counted: `process` carries it under known light only")
     index = {id(light): k for k, light in enumerate(used)}
-    cameras = {name: shot.camera for name, shot in shots}
     sensor = staging.sensor
     return Experiment(
         name=scene.name,
@@ -100,13 +107,7 @@ def experiment_of(staging: Staging) -> Experiment:
         views=tuple(PlannedView(shot.camera, index[id(shot.illumination)], name) for name, shot in shots),
         sensor=DevelopedSensor(sensor) if isinstance(sensor, Development) else NoisySensor(sensor),
         notes=tuple(notes),
-        errors=CalibrationErrors(
-            stated_pose=stated_pose(stated.rotation_deg, stated.position),
-            lenses=lens_errors(cameras, {}, stated.focal_length),
-            height=stated.height or 0.0,
-            height_correlation=stated.height_correlation or 0.0,
-            stated=any(stated.model_dump().values()),
-        ),
+        errors=errors,
         found_place=np.full(4, isinstance(surface, Ball) and not staging.stated),
     )
 

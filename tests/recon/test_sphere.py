@@ -156,16 +156,10 @@ def scatter_of(trial, count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.sqrt(np.mean(ratio**2, axis=0)), np.mean(np.abs(ratio) < 1.96)
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "binary",
-        pytest.param("antialiased", marks=pytest.mark.slow),
-        "noisy",
-        pytest.param("stand", marks=pytest.mark.slow),
-        "binary with a stand",
-    ],
-)
+FURTHER = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("antialiased", "stand")]
+
+
+@pytest.mark.parametrize("kind", ["binary", "noisy", "binary with a stand", *FURTHER])
 def test_the_covariance_of_one_view_is_its_scatter(kind):
     """Over random positions within a pixel."""
     rng = np.random.default_rng(2)
