@@ -76,12 +76,13 @@ class Expected:
 
 
 def worth_improving(expected: Sequence[Expected]) -> list[tuple[str, float]]:
-    """Errors of calibration, the most harmful first: by what factor, twice as sure, each would shrink a std at best."""
-    causes = dict.fromkeys(cause for one in expected for cause in one.causes)
-    gains = {
-        cause: max(float(np.max(one.std / one.improved(cause))) for one in expected if one.causes)
-        for cause in causes
-    }
+    """Errors of calibration, the most harmful first: by what factor, twice as sure, each would shrink a std at best.
+
+    Of quantities that stay undetermined no std counts.
+    """
+    known = [one for one in expected if one.causes and one.quantity.status != "undetermined"]
+    causes = dict.fromkeys(cause for one in known for cause in one.causes)
+    gains = {cause: max(float(np.max(one.std / one.improved(cause))) for one in known) for cause in causes}
     return sorted(gains.items(), key=lambda entry: -entry[1])
 
 

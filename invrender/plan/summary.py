@@ -197,7 +197,9 @@ def _calibration_sentences(plan: Plan) -> Iterator[str]:
     improved = [
         f"{one.label} {_bar(one, one.improved(cause))} in place of {_bar(one, one.std)}"
         for one in plan.expected
-        if one.causes and float(np.min(one.improved(cause) / one.std)) < _LITTLE
+        if one.causes
+        and one.quantity.status != "undetermined"
+        and float(np.min(one.improved(cause) / one.std)) < _LITTLE
     ]
     yield f"Worth improving first: {CAUSES[cause]}. Twice as sure, they leave {'; '.join(improved)}."
 
