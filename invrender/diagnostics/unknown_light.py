@@ -16,6 +16,8 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.transport.diffuse_base import interface_transmittance, sky_factors
 from invrender.transport.form_table import form_radiance
 from invrender.transport.lobe_table import specular_radiance
+from invrender.transport.predict import reflected
+from invrender.transport.transfer import light_elements
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of, evaluate_harmonics
 from recon.sampling.lightfield import LightField
@@ -35,6 +37,7 @@ def unknown_light_remainders(
     found = []
     for (label, lighting, field), residual, own in zip(photos, residuals, blind.weights, strict=True):
         sources = blind.lights[lighting].sources
+        distant = slice(None if sources.closeness is None else 0)
         weight = own.weight / np.maximum(own.trust, 1e-12)
         dark = len(blind.lights[lighting].coefficients) == 1
         recovered = frozenset({"irradiance", "direction", "ambient" if dark else "sky"})
@@ -45,8 +48,8 @@ def unknown_light_remainders(
                 field,
                 residual,
                 weight,
-                sources.directions,
-                sources.irradiances,
+                sources.directions[distant],
+                sources.irradiances[distant],
                 lights[lighting],
                 recovered,
                 not dark,
@@ -57,8 +60,9 @@ def unknown_light_remainders(
 
 
 def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> Rest:
-    """What is reflected of a recovered light but its sources."""
+    """What is reflected of a recovered light but its sources; with these where some are near: nobody turns them."""
     coefficients, l_max = light.coefficients, degree_of(len(light.coefficients))
+    near = () if light.sources.closeness is None else light_elements(light.sources.lighting)
 
     def rest(brdf: Microfacet, field: LightField) -> tuple[Floats, Floats]:
         exitant = np.clip((field.normals * field.views).sum(axis=1), 0, 1)
@@ -67,6 +71,8 @@ def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> R
         if shadows is not None:
             base = base - shadows.hidden(field, coefficients)
         base = base * interface_transmittance(brdf.form, brdf.mu, exitant)[:, None]
+        of_near = reflected(brdf, near, light.sources.irradiances, field, shadows)
+        base = base + of_near[0]
         if brdf.sigma is None:
             return base, np.zeros_like(base)
         if brdf.form is RH01_FORM:
@@ -76,6 +82,6 @@ def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> R
             lobe = form_radiance(field, coefficients, brdf.form.lobe, brdf.mu, brdf.sigma)
         if shadows is not None:
             lobe = lobe * field.reflected_visible[:, None]
-        return base, lobe
+        return base, lobe + of_near[1]
 
     return remembered(rest)

@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
 from invrender.brdf.richer import NUMBER_RANGE
@@ -272,17 +271,8 @@ def _map_of(coefficients: Floats) -> NDArray[np.float32]:
 
 def recovered_lighting(name: str, light: BlindLight) -> FittedLighting:
     """A recovered light as results have it."""
-    radiance = _map_of(light.coefficients)
-    sources = light.sources
-    lighting = Lighting(
-        name,
-        radiance,
-        sources.directions,
-        np.maximum(sources.irradiances, 0),
-        recover_irradiance=True,
-        direction_std_deg=sources.direction_std_deg,
-        origin="recovered",
-    )
+    radiance, sources = _map_of(light.coefficients), light.sources
+    lighting = replace(sources.lighting, name=name, radiance_map=radiance, origin="recovered")
     doubt = light.doubt
     harmonics = HarmonicLight(
         light.coefficients,

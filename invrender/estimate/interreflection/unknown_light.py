@@ -23,6 +23,7 @@ from invrender.estimate.interreflection.statement import Interreflection, asked_
 from invrender.estimate.unknown_light import BlindSolution
 from invrender.estimate.unknown_light.alternatives import widened
 from invrender.estimate.unknown_light.cross_validation import cross_validate
+from invrender.estimate.unknown_light.lamp_frame import LampFrame
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.solution import weighed_search, with_certainty
 from invrender.estimate.unknown_light.source_evidence import design_effect
@@ -66,9 +67,10 @@ class UnknownLightEvidence:
 
     def sent(self, fit: BlindFit, albedo: Floats) -> Sent:
         """What parts of a given albedo (3,) send each other by a fit."""
+        shadows, frame = self.parts.shadows, self.search.designs[0].frame
         bounced = {
             self.names[number]: self.parts.exchanged(
-                _irradiance(self.parts.shadows, fit.state.under(number), light), albedo
+                _irradiance(shadows, fit.state.under(number), light, frame), albedo
             )
             for number, light in fit.light.items()
         }
@@ -182,15 +184,17 @@ def correct_unknown_light(
     return replace(correction, solution=with_certainty(solution, certainty, evidence.search.designs))
 
 
-def _irradiance(shadows: Shadows, state: BlindState, light: Floats) -> Floats:
+def _irradiance(shadows: Shadows, state: BlindState, light: Floats, frame: LampFrame) -> Floats:
     """Irradiance (v, 3) of vertices, as far as it counts for the base, by harmonic light and a state's sources.
 
-    light : (k + j, 3), coefficients, then the sources' irradiances.
+    light : (k + j, 3), coefficients, then the sources' irradiances. frame : of near ones.
     """
-    normals = shadows.body.mesh.normals
+    mesh = shadows.body.mesh
+    normals = mesh.normals
     sky, irradiances = np.split(light, [len(light) - len(state.directions)])
-    lamps = LightElement("lamps", state.directions, irradiances)
-    falls = base_irradiance(state.form, state.mu, lamps, normals, shadows.of_vertices(lamps))
+    lamps = LightElement("lamps", frame.world(state.sources), irradiances)
+    seen = shadows.of_vertices(lamps)
+    falls = base_irradiance(state.form, state.mu, lamps.at(mesh.vertices), normals, seen)
     l_max = degree_of(len(sky))
     factors = sky_factors(state.form, state.mu, l_max)[:, None]
     return np.asarray(falls + evaluate_harmonics(normals, l_max) @ (factors * sky) - shadows.kept_off(sky))

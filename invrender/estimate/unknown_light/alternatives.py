@@ -77,7 +77,7 @@ def alternatives_of(
 def _instead(own: BlindState, other: BlindState) -> BlindState:
     """Another form's BRDF under the sources of one's own, without Fresnel factor where this has none."""
     other = other.without_fresnel() if own.mu is None else other
-    return replace(other, directions=own.directions, owners=own.owners)
+    return other.with_sources_of(own)
 
 
 def with_alternatives(
@@ -143,4 +143,7 @@ def _moved(own: BlindState, rival: BlindState) -> dict[str, float]:
     turned = np.einsum("kaj,kj->ka", tangents(own.directions), rival.directions)
     for k, ways in enumerate(turned.tolist()):
         moved |= {f"source {k + 1} {way}": turn for way, turn in zip("ab", ways, strict=True)}
+    for k in own.near:
+        there = 0.0 if rival.closeness is None else rival.closeness[k]
+        moved[f"closeness {k + 1}"] = float(there - own.sources[k, 3])
     return moved

@@ -28,7 +28,7 @@ from invrender.estimate.unknown_light.ladder import (
 from invrender.estimate.unknown_light.lighting_design import LightingDesign, pooled
 from invrender.estimate.unknown_light.projection import BlindFit, light_scale, predicted
 from invrender.estimate.unknown_light.robust_start import judged, noise_and_weights, robust_start
-from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSolution, BlindSources
+from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSolution, sources_of
 from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity, likelier_sides
 from invrender.estimate.unknown_light.source_count import needed_sources
 from invrender.estimate.unknown_light.sources import FoundSources, examined
@@ -271,7 +271,7 @@ def _weighed(search: Search, fit: BlindFit) -> tuple[Search, NoiseModel, tuple[W
     weights, counted_trust = [], []
     noise, judged_by = noise_and_weights(search, fit, brightness, residuals)
     for design, found in zip(search.designs, judged_by, strict=True):
-        sources = fit.state.under(design.lighting).directions
+        sources = fit.state.under(design.lighting).sources
         counted = (design.field.weight * design.field.shares * _off_terminators(design, sources))[:, None]
         if fit.state.sigma is not None:
             counted = counted * np.where(design.off_edges(fit.state.sigma), 1, _AT_EDGES)[:, None]
@@ -284,11 +284,11 @@ def _weighed(search: Search, fit: BlindFit) -> tuple[Search, NoiseModel, tuple[W
     )
 
 
-def _off_terminators(design: LightingDesign, directions: Floats) -> NDArray[np.bool_]:
+def _off_terminators(design: LightingDesign, sources: Floats) -> NDArray[np.bool_]:
     """Which samples (n,) are clear of the sources' horizons and of the borders of the shadows that they cast."""
-    seen = replace(design.field, sources_visible=design.free(directions))
-    clear = clear_of_terminators(seen, directions)
-    return clear & design.off_borders(directions)
+    seen = replace(design.field, sources_visible=design.free(sources))
+    clear = clear_of_terminators(seen, design.frame.world(sources))
+    return clear & design.off_borders(sources)
 
 
 def _solution(
@@ -329,9 +329,7 @@ def _solution(
 
 def _light(search: Search, fit: BlindFit, certainty: BlindUncertainty, number: int) -> BlindLight:
     size, light, std = (fit.l_max + 1) ** 2, fit.light[number], certainty.light_std[number]
-    own = fit.state.owners == number
-    turns = certainty.directions_std_deg(len(own))[own]
-    sources = BlindSources(fit.state.directions[own], light[size:], std[size:], turns)
+    sources = sources_of(fit, certainty, number, search.designs[0].frame)
     shares = certainty.degree_shares[number]
     degree, doubt = doubt_of(fit, shares, [design.field for design in search.designs])
     return BlindLight(light[:size], std[:size], sources, shares, degree, doubt)
@@ -342,8 +340,10 @@ def _covariance_names(state: BlindState, names: Sequence[str]) -> tuple[str, ...
     if len(names) == 1:
         return state.names
     seen: Counter[int] = Counter()
-    own = []
+    own, numbered = [], []
     for owner in state.owners.tolist():
         seen[owner] += 1
         own += [f"{names[owner]}/source {seen[owner]} {way}" for way in "ab"]
+        numbered.append(f"{names[owner]}/closeness {seen[owner]}")
+    own += [numbered[k] for k in state.near]
     return (*state.names[: len(state.names) - len(own)], *own)

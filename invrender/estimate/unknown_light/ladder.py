@@ -65,7 +65,7 @@ def climb(
         add(replace(best.state, mu=FIRST_MU) if bare else best.state.without_fresnel(), best.l_max)
     for other in others:
         if len(best.state.directions) > len(other.directions):
-            other = replace(other, directions=best.state.directions, owners=best.state.owners)
+            other = other.with_sources_of(best.state)
         add(other, best.l_max, fitted=True)
     if len(best.state.directions):
         weakest = int(best.irradiances.sum(axis=1).argmin())
@@ -131,6 +131,8 @@ def model_name(fit: BlindFit) -> str:
     state = fit.state
     kind = "lambertian" if state.sigma is None else state.form.name
     bare = state.sigma is not None and state.mu is None and state.form.has_fresnel
-    count = len(state.directions)
+    count, near = len(state.directions), len(state.near)
     sources = f"{count} source{'' if count == 1 else 's'}"
+    if near:
+        sources += " (near)" if near == count else f" ({near} of them near)"
     return f"{kind}{' without Fresnel' if bare else ''}, lighting of degree {fit.l_max}, {sources}"

@@ -21,11 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from capture.lighting import seen_from
 from invrender.brdf.form import LobeForm, part_width
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.unknown_light.albedo_whitening import albedo_whitening
 from invrender.estimate.unknown_light.derivatives import STEP, denser, fresnel_with_slope, further
+from invrender.estimate.unknown_light.lamp_frame import ANYWHERE, LampFrame
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.theory.operator import irradiance_operator
 from invrender.transport.diffuse_base import interface_transmittance, sky_factors
@@ -68,7 +70,7 @@ class LightingDesign:
     diffuse : (n, (l_max + 1)^2), irradiance, which a Lambertian base sends. lighting : number of the lighting that they
     are under. shadows : of a mesh on itself; None of what has none. settled : whether searches begin near their end:
     then rows of RH01's lobe, too, are kept of samples near one state, not of rays between two roughnesses, which take
-    up several times as much; so they are where that would be too much.
+    up several times as much; so they are where that would be too much. frame : of near sources.
     """
 
     photos: tuple[LightField, ...]
@@ -80,6 +82,7 @@ class LightingDesign:
     lighting: int = 0
     shadows: Shadows | None = None
     settled: bool = False
+    frame: LampFrame = ANYWHERE
     _nodes: dict[int, Singles] = defaulted(default_factory=dict, repr=False)
     _last: dict[_Shape, Singles] = defaulted(default_factory=dict, repr=False)
     _free: dict[bytes, Mask] = defaulted(default_factory=dict, repr=False)
@@ -92,6 +95,7 @@ class LightingDesign:
         transfer: Transfer = "exact",
         shadows: Shadows | None = None,
         settled: bool = False,
+        frame: LampFrame = ANYWHERE,
     ) -> LightingDesign:
         """Prepare photographs for lighting of degree l_max."""
         samples = joined(photos)
@@ -99,12 +103,14 @@ class LightingDesign:
         cos = np.einsum("nk,nk->n", samples.normals, samples.views)
         single = np.concatenate(diffuse)
         return LightingDesign(
-            tuple(photos), samples, l_max, transfer, cos, single, lighting, shadows, settled
+            tuple(photos), samples, l_max, transfer, cos, single, lighting, shadows, settled, frame
         )
 
     def like(self, photos: Sequence[LightField], l_max: int, settled: bool = False) -> LightingDesign:
         """Prepare other samples under the same lighting for another degree."""
-        return LightingDesign.of(photos, l_max, self.lighting, self.transfer, self.shadows, settled)
+        return LightingDesign.of(
+            photos, l_max, self.lighting, self.transfer, self.shadows, settled, self.frame
+        )
 
     @cached_property
     def radiance(self) -> Floats:
@@ -136,21 +142,26 @@ class LightingDesign:
         """What belongs to samples (n, ...), photograph by photograph."""
         return np.split(values, np.cumsum([len(photo) for photo in self.photos])[:-1])
 
-    def free(self, directions: Floats) -> Mask:
-        """Which rays (m, k) see sources in unit directions (k, 3); all do that of what has no shadows.
+    def towards(self, sources: Floats) -> tuple[Floats, Floats]:
+        """Where rays see sources, as `seen_from` has it; sources : (k, 3) or (k, 4), as a state has them."""
+        return seen_from(self.frame.world(sources), self.field.positions)
 
-        Directions nearly alike are taken for one, so that the last steps of a search don't stumble over pixels at the
+    def free(self, sources: Floats) -> Mask:
+        """Which rays (m, k) see sources, as a state has them, (k, 3) or (k, 4); all do that of what has no shadows.
+
+        Sources nearly alike are taken for one, so that the last steps of a search don't stumble over pixels at the
         borders of shadows, which count for nothing in the end.
         """
-        result = np.ones((len(self.cos), len(directions)), bool)
+        result = np.ones((len(self.cos), len(sources)), bool)
         if self.shadows is None:
             return result
-        for k, near in enumerate(np.round(directions / _ALIKE) * _ALIKE):
+        for k, near in enumerate(np.round(sources / _ALIKE) * _ALIKE):
             key = near.tobytes()
             if key not in self._free:
                 while len(self._free) >= _KEPT_DIRECTIONS:
                     del self._free[next(iter(self._free))]
-                self._free[key] = self.shadows.free(self.field, near / np.linalg.norm(near))
+                near[:3] /= np.linalg.norm(near[:3])
+                self._free[key] = self.shadows.free(self.field, self.frame.world(near[None])[0])
             result[:, k] = self._free[key]
         return result
 
@@ -253,11 +264,15 @@ class LightingDesign:
             lobe = share * _widens(factor, state.roughness) * (wider @ light)
         return base, lobe
 
-    def off_borders(self, directions: Floats) -> Mask:
-        """Which samples (n,) are clear of the borders of the shadows that sources (k, 3) cast; all without shadows."""
+    def off_borders(self, sources: Floats) -> Mask:
+        """Which samples (n,) are clear of the borders of the shadows that sources cast; all without shadows.
+
+        sources : (k, 3) or (k, 4), as a state has them.
+        """
         steady = np.ones(len(self.cos), bool)
         if self.shadows is not None:
-            for direction, sees in zip(directions, self.free(directions).T, strict=True):
+            towards = np.moveaxis(self.towards(sources)[0], -2, 0)
+            for direction, sees in zip(towards, self.free(sources).T, strict=True):
                 for seen, _ in self.shadows.around(self.field, direction, _PENUMBRA):
                     steady &= seen == sees
         return np.asarray(self.field.mean_over_rays(steady.astype(float)) == 1)
@@ -351,9 +366,9 @@ def pooled(
 
     numbers : of their lightings.
     """
-    together = pools(photos, numbers)
+    together, frame = pools(photos, numbers), LampFrame.of(photos)
     designs = [
-        LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows)
+        LightingDesign.of([photos[k] for k in pool], 0, numbers[pool[0]], transfer, shadows, frame=frame)
         for pool in together
     ]
     return together, designs

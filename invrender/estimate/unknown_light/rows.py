@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.lighting import cosines
 from invrender.brdf.form import Angles
 from invrender.estimate.unknown_light.derivatives import STEP, denser, fresnel_with_slope, further
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
@@ -15,6 +17,7 @@ from invrender.transport.diffuse_base import base_share
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,86 +103,117 @@ def source_rows(design: LightingDesign, state: BlindState) -> LightingRows:
 
 def _lamp_rows(design: LightingDesign, state: BlindState) -> tuple[Floats, Floats]:
     """Rows (n, j) over a state's sources, of the base and of the specular part; (1, j) zeros of this without a lobe."""
-    mean, free = design.field.mean_over_rays, design.free(state.directions)
-    falling = design.within(mean(_falling(design, state.directions, state) * free))
+    mean, free = design.field.mean_over_rays, design.free(state.sources)
+    lamps = _Lamps.of(design, state.sources)
+    falling = design.within(mean(lamps.falling(state) * free))
     if state.sigma is None:
         return falling, np.zeros((1, falling.shape[1]))
-    return falling, design.within(mean(_highlights(design, state.directions, state) * free))
+    return falling, design.within(mean(lamps.highlights(state) * free))
 
 
 def slopes_of(design: LightingDesign, state: BlindState, rows: LightingRows, light: Floats) -> Floats:
     """Derivatives (n, 3, parameters of a channel) of radiance, in the order of `BlindState.own`.
 
     light : (k + j, 3), coefficients and the sources' irradiances. What sees a source is taken to see it after a small
-    turn, too.
+    move, too.
     """
-    normals, mean, specular_share = design.field.normals, design.field.mean_over_rays, state.specular_share
-    free = design.free(state.directions)
+    mean, specular_share = design.field.mean_over_rays, state.specular_share
+    free = design.free(state.sources)
     coefficients, irradiances = np.split(light, [len(light) - len(state.directions)])
-    ends = turns(state.directions, STEP).reshape(2 * len(state.directions), 3)
-    cosines, turned = normals @ state.directions.T, (normals @ ends.T).reshape(*free.shape, 2)
-    falling = _falling(design, state.directions, state)
-    slopes = (
-        (_falling(design, ends, state).reshape(turned.shape) - falling[..., None]) / STEP * free[..., None]
-    )
-    by_turn = (1 - specular_share) * mean(slopes)[..., None]
-    columns = []
+    lamps, columns = _Lamps.of(design, state.sources), []
+    falling = lamps.falling(state)
     if state.sigma is not None:
         diffuse, specular = rows.parts(light)
         columns.append(specular - diffuse)
         by_sigma, by_mu = design.lobe_slopes(state, coefficients)
-        angles = _angles(design, state.directions)
-        highlights, of_sigma, of_mu = _with_slopes(angles, state)
+        highlights, of_sigma, of_mu = lamps.with_slopes(state)
         by_sigma += mean((of_sigma * free) @ irradiances)
         by_mu += mean((of_mu * free) @ irradiances)
         if state.mu is not None:
-            by_base = (_falling(design, state.directions, state, denser(state.mu)) - falling) / STEP
+            by_base = (lamps.falling(state, denser(state.mu)) - falling) / STEP
             base = design.base_slope(state, coefficients) + mean(by_base * free) @ irradiances
             columns.append(design.within(specular_share * by_mu + (1 - specular_share) * base))
         columns.append(design.within(specular_share * by_sigma))
         for name in state.form.numbers:
             base, lobe = design.number_slope(state, coefficients, name)
             more = replace(state, form=further(state.form, name))
-            lit = (_falling(design, state.directions, more) - falling) / STEP * free
-            shown = (more.form.reflected(angles, more.mu, more.roughness) - highlights) / STEP * free
+            lit = (lamps.falling(more) - falling) / STEP * free
+            shown = (lamps.highlights(more) - highlights) / STEP * free
             of_lobe = lobe + mean(shown @ irradiances)
             columns.append(
                 design.within(
                     specular_share * of_lobe + (1 - specular_share) * (base + mean(lit) @ irradiances)
                 )
             )
-        slopes = (_highlights(design, ends, state).reshape(turned.shape) - highlights[..., None]) / STEP
-        # At the horizon a highlight ends abruptly: a ray there says nothing of a small turn.
-        same_side = free[..., None] & ((turned > 0) == (cosines > 0)[..., None])
-        by_turn = by_turn + specular_share * mean(np.where(same_side, slopes, 0))[..., None]
-    of_sources = np.moveaxis(by_turn * irradiances[:, None], -1, 1).reshape(len(design.field), 3, len(ends))
-    return np.concatenate([*(column[..., None] for column in columns), design.within(of_sources)], axis=-1)
+    else:
+        highlights = np.zeros((1, 1))
+
+    def moved(ends: Floats, of: Ints) -> Floats:
+        """Derivatives (n, 3, e) by what moves sources to others, (e, 3) or (e, 4); of : (e,), which they are."""
+        there, sees = _Lamps.of(design, ends), free[:, of]
+        by_move = (1 - specular_share) * mean((there.falling(state) - falling[:, of]) / STEP * sees)[
+            ..., None
+        ]
+        if state.sigma is not None:
+            change = (there.highlights(state) - highlights[:, of]) / STEP
+            # At the horizon a highlight ends abruptly: a ray there says nothing of a small move.
+            same_side = sees & ((there.cosines > 0) == (lamps.cosines > 0)[:, of])
+            by_move = by_move + specular_share * mean(np.where(same_side, change, 0))[..., None]
+        return np.moveaxis(by_move * irradiances[of], -1, 1)
+
+    ends = turns(state.directions, STEP).reshape(-1, 3)
+    turned = np.repeat(np.arange(len(state.directions)), 2)
+    if state.closeness is not None:
+        ends = np.column_stack([ends, state.closeness[turned]])
+    of_sources = [moved(ends, turned)]
+    if state.near:
+        of_sources.append(moved(state.sources[state.near] + [0, 0, 0, STEP], np.array(state.near)))
+    of_sources = [design.within(part) for part in of_sources]
+    return np.concatenate([*(column[..., None] for column in columns), *of_sources], axis=-1)
 
 
-def _falling(
-    design: LightingDesign, directions: Floats, state: BlindState, mu: float | None = None
-) -> Floats:
-    """Radiance (m, j) of rays from sources of unit irradiance in directions (j, 3), per unit of Kd.
+@dataclass(frozen=True, eq=False)
+class _Lamps:
+    """Sources of unit irradiance at the object's centre, as rays see them.
 
-    mu : in place of the state's.
+    directions : (j, 3) or (m, j, 3) unit, and factors : (j,) or (m, j), of irradiance.
     """
-    cos = np.clip(design.field.normals @ directions.T, 0, 1)
-    if not state.form.interface and state.form.coat is None:
-        return cos
-    return cos * base_share(state.form, mu or state.mu, cos, design.exitant[:, None])
 
+    design: LightingDesign
+    directions: Floats
+    factors: Floats
 
-def _highlights(design: LightingDesign, directions: Floats, state: BlindState) -> Floats:
-    """Radiance (m, j) of rays from sources of unit irradiance in directions (j, 3), per unit of Ks."""
-    return state.form.reflected(_angles(design, directions), state.mu, state.roughness)
+    @staticmethod
+    def of(design: LightingDesign, sources: Floats) -> _Lamps:
+        return _Lamps(design, *design.towards(sources))
 
+    @cached_property
+    def cosines(self) -> Floats:
+        """Of incidence (m, j), negative below the horizon."""
+        return cosines(self.design.field.normals, self.directions)
 
-def _with_slopes(angles: Angles, state: BlindState) -> tuple[Floats, Floats, Floats]:
-    """`_highlights` (m, j) of a state's sources, and their derivatives by log sigma and by log(mu - 1)."""
-    shape, wider = (state.form.shape(angles, state.roughness * np.exp(way)) for way in (0, STEP))
-    fresnel, by_mu = fresnel_with_slope(state.mu, np.clip(state.form.fresnel_cosine(angles), 0, 1))
-    return fresnel * shape, fresnel * (wider - shape) / STEP, by_mu * shape
+    @cached_property
+    def angles(self) -> Angles:
+        """With the views, (m, j)."""
+        field = self.design.field
+        return Angles.between(field.normals[:, None], self.directions, field.views[:, None])
 
+    def falling(self, state: BlindState, mu: float | None = None) -> Floats:
+        """Radiance (m, j) of rays per unit of Kd; mu : in place of the state's."""
+        cos = np.clip(self.cosines, 0, 1)
+        if not state.form.interface and state.form.coat is None:
+            return cos * self.factors
+        return cos * self.factors * base_share(state.form, mu or state.mu, cos, self.design.exitant[:, None])
 
-def _angles(design: LightingDesign, directions: Floats) -> Angles:
-    return Angles.between(design.field.normals[:, None], directions, design.field.views[:, None])
+    def highlights(self, state: BlindState) -> Floats:
+        """Radiance (m, j) of rays per unit of Ks."""
+        return state.form.reflected(self.angles, state.mu, state.roughness) * self.factors
+
+    def with_slopes(self, state: BlindState) -> tuple[Floats, Floats, Floats]:
+        """`highlights` (m, j), and their derivatives by log sigma and by log(mu - 1)."""
+        shape, wider = (
+            state.form.shape(self.angles, state.roughness * np.exp(way)) * self.factors for way in (0, STEP)
+        )
+        cos = np.clip(state.form.fresnel_cosine(self.angles), 0, 1)
+        fresnel, by_mu = fresnel_with_slope(state.mu, cos)
+        return fresnel * shape, fresnel * (wider - shape) / STEP, by_mu * shape

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as defaulted
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.lighting import Lighting, cosines, seen_from
 from invrender.brdf.form import Angles, LobeForm, part_width
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.lobes import RH01_FORM
@@ -15,8 +17,9 @@ from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate
 from invrender.estimate.unknown_light.identifiability import quantities_of
+from invrender.estimate.unknown_light.lamp_frame import LampFrame
 from invrender.estimate.unknown_light.lighting_design import LightingDesign, pooled
-from invrender.estimate.unknown_light.projection import light_scale
+from invrender.estimate.unknown_light.projection import BlindFit, light_scale
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
@@ -38,15 +41,34 @@ GAUGE = (
 
 @dataclass(frozen=True, eq=False)
 class BlindSources:
-    """Directional sources: directions (k, 3) unit, irradiances (k, 3) and their standard deviations.
+    """Sources: directions (k, 3) unit, irradiances (k, 3) and their standard deviations, as `centre` sees them.
 
-    direction_std_deg : (k,) degrees, along the worse of two ways.
+    direction_std_deg : (k,) degrees, along the worse of two ways. closeness, closeness_std : (k,), 1 / metres, 0 of
+    sources far away; None where all are. centre : (3,) metres, of the object.
     """
 
     directions: Floats
     irradiances: Floats
     irradiance_std: Floats
     direction_std_deg: Floats
+    closeness: Floats | None = None
+    closeness_std: Floats | None = None
+    centre: Floats = defaulted(default_factory=lambda: np.zeros(3))
+
+    @property
+    def lighting(self) -> Lighting:
+        """Nothing but the sources, with strengths to be recovered."""
+        return Lighting(
+            "sources",
+            None,
+            self.directions,
+            np.maximum(self.irradiances, 0),
+            recover_irradiance=True,
+            direction_std_deg=self.direction_std_deg,
+            closeness=self.closeness,
+            closeness_std=self.closeness_std,
+            centre=self.centre,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,16 +140,33 @@ class BlindSolution:
         return next(iter(self.lights.values()))
 
 
+def sources_of(fit: BlindFit, certainty: BlindUncertainty, lighting: int, frame: LampFrame) -> BlindSources:
+    """The sources of one lighting of a fit, by its number."""
+    size, own = (fit.l_max + 1) ** 2, fit.state.owners == lighting
+    closeness = closeness_std = None
+    if fit.state.under(lighting).near:
+        closeness = fit.state.sources[own, 3] / frame.radius
+        closeness_std = certainty.closeness_std(fit.state)[own] / frame.radius
+    return BlindSources(
+        fit.state.directions[own],
+        fit.light[lighting][size:],
+        certainty.light_std[lighting][size:],
+        certainty.directions_std_deg(fit.state)[own],
+        closeness,
+        closeness_std,
+        frame.centre,
+    )
+
+
 def with_certainty(
     solution: BlindSolution, certainty: BlindUncertainty, designs: Sequence[LightingDesign]
 ) -> BlindSolution:
     """A solution with other standard deviations; designs : of its samples, or some of them."""
     fit = solution.candidates[solution.chosen].fit
-    turns, lights = certainty.directions_std_deg(len(fit.state.directions)), {}
+    lights = {}
     for number, (name, light) in enumerate(solution.lights.items()):
         size, std = len(light.coefficients), certainty.light_std[number]
-        own = turns[fit.state.owners == number]
-        sources = replace(light.sources, irradiance_std=std[size:], direction_std_deg=own)
+        sources = sources_of(fit, certainty, number, designs[0].frame)
         lights[name] = replace(light, coefficients_std=std[:size], sources=sources)
     return replace(
         solution,
@@ -177,25 +216,26 @@ def predict_parts(
     """`predict_blind` in two parts, (n, 3) each: what the base sends, and the lobe."""
     state = solution.candidates[solution.chosen].fit.state
     light = solution.light if light is None else light
-    directions, strengths = light.sources.directions, light.sources.irradiances
+    sources = light.sources.lighting.sources
+    directions, factors = seen_from(sources, field.positions)
+    strengths = light.sources.irradiances
     exitant = np.clip(np.einsum("nk,nk->n", field.normals, field.views), 0, 1)
-    cosines = np.clip(field.normals @ directions.T, 0, 1)
+    falling = np.clip(cosines(field.normals, directions), 0, 1)
     l_max = degree_of(len(light.coefficients))
-    factors = sky_factors(state.form, state.mu, l_max)
-    total = evaluate_harmonics(field.normals, l_max) @ (factors[:, None] * light.coefficients)
-    lit = np.ones(cosines.shape)
+    passed = sky_factors(state.form, state.mu, l_max)
+    total = evaluate_harmonics(field.normals, l_max) @ (passed[:, None] * light.coefficients)
+    lit = np.broadcast_to(factors, falling.shape)
     if shadows is not None:
         total -= shadows.hidden(field, light.coefficients)
-        for k, direction in enumerate(directions):
-            lit[:, k] = shadows.lit(field, direction)
-    total += (cosines * interface_transmittance(state.form, state.mu, cosines) * lit) @ strengths
+        lit = lit * np.transpose([shadows.lit(field, source) for source in sources]).reshape(lit.shape)
+    total += (falling * interface_transmittance(state.form, state.mu, falling) * lit) @ strengths
     total *= interface_transmittance(state.form, state.mu, exitant)[:, None] * (1 - state.specular_share)
     lobe = np.zeros_like(total)
     if state.sigma is not None:
         lobe = _reflected(state, field, light.coefficients, solution.transfer)
         if shadows is not None:
             lobe *= field.reflected_visible[:, None]
-        for direction, strength, seen in zip(directions, strengths, lit.T, strict=True):
+        for direction, strength, seen in zip(np.moveaxis(directions, -2, 0), strengths, lit.T, strict=True):
             angles = Angles.between(field.normals, direction, field.views)
             lobe += (state.form.reflected(angles, state.mu, state.sigma) * seen)[:, None] * strength
     return np.asarray(field.mean_over_rays(total)), np.asarray(

@@ -17,6 +17,7 @@ from invrender.brdf.lobes import GGX_FORM
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.clusters import tiles_of
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
+from invrender.estimate.unknown_light.near_lamps import with_near_lamps
 from invrender.estimate.unknown_light.projection import BlindFit, predicted
 from invrender.estimate.unknown_light.rows import source_rows
 from invrender.estimate.unknown_light.source_evidence import PER_SOURCE, bright
@@ -51,12 +52,13 @@ def fewest_sources(search: Search, diffuse: BlindFit, form: LobeForm) -> BlindFi
     search : prepared for light of degree 0. diffuse : lamps as a Lambertian body shows them, which are candidates.
     form : of the lobe, the more general the better.
     """
-    fit = _best_start(search, _towards_highlights(search, brightest_each(diffuse)).with_form(form))
+    start = _best_start(search, _towards_highlights(search, brightest_each(diffuse)).with_form(form))
+    fit = with_near_lamps(search, start)
     for _ in range(_ROUNDS):
         needed = needed_sources(search, fit, _at_highlights(search, fit, diffuse.state))
         if _same_lamps(needed, fit.state):
             break
-        fit = bright(search, search.fit(needed, 0, _ITERATIONS))
+        fit = with_near_lamps(search, bright(search, search.fit(needed, 0, _ITERATIONS)))
     return fit
 
 
@@ -69,9 +71,9 @@ def brightest_each(fit: BlindFit) -> BlindState:
 
 
 def _brightest_first(fit: BlindFit, lighting: int) -> Floats:
-    """Directions (k, 3) of a lighting's lamps."""
+    """A lighting's lamps, (k, 3) or (k, 4) as a state has them."""
     own = np.flatnonzero(fit.state.owners == lighting)
-    return fit.state.directions[own[np.argsort(-fit.irradiances[own].sum(axis=1))]]
+    return fit.state.sources[own[np.argsort(-fit.irradiances[own].sum(axis=1))]]
 
 
 def _at_highlights(search: Search, fit: BlindFit, state: BlindState) -> BlindState:
@@ -87,7 +89,7 @@ def _at_highlights(search: Search, fit: BlindFit, state: BlindState) -> BlindSta
     for lighting in search.lightings:
         order = np.argsort(-np.concatenate(heights[lighting]))
         found = np.concatenate(ways[lighting])[order]
-        peaks = _apart(found, PEAK_WIDTH)
+        peaks = found[_apart(found, PEAK_WIDTH)]
         # Dust stands out alone.
         several = (peaks @ found.T > np.cos(PEAK_WIDTH)).sum(axis=1) > 1
         for direction in peaks[several][:_HIGHLIGHTS]:
@@ -132,6 +134,8 @@ def _same_lamps(one: BlindState, other: BlindState) -> bool:
     """Whether all lamps of two states are the same, in any order."""
     if len(one.directions) != len(other.directions):
         return False
+    if one.near != other.near:
+        return False
     ways = one.directions @ other.directions.T - 3 * (one.owners[:, None] != other.owners)
     return bool((ways.max(axis=1, initial=-1) > 1 - _SAME).all())
 
@@ -144,32 +148,33 @@ def needed_sources(search: Search, fit: BlindFit, proposed: BlindState = NOTHING
     state = fit.state
     result = state.without_source(np.arange(len(state.directions)))
     for lighting in search.lightings:
-        ways = np.vstack([_brightest_first(fit, lighting), proposed.under(lighting).directions])
-        if len(ways):
+        lamps, others = _brightest_first(fit, lighting), proposed.under(lighting).directions
+        lamps = np.vstack([lamps, np.pad(others, ((0, 0), (0, lamps.shape[1] - 3)))])
+        if len(lamps):
             # Of two that share a highlight one may repair the other's: half-angles are half of directions' angles.
-            ways = _apart(ways, 2 * _highlight_width(state))
-            for direction in ways[_needed(search.only(lighting), state, ways)]:
-                result = result.with_source(direction, lighting)
+            lamps = lamps[_apart(lamps[:, :3], 2 * _highlight_width(state))]
+            for lamp in lamps[_needed(search.only(lighting), state, lamps)]:
+                result = result.with_source(lamp, lighting)
     return result
 
 
-def _apart(directions: Floats, width: float) -> Floats:
-    """Those of directions (k, 3) that are no nearer to one before them than a width, radians."""
+def _apart(directions: Floats, width: float) -> list[int]:
+    """Which of directions (k, 3) are no nearer to one before them than a width, radians."""
     kept: list[int] = []
     for k, along in enumerate(directions @ directions.T):
         if (along[kept] < np.cos(width)).all():
             kept.append(k)
-    return directions[kept]
+    return kept
 
 
-def _needed(search: Search, state: BlindState, directions: Floats) -> list[int]:
+def _needed(search: Search, state: BlindState, lamps: Floats) -> list[int]:
     """Which of one lighting's lamps are needed: the first, and others as long as one saves what its numbers cost."""
-    kept, rest = [0], list(range(1, len(directions)))
-    known = _any_reflectance(search, directions[0])
-    plain = _plain(search, state, directions)
+    kept, rest = [0], list(range(1, len(lamps)))
+    known = _any_reflectance(search, lamps[0])
+    plain = _plain(search, state, lamps)
     width = _highlight_width(state)
     while rest:
-        away = _off_highlights(search, directions[kept], width)
+        away = _off_highlights(search, lamps[kept], width)
         left = _left(away, known, plain[:, :, :0])
         source_penalty = _price(away, *_left(away, known, plain[:, :, rest]))
         saved = [left[0] - _left(away, known, plain[:, :, [k]])[0] for k in rest]
@@ -177,7 +182,7 @@ def _needed(search: Search, state: BlindState, directions: Floats) -> list[int]:
         if saved[best] < source_penalty:
             break
         kept.append(rest.pop(best))
-        known = np.hstack([known, _any_reflectance(search, directions[kept[-1]])])
+        known = np.hstack([known, _any_reflectance(search, lamps[kept[-1]])])
     return kept
 
 
@@ -186,22 +191,24 @@ def _highlight_width(state: BlindState) -> float:
     return max(_AROUND * state.roughness, PEAK_WIDTH)
 
 
-def _off_highlights(search: Search, directions: Floats, width: float) -> Search:
+def _off_highlights(search: Search, lamps: Floats, width: float) -> Search:
     """The same without samples whose normal is nearer than a width, radians, to the one that mirrors a lamp."""
     weights = []
     for design, weight in zip(search.designs, search.weights, strict=True):
-        angles = Angles.between(design.field.normals[:, None], directions, design.field.views[:, None])
+        towards, _ = design.towards(lamps)
+        angles = Angles.between(design.field.normals[:, None], towards, design.field.views[:, None])
         near = design.field.mean_over_rays((angles.theta_h < width).any(axis=1).astype(float))
         weights.append(weight * (near == 0)[:, None])
     return replace(search, weights=weights)
 
 
-def _any_reflectance(search: Search, direction: Floats) -> Floats:
+def _any_reflectance(search: Search, lamp: Floats) -> Floats:
     """Columns (n, q) of a lamp under any reflectance: light from all sides, then smooth bases and lobes of all widths.
 
     These there and to all sides of it, so that no highlight drawn out or lopsided takes another lamp, either.
     """
-    ways = np.vstack([direction[None], *(turns(direction[None], angle)[0] for angle in (_BESIDE, -_BESIDE))])
+    beside = [turns(lamp[None, :3], angle)[0] for angle in (_BESIDE, -_BESIDE)]
+    ways = np.column_stack([np.vstack([lamp[:3], *beside]), np.tile(lamp[3:], (5, 1))])
     found = []
     for design in search.designs:
         columns = np.hstack([_columns(design, way) for way in ways])
@@ -209,10 +216,12 @@ def _any_reflectance(search: Search, direction: Floats) -> Floats:
     return np.vstack(found)
 
 
-def _plain(search: Search, state: BlindState, directions: Floats) -> Floats:
-    """Columns (3, n, k) of lamps in directions (k, 3) as a state's BRDF reflects them, channel by channel."""
-    lamps = replace(state, directions=directions, owners=np.zeros(len(directions), int))
-    rows = [source_rows(design, lamps) for design in search.designs]
+def _plain(search: Search, state: BlindState, lamps: Floats) -> Floats:
+    """Columns (3, n, k) of lamps as a state's BRDF reflects them, channel by channel."""
+    lit = state.without_source(np.arange(len(state.directions)))
+    for lamp in lamps:
+        lit = lit.with_source(lamp)
+    rows = [source_rows(design, lit) for design in search.designs]
     return np.array(
         [
             np.vstack([own.of_channel(specular_share) for own in rows])
@@ -221,13 +230,14 @@ def _plain(search: Search, state: BlindState, directions: Floats) -> Floats:
     )
 
 
-def _columns(design: LightingDesign, direction: Floats) -> Floats:
+def _columns(design: LightingDesign, lamp: Floats) -> Floats:
     """Columns (n, q) of a lamp: reciprocal polynomials in both cosines, times that of incidence; and lobes."""
-    angles = Angles.between(design.field.normals, direction, design.field.views)
+    towards, factors = design.towards(lamp[None])
+    angles = Angles.between(design.field.normals, towards[..., 0, :], design.field.views)
     cos_i, cos_o = (np.clip(cos, 0, 1) for cos in (angles.cos_i, angles.cos_o))
     base = [cos_i, cos_i * (cos_i + cos_o), cos_i * cos_i * cos_o, cos_i * (cos_i**2 + cos_o**2)]
     lobes = [GGX_FORM.shape(angles, float(width)) for width in _WIDTHS]
-    lit = design.free(direction[None])[:, 0]
+    lit = design.free(lamp[None])[:, 0] * factors[..., 0]
     return np.asarray(design.field.mean_over_rays(np.stack([*base, *lobes], axis=-1) * lit[:, None]))
 
 

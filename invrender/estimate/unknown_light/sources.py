@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from invrender.brdf.form import LobeForm
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.lobes import RH01_FORM
+from invrender.estimate.unknown_light.near_lamps import with_near_lamps
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_count import fewest_sources
 from invrender.estimate.unknown_light.source_evidence import bright, source_penalty
@@ -49,7 +50,7 @@ def find_sources(search: Search, start: BlindState, l_max: int, peaks_at: int | 
 
     l_max : of the light beside them. peaks_at : degree of the light whose peaks they are looked for at; l_max if None.
     """
-    fit = bright(search, _sensible(search, search.fit(start, l_max)))
+    fit = with_near_lamps(search, bright(search, _sensible(search, search.fit(start, l_max))), start)
     open_to = search.lightings
     while open_to:
         entered = fit.state
@@ -65,10 +66,11 @@ def find_sources(search: Search, start: BlindState, l_max: int, peaks_at: int | 
         if len(open_to) < len(tried) and open_to:
             state = better.state
             for lighting in set(tried) - set(open_to):
-                state = _with_sources_of(state, fit.state, lighting)
+                state = state.with_sources_of(fit.state, lighting)
             better = search.fit(state, l_max, _FEW)
         fit = better if open_to else fit
-    return _without_needless(search, _fresnel_again(search, fit, start.mu), start)
+    fit = with_near_lamps(search, _fresnel_again(search, fit, start.mu))
+    return _without_needless(search, fit, start)
 
 
 def _best_peak(search: Search, fit: BlindFit, lighting: int, degree: int) -> Floats | None:
@@ -84,7 +86,9 @@ def _best_peak(search: Search, fit: BlindFit, lighting: int, degree: int) -> Flo
         if (state.directions @ peak < apart).all()
     ]
     entered = (search.at(state.with_source(peak, lighting), fit.l_max) for peak in peaks)
-    best = min(entered, key=lambda f: f.cost, default=None)
+    # Less light from one side than from all others looks like a lamp on the other, too.
+    lamps = (f for f in entered if f.irradiances[-1].sum() > 0)
+    best = min(lamps, key=lambda f: f.cost, default=None)
     return None if best is None else best.state.directions[-1]
 
 
@@ -92,14 +96,6 @@ def _close(state: BlindState, lighting: int) -> bool:
     """Whether two sources of a lighting are nearer to each other than the lobe is wide."""
     ways = state.under(lighting).directions
     return len(ways) > 1 and (ways @ ways.T - 2 * np.eye(len(ways))).max() > np.cos(state.sigma or PEAK_WIDTH)
-
-
-def _with_sources_of(state: BlindState, other: BlindState, lighting: int) -> BlindState:
-    """A state with the sources that another has in one lighting."""
-    result = state.without_source(np.flatnonzero(state.owners == lighting))
-    for direction in other.under(lighting).directions:
-        result = result.with_source(direction, lighting)
-    return result
 
 
 def _without_needless(search: Search, fit: BlindFit, start: BlindState) -> BlindFit:
@@ -143,9 +139,7 @@ def off_borders(search: Search, state: BlindState) -> Search:
     """
     if all(design.shadows is None for design in search.designs):
         return search
-    clear = [
-        design.off_borders(state.under(design.lighting).directions)[:, None] for design in search.designs
-    ]
+    clear = [design.off_borders(state.under(design.lighting).sources)[:, None] for design in search.designs]
     weights = [weight * counts for weight, counts in zip(search.weights, clear, strict=True)]
     return replace(search, weights=weights)
 
@@ -238,6 +232,7 @@ def _lamps_alone(search: Search, beside: BlindFit) -> SourceStarts | None:
     # Light of many degrees passes for a lamp or two; a lamp that only a lobe shows isn't found without one.
     starts = (first_state(dark, 0, diffuse.state), beside.state)
     glossy = min((dark.fit(start, 0, _FEW) for start in starts), key=lambda fit: fit.cost)
+    glossy = with_near_lamps(dark, glossy)
     return SourceStarts(dark.fit(glossy.state, 0), diffuse) if glossy.cost < _NOT_DARK * beside.cost else None
 
 

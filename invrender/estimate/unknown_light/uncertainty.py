@@ -33,6 +33,7 @@ from invrender.estimate.unknown_light.projection import (
 from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity
 from invrender.estimate.unknown_light.source_width import source_widths
 from invrender.estimate.unknown_light.start import Search
+from invrender.estimate.unknown_light.state import BlindState
 from invrender.theory.conditioning import Information
 
 Floats = NDArray[np.float64]
@@ -45,13 +46,13 @@ _SHARE_STD, _TURN_STD = 1 / np.sqrt(12), 1.0
 class BlindUncertainty:
     """Standard deviations of a fit.
 
-    covariance : (t, t), of the shares, mu, sigma (radians) and the sources' turns (radians), as `State.names` lists
-    them. light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility : (t,), by how much each
-    moves when the model is off by all its radiance in tiles or patches. degree_shares : (l_max + 1,) of each lighting,
-    mean share of what is known of a coefficient that comes from the photographs, not from the prior. misfit : what of
-    the sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii : (j,) radians, of discs
-    that the sources look like; 0 of those that may be points. other_mu : by name, of forms of the lobe that explain as
-    well and have mu beyond its own doubt elsewhere.
+    covariance : (t, t), of the shares, mu, sigma (radians), the sources' turns (radians) and closeness, as
+    `BlindState.names` lists them. light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility :
+    (t,), by how much each moves when the model is off by all its radiance in tiles or patches. degree_shares : (l_max +
+    1,) of each lighting, mean share of what is known of a coefficient that comes from the photographs, not from the
+    prior. misfit : what of the sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii :
+    (j,) radians, of discs that the sources look like; 0 of those that may be points. other_mu : by name, of forms of
+    the lobe that explain as well and have mu beyond its own doubt elsewhere.
     """
 
     covariance: Floats
@@ -62,10 +63,20 @@ class BlindUncertainty:
     radii: Floats = field(default_factory=lambda: np.zeros(0))
     other_mu: Mapping[str, float] = field(default_factory=dict)
 
-    def directions_std_deg(self, sources: int) -> Floats:
-        """Of directions of so many sources, (k,), along the worse of two ways."""
-        turns = np.sqrt(np.diag(self.covariance))[len(self.covariance) - 2 * sources :]
-        return np.degrees(turns.reshape(sources, 2).max(axis=1, initial=0))
+    def directions_std_deg(self, state: BlindState) -> Floats:
+        """Of directions of a state's sources, (k,), along the worse of two ways."""
+        turns = self._of_sources(state)[: 2 * len(state.directions)]
+        return np.degrees(turns.reshape(-1, 2).max(axis=1, initial=0))
+
+    def closeness_std(self, state: BlindState) -> Floats:
+        """Of the closeness of a state's sources, (k,), in its units; 0 of those far away."""
+        found = np.zeros(len(state.directions))
+        found[state.near] = self._of_sources(state)[2 * len(state.directions) :]
+        return found
+
+    def _of_sources(self, state: BlindState) -> Floats:
+        """Of all turns, then of what closeness there is."""
+        return np.sqrt(np.diag(self.covariance))[len(self.covariance) - state.numbers_of_sources :]
 
 
 def blind_uncertainty(
@@ -137,7 +148,7 @@ def _with_split(certainty: BlindUncertainty, fit: BlindFit, split: BlindFit | No
         )
         for of in (state, other)
     ]
-    off = np.concatenate([ends[1] - ends[0], np.zeros(2 * kept)])
+    off = np.concatenate([ends[1] - ends[0], np.zeros(state.numbers_of_sources)])
     for second, owner in zip(other.directions[kept:], other.owners[kept:], strict=True):
         # The one stands between the two, on a line that it doesn't determine.
         nearest = int(np.where(state.owners == owner, state.directions @ second, -1).argmax())

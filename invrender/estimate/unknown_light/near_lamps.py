@@ -1,0 +1,53 @@
+"""Lamps that are near: one over the distance is sought where photographs ask for it [RMB07, section 5.1].
+
+A near lamp's light falls off and turns across the object. A lamp is taken for distant until its closeness, one number
+more, saves what it costs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from invrender.estimate.unknown_light.projection import BlindFit
+from invrender.estimate.unknown_light.source_evidence import source_penalty
+from invrender.estimate.unknown_light.start import Search
+from invrender.estimate.unknown_light.state import CLOSENESS_RANGE, BlindState
+
+Floats = NDArray[np.float64]
+
+# Where a search for the closeness begins, and iterations until it has shown its worth.
+_FIRST, _FEW = 0.1, 8
+
+
+def with_near_lamps(search: Search, fit: BlindFit, start: BlindState | None = None) -> BlindFit:
+    """The fit with the lamps of those lightings near that photographs show to be so; the fit itself if none are.
+
+    Lamps that are near already stay so. None are sought on textured bodies, whose paint takes up what falls off.
+    start : where the fit began. It may have lost lamps that explain nothing as distant ones.
+    """
+    if any(design.frame.radius == 0 or design.field.place is not None for design in search.designs):
+        return fit
+    lost = start is not None and len(start.directions) > len(fit.state.directions)
+    state = start if start is not None and lost else fit.state
+    settled = {int(fit.state.owners[k]) for k in fit.state.near}
+    sought = ~np.isin(state.owners, list(settled))
+    if not sought.any():
+        return fit
+    known = np.zeros(len(sought)) if state.closeness is None else state.closeness
+    tried = search.fit(state.with_closeness(np.where(sought, _FIRST, known)), fit.l_max, _FEW)
+    lightings = set(state.owners[sought].tolist())
+    near = {lighting for lighting in lightings if _worth_it(search, tried, fit, lighting)}
+    better = tried.state
+    for lighting in lightings - near:
+        better = better.with_sources_of(fit.state, lighting)
+    return search.fit(better, fit.l_max) if near else fit
+
+
+def _worth_it(search: Search, near: BlindFit, distant: BlindFit, lighting: int) -> bool:
+    """Whether near lamps of a lighting save what a source costs, each, and stand outside the object."""
+    own = near.state.owners == lighting
+    saved = distant.costs[lighting] - near.costs[lighting]
+    outside = (near.state.sources[own, 3] < CLOSENESS_RANGE[1]).all()
+    lit = (near.irradiances[own].sum(axis=1) > 0).all()
+    return bool(outside and lit and saved > own.sum() * source_penalty(search, near, lighting))
