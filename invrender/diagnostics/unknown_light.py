@@ -63,6 +63,7 @@ def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> R
     """What is reflected of a recovered light but its sources; with these where some are near: nobody turns them."""
     coefficients, l_max = light.coefficients, degree_of(len(light.coefficients))
     near = () if light.sources.closeness is None else light_elements(light.sources.lighting)
+    strengths = light.sources.irradiances[: len(near)]
 
     def rest(brdf: Microfacet, field: LightField) -> tuple[Floats, Floats]:
         exitant = np.clip((field.normals * field.views).sum(axis=1), 0, 1)
@@ -71,7 +72,7 @@ def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> R
         if shadows is not None:
             base = base - shadows.hidden(field, coefficients)
         base = base * interface_transmittance(brdf.form, brdf.mu, exitant)[:, None]
-        of_near = reflected(brdf, near, light.sources.irradiances, field, shadows)
+        of_near = reflected(brdf, near, strengths, field, shadows)
         base = base + of_near[0]
         if brdf.sigma is None:
             return base, np.zeros_like(base)

@@ -102,6 +102,15 @@ def with_found_distances(
 
 def distance_sentence(lightings: Mapping[str, Lighting], error: float) -> str:
     """What was found of sources that were given as distant. error : on unseen photographs without it."""
+    return (
+        f"The lamps were given as distant, but are near; taken for distant, {error:.1%} of the radiance would be left"
+        " on unseen photographs. Their distances from the object's centre were found with the BRDF:"
+        f" {distances_in_words(lightings)}. result.json has their places: check these, and give them as near."
+    )
+
+
+def distances_in_words(lightings: Mapping[str, Lighting]) -> str:
+    """Distances from the object's centre that were found, of the first few sources; nothing if none was."""
     told = []
     for name, own in lightings.items():
         if own.closeness is None or own.closeness_std is None:
@@ -112,11 +121,7 @@ def distance_sentence(lightings: Mapping[str, Lighting], error: float) -> str:
             if near > 0 and np.isfinite(deviation)
         ]
     more = f" and {len(told) - _TOLD} more" if len(told) > _TOLD else ""
-    return (
-        f"The lamps were given as distant, but are near; taken for distant, {error:.1%} of the radiance would be left"
-        " on unseen photographs. Their distances from the object's centre were found with the BRDF:"
-        f" {', '.join(told[:_TOLD])}{more}. result.json has their places: check these, and give them as near."
-    )
+    return f"{', '.join(told[:_TOLD])}{more}"
 
 
 def distance_doubts(

@@ -31,7 +31,7 @@ def given_lights(photoset: PhotoSet) -> dict[str, GivenLight]:
         true = {entry.lighting.name: entry for entry in truth_side(path).lightings}
         for name in names:
             entry = true.get(name, next(iter(true.values())) if len(true) == len(names) == 1 else None)
-            if entry is not None and entry.is_whole:
+            if entry is not None and entry.lighting.closeness is None:
                 found[name] = GivenLight(entry.lighting, TRUTH_NAME)
     for table in photoset.lightings:
         if table.name in names and not table.unknown and not table.recover and not table.near:

@@ -19,6 +19,7 @@ from invrender.estimate.clusters import structured_share
 from invrender.estimate.evidence import Candidate
 from invrender.estimate.interreflection.correction import Sent
 from invrender.estimate.interreflection.unknown_light import correct_unknown_light
+from invrender.estimate.lamp_distances import distances_in_words
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.solution import Solution, unless_misfit
@@ -137,6 +138,12 @@ def solve_unknown_light(
         scene = unknown_light_remainders(blind, solution.estimate.brdf, geometry, given, left)
         causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
     warnings = [*left_out, *sentences(blind.warnings)]
+    distances = distances_in_words({own.lighting.name: own.lighting for own in solution.lightings})
+    if distances:
+        warnings.append(
+            f"The lamps are near. Their distances from the object's centre were found with all else: {distances}."
+            " Measure one: if it is elsewhere, something else falls off across the object, such as its paint."
+        )
     warnings += find_warnings(photoset, solution, geometry, {}, causes)
     # Of several photographs under such a light the first gives its strength in the result.
     firsts = {

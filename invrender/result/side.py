@@ -34,13 +34,11 @@ class Number:
 class SideLighting:
     """A lighting and how well its sources are known.
 
-    irradiance_std : (k, 3), 0 where given, NaN where unknown. is_whole : False where lamps at a finite distance are
-    taken as from afar.
+    irradiance_std : (k, 3), 0 where given, NaN where unknown.
     """
 
     lighting: Lighting
     irradiance_std: Floats
-    is_whole: bool = True
 
 
 @dataclass(frozen=True, eq=False)

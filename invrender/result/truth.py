@@ -124,10 +124,6 @@ def truth_side(path: Path) -> Side:
         notes.append(
             f"The camera's unit of radiance is {factor:.4g} times the scene's: {what} are multiplied by it."
         )
-    if any(light.lamps for light in truth.lighting):
-        notes.append(
-            "The truth has lamps at a finite distance: they are compared as the object's centre sees them."
-        )
     textures = _true_textures(path.parent, truth, of_brdf)
     is_known = truth.brdf.form is not None or truth.brdf.model == "lambertian"
     pictures = {
@@ -206,18 +202,22 @@ def _exact(value: Floats) -> Number:
 
 
 def _lighting(path: Path, light: _TrueLighting, factor: float, centre: _Triple) -> SideLighting:
-    """A lighting; lamps at a finite distance as the object's centre sees them."""
+    """A lighting; of near lamps what the object's centre sees, and their closeness."""
     radiance = None if light.map is None else read_latlong(path.parent / light.map) * np.float32(factor)
     directions = [np.array(source.direction) for source in light.directional]
     irradiances = [np.array(source.irradiance) for source in light.directional]
+    closeness = [0.0] * len(directions)
     for lamp in light.lamps:
         towards = np.array(lamp.position) - np.array(centre)
         directions.append(towards)
         irradiances.append(np.array(lamp.intensity) / (towards @ towards))
+        closeness.append(float(1 / np.linalg.norm(towards)))
     lighting = Lighting(
         light.name,
         radiance,
         np.array(directions).reshape(-1, 3),
         factor * np.array(irradiances).reshape(-1, 3),
+        closeness=np.array(closeness) if light.lamps else None,
+        centre=np.array(centre),
     )
-    return SideLighting(lighting, np.zeros_like(lighting.irradiances), is_whole=not light.lamps)
+    return SideLighting(lighting, np.zeros_like(lighting.irradiances))

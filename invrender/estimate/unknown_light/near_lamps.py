@@ -13,11 +13,14 @@ from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_evidence import source_penalty
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import CLOSENESS_RANGE, BlindState
+from invrender.estimate.unknown_light.uncertainty import blind_uncertainty
 
 Floats = NDArray[np.float64]
 
 # Where a search for the closeness begins, and iterations until it has shown its worth.
 _FIRST, _FEW = 0.1, 8
+# Standard deviations beyond which a lamp is near.
+_SURE = 3.0
 
 
 def with_near_lamps(search: Search, fit: BlindFit, start: BlindState | None = None) -> BlindFit:
@@ -41,7 +44,16 @@ def with_near_lamps(search: Search, fit: BlindFit, start: BlindState | None = No
     better = tried.state
     for lighting in lightings - near:
         better = better.with_sources_of(fit.state, lighting)
-    return search.fit(better, fit.l_max) if near else fit
+    return _surely_near(search, search.fit(better, fit.l_max)) if near else fit
+
+
+def _surely_near(search: Search, fit: BlindFit) -> BlindFit:
+    """The fit with those lamps far away whose closeness may be nothing: what a model lacks looks like it, too."""
+    closeness, std = fit.state.sources[:, 3], blind_uncertainty(search, fit).closeness_std(fit.state)
+    sure = closeness > _SURE * std
+    if (sure | (closeness == 0)).all():
+        return fit
+    return search.fit(fit.state.with_closeness(np.where(sure, closeness, 0)), fit.l_max)
 
 
 def _worth_it(search: Search, near: BlindFit, distant: BlindFit, lighting: int) -> bool:

@@ -25,13 +25,14 @@ class SourcePair:
 
     numbers : in their lightings, counted from 1. angle_deg : between them. ratio : of irradiances, B to A, per channel,
     NaN where A's is 0. z : the largest difference of irradiances over the combined standard deviation; None where both
-    are given, or a factor per channel is free.
+    are given, or a factor per channel is free. distances : of both from the object's centre, metres, None far away.
     """
 
     numbers: tuple[int, int]
     angle_deg: float
     ratio: tuple[float, float, float]
     z: float | None
+    distances: tuple[float | None, float | None] = (None, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +106,18 @@ def _source_pairs(
         if not free and (std > 0).all():
             z = float(np.abs((theirs - mine) / std).max())
         pairs.append(
-            SourcePair((int(i) + 1, int(j) + 1), float(angles[i, j]), tuple(float(r) for r in ratio), z)  # type: ignore[arg-type]
+            SourcePair(
+                (int(i) + 1, int(j) + 1),
+                float(angles[i, j]),
+                tuple(float(r) for r in ratio),  # type: ignore[arg-type]
+                z,
+                (_distance(one, i), _distance(other, j)),
+            )
         )
     return tuple(pairs)
+
+
+def _distance(lighting: Lighting, source: int) -> float | None:
+    """Metres from the object's centre to a near source; None of one far away."""
+    place = lighting.places[source]
+    return None if place is None else float(np.linalg.norm(place[0] - lighting.centre))

@@ -77,6 +77,9 @@ def light_text(pair: LightPair) -> str:
         )
         if source.z is not None:
             text += f" (at most {source.z:.1f} standard deviations)"
+        if any(source.distances):
+            a, b = (f"{far:.4g} m" if far else "far" for far in source.distances)
+            text += f", {a} away in A, {b} in B"
     for side, count in zip("AB", pair.lone, strict=True):
         if count:
             text += f"; {count} source(s) of {side} without a counterpart"
