@@ -39,7 +39,8 @@ def read_lighting(photoset: PhotoSet, table: LightingTable, body: Body | None = 
             " give map, directional, near or mirror_ball"
         )
     if table.mirror_ball is not None:
-        return _from_ball(photoset, table, table.mirror_ball, where)
+        lighting = _from_ball(photoset, table, table.mirror_ball, where)
+        return lighting.from_afar if body is None else lighting
     recover = table.recover or ()
     directions = np.array([source.direction for source in table.directional]).reshape(-1, 3)
     centre, offsets = _from_object(table, body, where)

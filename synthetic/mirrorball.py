@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.files.imagefile import write_exr
 from synthetic.lights.disc import DiscLight
 from synthetic.lights.illumination import Illumination
-from synthetic.lights.sources import DirectionalSource
+from synthetic.lights.sources import PointSource
 from synthetic.materials.mirror import Mirror
 from synthetic.render.photograph import Progress, photographs
 from synthetic.scene import Effort, Scene, Shot
@@ -21,6 +22,8 @@ from synthetic.sensing.masks import write_mask
 from synthetic.sensing.sensor import vignetting
 from synthetic.shapes.ball import Ball
 from synthetic.staging import Staging
+
+Floats = NDArray[np.float64]
 
 FOLDER = "mirrorball"
 # A source without a size is a disc in the ball: of this angular radius, or a pixel's, if that is larger, for smaller
@@ -50,7 +53,7 @@ def write_mirror_balls(
     # Along a pixel the normal turns by its part of the radius, the reflection by twice that.
     pixel = 2 * table.distance / (camera.focal_px * radius)
     size = max(np.radians(_SOURCE_RADIUS_DEG), pixel)
-    lights = [_with_sizes(light, size) for light in scene.illuminations]
+    lights = [_with_sizes(light, size, target) for light in scene.illuminations]
     shots = [Shot(camera.posed(pose), light) for light in lights for pose in poses]
     ball = Scene(
         f"{scene.name}: mirror ball",
@@ -85,10 +88,13 @@ def _exposure(development: Development) -> dict[str, float]:
     return {"exposure_s": 1.0, "iso": float(development.iso), "f_number": development.f_number}
 
 
-def _with_sizes(illumination: Illumination, radius_rad: float) -> Illumination:
-    """The same light, distant sources being discs: a mirror shows nothing of a point."""
-    discs = []
+def _with_sizes(illumination: Illumination, radius_rad: float, centre: Floats) -> Illumination:
+    """The same light, sources being discs or bulbs of an angular radius: a mirror shows nothing of a point."""
+    discs, bulbs = [], []
     for source in illumination.sources:
-        assert isinstance(source, DirectionalSource), "the staging sees to it"
-        discs.append(DiscLight(source.direction, source.irradiance, radius_rad))
-    return replace(illumination, extended=(*illumination.extended, *discs), sources=())
+        if isinstance(source, PointSource):
+            distance = np.linalg.norm(source.position - centre)
+            bulbs.append(replace(source, radius=float(distance * np.sin(radius_rad))))
+        else:
+            discs.append(DiscLight(source.direction, source.irradiance, radius_rad))
+    return replace(illumination, extended=(*illumination.extended, *discs), sources=tuple(bulbs))

@@ -88,7 +88,12 @@ class Scene:
         return tuple({id(shot.illumination): shot.illumination for shot in self.shots}.values())
 
     def _check_lights(self, illumination: Illumination) -> None:
-        if self.material.is_mirror and illumination.sources:
+        points = [
+            source
+            for source in illumination.sources
+            if not (isinstance(source, PointSource) and source.radius)
+        ]
+        if self.material.is_mirror and points:
             raise ValueError(
                 f"scene {self.name!r}: a mirror shows lamps only if they have a size: give the sources of lighting"
                 f" {illumination.name!r} a radius_deg"

@@ -41,9 +41,10 @@ class Staging:
     source: str = ""
 
     def __post_init__(self) -> None:
-        for light in self.scene.illuminations if self.ball is not None else ():
+        single = self.ball is not None and len(self.ball.azimuths_deg) < 2
+        for light in self.scene.illuminations if single else ():
             if any(isinstance(source, PointSource) for source in light.sources):
                 raise ValueError(
-                    f"lighting {light.name!r}: a mirror ball can't show a lamp at a place, which it shows from"
-                    " another side than the object sees it: give it as directional, or leave the mirror ball out"
+                    f"lighting {light.name!r}: a mirror ball can't show from one place how far a lamp is: photograph"
+                    " it from two (azimuths_deg), or give the lamp as directional"
                 )

@@ -1,8 +1,8 @@
-"""Distant lighting read off photographs of a mirror (chrome) ball: one view of it, or several merged.
+"""Lighting read off photographs of a mirror (chrome) ball: one view of it, or several merged.
 
 A single view lacks a cone behind the ball and the directions about the camera; a second one, from about 90
-degrees away, shows both. The mirror's reflectance is a number that the user gives: at 1 all light is too dark by
-it (chrome reflects about 0.55 to 0.6, polished steel 0.6, silvered glass 0.9).
+degrees away, shows both, and how far lamps are. The mirror's reflectance is a number that the user gives: at 1 all
+light is too dark by it (chrome reflects about 0.55 to 0.6, polished steel 0.6, silvered glass 0.9).
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_array
 from capture.lighting import Lighting
 from recon.mirrorball.merge import Agreement, map_agreement, merge_sources
+from recon.mirrorball.triangulate import common_ball
 from recon.mirrorball.view import BallSource, BallView
 from recon.mirrorball.viewmap import blend, filled, share, view_map
 
+Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Mean level, in steps of the file's numbers, below which an integer photograph shows darkness, not light.
@@ -41,6 +43,7 @@ class BallLighting:
     too_dark : all but the sources is within a few steps of the files' black, so that the map is unreliable.
     sources : brightest first.
     agreement : of each of several views with the others. warnings : in plain words.
+    centre : (3,) metres, of the ball in the world, where several views place it; near sources count from there.
     """
 
     name: str
@@ -52,6 +55,7 @@ class BallLighting:
     sources: tuple[BallSource, ...]
     agreement: tuple[Agreement, ...]
     warnings: tuple[str, ...]
+    centre: Floats | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radiance_map", frozen_array(self.radiance_map, np.float32))
@@ -59,14 +63,15 @@ class BallLighting:
 
 
 def ball_lighting(views: Sequence[BallView], name: str, height: int = 64) -> BallLighting:
-    """Distant lighting from views of a mirror ball at one place, all in the same world and unit of radiance.
+    """Lighting from views of a mirror ball at one place, all in the same world and unit of radiance.
 
     height : rows of the lat-long map, >= 2. In the map, each view counts with the inverse variance of its error
     of place (`recon.mirrorball.viewmap`); sources that several views show are combined by inverse variance.
     """
     if height < 2:
         raise ValueError(f"{name}: a lat-long map of {height} rows is asked for; it must have at least 2")
-    sources, hidden, warnings = merge_sources(views)
+    ball = common_ball(views)
+    sources, hidden, warnings = merge_sources(views, ball)
     guessed = (_guess_warning(view) for view in views if view.guessed)
     warnings = (*guessed, *map(_bracket_warning, filter(_is_off, views)), *warnings)
     maps = [view_map(view, height, discs) for view, discs in zip(views, hidden, strict=True)]
@@ -86,6 +91,7 @@ def ball_lighting(views: Sequence[BallView], name: str, height: int = 64) -> Bal
         sources=sources,
         agreement=agreement,
         warnings=warnings,
+        centre=None if ball is None else ball.centre,
     )
 
 
@@ -103,6 +109,11 @@ def lighting_of_ball(
         recover = ()
         if any(source.clipped for source in ball.sources):
             recover = ("irradiance", "ambient") if ball.too_dark else ("irradiance",)
+    closeness, closeness_std = (
+        np.array([getattr(source, name) for source in ball.sources])
+        for name in ("closeness", "closeness_std")
+    )
+    near = ball.centre is not None and bool(closeness.any())
     return Lighting(
         name=ball.name if name is None else name,
         radiance_map=None if "ambient" in recover else ball.radiance_map,
@@ -113,6 +124,9 @@ def lighting_of_ball(
         recover_ambient="ambient" in recover,
         origin=f"mirror ball {ball.name}",
         warnings=ball.warnings,
+        closeness=closeness if near else None,
+        closeness_std=closeness_std if near else None,
+        centre=np.zeros(3) if ball.centre is None else ball.centre,
     )
 
 

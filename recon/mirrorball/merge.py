@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import latlong_solid_angles
+from recon.mirrorball.triangulate import apart, placed
 from recon.mirrorball.view import BallSource, BallView
 from recon.mirrorball.viewmap import ViewMap, blend
+from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
 Hidden = list[tuple[Floats, float]]
+# A source, and the view that shows it.
+_Shown = tuple[BallView, BallSource]
 
 # Sources of two views this far apart are one source all the same, and their poses are off.
 _MATCH = np.radians(6.0)
+# Where they are farther apart, by how much the directions may miss the place of a near lamp.
+_MATCH_NEAR = np.radians(1.0)
 # How many times as bright the brighter one of a match may be, where both were measured.
 _MATCH_RATIO = 3.0
 # Deviations, in standard deviations, between views of one source that are worth a warning; and the angle in
@@ -45,9 +51,9 @@ class Agreement:
 
 
 def merge_sources(
-    views: Sequence[BallView],
+    views: Sequence[BallView], ball: Sphere | None = None
 ) -> tuple[tuple[BallSource, ...], list[Hidden], tuple[str, ...]]:
-    """The sources of all views, brightest first, each once.
+    """The sources of all views, brightest first, each once; near ones where several views of the ball show it.
 
     Returns with them, for each view, the discs (axis, half-angle) around sources that other views took out of
     their maps and this one did not; and warnings about sources on which views disagree.
@@ -63,12 +69,18 @@ def merge_sources(
         first, brightest = free.pop(0)
         group = {first: brightest}
         for index in range(len(views)):
-            matches = [s for i, s in free if i == index and index != first and _may_match(s, brightest)]
+            matches = [
+                s
+                for i, s in free
+                if i == index
+                and index != first
+                and _may_match(ball, (views[first], brightest), (views[index], s))
+            ]
             if matches:
                 nearest = max(matches, key=lambda s: float(s.direction @ brightest.direction))
                 group[index] = nearest
                 free = [entry for entry in free if entry[1] is not nearest]
-        source, warning = _combined([group[index] for index in sorted(group)])
+        source, warning = _combined(ball, [(views[index], group[index]) for index in sorted(group)])
         merged.append(source)
         warnings += [warning] if warning else []
         for index, view in enumerate(views):
@@ -84,16 +96,32 @@ def merge_sources(
     return tuple(merged), hidden, tuple(warnings)
 
 
-def _may_match(one: BallSource, other: BallSource) -> bool:
-    near = one.direction @ other.direction > np.cos(_MATCH)
-    bright, dim = sorted((one.irradiance.mean(), other.irradiance.mean()), reverse=True)
-    return bool(near and (one.clipped or other.clipped or bright <= _MATCH_RATIO * dim))
+def _may_match(ball: Sphere | None, one: _Shown, other: _Shown) -> bool:
+    # What lies farther apart must be where a near lamp would be.
+    angle = float(np.arccos(np.clip(one[1].direction @ other[1].direction, -1, 1)))
+    close = angle < _MATCH or apart(ball, (one, other)) < _MATCH_NEAR
+    bright, dim = sorted((one[1].irradiance.mean(), other[1].irradiance.mean()), reverse=True)
+    return bool(close and (one[1].clipped or other[1].clipped or bright <= _MATCH_RATIO * dim))
 
 
-def _combined(group: Sequence[BallSource]) -> tuple[BallSource, str]:
+def _combined(ball: Sphere | None, shown: Sequence[_Shown]) -> tuple[BallSource, str]:
     """One source from what several views say of it, weighted by inverse variance; and a warning, or ""."""
+    group = [source for _, source in shown]
     if len(group) == 1:
         return group[0], ""
+    lamp = None if ball is None else placed(ball, shown)
+    if lamp is not None:
+        group = [
+            replace(
+                source,
+                direction=lamp.direction,
+                irradiance=by * source.irradiance,
+                irradiance_std=by * source.irradiance_std,
+                closeness=lamp.closeness,
+                closeness_std=lamp.closeness_std,
+            )
+            for source, by in zip(group, lamp.brighter, strict=True)
+        ]
     std = np.maximum(np.radians([source.direction_std_deg for source in group]), 1e-6)
     directions = np.array([source.direction for source in group])
     mean = (directions / std[:, None] ** 2).sum(axis=0)
@@ -129,6 +157,8 @@ def _combined(group: Sequence[BallSource]) -> tuple[BallSource, str]:
         direction_std_deg=float(np.degrees(excess / np.sqrt((1 / std**2).sum()))),
         clipped=not measured,
         views=tuple(name for source in group for name in source.views),
+        closeness=group[0].closeness,
+        closeness_std=group[0].closeness_std,
     )
     return source, warning
 

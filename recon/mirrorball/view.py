@@ -50,6 +50,8 @@ class BallSource:
         by a share e turns a direction at angle a from the camera's by 2 e tan(a / 2) radians.
     clipped : has saturated pixels: the irradiance is only a lower bound.
     views : names of the views in which it was found.
+    closeness, closeness_std : 1 / metres, one over the distance from the ball's centre; 0 of one far away. Direction
+        and irradiance of a near source are what the ball's centre sees.
     """
 
     direction: Floats
@@ -59,6 +61,8 @@ class BallSource:
     direction_std_deg: float
     clipped: bool
     views: tuple[str, ...]
+    closeness: float = 0.0
+    closeness_std: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("direction", "irradiance", "irradiance_std"):

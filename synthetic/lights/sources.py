@@ -11,6 +11,7 @@ from capture.arrays import frozen_array
 from synthetic.lights.values import rgb, unit_vector
 
 Floats = NDArray[np.float64]
+AnyFloats = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +49,13 @@ class DirectionalSource:
 class PointSource:
     """A lamp at a place, the same in all directions: its light falls off with the square of the distance.
 
-    position : (3,) metres. intensity : (3,) RGB, irradiance times metres squared, >= 0.
+    position : (3,) metres. intensity : (3,) RGB, irradiance times metres squared, >= 0. radius : metres, of the bulb
+    that mirrors show; nothing else sees it.
     """
 
     position: Floats
     intensity: Floats
+    radius: float = 0.0
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, float)
@@ -68,6 +71,16 @@ class PointSource:
         towards = self.position - positions
         distances = np.linalg.norm(towards, axis=1)
         return towards / distances[:, None], distances, self.intensity / distances[:, None] ** 2
+
+    def mirrored(self, positions: Floats, directions: AnyFloats) -> Floats:
+        """Radiance (n, 3) that rays from points (n, 3) in unit directions (n, 3) meet: that of the bulb, or none."""
+        if not self.radius:
+            return np.zeros_like(positions)
+        offset = self.position - positions
+        along = (offset * directions).sum(axis=1)
+        beside = np.linalg.norm(offset - along[:, None] * directions, axis=1)
+        met = (along > 0) & (beside < self.radius)
+        return np.asarray(met[:, None] * self.intensity / (np.pi * self.radius**2))
 
     def turned(self, rotation: Floats) -> PointSource:
         """The same lamp after a rotation (3, 3) of the world about its origin."""

@@ -46,7 +46,8 @@ def direct_light(
     irradiance, lobe = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     for source in illumination.sources:
         from_source(surface, material, source, points, views, irradiance, lobe)
-    if not illumination.extended or not len(points):
+    bulbs = material.is_mirror and not material.kd.any()
+    if not (illumination.extended or bulbs) or not len(points):
         return irradiance, lobe
     groups = np.arange(len(points)) if shifts is None else shifts
     strategies = len(illumination.extended) + 1
@@ -145,7 +146,11 @@ def _mirrored(
     """What a mirror shows (n, 3): the radiance from the one direction that it looks into."""
     local = material.sample(wo, np.zeros((len(wo), 2), np.float32))
     wi = to_world(frames, local)
-    seen = illumination.radiance_from(wi) * material.mirrored(wo) * (wo[:, 2:] > 0)
+    radiance = illumination.radiance_from(wi)
+    for source in illumination.sources:
+        if isinstance(source, PointSource):
+            radiance = radiance + source.mirrored(points.positions, wi)
+    seen = radiance * material.mirrored(wo) * (wo[:, 2:] > 0)
     if not surface.convex:
         seen[surface.occluded(points.positions, points.facets, wi)] = 0
     return seen.astype(float)
