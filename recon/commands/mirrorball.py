@@ -67,7 +67,7 @@ def mirrorball(
         Path | None,
         typer.Option(
             help='JSON file {"world_to_camera": [4x4, ...]} with the camera\'s pose for each view (OpenCV axes),'
-            " instead of --view-angle-deg. Only the rotations matter."
+            " instead of --view-angle-deg. Rotations give the frame; places, in metres, tell how far near lamps are."
         ),
     ] = None,
     register: Annotated[

@@ -136,6 +136,8 @@ def _combined(ball: Sphere | None, shown: Sequence[_Shown]) -> tuple[BallSource,
             f" {', '.join(name for source in group for name in source.views)}, {excess:.0f} times the standard"
             " deviation; check the poses, their convention and the masks"
         )
+        if ball is None:
+            warning += "; a near lamp looks so, too: poses with the cameras' places tell how far it is"
     measured = [source for source in group if not source.clipped]
     values = np.array([source.irradiance for source in measured or group])
     if measured:

@@ -22,6 +22,8 @@ from recon.sphere.circle import Disk
 if TYPE_CHECKING:
     from recon.mirrorball.register import Turn
 
+Floats = NDArray[np.float64]
+
 OWN_FILES = ("lighting.json", "lighting.toml", "mirrorball.png", "*.exr")
 _FRAME = "x right, y up, z towards the camera"
 _MERGED = "lighting"
@@ -140,16 +142,22 @@ def _document(reading: Reading, inputs: Sequence[Path]) -> dict[str, Any]:
 
 def _found(ball: BallLighting, brightest: float) -> dict[str, Any]:
     return {
-        "sources": [_source(source, brightest) for source in ball.sources],
+        "sources": [_source(source, brightest, ball.centre) for source in ball.sources],
         "uncovered_share": ball.uncovered_share,
         "clipped_share": ball.clipped_share,
     }
 
 
-def _source(source: BallSource, brightest: float) -> dict[str, Any]:
+def _source(source: BallSource, brightest: float, centre: Floats | None) -> dict[str, Any]:
+    position = distance_std = None
+    if source.closeness and centre is not None:
+        position = (centre + source.direction / source.closeness).tolist()
+        distance_std = source.closeness_std / source.closeness**2
     return {
         "direction": source.direction.tolist(),
         "direction_std_deg": source.direction_std_deg,
+        "position": position,
+        "distance_std": distance_std,
         "angular_radius_deg": source.angular_radius_deg,
         "irradiance": source.irradiance.tolist(),
         "irradiance_std": source.irradiance_std.tolist(),
@@ -163,7 +171,7 @@ def _snippet(reading: Reading) -> str:
     """The lightings as tables of a photoset.toml."""
     lines = [
         "# Light read off mirror balls: paste these tables into a photoset.toml.",
-        f"# World: {reading.frame}; if the photo set's is another, turn the directions and the maps.",
+        f"# World: {reading.frame}; if the photo set's is another, turn directions, positions and maps.",
         "# Maps are named relative to the photoset.toml: copy them beside it, or write their path.",
     ]
     for stem, ball in zip(reading.stems, reading.lightings, strict=True):
@@ -177,14 +185,17 @@ def _snippet(reading: Reading) -> str:
             if ball.clipped_share > _NOTABLE_CLIPPING:
                 lines.append(f"# Caution: {_clipping(ball)}.")
             lines.append(f"map = {json.dumps(stem + '.exr')}")
-        if ball.sources:
-            lines.append("directional = [")
-            for source in ball.sources:
-                known = (
-                    "" if lighting.recover_irradiance else f", irradiance = {_vector(source.irradiance, 5)}"
-                )
-                lines.append(f"    {{ direction = {_vector(source.direction, 6)}{known} }},")
-            lines.append("]")
+        recovered = lighting.recover_irradiance
+        distant, near = [], []
+        for source, place in zip(ball.sources, lighting.places, strict=True):
+            if place is None:
+                known = "" if recovered else f", irradiance = {_vector(source.irradiance, 5)}"
+                distant.append(f"    {{ direction = {_vector(source.direction, 6)}{known} }},")
+            else:
+                known = "" if recovered else f", intensity = {_vector(place[1], 5)}"
+                near.append(f"    {{ position = {_vector(place[0], 6)}{known} }},")
+        for key, rows in (("directional", distant), ("near", near)):
+            lines += [f"{key} = [", *rows, "]"] if rows else []
     return "\n".join(lines) + "\n"
 
 
@@ -201,16 +212,17 @@ def report(reading: Reading, output: Path) -> None:
     table = Table(box=None, header_style="bold")
     table.add_column("view" if reading.merged is None else "lighting")
     table.add_column("source direction", justify="right")
-    for heading in ("± deg", "irradiance", "clipped"):
+    for heading in ("± deg", "distance (m)", "irradiance", "clipped"):
         table.add_column(heading, justify="right")
     for ball in reading.lightings:
         if not ball.sources:
-            table.add_row(escape(ball.name), "none: all light is in the map", "", "", "")
+            table.add_row(escape(ball.name), "none: all light is in the map", "", "", "", "")
         for number, source in enumerate(ball.sources):
             table.add_row(
                 escape(ball.name) if number == 0 else "",
                 " ".join(f"{value:7.4f}" for value in source.direction),
                 f"{source.direction_std_deg:.2f}",
+                _distance(source),
                 _irradiance(source, brightest),
                 "yes" if source.clipped else "no",
             )
@@ -238,6 +250,13 @@ def report(reading: Reading, output: Path) -> None:
             f"{escape(view.name)}: turned by {turn.angle_deg:.1f} ± {turn.std_deg:.1f} degrees to the first."
         )
     console.print(f"Wrote {escape(str(output))}/: a map (.exr) per view, {', '.join(OWN_FILES[:3])}")
+
+
+def _distance(source: BallSource) -> str:
+    """Of a near source, from the ball's centre, with its standard deviation."""
+    if not source.closeness:
+        return "far"
+    return f"{1 / source.closeness:.3g} ± {source.closeness_std / source.closeness**2:.1g}"
 
 
 def _irradiance(source: BallSource, brightest: float) -> str:

@@ -25,12 +25,14 @@ Floats = NDArray[np.float64]
 _APART = np.radians(5.0)
 # Of the ball's radius, by which views may miss its centre and disagree on its size.
 _OFF = 0.1
+# Radius of a ball, over the distance of what views have for its centre, that is none.
+_NOWHERE = 1e-6
 # Doubt of a view's direction that its pose leaves, radians, since poses are never exact.
 _POSE = np.radians(0.1)
 # Standard deviations of the closeness from which on a lamp is near.
 _NEAR = 3.0
 # Radii of the ball over the distance of the nearest lamps that are believed.
-_NEAREST = 0.25
+_NEAREST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,9 @@ def common_ball(views: Sequence[BallView]) -> Sphere | None:
     missed = np.linalg.norm(np.einsum("nij,nj->ni", off_axis, centre - centres), axis=1)
     radii = np.array([_radius(view, centre) for view in views])
     radius = float(radii.mean())
+    # Of views whose poses are rotations alone, all axes meet in the camera.
+    if radius <= _NOWHERE * np.linalg.norm(centres - centre, axis=1).max():
+        return None
     if missed.max() > _OFF * radius or np.abs(radii - radius).max() > _OFF * radius:
         return None
     return Sphere(centre, radius, np.zeros((4, 4)))

@@ -34,6 +34,7 @@ from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import PointSource
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
 from synthetic.scene import Scene, Shot
+from synthetic.scenes.schema import BallTable
 from synthetic.shapes.ball import Ball
 from synthetic.staging import Staging
 from synthetic.writer import write_photoset
@@ -256,6 +257,57 @@ def test_a_near_lamp_that_is_called_distant_is_found(
     if not recover:
         kd = found["brdf"]["kd"]
         assert np.all(np.abs(np.array(kd["value"]) - DELRIN.kd) < 4 * np.array(kd["std"]))
+
+
+def test_a_near_lamp_of_unknown_light_is_found(
+    lightfactor: Command, near_set: Path, tmp_path: Path, few_forms: None
+) -> None:
+    folder = Path(shutil.copytree(near_set, tmp_path / "set"))
+    manifest = folder / "photoset.toml"
+    manifest.write_text(re.sub("near = .*", "unknown = true\ndark = true", manifest.read_text()))
+    code, said, err = lightfactor("process", folder, "-o", tmp_path / "out")
+    assert code == 0, err
+    distance = float(np.linalg.norm(LAMP.position - CENTRE))
+    assert "The lamps are near. Their distances" in " ".join(said.split())
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert found["causes"] == []
+    assert found["fit"]["rms_relative"] < 0.012
+    assert found["fit"]["held_out_rms_relative"] < 0.012
+    (source,) = found["lighting"][0]["directional"]
+    std = source["distance_std"]
+    assert 0 < std < 0.02 * distance
+    # The direction is the centre's that masks showed, as above.
+    assert np.linalg.norm(np.array(source["position"]) - LAMP.position) < 4 * std + 1e-3 * distance
+    entry = found["brdf"]["ks"]
+    off = np.array(entry["value"]) - DELRIN.ks / (DELRIN.kd + DELRIN.ks)
+    assert (np.abs(off) < 4 * np.array(entry["std"])).all()
+    code, said, _ = lightfactor("compare", tmp_path / "out", near_set / "truth.json")
+    assert f"{distance:.4g} m in B" in " ".join(said.split())
+
+
+@pytest.mark.slow
+def test_a_mirror_ball_from_two_places_tells_how_far_a_lamp_is(
+    lightfactor: Command, tmp_path: Path, few_forms: None, no_causes: None
+) -> None:
+    light = Illumination("lamp", (), (LAMP,), "ball")
+    shots = []
+    for angle in (-80.0, -50.0, -20.0, 10.0):
+        small = camera(angle)
+        params = np.array([2100.0, 2100.0, 90.0, 80.0])
+        shots.append(Shot(Camera("PINHOLE", params, 180, 160, small.world_to_camera), light))
+    scene = Scene("near", Ball(CENTRE, RADIUS), DELRIN, tuple(shots))
+    write_photoset(Staging(scene, ball=BallTable(azimuths_deg=(-60.0, 20.0))), tmp_path / "set")
+    code, _, err = lightfactor("process", tmp_path / "set", "-o", tmp_path / "out")
+    assert code == 0, err
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    # Taken for distant, it leaves 12%.
+    assert found["fit"]["rms_relative"] < 0.02
+    (source,) = found["lighting"][0]["directional"]
+    distance = float(np.linalg.norm(LAMP.position - CENTRE))
+    std = source["distance_std"]
+    assert abs(np.linalg.norm(source["position"] - CENTRE) - distance) < 3 * std < 0.2 * distance
+    kd = found["brdf"]["kd"]
+    assert np.all(np.abs(np.array(kd["value"]) - DELRIN.kd) < 4 * np.array(kd["std"]))
 
 
 def test_samples_say_what_sees_a_near_lamp(lightfactor: Command, near_set: Path, tmp_path: Path) -> None:

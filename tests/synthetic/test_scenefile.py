@@ -175,8 +175,8 @@ WRONG = {
     ),
     "a lamp in a ball": (
         LIGHT,
-        "lamp = [{ azimuth_deg = 0, distance = 1, irradiance = 1 }]\n[mirror_ball]\n",
-        "lighting 'lab': a mirror ball can't show a lamp at a place",
+        "lamp = [{ azimuth_deg = 0, distance = 1, irradiance = 1 }]\n[mirror_ball]\nazimuths_deg = [0]\n",
+        "lighting 'lab': a mirror ball can't show from one place how far a lamp is",
     ),
     "held out beyond the end": (
         GANTRY,

@@ -166,12 +166,6 @@ def test_the_light_is_told_as_the_command_says(synth: Run, tiny: Path, tmp_path:
     assert all((tmp_path / "set" / name).exists() for name in table.mirror_ball.files)
 
 
-def test_a_lamp_is_not_told_by_a_ball(synth: Run, tmp_path: Path) -> None:
-    code, _, err = synth("rh01-marschner", "--light", "ball", "-o", tmp_path / "set")
-    assert code == 1
-    assert "lighting 'lamp': a mirror ball can't show a lamp at a place" in err
-
-
 def test_list_shows_every_built_in_scene(synth: Run) -> None:
     code, text, err = synth("--list")
     assert (code, err) == (0, "")

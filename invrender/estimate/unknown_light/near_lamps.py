@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.unknown_light.projection import BlindFit
-from invrender.estimate.unknown_light.source_evidence import source_penalty
+from invrender.estimate.linear import symmetric_pinv
+from invrender.estimate.unknown_light.projection import BlindFit, shared_equations
+from invrender.estimate.unknown_light.source_evidence import design_effect, source_penalty
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import CLOSENESS_RANGE, BlindState
 from invrender.estimate.unknown_light.uncertainty import blind_uncertainty
@@ -38,6 +39,8 @@ def with_near_lamps(search: Search, fit: BlindFit, start: BlindState | None = No
     if not sought.any():
         return fit
     known = np.zeros(len(sought)) if state.closeness is None else state.closeness
+    if not lost and not _may_be_near(search, fit, np.where(sought, CLOSENESS_RANGE[0], known)):
+        return fit
     tried = search.fit(state.with_closeness(np.where(sought, _FIRST, known)), fit.l_max, _FEW)
     lightings = set(state.owners[sought].tolist())
     near = {lighting for lighting in lightings if _worth_it(search, tried, fit, lighting)}
@@ -45,6 +48,20 @@ def with_near_lamps(search: Search, fit: BlindFit, start: BlindState | None = No
     for lighting in lightings - near:
         better = better.with_sources_of(fit.state, lighting)
     return _surely_near(search, search.fit(better, fit.l_max)) if near else fit
+
+
+def _may_be_near(search: Search, fit: BlindFit, closeness: Floats) -> bool:
+    """Whether one Gauss-Newton step from a fit brings a lamp nearer than noise would.
+
+    closeness : (k,), where the step begins.
+    """
+    begun = search.at(fit.state.with_closeness(closeness), fit.l_max)
+    equations = shared_equations(search.designs, search.weights, begun)
+    noise = begun.cost / search.numbers * design_effect(search, begun, search.lightings)
+    inverse = symmetric_pinv(equations.corner)
+    asked = [k for k, name in enumerate(begun.state.names) if name.startswith("closeness")]
+    step = inverse[asked] @ equations.right
+    return bool((step > np.sqrt(noise * np.diag(inverse)[asked])).any())
 
 
 def _surely_near(search: Search, fit: BlindFit) -> BlindFit:

@@ -222,7 +222,9 @@ def predicted(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floa
     return rows.radiance(fit.state.specular_share, fit.light[design.lighting])
 
 
-def _border(designs: Sequence[LightingDesign], weights: Sequence[Floats], fit: BlindFit) -> SharedEquations:
+def shared_equations(
+    designs: Sequence[LightingDesign], weights: Sequence[Floats], fit: BlindFit
+) -> SharedEquations:
     """Kaufman's equations at a fit whose lightings are optimal."""
 
     def equations(item: tuple[LightingDesign, Floats, LightingRows]) -> tuple[Floats, Floats, Floats]:
@@ -260,7 +262,7 @@ def refine(
         return fit
 
     def about(at: BlindFit) -> LocalProblem[BlindFit]:
-        equations = _border(designs, weights, at)
+        equations = shared_equations(designs, weights, at)
         free = ~at.state.stuck(equations.right)
         noise = max(at.cost / sum(weight.size for weight in weights), 1)
         return LocalProblem(
