@@ -139,6 +139,8 @@ def _viewpoint(plan: Plan, places: Sequence[TrialPlace], looked_at: int) -> _Vie
         lighting,
         directions=np.vstack([lighting.directions, places[0].direction]),
         irradiances=np.vstack([lighting.irradiances, irradiance]),
+        direction_std_deg=None,
+        closeness=None if lighting.closeness is None else np.append(lighting.closeness, 0),
     )
     degree = lighting_degree([*(light.lighting for light in lights), added])
     return _Viewpoint(drawn, seen, irradiance, degree)

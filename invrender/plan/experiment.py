@@ -43,6 +43,12 @@ class PlannedLight:
     known: bool
 
     @property
+    def near(self) -> tuple[int, ...]:
+        """Which of its sources are near."""
+        closeness = self.lighting.closeness
+        return () if closeness is None else tuple(np.flatnonzero(closeness).tolist())
+
+    @property
     def total(self) -> Floats:
         """Radiance summed over all directions, plus the irradiances of all sources, (3,)."""
         total = self.lighting.irradiances.sum(axis=0)

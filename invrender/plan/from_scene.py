@@ -225,25 +225,31 @@ def _light(light: Illumination, centre: Floats, direction_std_deg: float) -> Pla
     discs = [one for one in light.extended if isinstance(one, DiscLight) and one.radius_rad <= _SMALL_DISC]
     extended = [one for one in light.extended if one not in discs]
     sources: list[tuple[Floats, Floats]] = [(disc.direction, disc.irradiance) for disc in discs]
+    distances = [np.inf] * len(discs)
     for source in light.sources:
-        directions, _, irradiances = source.at(np.asarray(centre)[None])
+        directions, away, irradiances = source.at(np.asarray(centre)[None])
         sources.append((directions[0], irradiances[0]))
+        # A set that calls them distant is solved with distances that are found; what these cost isn't planned.
+        distances.append(np.inf if light.given == "distant" else float(away[0]))
+    closeness = 1 / np.array(distances)
     lighting = Lighting(
         light.name,
         latlong_map(extended, _MAP_HEIGHT) if extended else None,
         np.array([direction for direction, _ in sources]).reshape(-1, 3),
         np.array([irradiance for _, irradiance in sources]).reshape(-1, 3),
         direction_std_deg=np.full(len(sources), direction_std_deg) if direction_std_deg else None,
+        closeness=closeness if closeness.any() else None,
+        centre=np.asarray(centre),
     )
     return PlannedLight(lighting, light.given != "nothing")
 
 
 def _light_notes(light: Illumination, centre: Floats) -> list[str]:
     lamps = [source for source in light.sources if isinstance(source, PointSource)]
-    if not lamps:
+    if not lamps or light.given != "distant":
         return []
     nearest = min(float(np.linalg.norm(lamp.position - centre)) for lamp in lamps)
     return [
-        f"lamps of lighting {light.name!r}, {nearest:.2g} m away or more, are planned as if they were distant: what"
-        " their nearness distorts isn't in these numbers"
+        f"lamps of lighting {light.name!r}, {nearest:.2g} m away or more, are planned as if they were distant, as the"
+        " set calls them: what their nearness distorts isn't in these numbers"
     ]

@@ -72,7 +72,7 @@ class UnknownLight:
 
     index : which of the lights of `unknowns`. coefficients : ((l_max + 1)^2, 3), of all of it, its sources among it.
     rows : (3 (l_max + 1)^2, s), their derivatives in its own numbers and the shared ones, as `Tally` has them, in units
-    of the prior, channels fastest.
+    of the prior, channels fastest. radius : metres, of the object; a near source's closeness is counted in it.
     """
 
     light: PlannedLight
@@ -80,16 +80,18 @@ class UnknownLight:
     index: int
     coefficients: Floats
     rows: Floats
+    radius: float
 
     @classmethod
-    def of(cls, light: PlannedLight, unknowns: Unknowns, index: int) -> UnknownLight:
+    def of(cls, light: PlannedLight, unknowns: Unknowns, index: int, radius: float) -> UnknownLight:
         """One of the lights of `unknowns`."""
         lighting, own = light.lighting, unknowns.lights[index]
         l_max = degree_of(own.size - own.sources)
         total = project_sources(lighting.directions, lighting.irradiances, l_max)
         if lighting.radiance_map is not None:
             total = total + map_coefficients(lighting.radiance_map, l_max)
-        return cls(light, unknowns, index, np.asarray(total), coefficient_rows(light, unknowns, index))
+        rows = coefficient_rows(light, unknowns, index)
+        return cls(light, unknowns, index, np.asarray(total), rows, radius)
 
     @property
     def l_max(self) -> int:
@@ -115,7 +117,7 @@ class UnknownLight:
 
     @cached_property
     def asked(self) -> Floats:
-        """Rows (r, s) of `quantities`: the first nine coefficients, sources' irradiances, their directions."""
+        """Rows (r, s) of `quantities`: the first nine coefficients, sources' irradiances, directions and closeness."""
         own = self.unknowns.lights[self.index]
         unit = np.diag(_std(self.unknowns, self.index))
         irradiance = np.arange(3 * own.size).reshape(3, -1)[:, own.size - own.sources :]
@@ -123,12 +125,12 @@ class UnknownLight:
             [
                 self.rows[: 3 * (FIRST_NINE + 1) ** 2],
                 unit[irradiance.T.ravel()],
-                unit[3 * own.size :][own.turns],
+                unit[3 * own.size :][own.moves],
             ]
         )
 
     def quantities(self, posterior: Posterior) -> list[Expected]:
-        """Its first nine coefficients as one quantity, and each source's irradiance and direction.
+        """Its first nine coefficients as one quantity, and each source's irradiance, direction, and distance if near.
 
         The posterior's marginal of the light must have been asked the rows `asked`.
         """
@@ -169,6 +171,24 @@ class UnknownLight:
                 _SHOW_IT,
             )
             found += [irradiance, replace(direction, truth=lighting.directions[k])]
+        for k, source in enumerate(self.light.near):
+            assert lighting.closeness is not None
+            distance = 1 / lighting.closeness[[source]]
+            per_closeness, at = (
+                distance**2 / self.radius,
+                slice(nine + 5 * count + k, nine + 5 * count + k + 1),
+            )
+            found.append(
+                _assessed(
+                    f"{lighting.name}/source {source + 1} distance",
+                    f"source {source + 1} of {lighting.name!r}, distance",
+                    distance,
+                    Spread(per_closeness * spread.std[at], per_closeness * spread.fragility[at]),
+                    per_closeness,
+                    _HIDDEN,
+                    _SHOW_IT,
+                )
+            )
         return found
 
 

@@ -51,11 +51,11 @@ def draw(
     return Draw(lit, count * step**2 / max(int(some.sum()), 1))
 
 
-def visible_sources(body: Body, field: LightField, directions: Floats) -> NDArray[np.bool_]:
-    """Which rays (m, k) of a field on the body see unit directions (k, 3)."""
+def visible_sources(body: Body, field: LightField, sources: Floats) -> NDArray[np.bool_]:
+    """Which rays (m, k) of a field on the body see sources (k, 3), or (k, 4) where some are near."""
     facets = body.facets[field.faces] if isinstance(body, MeshBody) else field.normals
-    seen = [sees(body, field.positions, facets, one) for one in directions]
-    return np.array(seen, bool).reshape(len(directions), len(facets)).T
+    seen = [sees(body, field.positions, facets, one) for one in sources]
+    return np.array(seen, bool).reshape(len(sources), len(facets)).T
 
 
 def picture(body: Body, camera: Camera) -> LightField:

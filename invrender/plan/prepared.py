@@ -36,11 +36,13 @@ class Bench:
         self.experiment = experiment
         lights = experiment.lights
         self.unknowns = unknowns_of(experiment.brdf, lights, degree, experiment.gauge_light)
+        self.object = PlannedObject(experiment.body, lights, self.unknowns, degree)
         self.unknown_lights = {
-            k: UnknownLight.of(light, self.unknowns, k) for k, light in enumerate(lights) if not light.known
+            k: UnknownLight.of(light, self.unknowns, k, self.object.frame.radius)
+            for k, light in enumerate(lights)
+            if not light.known
         }
         self.asked_brdf = AskedBrdf.of(self.unknowns, absolute=experiment.gauge_light is None)
-        self.object = PlannedObject(experiment.body, lights, self.unknowns, degree)
         count = len(experiment.views)
         self.budget = max(FIT_SAMPLES // (count * experiment.sensor.exposures), 4 * FEWEST)
         self.looked_at = max(samples // count, 4 * FEWEST)
@@ -52,7 +54,7 @@ class Bench:
             # Seeded by place, so that threads don't change what is drawn.
             rng = np.random.default_rng(numbered[0])
             view, count = numbered[1], looked_at or self.looked_at
-            sources = self.experiment.lights[view.light].lighting.directions
+            sources = self.experiment.lights[view.light].lighting.sources
             return draw(self.experiment.body, view.camera, sources, self.budget, count, rng)
 
         return parallel_map(one, enumerate(views))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.estimate.jacobian import jacobians
+from invrender.estimate.unknown_light.lamp_frame import LampFrame
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.rows import rows_of, slopes_of
 from invrender.estimate.unknown_light.state import BlindState
@@ -51,13 +52,15 @@ class ShownSamples:
 class PlannedObject:
     """An object of known BRDF under lights.
 
-    shadows : of a mesh, up to the degree of unknown light and not below 8; None of a sphere.
+    shadows : of a mesh, up to the degree of unknown light and not below 8; None of a sphere. frame : that near sources'
+    closeness counts in.
     """
 
     def __init__(self, body: Body, lights: Sequence[PlannedLight], unknowns: Unknowns, degree: int) -> None:
         self.unknowns = unknowns
         self.brdf = unknowns.estimate.brdf
         self.lights = tuple(lights)
+        self.frame = LampFrame(body.centre, body.size / 2)
         self.degree = degree
         self.elements = [
             light_elements(replace(light.lighting, recover_irradiance=False, recover_ambient=False))
@@ -80,7 +83,7 @@ class PlannedObject:
             own = self.unknowns.lights[light]
             if own.size:
                 lit, turned = self._over_light(light, photo.field)
-                seen.shared[:, :, own.turns] = turned
+                seen.shared[:, :, own.moves] = turned
                 seen = replace(seen, lit=lit)
             yield seen
 
@@ -102,15 +105,18 @@ class PlannedObject:
         return ShownSamples(radiance, np.zeros((3, count, 0)), shared)
 
     def _over_light(self, light: int, field: LightField) -> tuple[Floats, Floats]:
-        """Jacobian over the numbers of an unknown lighting (3, n, p), and over its sources' turns (3, n, 2 k).
+        """Jacobian over the numbers of an unknown lighting (3, n, p), and over its sources' moves (3, n, 2 k + near).
 
         Rows are those of the gauge Kd + Ks = 1: light counts for as many times as much as this is.
         """
         lighting, brdf = self.lights[light].lighting, self.brdf
         gauge = np.maximum(brdf.kd + brdf.ks, 1e-300)
         owners = np.zeros(len(lighting.directions), int)
-        state = BlindState(brdf.ks / gauge, brdf.mu, brdf.sigma, lighting.directions, owners=owners)
-        design = LightingDesign.of([field], self.degree, shadows=self.shadows, settled=True)
+        closeness = None if lighting.closeness is None else self.frame.radius * lighting.closeness
+        state = BlindState(
+            brdf.ks / gauge, brdf.mu, brdf.sigma, lighting.directions, owners=owners, closeness=closeness
+        )
+        design = LightingDesign.of([field], self.degree, shadows=self.shadows, settled=True, frame=self.frame)
         rows = rows_of(design, state, self.degree)
         lit = np.stack(
             [of * rows.of_channel(share) for of, share in zip(gauge, state.specular_share, strict=True)]
@@ -119,4 +125,4 @@ class PlannedObject:
         sent = np.zeros((lit.shape[2], 3))
         sent[lit.shape[2] - len(owners) :] = gauge * lighting.irradiances
         slopes = slopes_of(design, state, rows, sent)
-        return lit, slopes[:, :, slopes.shape[2] - 2 * len(owners) :].transpose(1, 0, 2)
+        return lit, slopes[:, :, slopes.shape[2] - state.numbers_of_sources :].transpose(1, 0, 2)

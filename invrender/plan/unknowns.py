@@ -24,8 +24,8 @@ Floats = NDArray[np.float64]
 
 # Kd and Ks beforehand: up to so many times their sum.
 _WEIGHT_PRIOR = 10.0
-# Of a source's direction along either tangent, radians: from anywhere.
-_TURN_PRIOR = 1.0
+# Of a source's direction along either tangent, radians, and of its closeness: from anywhere.
+_MOVE_PRIOR = 1.0
 # The scale that light and BRDF share is taken for known to this.
 _GAUGE_STD = 1e-4
 
@@ -34,17 +34,27 @@ _GAUGE_STD = 1e-4
 class LightUnknowns:
     """A lighting's p numbers in each channel: coefficients, then its sources' irradiances; none where it is known.
 
-    std : (3, p), the prior's. precision : (3, p, p), of the prior in its own units, with what the gauge adds. turns :
-    places of its sources' turns along two tangents, a pair each, among the shared numbers.
+    std : (3, p), the prior's. precision : (3, p, p), of the prior in its own units, with what the gauge adds. moves :
+    places, among the shared numbers, of its sources' turns along two tangents, a pair each, then of their closeness, in
+    the object's radii, as far as they are near. near : which of its sources these are.
     """
 
     std: Floats
     precision: Floats
-    turns: slice
+    moves: slice
+    near: tuple[int, ...] = ()
 
     @property
     def size(self) -> int:
         return self.std.shape[1]
+
+    @property
+    def turns(self) -> slice:
+        return slice(self.moves.start, self.moves.stop - len(self.near))
+
+    @property
+    def closeness(self) -> slice:
+        return slice(self.turns.stop, self.moves.stop)
 
     @property
     def sources(self) -> int:
@@ -56,7 +66,7 @@ class Unknowns:
     """What is not known of a set of photographs.
 
     estimate : the true BRDF, as a fit would find it. brdf : its numbers, which are the first of the t shared ones;
-    turns of unknown lightings' sources follow. std : (t,), the prior's. lights : one per lighting.
+    moves of unknown lightings' sources follow. std : (t,), the prior's. lights : one per lighting.
     """
 
     estimate: Estimate
@@ -84,17 +94,17 @@ def unknowns_of(
     ]
     start, found = len(parameters.vector), []
     for k, light in enumerate(lights):
-        sources = 0 if light.known else len(light.lighting.directions)
-        turns = slice(start, start + 2 * sources)
-        start = turns.stop
-        found.append(_of_light(light, degree, turns, k == gauge_light))
-    std.append(np.full(start - len(parameters.vector), _TURN_PRIOR))
+        sources, near = (0, 0) if light.known else (len(light.lighting.directions), len(light.near))
+        moves = slice(start, start + 2 * sources + near)
+        start = moves.stop
+        found.append(_of_light(light, degree, moves, k == gauge_light))
+    std.append(np.full(start - len(parameters.vector), _MOVE_PRIOR))
     return Unknowns(estimate, parameters, np.concatenate(std), tuple(found))
 
 
-def _of_light(light: PlannedLight, degree: int, turns: slice, is_gauge: bool) -> LightUnknowns:
+def _of_light(light: PlannedLight, degree: int, moves: slice, is_gauge: bool) -> LightUnknowns:
     if light.known:
-        return LightUnknowns(np.zeros((3, 0)), np.zeros((3, 0, 0)), turns)
+        return LightUnknowns(np.zeros((3, 0)), np.zeros((3, 0, 0)), moves)
     total = np.maximum(light.total, 1e-3 * light.total.max())
     sources = len(light.lighting.directions)
     std = prior_precision(total / np.sqrt(4 * np.pi), degree, sources) ** -0.5
@@ -106,4 +116,4 @@ def _of_light(light: PlannedLight, degree: int, turns: slice, is_gauge: bool) ->
         per_total[:, len(std[0]) - sources :] = 1
         held = per_total * std / total[:, None] / _GAUGE_STD
         precision += held[:, :, None] * held[:, None, :]
-    return LightUnknowns(std, precision, turns)
+    return LightUnknowns(std, precision, moves, light.near)

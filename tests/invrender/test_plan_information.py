@@ -125,7 +125,7 @@ def test_marginals_add_up_to_the_inverse_of_the_whole(bench, rng):
     # The gauge holds the first light's total, sources among it, to a part in ten thousand: its degree 0.
     for k, held in ((0, True), (1, False)):
         per_total = np.sqrt(4 * np.pi) / lights[k].total[:, None]
-        total = UnknownLight.of(lights[k], unknowns, k).rows[:3] * per_total
+        total = UnknownLight.of(lights[k], unknowns, k, 0.02).rows[:3] * per_total
         assert ((posterior.asked(k, total).of_lighting(k).std < 1.001e-4) == held).all()
 
 
