@@ -39,7 +39,7 @@ _NEAREST = 0.5
 class PlacedSource:
     """Where a lamp is by what several views of a ball show of it.
 
-    direction : (3,) unit, from the ball's centre. closeness, closeness_std : 1 / metres, from there; 0 of one far away.
+    direction : (3,) unit, from the ball's centre. closeness, closeness_std : 1 / metres, one over the distance.
     brighter : (n,), what each view's irradiance is to be multiplied by, to be that at the ball's centre.
     """
 
@@ -75,7 +75,7 @@ def _radius(view: BallView, centre: Floats) -> float:
     return float(nearness * np.linalg.norm(view.camera.centre - centre)) if nearness else view.sphere.radius
 
 
-def mirrored_at(ball: Sphere, view: BallView, direction: Floats) -> Floats:
+def _mirrored_at(ball: Sphere, view: BallView, direction: Floats) -> Floats:
     """The point (3,) of a ball at which a view sees light mirrored from a direction (3,)."""
     _, pixel = mirroring_points(ball, view.camera, direction[None])
     return _points(ball, view, pixel)[0]
@@ -93,7 +93,7 @@ def apart(ball: Sphere | None, pair: Sequence[tuple[BallView, BallSource]]) -> f
     across = one - other
     if ball is None:
         return float(np.linalg.norm(across))
-    points = [mirrored_at(ball, view, source.direction) for view, source in pair]
+    points = [_mirrored_at(ball, view, source.direction) for view, source in pair]
     mean = (one + other) / np.linalg.norm(one + other)
     base = points[1] - points[0]
     base = base - (base @ mean) * mean
@@ -103,7 +103,7 @@ def apart(ball: Sphere | None, pair: Sequence[tuple[BallView, BallSource]]) -> f
 
 def placed(ball: Sphere, group: Sequence[tuple[BallView, BallSource]]) -> PlacedSource | None:
     """Where a lamp is that several views show; None where they don't show it to be near."""
-    points = np.array([mirrored_at(ball, view, source.direction) for view, source in group])
+    points = np.array([_mirrored_at(ball, view, source.direction) for view, source in group])
     directions = np.array([source.direction for _, source in group])
     std = np.hypot(np.radians([source.direction_std_deg for _, source in group]), _POSE)
     mean = directions.mean(axis=0) / np.linalg.norm(directions.mean(axis=0))

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from capture.camera import Camera
@@ -22,7 +21,7 @@ from capture.radiance import RadianceImage
 from recon.mirrorball.bracket import view_bracket
 from recon.mirrorball.circle import Disk
 from recon.mirrorball.find import find_ball
-from recon.mirrorball.light import ball_lighting, lighting_of_ball
+from recon.mirrorball.light import ball_lighting
 from recon.mirrorball.register import registered
 from recon.mirrorball.view import BallView
 
@@ -122,20 +121,6 @@ def pair() -> tuple[BallView, BallView]:
         viewed(first, hidden_camera(first, with_lamp), "first"),
         viewed(second, hidden_camera(second, with_lamp), "second"),
     )
-
-
-def bulb_at(place: Floats, irradiance: float) -> Bulb:
-    """A ball of light of 2.5 degrees' radius, and its irradiance, as the mirror ball's centre sees them."""
-    far = np.linalg.norm(place)
-    radius = far * np.sin(np.radians(LAMP_DEG))
-    radiance = irradiance * far**2 / (np.pi * radius**2)
-
-    def shown(points: Floats, directions: Floats) -> Floats:
-        beside = np.linalg.norm(np.cross(place - points, directions), axis=1)
-        ahead = ((place - points) * directions).sum(axis=1) > 0
-        return ((beside < radius) & ahead)[:, None] * np.full(3, radiance)
-
-    return shown
 
 
 def map_error(radiance_map: NDArray[np.float32], where: NDArray[np.bool_] | None = None) -> float:
@@ -369,43 +354,3 @@ def test_the_bracket_of_a_ball_in_a_room(data_dir: Path) -> None:
     # The ceiling's spots are behind the ball: up, and away from the camera.
     spots = [s for s in ball.sources if s.direction[1] > 0.6 and s.direction[2] < -0.3]
     assert len(spots) == 2
-
-
-@pytest.mark.parametrize("radii", [5.0, 10.0, 20.0])
-def test_views_from_two_places_tell_how_far_a_lamp_is(radii: float) -> None:
-    place = radii * RADIUS * LAMP_AXIS
-    views = [
-        viewed(camera, room, name, bulb_at(place, 0.4))
-        for name, camera in (("first", camera_at(0, 10)), ("second", camera_at(80, -5)))
-    ]
-    found = ball_lighting(views, "lamp", height=16)
-    lighting = lighting_of_ball(found, ())
-    assert found.warnings == ()
-    assert len(found.sources) == 1
-    assert_allclose(found.centre, 0, atol=0.002 * RADIUS)
-    (lamp,) = lighting.places
-    assert lamp is not None
-    source, true = found.sources[0], 1 / (radii * RADIUS)
-    # Poses are doubted by 0.1 degrees, and these are exact.
-    assert abs(source.closeness - true) < 2 * source.closeness_std < 0.3 * true
-    assert source.direction @ LAMP_AXIS > np.cos(np.radians(3 * source.direction_std_deg))
-    # What the pixels' grid leaves, as for distant lamps; taken for distant, the nearest reads 16% too much.
-    assert_allclose(source.irradiance, 0.4, rtol=0.02)
-
-
-def test_a_distant_lamp_is_not_near(pair: tuple[BallView, BallView]) -> None:
-    assert lighting_of_ball(ball_lighting(pair, "lamp", height=16), ()).closeness is None
-
-
-def test_views_from_one_place_tell_no_distance() -> None:
-    """The second is the first turned about its own place, as a camera on a tripod that is turned a little."""
-    place, first = 5 * RADIUS * LAMP_AXIS, camera_at(0, 10)
-    turned = np.eye(4)
-    turned[:3, :3] = [[np.cos(0.02), 0, np.sin(0.02)], [0, 1, 0], [-np.sin(0.02), 0, np.cos(0.02)]]
-    views = [
-        viewed(camera, room, name, bulb_at(place, 0.4))
-        for name, camera in (("first", first), ("second", first.posed(turned @ first.world_to_camera)))
-    ]
-    found = ball_lighting(views, "lamp", height=16)
-    assert found.centre is None
-    assert found.sources[0].closeness == 0
