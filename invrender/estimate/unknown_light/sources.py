@@ -69,7 +69,8 @@ def find_sources(search: Search, start: BlindState, l_max: int, peaks_at: int | 
                 state = state.with_sources_of(fit.state, lighting)
             better = search.fit(state, l_max, _FEW)
         fit = better if open_to else fit
-    fit = with_near_lamps(search, _fresnel_again(search, fit, start.mu))
+    # A Fresnel factor may put out a lamp that stood in for it, which would discredit its lighting's others.
+    fit = with_near_lamps(search, bright(search, _fresnel_again(search, fit, start.mu)))
     return _without_needless(search, fit, start)
 
 
