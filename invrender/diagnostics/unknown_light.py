@@ -7,19 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.brdf.fresnel import normalised_fresnel
-from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
 from invrender.estimate.unknown_light import BlindLight, BlindSolution
+from invrender.estimate.unknown_light.solution import sky_parts
 from invrender.observation.geometry import SceneGeometry
-from invrender.transport.diffuse_base import interface_transmittance, sky_factors
-from invrender.transport.form_table import form_radiance
-from invrender.transport.lobe_table import specular_radiance
 from invrender.transport.predict import reflected
 from invrender.transport.transfer import light_elements
 from invrender.transport.visibility import Shadows
-from recon.harmonics.basis import degree_of, evaluate_harmonics
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -61,28 +56,12 @@ def unknown_light_remainders(
 
 def _rest(blind: BlindSolution, light: BlindLight, shadows: Shadows | None) -> Rest:
     """What is reflected of a recovered light but its sources; with these where some are near: nobody turns them."""
-    coefficients, l_max = light.coefficients, degree_of(len(light.coefficients))
     near = () if light.sources.closeness is None else light_elements(light.sources.lighting)
     strengths = light.sources.irradiances[: len(near)]
 
     def rest(brdf: Microfacet, field: LightField) -> tuple[Floats, Floats]:
-        exitant = np.clip((field.normals * field.views).sum(axis=1), 0, 1)
-        factors = sky_factors(brdf.form, brdf.mu, l_max)
-        base = evaluate_harmonics(field.normals, l_max) @ (factors[:, None] * coefficients)
-        if shadows is not None:
-            base = base - shadows.hidden(field, coefficients)
-        base = base * interface_transmittance(brdf.form, brdf.mu, exitant)[:, None]
-        of_near = reflected(brdf, near, strengths, field, shadows)
-        base = base + of_near[0]
-        if brdf.sigma is None:
-            return base, np.zeros_like(base)
-        if brdf.form is RH01_FORM:
-            lobe = specular_radiance(field, coefficients, brdf.sigma, blind.transfer)
-            lobe = normalised_fresnel(brdf.mu, exitant)[:, None] * lobe
-        else:
-            lobe = form_radiance(field, coefficients, brdf.form.lobe, brdf.mu, brdf.sigma)
-        if shadows is not None:
-            lobe = lobe * field.reflected_visible[:, None]
-        return base, lobe + of_near[1]
+        sky = sky_parts(brdf, light.coefficients, field, shadows, blind.transfer)
+        lamps = reflected(brdf, near, strengths, field, shadows)
+        return sky[0] + lamps[0], sky[1] + lamps[1]
 
     return remembered(rest)

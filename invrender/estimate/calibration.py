@@ -160,7 +160,7 @@ def weighed_photos(
     estimate = known.candidates[known.chosen].estimate
     parameters = pack(estimate, {photo.lighting: photo.elements for photo in known.photos})
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-    kept = some_rays([photo.field for photo in known.photos], elements.values())
+    kept = some_rays([photo.field for photo in known.photos], is_mapped(elements.values()))
     for label, photo, (keep, field, weight), own, camera in zip(
         labels, known.photos, kept, known.weights, cameras, strict=True
     ):
@@ -177,17 +177,21 @@ def weighed_photos(
         )
 
 
+def is_mapped(elements: Iterable[Sequence[LightElement]]) -> bool:
+    """Whether any of the lightings' elements has a map, under which slopes take long."""
+    return any(element.slow_map is not None for own in elements for element in own)
+
+
 def some_rays(
-    fields: Sequence[LightField], elements: Iterable[Sequence[LightElement]]
+    fields: Sequence[LightField], slow: bool
 ) -> Iterator[tuple[NDArray[np.bool_], LightField, float]]:
     """As much of photographs as slopes are taken of: which samples, these with few rays, and how many each stands for.
 
-    elements : of all lightings.
+    slow : whether slopes take long, so that there shall be fewer.
     """
-    mapped = any(element.slow_map is not None for own in elements for element in own)
     thin = [field.thinned(_RAYS_OF_SAMPLE) for field in fields]
     rays = sum(len(field.ray_sample) for field in thin)
-    step = max(round(rays / (_RAYS_OF_MAPS if mapped else _RAYS)), 1)
+    step = max(round(rays / (_RAYS_OF_MAPS if slow else _RAYS)), 1)
     for field in thin:
         keep = np.arange(len(field)) % step == 0
         yield keep, field.where(keep), len(keep) / max(int(keep.sum()), 1)

@@ -16,7 +16,14 @@ Status = Literal["determined", "weak", "undetermined"]
 
 # Share of a variance below which its cause isn't worth a word.
 _NOTABLE = 0.05
-# What makes error bars, by its name in files, in words.
+# What makes error bars, by its name in files, in words: what calibrations and photo sets state, and all.
+CALIBRATION = {
+    "poses": "camera poses",
+    "lenses": "lenses",
+    "mesh_place": "mesh's place",
+    "heights": "scan noise",
+    "light_directions": "light directions",
+}
 CAUSES = {
     "noise": "pixel noise",
     "quadratures": "quadratures",
@@ -27,11 +34,7 @@ CAUSES = {
     "sphere_place": "sphere's place",
     "lamp_distances": "lamp distances",
     "faults": "found faults",
-    "poses": "camera poses",
-    "lenses": "lenses",
-    "mesh_place": "mesh's place",
-    "heights": "scan noise",
-    "light_directions": "light directions",
+    **CALIBRATION,
 }
 
 
@@ -52,6 +55,14 @@ class Quantity:
     reason: str = ""
     remedy: str = ""
     shares: Mapping[str, float] = field(default_factory=dict)
+
+    def with_shares(self, variances: Mapping[str, Floats]) -> Quantity:
+        """The same with what each cause has of its variance; variances : (k,) by cause."""
+        own = {cause: float(np.mean(values)) for cause, values in variances.items() if len(values)}
+        total = sum(own.values())
+        if self.std is None or total <= 0:
+            return self
+        return replace(self, shares={cause: part / total for cause, part in own.items() if part > 0})
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,11 +146,7 @@ class Report:
         """A quantity with what each cause has of its variance; variances : by cause, laid out as reported."""
         # Albedo follows from Kd, and an exponent from sigma, by factors.
         place = self.places[{"albedo": "kd", "exponent": "sigma"}.get(name, name)]
-        own = {cause: float(values[place].mean()) for cause, values in variances.items()}
-        total = sum(own.values())
-        if quantity.std is None or total <= 0:
-            return quantity
-        return replace(quantity, shares={cause: part / total for cause, part in own.items() if part > 0})
+        return quantity.with_shares({cause: values[place] for cause, values in variances.items()})
 
     def strength(self, values: Floats, name: str) -> Floats:
         """The three numbers of a recovered strength in a vector laid out as reported."""

@@ -54,10 +54,20 @@ class RadianceSlopes:
 
 
 class PhotoRadiance:
-    """What the rays of a photograph's samples reflect, what they see of the light being fixed."""
+    """What the rays of a photograph's samples reflect, what they see of the light being fixed.
 
-    def __init__(self, brdf: Microfacet, light: Light, field: LightField, shadows: Shadows | None) -> None:
-        self._brdf, self._light, self._field, self._shadows = brdf, light, field, shadows
+    sky : what rays (m, 3) reflect of harmonic light per unit of Kd, and of Ks; none if None.
+    """
+
+    def __init__(
+        self,
+        brdf: Microfacet,
+        light: Light,
+        field: LightField,
+        shadows: Shadows | None,
+        sky: Callable[[LightField], tuple[Floats, Floats]] | None = None,
+    ) -> None:
+        self._brdf, self._light, self._field, self._shadows, self._sky = brdf, light, field, shadows, sky
         self._seen: list[RayVisibility | None] = [
             None if shadows is None else shadows.visible(element, field) for element in light.elements
         ]
@@ -74,6 +84,9 @@ class PhotoRadiance:
     def of(self, field: LightField) -> Floats:
         """Radiance (m, 3) of the rays, moved a little as `field` has them."""
         total = np.zeros((len(field.normals), 3))
+        if self._sky is not None:
+            base, lobe = self._sky(field)
+            total += self._brdf.kd * base + self._brdf.ks * lobe
         for element, strength, seen in zip(
             self._light.elements, self._light.strengths, self._seen, strict=True
         ):

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.photoset import PhotoSet
 from recon.sampling.lightfield import LightField
 from recon.sphere.sphere import Sphere
 
@@ -47,3 +48,10 @@ def place_changes(fields: Sequence[LightField], sphere: Sphere, radiance: Radian
             ]
         )
     return changes
+
+
+def found_of_sphere(photoset: PhotoSet) -> NDArray[np.bool_]:
+    """What of a sphere's centre and radius (4,) its outlines gave; nothing of a mesh."""
+    given = photoset.object
+    is_sphere = given.shape == "sphere"
+    return np.array([is_sphere and given.centre is None] * 3 + [is_sphere and given.radius is None])

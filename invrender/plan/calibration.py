@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from invrender.estimate.calibration import WeighedPhoto, calibration_scores, some_rays
+from invrender.estimate.calibration import WeighedPhoto, calibration_scores, is_mapped, some_rays
 from invrender.gradients.slopes import Light, PhotoRadiance
 from invrender.plan.experiment import Experiment
 from invrender.plan.shown import PlannedObject
@@ -39,7 +39,7 @@ def planned_scores(
             strengths,
         )
         for view, own, (keep, field, stands_for) in zip(
-            views, weighted, some_rays(fields, elements), strict=True
+            views, weighted, some_rays(fields, is_mapped(elements)), strict=True
         )
     )
     lightings = {light.lighting.name: light.lighting for light in experiment.lights}

@@ -32,7 +32,7 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.lighting_axes import other_frame
 from invrender.observation.samples import read_samples
-from invrender.observation.sphere_place import place_changes
+from invrender.observation.sphere_place import found_of_sphere, place_changes
 from invrender.process.held_out_light import lit_by_itself, scored_lighting, used_lightings
 from invrender.process.leverage import importances
 from invrender.process.run import Run, factorization
@@ -155,7 +155,7 @@ def _solve(
             geometry.shadows,
         )
         scores = calibration_scores(
-            weighed, geometry.body, _found_of_sphere(photoset), photoset.errors, lights
+            weighed, geometry.body, found_of_sphere(photoset), photoset.errors, lights
         )
         solution = solution_of(concluded, used, doubts, scores=scores)
         columns = _in_form(photoset, solution, columns, elements)
@@ -257,13 +257,6 @@ def _of_place(
         return predict(estimate.brdf, elements[name], estimate.strengths[name], field)
 
     return place_changes([photo.field for photo in photos], body.sphere, radiance)
-
-
-def _found_of_sphere(photoset: PhotoSet) -> NDArray[np.bool_]:
-    """What of a sphere's centre and radius (4,) its outlines gave; nothing of a mesh."""
-    given = photoset.object
-    is_sphere = given.shape == "sphere"
-    return np.array([is_sphere and given.centre is None] * 3 + [is_sphere and given.radius is None])
 
 
 def _less_bounced(

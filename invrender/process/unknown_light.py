@@ -31,10 +31,12 @@ from invrender.estimate.unknown_light import (
     factorize_blind,
     predict_blind,
 )
+from invrender.estimate.unknown_light.calibration import with_calibration
 from invrender.estimate.unknown_light.ladder import without_rows
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
+from invrender.observation.sphere_place import found_of_sphere
 from invrender.process.held_out_light import (
     HeldOutLight,
     held_out_lights,
@@ -105,6 +107,17 @@ def solve_unknown_light(
             without = partial(solve, doing="Fitting without light that bounces")
             bounces = correct_unknown_light(parts, seen, names, blind, without)
             blind = blind if bounces is None else bounces.solution
+        blind = with_calibration(
+            blind,
+            seen,
+            [photo.label for photo in fitted],
+            [photo.camera for photo in fitted],
+            names,
+            geometry.body,
+            found_of_sphere(photoset),
+            photoset.errors,
+            geometry.shadows,
+        )
         sent = None if bounces is None else bounces.taken
         if sent is not None:
             sent = replace(sent, brdf=blind.candidates[blind.chosen].fit.state.brdf)

@@ -11,6 +11,7 @@ from capture.photoset import PhotoSet
 from capture.wording import some_of
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import MISFIT_REMEDY, outlying
+from invrender.estimate.quantities import CALIBRATION
 from invrender.estimate.solution import Solution
 from invrender.observation.geometry import SceneGeometry
 from recon.mesh.bodies import SphereBody
@@ -44,9 +45,9 @@ def find_warnings(
     """
     warnings = [*geometry.warnings, *(cause.text for cause in causes)]
     numbers = solution.quantities.values()
-    if photoset.errors.stated and not any(number.shares for number in numbers):
+    if photoset.errors.stated and not any(number.shares.keys() & CALIBRATION.keys() for number in numbers):
         warnings.append(
-            "Error bars don't hold what [uncertainty] states: only `process` of one BRDF under known light carries it."
+            "Error bars don't hold what [uncertainty] states: only `process` of an object of one BRDF carries it."
         )
     candidate = solution.candidates[solution.chosen]
     if candidate.error > POOR and published:

@@ -180,7 +180,9 @@ def correct_unknown_light(
     less = evidence.radiance(correction.light)
     own = evidence.refitted(less) if found.taken_off else evidence.fit
     more = evidence.search.less([(found.taken_off + found.doubt) * of for of in less])
-    certainty = widened(solution.certainty, own, [more.fit(own.state, own.l_max, _FEW)], [1.0])
+    certainty = widened(
+        solution.certainty, own, [more.fit(own.state, own.l_max, _FEW)], [1.0], "bounced_light"
+    )
     return replace(correction, solution=with_certainty(solution, certainty, evidence.search.designs))
 
 

@@ -93,15 +93,19 @@ def with_alternatives(
         > std.get("mu", np.inf)
     }
     others, weights = [rival.fit for rival in rivals], [of_rival(rival.weight) for rival in rivals]
-    return replace(widened(certainty, fit, others, weights), other_mu=other_mu)
+    return replace(widened(certainty, fit, others, weights, "forms"), other_mu=other_mu)
 
 
 def widened(
-    certainty: BlindUncertainty, fit: BlindFit, others: Sequence[BlindFit], parts: Sequence[float]
+    certainty: BlindUncertainty,
+    fit: BlindFit,
+    others: Sequence[BlindFit],
+    parts: Sequence[float],
+    cause: str,
 ) -> BlindUncertainty:
     """Standard deviations that hold by how much other fits put each number and the light elsewhere.
 
-    parts : of those differences, one for each fit.
+    parts : of those differences, one for each fit. cause : that they differ for, a name among `quantities.CAUSES`.
     """
     names = fit.state.names
     apart, light_apart = (
@@ -117,6 +121,7 @@ def widened(
         certainty,
         covariance=certainty.covariance + np.diag(apart**2),
         light_std={k: np.hypot(own, light_apart[k]) for k, own in certainty.light_std.items()},
+        causes={**certainty.causes, cause: apart**2},
     )
 
 

@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 # A degree is the photographs' when they hold at least this share of what is known of it.
 _DETERMINED = 0.5
 _POWER = 0.99
+# Of what a state lists, the numbers of which a reported one is made.
+_NUMBERS = dict.fromkeys(("kd_normalised", "ks_normalised"), ("share r", "share g", "share b"))
 # Directions of which reflections show less than this share leave light above the degrees of shading to guesswork.
 _REACHED, _DIFFUSE_DEGREE = 0.75, 2
 
@@ -64,7 +66,13 @@ def quantities_of(
         found["sigma"] = assess_sigma(scalar, varying_degree(fit), share)
         for name, value in state.form.numbers.items():
             found[name] = assess_number(np.array([value]), np.array([std[name]]))
-    return found
+    variances = certainty.variances
+
+    def shared(name: str, quantity: Quantity) -> Quantity:
+        places = [names.index(own) for own in _NUMBERS.get(name, (name,)) if own in names]
+        return quantity.with_shares({cause: own[places] for cause, own in variances.items()})
+
+    return {name: shared(name, quantity) for name, quantity in found.items()}
 
 
 def doubt_of(fit: BlindFit, shares: Floats, fields: Sequence[LightField]) -> tuple[int, Quantity | None]:

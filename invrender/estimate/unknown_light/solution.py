@@ -13,6 +13,7 @@ from capture.lighting import Lighting, cosines, seen_from
 from invrender.brdf.form import Angles, LobeForm, part_width
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.brdf.lobes import RH01_FORM
+from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate
@@ -21,7 +22,6 @@ from invrender.estimate.unknown_light.lamp_frame import LampFrame
 from invrender.estimate.unknown_light.lighting_design import LightingDesign, pooled
 from invrender.estimate.unknown_light.projection import BlindFit, light_scale
 from invrender.estimate.unknown_light.start import Search
-from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
 from invrender.transport.diffuse_base import interface_transmittance, sky_factors
 from invrender.transport.form_table import form_radiance
@@ -221,41 +221,48 @@ def predict_parts(
     strengths = light.sources.irradiances
     exitant = np.clip(np.einsum("nk,nk->n", field.normals, field.views), 0, 1)
     falling = np.clip(cosines(field.normals, directions), 0, 1)
-    l_max = degree_of(len(light.coefficients))
-    passed = sky_factors(state.form, state.mu, l_max)
-    total = evaluate_harmonics(field.normals, l_max) @ (passed[:, None] * light.coefficients)
+    total, lobe = sky_parts(state.brdf, light.coefficients, field, shadows, solution.transfer)
     lit = np.broadcast_to(factors, falling.shape)
     if shadows is not None:
-        total -= shadows.hidden(field, light.coefficients)
         lit = lit * np.transpose([shadows.lit(field, source) for source in sources]).reshape(lit.shape)
-    total += (falling * interface_transmittance(state.form, state.mu, falling) * lit) @ strengths
-    total *= interface_transmittance(state.form, state.mu, exitant)[:, None] * (1 - state.specular_share)
-    lobe = np.zeros_like(total)
+    falling = falling * interface_transmittance(state.form, state.mu, falling) * lit
+    total += interface_transmittance(state.form, state.mu, exitant)[:, None] * (falling @ strengths)
     if state.sigma is not None:
-        lobe = _reflected(state, field, light.coefficients, solution.transfer)
-        if shadows is not None:
-            lobe *= field.reflected_visible[:, None]
         for direction, strength, seen in zip(np.moveaxis(directions, -2, 0), strengths, lit.T, strict=True):
             angles = Angles.between(field.normals, direction, field.views)
             lobe += (state.form.reflected(angles, state.mu, state.sigma) * seen)[:, None] * strength
-    return np.asarray(field.mean_over_rays(total)), np.asarray(
+    return np.asarray(field.mean_over_rays((1 - state.specular_share) * total)), np.asarray(
         field.mean_over_rays(state.specular_share * lobe)
     )
 
 
-def _reflected(state: BlindState, field: LightField, lighting: Floats, transfer: Transfer) -> Floats:
+def sky_parts(
+    brdf: Microfacet, lighting: Floats, field: LightField, shadows: Shadows | None, transfer: Transfer
+) -> tuple[Floats, Floats]:
+    """What rays (m, 3) reflect of harmonic light ((l_max + 1)^2, 3) per unit of Kd, and of Ks."""
+    exitant, l_max = np.clip((field.normals * field.views).sum(axis=1), 0, 1), degree_of(len(lighting))
+    passed = sky_factors(brdf.form, brdf.mu, l_max)
+    base = evaluate_harmonics(field.normals, l_max) @ (passed[:, None] * lighting)
+    if shadows is not None:
+        base = base - shadows.hidden(field, lighting)
+    base = base * interface_transmittance(brdf.form, brdf.mu, exitant)[:, None]
+    if brdf.sigma is None:
+        return base, np.zeros_like(base)
+    lobe = _reflected(brdf, brdf.sigma, field, lighting, transfer)
+    return base, lobe if shadows is None else lobe * field.reflected_visible[:, None]
+
+
+def _reflected(
+    brdf: Microfacet, sigma: float, field: LightField, lighting: Floats, transfer: Transfer
+) -> Floats:
     """What each ray (m, 3) sees of harmonic light in the lobe, per unit of Ks."""
-    if state.form is not RH01_FORM:
+    if brdf.form is not RH01_FORM:
         return np.asarray(
             sum(
                 share
-                * form_radiance(
-                    field, lighting, state.form.lobe, state.mu, float(part_width(factor, state.roughness))
-                )
-                for share, factor in state.form.parts
+                * form_radiance(field, lighting, brdf.form.lobe, brdf.mu, float(part_width(factor, sigma)))
+                for share, factor in brdf.form.parts
             )
         )
     cos = np.einsum("nk,nk->n", field.normals, field.views)
-    return normalised_fresnel(state.mu, cos)[:, None] * specular_radiance(
-        field, lighting, state.roughness, transfer
-    )
+    return normalised_fresnel(brdf.mu, cos)[:, None] * specular_radiance(field, lighting, sigma, transfer)

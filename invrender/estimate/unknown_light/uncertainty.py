@@ -50,18 +50,26 @@ class BlindUncertainty:
     `BlindState.names` lists them. light_std : (k + j, 3) of each lighting, of coefficients and irradiances. fragility :
     (t,), by how much each moves when the model is off by all its radiance in tiles or patches. degree_shares : (l_max +
     1,) of each lighting, mean share of what is known of a coefficient that comes from the photographs, not from the
-    prior. misfit : what of the sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii :
-    (j,) radians, of discs that the sources look like; 0 of those that may be points. other_mu : by name, of forms of
-    the lobe that explain as well and have mu beyond its own doubt elsewhere.
+    prior. causes : by name, variances (t,) in the covariance that aren't misfit; noise's first. misfit : what of the
+    sources' highlights isn't explained, relative to them (`clusters.lobe_misfit`). radii : (j,) radians, of discs that
+    the sources look like; 0 of those that may be points. other_mu : by name, of forms of the lobe that explain as well
+    and have mu beyond its own doubt elsewhere.
     """
 
     covariance: Floats
     light_std: Mapping[int, Floats]
     fragility: Floats
     degree_shares: Mapping[int, Floats]
+    causes: Mapping[str, Floats]
     misfit: float = 0.0
     radii: Floats = field(default_factory=lambda: np.zeros(0))
     other_mu: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def variances(self) -> dict[str, Floats]:
+        """Variances (t,) by cause, which add up to the covariance's diagonal."""
+        rest = np.diag(self.covariance) - sum(self.causes.values())
+        return {**self.causes, "misfit": np.maximum(rest, 0)}
 
     def directions_std_deg(self, state: BlindState) -> Floats:
         """Of directions of a state's sources, (k,), along the worse of two ways."""
@@ -190,6 +198,7 @@ def _of_noise(search: Search, fit: BlindFit) -> BlindUncertainty:
         light_std,
         fragility * np.abs(scales),
         shares,
+        {"noise": np.diag(inverse) * scales**2},
     )
 
 
