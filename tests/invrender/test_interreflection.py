@@ -276,8 +276,8 @@ def test_what_is_not_certain_widens_the_numbers_of_every_form() -> None:
     here, there = (
         BlindFit(at, 0, {0: light}, {}, {}, ()) for at, light in ((state, WHITE), (moved, 2 * WHITE))
     )
-    before = BlindUncertainty(np.eye(len(state.names)), {0: WHITE}, np.zeros(len(state.names)), {})
-    after = widened(before, here, [there], [1.0])
+    before = BlindUncertainty(np.eye(len(state.names)), {0: WHITE}, np.zeros(len(state.names)), {}, {})
+    after = widened(before, here, [there], [1.0], "bounced light")
     added = dict(zip(state.names, np.diag(after.covariance) - 1, strict=True))
     assert form.numbers
     for name, value in form.numbers.items():
