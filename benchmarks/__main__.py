@@ -1,7 +1,7 @@
 """All charts of speed against accuracy, and of stability where methods fail: python -m benchmarks.
 
     python -m benchmarks --quick                coarse versions of all of them, in two minutes, into build/benchmarks
-    python -m benchmarks                        the figures and tables of docs/benchmarks, in some 35 minutes
+    python -m benchmarks                        the figures and tables of docs/benchmarks, in some 45 minutes
     python -m benchmarks --only race --out DIR  one of them
 
 What has been measured is kept beside the charts, in .json: a run that was interrupted goes on, one that is complete

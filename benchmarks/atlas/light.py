@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.atlas.processed import processed
 from benchmarks.atlas.stage import (
     AREA,
     SOURCE,
@@ -197,15 +198,12 @@ def near_lamp(nearness: float) -> PointSource:
 
 
 def near_known_draw(nearness: float, number: int) -> dict[str, Finding]:
-    return _near_draw(TOLD, nearness, number)
+    """As `process` has it: a lamp that one fit leaves too much of is sought nearer by, and all is fitted again."""
+    return processed(TOLD, [near_lamp(nearness)], number)
 
 
 def near_unknown_draw(nearness: float, number: int) -> dict[str, Finding]:
-    return _near_draw(Stage(), nearness, number)
-
-
-def _near_draw(stage: Stage, nearness: float, number: int) -> dict[str, Finding]:
-    lamps = [near_lamp(nearness)]
+    stage, lamps = Stage(), [near_lamp(nearness)]
     photos = [lit(stage, field, field.normals, field.views, lamps) for field in stage.fields()]
     return fitted(stage, stage.noisy(photos, np.random.default_rng(number)))
 
@@ -282,7 +280,8 @@ NEAR_KNOWN = Boundary(
     (0, 4),
     near_known_draw,
     distant_known_theory,
-    "Light counts as distant far left of 1; theory's bars are those of a lamp that is.",
+    "`process` asks whether the lamp is near, and finds its distance with the rest. Then bars are little more than"
+    " theory's for a lamp far away.",
     edge=1.0,
     edge_label="1/d = 2k [RMB07]",
     log=True,
@@ -291,6 +290,7 @@ NEAR_UNKNOWN = replace(
     NEAR_KNOWN,
     name="near-light-unknown",
     title="A lamp near by in unknown light",
+    says="Its distance is found with all else: bars are little more than theory's for a lamp far away.",
     draw=near_unknown_draw,
     theory=distant_unknown_theory,
 )
