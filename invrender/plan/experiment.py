@@ -113,7 +113,7 @@ class Experiment:
 
     @property
     def counts_errors(self) -> bool:
-        """Whether `process` carries errors of calibration into its error bars: not where it looks for light."""
+        """Whether a plan counts errors of calibration: not where light is to be found."""
         return all(light.known for light in self.lights)
 
     @property

@@ -146,7 +146,7 @@ def test_the_calibration_that_is_worth_improving_is_named(plan: Run, tiny: Path,
     assert improved["name"] == "kd"
     np.testing.assert_allclose(improved["std"], np.array(kd["std"]) / 2, rtol=0.1)
     _, unknown, _ = plan(tiny, "--light", "nothing", "--degree", 3, "--samples", 1000)
-    assert "Note: what [uncertainty] states isn't counted" in unknown
+    assert "Note: what [uncertainty] states is planned under known light only" in unknown
 
 
 @pytest.mark.usefixtures("few_directions")
