@@ -49,6 +49,12 @@ class _Fineness:
     log_step: float
     azimuths: tuple[tuple[float, int], ...]
 
+    @property
+    def finer(self) -> _Fineness:
+        """Of about half the error: 0.2 to 0.6% of Grace cathedral (RMS) where the rough one leaves 0.7 to 1.6%."""
+        azimuths = tuple((theta, round(1.5 * count)) for theta, count in self.azimuths)
+        return _Fineness(0.7 * self.log_step, azimuths)
+
     def nodes(self, theta: float) -> int:
         return next(count for limit, count in self.azimuths if theta < limit)
 
@@ -83,6 +89,11 @@ class PreparedMap:
         """The same, in whose integrals rings lie a share as far apart, in the logarithm."""
         fineness = replace(self.fineness, log_step=share * self.fineness.log_step)
         return replace(self, fineness=fineness)
+
+    @property
+    def finer(self) -> PreparedMap:
+        """The same, with more half-vectors."""
+        return replace(self, fineness=self.fineness.finer)
 
     def seen(self, directions: Singles, spacing: float) -> Singles:
         """Radiance (m, p, c) from unit directions (m, p, 3) that lie about `spacing` radians apart."""

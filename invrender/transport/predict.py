@@ -17,10 +17,10 @@ from invrender.transport.column_basis import ColumnBasis, step_ends
 from invrender.transport.columns import PhotoColumns, column_weights, together
 from invrender.transport.diffuse_base import base_transfer
 from invrender.transport.form_transfer import OneIndex, form_transfer
+from invrender.transport.interpolated import InterpolatedLobe
 from invrender.transport.reflected import ReflectedMap
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Rays, RayVisibility, Shadows, seen_specular
-from recon.sampling.draw import MIN_COS_EXITANT
 from recon.sampling.lightfield import LightField, pools
 
 Floats = NDArray[np.float64]
@@ -47,11 +47,11 @@ def reflected(
     strengths: Floats,
     field: LightField,
     shadows: Shadows | None = None,
-    prepared: ReflectedMap | None = None,
+    prepared: ReflectedMap | InterpolatedLobe | None = None,
 ) -> tuple[Floats, Floats]:
     """What rays (m, 3) reflect per unit of Kd, and of Ks: zero where `brdf` has no specular part.
 
-    prepared : of the elements' map, looked up in place of an integral for each ray.
+    prepared : of the elements' map, in place of an integral for each ray.
     """
     diffuse, specular = np.zeros((2, len(field.normals), 3))
     for element, strength in zip(elements, strengths, strict=True):
@@ -67,7 +67,7 @@ def reflected_of(
     element: LightElement,
     field: LightField,
     visible: RayVisibility | None,
-    prepared: ReflectedMap | None = None,
+    prepared: ReflectedMap | InterpolatedLobe | None = None,
 ) -> tuple[Floats, NDArray[np.floating]]:
     """What rays (m, channels) reflect of a unit of one element, per unit of Kd, and of Ks: `reflected` adds them up.
 
@@ -83,7 +83,7 @@ def reflected_of(
         if prepared is None or light.slow_map is None:
             return integrated(light.at(places), normals, views)
         rest = integrated(replace(light, slow_map=None).at(places), normals, views)
-        steep = (normals * views).sum(axis=1) < MIN_COS_EXITANT
+        steep = (normals * views).sum(axis=1) < prepared.least_cos
         rest[~steep] += prepared.towards(normals[~steep], views[~steep])
         rest[steep] = integrated(light.at(places[steep]), normals[steep], views[steep])
         return rest

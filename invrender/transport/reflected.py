@@ -65,6 +65,9 @@ class ReflectedMap:
     functions: Singles
     orders: NDArray[np.int64]
 
+    # Least exitant cosine that `towards` holds for.
+    least_cos = MIN_COS_EXITANT
+
     def towards(self, normals: Floats, views: Floats) -> Floats:
         """Radiance (m, c) per unit of Ks, Fresnel's factor included, at unit normals towards unit views, (m, 3) each.
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from invrender.brdf.microfacet import Microfacet
 from invrender.transport.column_basis import around
 from invrender.transport.columns import photo_columns
+from invrender.transport.interpolated import InterpolatedLobe
 from invrender.transport.predict import reflected, transfer_slope, transfers
 from invrender.transport.radiosity import Bounced
 from invrender.transport.reflected import ReflectedMap
@@ -29,7 +30,7 @@ def shade(
     element: LightElement,
     field: LightField,
     shadows: Shadows | None = None,
-    prepared: ReflectedMap | None = None,
+    prepared: ReflectedMap | InterpolatedLobe | None = None,
     bounced: Bounced | None = None,
 ) -> Floats:
     """Radiance (n, 3) of samples.

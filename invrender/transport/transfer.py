@@ -39,6 +39,7 @@ class LightElement:
     become (m, k, 3), and irradiances (m, k, channels).
     slow_map : (H, 2H, channels) float32 or None, what varies slowly enough to be looked up.
     uniform : radiance from all sides, in units of the element's strength.
+    finer : whether its map is integrated with more half-vectors than fits take.
     """
 
     name: str
@@ -46,6 +47,7 @@ class LightElement:
     irradiances: Floats
     slow_map: Singles | None = None
     uniform: float = 0.0
+    finer: bool = False
 
     @property
     def channels(self) -> int:
@@ -82,7 +84,10 @@ class LightElement:
     @cached_property
     def prepared_map(self) -> PreparedMap | None:
         """The map made ready for the half-vector integral."""
-        return None if self.slow_map is None else PreparedMap.of(self.slow_map)
+        if self.slow_map is None:
+            return None
+        prepared = PreparedMap.of(self.slow_map)
+        return prepared.finer if self.finer else prepared
 
     @cached_property
     def without_sources(self) -> LightElement:

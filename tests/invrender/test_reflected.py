@@ -7,15 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from capture.camera import Camera
 from capture.lighting import Lighting
 from invrender.brdf.form import Angles
 from invrender.brdf.lobes import FORMS
 from invrender.brdf.microfacet import Microfacet
-from invrender.output.render import picture
 from invrender.output.render.light import light_element
-from invrender.output.render.subject import sphere_subject
-from invrender.result.reflectance import Reflectance
 from invrender.transport.cached_shader import CachedShader
 from invrender.transport.predict import predict
 from invrender.transport.reflected import reflected_map
@@ -64,30 +60,6 @@ def test_lobes_of_all_forms_are_their_integrals_over_the_light(name: str, rng: n
     assert np.abs(error).max() < 0.02 * truth.max()
     # At the poles, where cubics reach across, no more than half of what a wrong frame there would do (0.0012 and more).
     assert np.abs(error[:3]).max() < 6e-4 * truth.max()
-
-
-def test_large_pictures_are_the_same_as_small_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With and without what is prepared, a lamp beside the map included."""
-    lighting = Lighting(
-        "room", latlong_map(LAMPS, 128), np.array([[0.0, 0.6, 0.8]]), np.array([[1.0, 0.8, 0.6]])
-    )
-    brdf = Microfacet(np.full(3, 0.1), np.array([0.2, 0.1, 0.1]), 1.6, 0.2)
-    pose = np.array([[0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 5], [0, 0, 0, 1.0]])
-    camera = Camera("ORTHOGRAPHIC", np.array([16.0, 20, 20]), 40, 40, pose)
-    known = Reflectance(brdf, np.zeros((3, 4, 4)), {}, ())
-    pictures = []
-    for many in (10**9, 0):
-        monkeypatch.setattr(picture, "_MANY_PIXELS", many)
-        pictures.append(
-            picture.take_picture(
-                sphere_subject(np.zeros(3), 1.0), camera, known, light_element(lighting)
-            ).radiance
-        )
-    one, other = pictures
-    assert (one != other).any()
-    # Of the brightest: the integral pixel by pixel is good to 0.3% itself.
-    assert np.abs(one - other).max() < 0.015 * one.max()
-    assert np.sqrt(np.mean((one - other) ** 2)) < 0.005 * np.sqrt(np.mean(one**2))
 
 
 def test_narrow_lobes_and_light_without_a_map_are_refused() -> None:

@@ -12,8 +12,8 @@ from capture.radiance import RadianceImage
 from invrender.output.render.subject import Subject
 from invrender.result.reflectance import Reflectance
 from invrender.result.saved_textures import SavedTextures
+from invrender.transport.interpolated import InterpolatedLobe
 from invrender.transport.radiosity import Bounced
-from invrender.transport.reflected import ReflectedMap, prepared_map
 from invrender.transport.shading import shade, shade_with_slopes
 from invrender.transport.transfer import LightElement
 from recon.mesh.bodies import Body, body_window
@@ -27,9 +27,10 @@ Ints = NDArray[np.int64]
 # more than so many radians: there 1 / cos theta_o asks for more than the few rays that samples of a fit have.
 _EDGE_RAYS = 6
 _EDGE_TURN = 0.12
-_PIXELS_AT_A_TIME = 20_000
-# From so many pixels on it pays to prepare what the lobe reflects of a map.
-_MANY_PIXELS = 20_000
+# Pixels share what was integrated of a map with those of the same part.
+_PIXELS_AT_A_TIME = 150_000
+# RMS error of what is reflected of a map, over its RMS, from interpolation.
+_TOLERANCE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,8 @@ def take_picture(
     top, left, bottom, right = body_window(subject.body, camera)
     count = (bottom - top) * (right - left)
     image = RadianceImage.black(*shape)
-    reflected = None if with_std or count < _MANY_PIXELS else prepared_map(reflectance.brdf, element)
+    mapped = element.slow_map is not None and reflectance.brdf.form.axis is None and not with_std
+    reflected = InterpolatedLobe(reflectance.brdf, element, _TOLERANCE) if mapped else None
     seen = False
     for start in range(0, count, _PIXELS_AT_A_TIME):
         rows, columns = np.divmod(np.arange(start, min(start + _PIXELS_AT_A_TIME, count)), right - left)
@@ -94,11 +96,10 @@ def take_picture(
         done[inner.rows, inner.columns] = True
         rest = ~done[rows, columns]
         outer, alpha = _edge_samples(subject.body, camera, rows[rest], columns[rest])
-        # At the edge views are steeper than what is prepared holds for.
-        for field, cover, prepared in ((inner, np.ones(len(inner)), reflected), (outer, alpha, None)):
+        for field, cover in ((inner, np.ones(len(inner))), (outer, alpha)):
             if len(field):
                 seen = True
-                _enter(picture, subject, camera, reflectance, element, field, cover, prepared, bounced)
+                _enter(picture, subject, camera, reflectance, element, field, cover, reflected, bounced)
     if not seen:
         raise ValueError(
             f"the camera at {camera.centre.round(4).tolist()} m sees nothing of the object: it is inside it, or looks"
@@ -115,7 +116,7 @@ def _enter(
     element: LightElement,
     field: LightField,
     alpha: Floats,
-    reflected: ReflectedMap | None,
+    reflected: InterpolatedLobe | None,
     bounced: Bounced | None,
 ) -> None:
     """Enter samples, of which the body covers `alpha` (n,), into a picture."""

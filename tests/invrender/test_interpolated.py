@@ -1,0 +1,87 @@
+"""What is interpolated of a lobe under a map, against the integral over directions, ray by ray."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from capture.lighting import Lighting
+from invrender.brdf.form import Angles
+from invrender.brdf.lobes import FORMS
+from invrender.brdf.microfacet import Microfacet
+from invrender.output.render.light import light_element
+from invrender.transport.interpolated import InterpolatedLobe, interpolated
+from synthetic.lights.arealight import AreaLight
+from synthetic.lights.illumination import latlong_map
+
+from .quadrature import sphere_grid
+
+LAMPS = (
+    AreaLight(np.array([-0.26, 0.72, 0.64]), np.array([1.5, 1.6, 1.8]), width_rad=0.5),
+    AreaLight(np.array([0.7, -0.1, 0.7]), np.array([0.9, 0.5, 0.3]), width_rad=0.8),
+)
+
+
+def ball(rng: np.random.Generator, count: int, bumps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Normals and views of a ball seen from four radii; bumps turn its normals by about so many radians."""
+    places = rng.normal(size=(4 * count, 3))
+    places /= np.linalg.norm(places, axis=1, keepdims=True)
+    views = np.array([4.0, 0, 0]) - places
+    views /= np.linalg.norm(views, axis=1, keepdims=True)
+    normals = places + bumps * np.sin(9 * places[:, [1, 2, 0]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    seen = np.flatnonzero((normals * views).sum(axis=1) > 0.03)[:count]
+    return normals[seen], views[seen]
+
+
+@pytest.mark.parametrize(("name", "bumps"), [("microfacet", 0.0), ("microfacet", 0.1), ("GGX", 0.1)])
+def test_few_integrals_make_all_of_them(name: str, bumps: float, rng: np.random.Generator) -> None:
+    brdf = Microfacet(np.full(3, 0.1), np.ones(3), 1.5, 0.15, FORMS[name])
+    light = light_element(Lighting("room", latlong_map(LAMPS, 128), np.zeros((0, 3)), np.zeros((0, 3))))
+    normals, views = ball(rng, 30_000, bumps)
+    found = InterpolatedLobe(brdf, light, 0.005).towards(normals, views)
+    directions, weights = sphere_grid(240)
+    radiance = sum(lamp.radiance_from(directions) for lamp in LAMPS)
+    some = np.arange(0, 30_000, 250)
+    truth = np.array(
+        [
+            (weights * brdf.form.reflected(Angles.between(normals[k], directions, views[k]), 1.5, 0.15))
+            @ radiance
+            for k in some
+        ]
+    )
+    # The tolerance; the map's pixels and the integral itself take as much again.
+    assert np.sqrt(np.mean((found[some] - truth) ** 2)) < 0.01 * np.sqrt(np.mean(truth**2))
+
+
+def test_integrals_are_taken_where_the_light_varies(rng: np.random.Generator) -> None:
+    """One sharp feature takes more than uniform light, and far fewer than all rays."""
+    normals, views = ball(rng, 40_000, 0.05)
+    middle = np.array([0.8, 0.6, 0.0])
+
+    def taken(height: float) -> tuple[np.ndarray, int, np.ndarray]:
+        asked: list[np.ndarray] = []
+
+        def integral(n: np.ndarray, v: np.ndarray) -> np.ndarray:
+            asked.append(n)
+            mirrored = 2 * (n * v).sum(axis=1)[:, None] * n - v
+            apart = np.linalg.norm(mirrored - middle, axis=1)
+            return 1 + height * np.exp(-((apart / 0.2) ** 2))[:, None]
+
+        found = interpolated(integral, np.ones(len(normals)), normals, views, 0.1, 0.005)
+        every = integral(normals, views)
+        count = sum(map(len, asked[:-1]))
+        return found, count, every
+
+    flat, few, _ = taken(0.0)
+    np.testing.assert_allclose(flat, 1, atol=1e-4)  # terms that are held small
+    found, count, every = taken(20.0)
+    # Twice the tolerance: what is expected of a cell is measured in others.
+    assert np.sqrt(np.mean((found - every) ** 2)) < 0.01 * np.sqrt(np.mean(every**2))
+    assert few < count < len(normals) / 4
+
+
+def test_few_rays_are_integrated_each(rng: np.random.Generator) -> None:
+    normals, views = ball(rng, 50, 0.0)
+    found = interpolated(lambda n, v: n + 2, np.ones(50), normals, views, 0.1, 0.005)
+    np.testing.assert_array_equal(found, normals + 2)
