@@ -36,6 +36,8 @@ _FIRST_CELL, _SHRINKS, _SIZES = 1.8, 0.6, 7
 _FITTED, _BLENDED = 20, 4
 # How the error grows with the distance to nodes: by the third power, from few tested nodes.
 _ORDER = 3
+# In the dark, errors may be so many times the tolerance of what is there: below what shows.
+_LOCALLY = 2
 # Views count as apart by so many radians where the half-vector takes up what they change; and below which exitant
 # cosine it doesn't, with a typical cosine of each band from there to grazing.
 _VIEWS_APART = 0.3
@@ -112,7 +114,8 @@ def interpolated(
         new = new[~taken[new]]
         if size > 1:
             expected = cubics.nearby(found[nodes], new) * uniform[new]
-            new = new[expected > allowed]
+            here = np.sqrt(np.mean(cubics.at(new) ** 2, axis=1)) * uniform[new]
+            new = new[expected > np.minimum(allowed, _LOCALLY * tolerance * here)]
         if not len(new):
             break
         there = means(new)
