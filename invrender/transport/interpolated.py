@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,17 +73,21 @@ class InterpolatedLobe:
         def gathered(light: LightElement, normals: Floats, views: Floats) -> Floats:
             return np.asarray(form_transfer(brdf.form, light, normals, views, sigma, fresnel)[:, 0, 0], float)
 
-        finer = replace(self.light.without_sources, finer=True)
         factors = [factor for _, factor in brdf.form.parts] or [1.0]
         width = min(float(part_width(np.array(factor), sigma)[0]) for factor in factors)
         return interpolated(
-            lambda n, v: gathered(finer, n, v),
+            lambda n, v: gathered(self._mapped, n, v),
             gathered(white, normals, views)[:, 0],
             normals,
             views,
             width,
             self.tolerance,
         )
+
+    @cached_property
+    def _mapped(self) -> LightElement:
+        # All parts of a picture share what is made ready of the map.
+        return replace(self.light.without_sources, finer=True)
 
 
 def interpolated(
@@ -108,18 +113,17 @@ def interpolated(
     found = np.full(len(normals), np.nan)  # error over distance^_ORDER, of tested nodes
     for size in range(1, _SIZES):
         cubics = _Cubics.around(places, nodes, values)
-        taken = np.zeros(len(normals), bool)
-        taken[nodes] = True
-        new = _one_per_cell(places.features, _FIRST_CELL * _SHRINKS**size, order)
-        new = new[~taken[new]]
+        new = np.setdiff1d(_one_per_cell(places.features, _FIRST_CELL * _SHRINKS**size, order), nodes)
+        predicted = cubics.at(new)
         if size > 1:
             expected = cubics.nearby(found[nodes], new) * uniform[new]
-            here = np.sqrt(np.mean(cubics.at(new) ** 2, axis=1)) * uniform[new]
-            new = new[expected > np.minimum(allowed, _LOCALLY * tolerance * here)]
+            here = np.sqrt(np.mean(predicted**2, axis=1)) * uniform[new]
+            asked = expected > np.minimum(allowed, _LOCALLY * tolerance * here)
+            new, predicted = new[asked], predicted[asked]
         if not len(new):
             break
         there = means(new)
-        error = np.sqrt(np.mean((there - cubics.at(new)) ** 2, axis=1))
+        error = np.sqrt(np.mean((there - predicted) ** 2, axis=1))
         found[new] = error / cubics.spacing(new) ** _ORDER
         if size == 1:
             # The first cells' nodes take what was found beside them.
