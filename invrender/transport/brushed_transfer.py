@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from invrender.brdf.brushed import Brushed
 from invrender.brdf.form import brushed_tangents
-from invrender.transport.half_vectors import PreparedMap, RayFrames, chunks, ring_weights
+from invrender.transport.half_vectors import Chunk, PreparedMap, RayFrames, fill, ring_weights
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -50,27 +50,32 @@ def brushed_transfer(
     """
     light = light.with_rings(_CLOSER)
     factors = fresnel(np.linspace(0, 1, _LOOKUP)).astype(np.float32)
-    shape = (len(normals), len(forms), factors.shape[1], len(sigmas), light.levels[0].shape[2])
-    result = np.zeros(shape, np.float32)
+    channels = light.levels[0].shape[2]
+    result = np.empty((len(normals), len(forms), factors.shape[1], len(sigmas), channels), np.float32)
     stretches = np.array([form.numbers["stretch"] for form in forms])
-    for part, _, thetas, turns in chunks(light, normals, views):
-        tangents = brushed_tangents(normals[part], forms[0].tangent_axis)
-        frame = RayFrames.of(normals[part], views[part], tangents)
+
+    def of_chunk(chunk: Chunk) -> Singles:
+        axes, thetas = normals[chunk.rays], chunk.thetas
+        frame = RayFrames.of(axes, views[chunk.rays], brushed_tangents(axes, forms[0].tangent_axis))
         view = np.stack([frame.along_tangent, frame.along_bitangent, frame.along_normal], axis=1)
         weights = [ring_weights(form.of.density, thetas, sigmas, light.fineness.log_step) for form in forms]
+        found = np.zeros((len(axes), *result.shape[1:]), np.float32)
         for stretch in np.unique(stretches):
             mine = np.flatnonzero(stretches == stretch).tolist()
             towards = [_towards_viewer(forms[own], view, sigmas) for own in mine]
             largest = np.array([weights[own].max(axis=1) / weights[own].max() for own in mine]).max(axis=0)
             for k in np.flatnonzero(largest > _NEGLIGIBLE):
-                ring = _ring(light, frame, view, float(np.sqrt(stretch)), float(thetas[k]), float(turns[k]))
+                ring = _ring(
+                    light, frame, view, float(np.sqrt(stretch)), float(thetas[k]), float(chunk.turns[k])
+                )
                 arriving = ring.arriving(factors)
                 for own, (cos_o, shown) in zip(mine, towards, strict=True):
                     seen = _seen(forms[own], ring, cos_o, shown, sigmas)
-                    sums = (arriving @ seen).reshape(len(view), factors.shape[1], shape[4], -1)
-                    result[part, own] += sums.transpose(0, 1, 3, 2) * weights[own][k][:, None].astype(
-                        np.float32
-                    )
+                    sums = (arriving @ seen).reshape(len(view), factors.shape[1], channels, -1)
+                    found[:, own] += sums.transpose(0, 1, 3, 2) * weights[own][k][:, None].astype(np.float32)
+        return found
+
+    fill(result, light, of_chunk)
     return result
 
 

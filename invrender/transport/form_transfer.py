@@ -26,10 +26,11 @@ from invrender.brdf.phong import phong_exponent
 from invrender.brdf.smith import Smith
 from invrender.transport.brushed_transfer import brushed_transfer
 from invrender.transport.half_vectors import (
+    Chunk,
     PreparedMap,
     RayFrames,
-    chunks,
     facet_ring,
+    fill,
     mirror_ring,
     ring_weights,
 )
@@ -167,10 +168,11 @@ def _facets(
     hidden = np.hstack([form.hidden(steps[:, None], nodes) for form in forms]).astype(np.float32)
     correlated = np.repeat([form.correlated for form in forms], len(nodes))
     functions, channels = factors.shape[1], light.levels[0].shape[2]
-    result = np.empty((len(normals), len(forms), functions, len(sigmas), channels), np.float32)
-    for part, frame, thetas, turns in chunks(light, normals, views):
+
+    def of_chunk(chunk: Chunk) -> Singles:
+        frame = RayFrames.of(normals[chunk.rays], views[chunk.rays])
         weights = np.array(
-            [ring_weights(form.density, thetas, sigmas, light.fineness.log_step) for form in forms]
+            [ring_weights(form.density, chunk.thetas, sigmas, light.fineness.log_step) for form in forms]
         )
         largest = weights.max(axis=2)
         used = np.flatnonzero((largest > _NEGLIGIBLE * largest.max(axis=1, keepdims=True)).any(axis=0))
@@ -182,7 +184,7 @@ def _facets(
             (len(forms), len(frame.normal), functions * channels, len(used), len(nodes)), np.float32
         )
         for place, k in enumerate(used):
-            ring = facet_ring(light, frame, thetas[k], turns[k])
+            ring = facet_ring(light, frame, chunk.thetas[k], chunk.turns[k])
             cos_i = np.maximum(ring.cos_incident, np.float32(1e-4))[..., None]
             shown = _looked_up(hidden, cos_i[..., 0])
             shown *= per_hidden / cos_i
@@ -195,10 +197,15 @@ def _facets(
             seen = factor[:, :, None] * arriving[:, None]
             of_ring = seen.reshape(len(seen), -1, ring.lit.shape[1]) @ shown
             means[:, :, :, place] = np.moveaxis(of_ring.reshape(*of_ring.shape[:2], len(forms), -1), 2, 0)
+        found = np.empty((len(frame.normal), len(forms), functions, len(sigmas), channels), np.float32)
         for own in range(len(forms)):
             sums = (weights[own, used, None] * blend).astype(np.float32).reshape(-1, len(sigmas))
             total = means[own].reshape(-1, len(sums)) @ sums
-            result[part, own] = total.reshape(-1, functions, channels, len(sigmas)).transpose(0, 1, 3, 2)
+            found[:, own] = total.reshape(-1, functions, channels, len(sigmas)).transpose(0, 1, 3, 2)
+        return found
+
+    result = np.empty((len(normals), len(forms), functions, len(sigmas), channels), np.float32)
+    fill(result, light, of_chunk)
     return result
 
 
@@ -224,16 +231,19 @@ def _hiding_nodes(sigmas: Floats) -> tuple[Floats, Floats]:
 
 def _mirrored(light: PreparedMap, normals: Floats, views: Floats, sigmas: Floats) -> Singles:
     """Phong's lobe over a map, (m, sigmas, c): rings around the mirrored view."""
-    result = np.empty((len(normals), len(sigmas), light.levels[0].shape[2]), np.float32)
-    for part, _, thetas, turns in chunks(light, normals, views):
-        mirrored = 2 * (normals[part] * views[part]).sum(axis=1)[:, None] * normals[part] - views[part]
-        frame = RayFrames.of(mirrored, normals[part])
+
+    def of_chunk(chunk: Chunk) -> Singles:
+        axes, towards = normals[chunk.rays], views[chunk.rays]
+        frame = RayFrames.of(2 * (axes * towards).sum(axis=1)[:, None] * axes - towards, axes)
         # A half-vector's angle is half of its mirrored one.
-        angles = np.minimum(2 * thetas, np.pi / 2)
+        angles = np.minimum(2 * chunk.thetas, np.pi / 2)
         weights = ring_weights(_phong_density, angles, sigmas, light.fineness.log_step)
         used = np.flatnonzero((weights.max(axis=1) > _NEGLIGIBLE * weights.max()) & (angles < np.pi / 2))
-        means = [mirror_ring(light, frame, angles[k], turns[k]) for k in used]
-        result[part] = np.einsum("mck,kj->mjc", np.stack(means, axis=-1), weights[used].astype(np.float32))
+        means = [mirror_ring(light, frame, angles[k], chunk.turns[k]) for k in used]
+        return np.einsum("mck,kj->mjc", np.stack(means, axis=-1), weights[used].astype(np.float32))
+
+    result = np.empty((len(normals), len(sigmas), light.levels[0].shape[2]), np.float32)
+    fill(result, light, of_chunk)
     return result
 
 

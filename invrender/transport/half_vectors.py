@@ -11,7 +11,7 @@ share one walk through the map.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import latlong_pixels, latlong_solid_angles
+from capture.parallel import parallel_map
 from invrender.theory.specialcases import lobe
 
 Floats = NDArray[np.float64]
@@ -114,29 +115,54 @@ def map_transfer(light: PreparedMap, normals: Floats, views: Floats, sigmas: Flo
     a map that isn't smooth each ring looks at a level as coarse as its nodes are apart, so that structure
     finer than the rings averages out instead of biasing all samples alike.
     """
-    result = np.empty((len(normals), len(sigmas), light.levels[0].shape[2]))
-    for part, frame, thetas, turns in chunks(light, normals, views):
-        weights = ring_weights(lobe, thetas, sigmas, light.fineness.log_step)
+
+    def of_chunk(chunk: Chunk) -> Floats:
+        weights = ring_weights(lobe, chunk.thetas, sigmas, light.fineness.log_step)
         used = np.flatnonzero(weights.max(axis=1) > _NEGLIGIBLE * weights.max())
-        means = [_ring_mean(frame, facet_ring(light, frame, thetas[k], turns[k])) for k in used]
-        result[part] = np.einsum("mck,kj->mjc", np.stack(means, axis=-1), weights[used])
+        frame = RayFrames.of(normals[chunk.rays], views[chunk.rays])
+        means = [_ring_mean(frame, facet_ring(light, frame, chunk.thetas[k], chunk.turns[k])) for k in used]
+        return np.einsum("mck,kj->mjc", np.stack(means, axis=-1), weights[used])
+
+    result = np.empty((len(normals), len(sigmas), light.levels[0].shape[2]))
+    fill(result, light, of_chunk)
     return result
 
 
-def chunks(
-    light: PreparedMap, normals: Floats, views: Floats
-) -> Iterator[tuple[slice, RayFrames, Floats, Floats]]:
-    """Rays in chunks: which, their frames, and the rings' angles and azimuths to start at."""
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Some of the rays, and the half-vectors that they take.
+
+    thetas, turns : (k,) rings' angles, and azimuths to start at, radians.
+    """
+
+    rays: slice
+    thetas: Floats
+    turns: Floats
+
+
+def fill(
+    result: NDArray[np.floating], light: PreparedMap, of_chunk: Callable[[Chunk], NDArray[np.floating]]
+) -> None:
+    """Enter what a function finds for each chunk of the rays under a map, over all cores; result : (m, ...)."""
+    chunks = _chunks(light, len(result))
+    for chunk, found in zip(chunks, parallel_map(of_chunk, chunks), strict=True):
+        result[chunk.rays] = found
+
+
+def _chunks(light: PreparedMap, count: int) -> list[Chunk]:
+    """So many rays in chunks."""
     rng = np.random.default_rng(0)
     log_step = light.fineness.log_step
     fine = np.pi / (light.levels[0].shape[0] - 2 * PAD) < 2 * _FIRST_RING
     last = int(np.ceil(np.log(np.pi / 2 / _FIRST_RING) / log_step))
     place = np.arange(-round(_INNER / log_step) if fine else 0, last)
-    for start in range(0, len(normals), _RAYS_PER_CHUNK):
-        part = slice(start, start + _RAYS_PER_CHUNK)
+    found = []
+    for start in range(0, count, _RAYS_PER_CHUNK):
         shift, turn = rng.random(2)
         thetas = _FIRST_RING * np.exp(log_step * (shift + place))
-        yield part, RayFrames.of(normals[part], views[part]), thetas, 2 * np.pi * turn + _GOLDEN_ANGLE * place
+        turns = 2 * np.pi * turn + _GOLDEN_ANGLE * place
+        found.append(Chunk(slice(start, start + _RAYS_PER_CHUNK), thetas, turns))
+    return found
 
 
 def _ring_mean(frame: RayFrames, ring: Ring) -> Singles:

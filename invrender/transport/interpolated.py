@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from capture.parallel import parallel_map
 from invrender.brdf.form import part_width
 from invrender.brdf.microfacet import Microfacet
 from invrender.transport.form_transfer import OneIndex, form_transfer
@@ -45,6 +46,8 @@ _VIEWS_APART = 0.3
 _BANDS = ((0.3, None), (0.15, 0.2), (0.07, 0.1), (-1.0, 0.05))
 # What keeps bands apart, beyond all other distances.
 _APART = 1e3
+# Nodes, or rays, that are worked on at once.
+_AT_A_TIME = 1000
 # Fewer rays than this for each first cell: then there is nothing to save.
 _FEW_PER_CELL = 4
 
@@ -186,25 +189,36 @@ class _Cubics:
         """Fitted to nodes (k,), rays, with values (k, c)."""
         features = places.features[nodes]
         tree = KDTree(features)
-        distances, near = tree.query(features, min(_FITTED, len(nodes)), workers=-1)
-        same = distances < _APART / 2
-        distances = np.where(same, distances, 0)
-        reach = distances.max(axis=1) + 1e-9
         normals, others = places.normals[nodes], places.others[nodes]
         frames = tangents(normals / np.linalg.norm(normals, axis=1, keepdims=True))
-        across = (normals[near] - normals[:, None]) @ frames.transpose(0, 2, 1) / reach[:, None, None]
-        terms = _terms(across, others[near] - others[:, None])
-        weights = np.where(same, np.exp(-2 * (distances / reach[:, None]) ** 2), 0)
-        weights[:, 0] = 3
-        weighted = (terms * weights[:, :, None]).transpose(0, 2, 1)
-        # Few or flat neighbours leave terms open: these stay small.
-        held = np.full(terms.shape[2], 1e-5)
-        held[0], held[-3:] = 0, 1e-3
-        squares = weighted @ terms + np.diag(held) * weights.sum(axis=1)[:, None, None]
-        return cls(places, nodes, tree, frames, reach, np.linalg.solve(squares, weighted @ values[near]))
+
+        def fitted(some: slice) -> tuple[Floats, Floats]:
+            distances, near = tree.query(features[some], min(_FITTED, len(nodes)))
+            same = distances < _APART / 2
+            distances = np.where(same, distances, 0)
+            reach = distances.max(axis=1) + 1e-9
+            offsets = normals[near] - normals[some, None]
+            across = offsets @ frames[some].transpose(0, 2, 1) / reach[:, None, None]
+            terms = _terms(across, others[near] - others[some, None])
+            weights = np.where(same, np.exp(-2 * (distances / reach[:, None]) ** 2), 0)
+            weights[:, 0] = 3
+            weighted = (terms * weights[:, :, None]).transpose(0, 2, 1)
+            # Few or flat neighbours leave terms open: these stay small.
+            held = np.full(terms.shape[2], 1e-5)
+            held[0], held[-3:] = 0, 1e-3
+            squares = weighted @ terms + np.diag(held) * weights.sum(axis=1)[:, None, None]
+            return reach, np.linalg.solve(squares, weighted @ values[near])
+
+        reach, coefficients = map(
+            np.concatenate, zip(*parallel_map(fitted, _blocks(len(nodes))), strict=True)
+        )
+        return cls(places, nodes, tree, frames, reach, coefficients)
 
     def at(self, rays: Ints) -> Floats:
         """Values (r, c) at rays."""
+        return np.concatenate(list(parallel_map(lambda some: self._at(rays[some]), _blocks(len(rays)))))
+
+    def _at(self, rays: Ints) -> Floats:
         distances, near = self._near(rays, _BLENDED + 1)
         reach = distances[:, -1:] * 1.0001 + 1e-12
         own = np.maximum(distances[:, :-1], 1e-6 * reach)
@@ -235,8 +249,13 @@ class _Cubics:
     def _near(self, rays: Ints, count: int) -> tuple[Floats, Ints]:
         """Distances and numbers, (r, count) each, of the nearest nodes; those in other bands count as at the edge."""
         count = min(count, len(self.nodes))
-        distances, near = self.tree.query(self.places.features[rays], np.arange(1, count + 1), workers=-1)
+        distances, near = self.tree.query(self.places.features[rays], np.arange(1, count + 1))
         return np.minimum(distances, _APART / 2), near
+
+
+def _blocks(count: int) -> list[slice]:
+    """So many numbers in blocks that caches hold what is made of."""
+    return [slice(start, start + _AT_A_TIME) for start in range(0, count, _AT_A_TIME)]
 
 
 def _terms(across: Floats, others: Floats) -> Floats:

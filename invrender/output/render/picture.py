@@ -18,7 +18,7 @@ from invrender.transport.shading import shade, shade_with_slopes
 from invrender.transport.transfer import LightElement
 from recon.mesh.bodies import Body, body_window
 from recon.sampling.draw import NO_SOURCES, samples_at
-from recon.sampling.lightfield import LightField
+from recon.sampling.lightfield import LightField, joined
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -96,10 +96,11 @@ def take_picture(
         done[inner.rows, inner.columns] = True
         rest = ~done[rows, columns]
         outer, alpha = _edge_samples(subject.body, camera, rows[rest], columns[rest])
-        for field, cover in ((inner, np.ones(len(inner))), (outer, alpha)):
-            if len(field):
-                seen = True
-                _enter(picture, subject, camera, reflectance, element, field, cover, reflected, bounced)
+        # Together, so that what is integrated of a map serves both.
+        field, cover = joined([inner, outer]), np.concatenate([np.ones(len(inner)), alpha])
+        if len(field):
+            seen = True
+            _enter(picture, subject, camera, reflectance, element, field, cover, reflected, bounced)
     if not seen:
         raise ValueError(
             f"the camera at {camera.centre.round(4).tolist()} m sees nothing of the object: it is inside it, or looks"
@@ -194,5 +195,6 @@ def _edge_samples(body: Body, camera: Camera, rows: Ints, columns: Ints) -> tupl
         sources_visible=np.zeros((len(met), 0), bool),
         faces=None if hits.faces is None else hits.faces[met],
         corner_weights=None if hits.weights is None else hits.weights[met],
+        footprints=None if hits.faces is None else np.zeros((len(met), 2, 3)),
     )
     return field, shares[touched]
