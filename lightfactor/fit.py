@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from capture.files.outfolder import result_folder
 from invrender.estimate.quantities import PhotoScore
 from invrender.output.render.light import chosen_lighting, distant_source, own_lighting
-from invrender.output.render.options import check_preview
+from invrender.output.render.options import check_preview, check_tolerance
 from invrender.output.render.photographer import photographer
-from invrender.output.render.picture import Picture
+from invrender.output.render.picture import TOLERANCE, Picture, interpolation_note
 from invrender.output.render.preview import previewer
 from invrender.output.render.view import checked_size, view_of
 from invrender.output.report.brdf_figure import brdf_figure
@@ -159,6 +159,7 @@ class Fit:
         mean: bool = False,
         std: bool = False,
         preview: bool = False,
+        tolerance: float | None = None,
         assume: Mapping[str, float] | None = None,
     ) -> Picture:
         """Predict a picture: `radiance` (h, w, 3), linear, `coverage` (h, w), `std` (h, w, 3) if asked for, `notes`.
@@ -171,12 +172,15 @@ class Fit:
         mesh, mesh_to_world, radius : another object: a mesh, and a file that places it; a sphere, metres.
         mean : of textures only their means. std : standard deviations, too, of Kd, Ks, mu and sigma, to first order.
         preview : quickly, by reflection maps; the last note says how far they are off.
+        tolerance : percent RMS that interpolating what is reflected of a map may leave, 0.5 if nothing is given; 0
+            integrates for each ray, slowly. The last note says what it left.
         assume : values of mu or sigma where they are undetermined.
         ValueError says what doesn't go together, or what the photographs left open.
         """
         if photo is not None and (view is not None or size is not None or fov is not None):
             raise ValueError("--photo is a whole camera: it excludes --view, --size and --fov")
         check_preview(preview, std)
+        check_tolerance(tolerance, preview, std)
         own = own_lighting(self._saved, lighting, photo, light is None and not sources)
         light = Path(light) if isinstance(light, str) else light
         given = [_source(source) for source in sources]
@@ -203,7 +207,9 @@ class Fit:
             picture = quick.take(camera, rotate_light)
             notes += (quick.stated,)
         else:
-            picture = studio.take(camera, rotate_light, std)
+            allowed = TOLERANCE if tolerance is None else tolerance / 100
+            picture = studio.take(camera, rotate_light, std, allowed)
+            notes += interpolation_note([picture.interpolated])
         return replace(picture, notes=tuple(map(with_arguments, notes)))
 
     def plot_lighting(self) -> Figure:

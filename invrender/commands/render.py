@@ -146,6 +146,15 @@ def render(
             " One ray per pixel, no shadows, no light from one part of the object to another.",
         ),
     ] = False,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PERCENT",
+            help="Under a map, what the lobe reflects is integrated for few rays, and interpolated for the others to"
+            " this RMS error, 0 to 10; what it left is measured and said. 0: an integral for each ray, several times as"
+            " slow.  [default: 0.5]",
+        ),
+    ] = None,
     assume: Assumptions = None,
 ) -> None:
     """Predict what the object of a result looks like from other sides and under other light.
@@ -184,6 +193,7 @@ def render(
             exposure_ev=exposure,
             std=std,
             preview=preview,
+            tolerance=tolerance,
             assume=tuple(assume or ()),
         )
     )

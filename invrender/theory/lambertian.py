@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 # From so many normals on, cubic splines over a grid serve them, to 1e-6 of the largest value, for a tenth of the time.
 _MANY = 4000
 # Rows of that grid: per degree, and at least; and how many more lie beyond each pole.
-_ROWS_PER_DEGREE, _ROWS, _BEYOND = 5, 128, 16
+_ROWS_PER_DEGREE, _ROWS, _BEYOND = 8, 128, 16
 
 
 def irradiance(normals: ArrayLike, lighting_coefficients: ArrayLike) -> Floats:

@@ -86,7 +86,7 @@ def test_bad_coefficients_get_a_sentence(coefficients: np.ndarray, message: str)
 
 @pytest.mark.parametrize("l_max", [0, 1, 8, 24])
 def test_many_normals_receive_what_few_do(l_max: int, rng):
-    # Splines over 128 rows leave 3e-7 of degree 24. Poles, and the seam of the grid at azimuth 0, are among them.
+    # Splines leave 5e-7 of random light. Poles, and the seam of the grid at azimuth 0, are among them.
     normals = rng.normal(size=(6000, 3))
     normals[:6], normals[6:60, 1] = np.concatenate([np.eye(3), -np.eye(3)]), 0
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

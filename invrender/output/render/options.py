@@ -9,6 +9,8 @@ from invrender.output.render.frames import TURNS
 from invrender.result.saved import nearest
 
 DEFAULT_FPS = 25.0
+# Percent, beyond which pictures show the cells.
+_MOST_TOLERANCE = 10.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class RenderOptions:
     exposure_ev: float | None = None
     std: bool = False
     preview: bool = False
+    tolerance: float | None = None
     assume: tuple[str, ...] = ()
 
 
@@ -47,6 +50,7 @@ def check_options(options: RenderOptions) -> None:
     if options.photo and (options.view or options.size or options.fov_deg is not None):
         raise ValueError("--photo is a whole camera: it excludes --view, --size and --fov")
     check_preview(options.preview, options.std)
+    check_tolerance(options.tolerance, options.preview, options.std)
     if not abs(options.rotate_light) <= 360:
         raise ValueError(f"--rotate-light is {options.rotate_light:g} degrees; it must be -360 to 360")
 
@@ -55,6 +59,21 @@ def check_preview(preview: bool, std: bool) -> None:
     """ValueError where a preview is to have standard deviations."""
     if preview and std:
         raise ValueError("--preview knows no standard deviations; leave --std or --preview out")
+
+
+def check_tolerance(percent: float | None, preview: bool, std: bool) -> None:
+    """ValueError for a tolerance, in percent, out of range, or where nothing is interpolated."""
+    if percent is None:
+        return
+    if not 0 <= percent <= _MOST_TOLERANCE:
+        raise ValueError(
+            f"--tolerance is {percent:g}%; it must be 0 (an integral for each ray) to {_MOST_TOLERANCE:g}"
+        )
+    if preview or std:
+        other = "--preview" if preview else "--std"
+        raise ValueError(
+            f"--tolerance is of what is interpolated, and with {other} nothing is; leave one of them out"
+        )
 
 
 def _check_output(options: RenderOptions) -> None:

@@ -14,7 +14,7 @@ from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.output.render.interreflection import bounces_of
 from invrender.output.render.light import light_element, turned
-from invrender.output.render.picture import Picture, take_picture
+from invrender.output.render.picture import TOLERANCE, Picture, take_picture
 from invrender.output.render.source_set import find_photoset, photo_camera
 from invrender.output.render.subject import Subject, mesh_subject, photographed_subject, sphere_subject
 from invrender.output.render.view import View, ViewCamera, new_optics, seen_from
@@ -73,13 +73,19 @@ class Photographer:
         """The camera of a photograph; ValueError names the nearest where there is none of that name."""
         return photo_camera(self.result, self.photoset, label)
 
-    def take(self, camera: Camera, light_turn: float = 0.0, with_std: bool = False) -> Picture:
-        """The picture from a camera, the light turned about +Z by so many degrees."""
+    def take(
+        self,
+        camera: Camera,
+        light_turn: float = 0.0,
+        with_std: bool = False,
+        tolerance: float = TOLERANCE,
+    ) -> Picture:
+        """The picture from a camera, the light turned about +Z by so many degrees; tolerance : as of `take_picture`."""
         if with_std and not np.isfinite(self.material.covariance).all():
             raise ValueError("--std: the result has no standard deviations; leave it out")
         element = self._under(light_turn)
         bounced = None if self._bounces is None else self._bounces(element)
-        return take_picture(self.subject, camera, self.material, element, with_std, bounced)
+        return take_picture(self.subject, camera, self.material, element, with_std, bounced, tolerance)
 
     @cached_property
     def _under(self) -> Callable[[float], LightElement]:

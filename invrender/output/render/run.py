@@ -13,7 +13,7 @@ from invrender.output.render.frames import TurntableFrame, light_frames, view_fr
 from invrender.output.render.light import chosen_lighting, own_lighting, parse_source
 from invrender.output.render.options import DEFAULT_FPS, RenderOptions, check_options
 from invrender.output.render.photographer import Photographer, photographer
-from invrender.output.render.picture import Picture
+from invrender.output.render.picture import TOLERANCE, Picture, interpolation_note
 from invrender.output.render.preview import previewer
 from invrender.output.render.turntable import TURNTABLE_FILES, check_strip, develop, write_frames, write_views
 from invrender.output.render.view import parse_size, parse_view
@@ -52,16 +52,21 @@ def run_render(options: RenderOptions) -> None:
     begin = time.perf_counter()
     quick = previewer(studio) if options.preview else None
     prepared = time.perf_counter() - begin
+    tolerance = TOLERANCE if options.tolerance is None else options.tolerance / 100
+    errors: list[float | None] = []
 
     def take(frame: TurntableFrame) -> Picture:
         if quick is not None:
             return quick.take(frame.camera, frame.light_turn)
-        return studio.take(frame.camera, frame.light_turn, options.std)
+        picture = studio.take(frame.camera, frame.light_turn, options.std, tolerance)
+        errors.append(picture.interpolated)
+        return picture
 
     if options.turntable is None:
         (frame,) = frames
         with result_files(options.out, inputs=inputs) as folder:
             notes += save_picture(folder / options.out.name, take(frame), options.exposure_ev)
+            notes += interpolation_note(errors)
     else:
         named = {f"{k:03d}": frame for k, frame in enumerate(frames)}
         if options.out.suffix.lower() == ".png":
@@ -78,6 +83,7 @@ def run_render(options: RenderOptions) -> None:
             else:
                 exposure = options.exposure_ev
             develop(folder, list(named), options.out, exposure, options.fps or DEFAULT_FPS)
+            notes += interpolation_note(errors)
             write_views(folder, named, studio.lighting.name, inputs, notes)
     under = studio.lighting.name
     console.print(f"{result.content.name} under {under}: {options.out}", soft_wrap=True, markup=False)
