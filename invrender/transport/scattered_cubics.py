@@ -31,7 +31,7 @@ _BANDS = ((0.3, None), (0.15, 0.2), (0.07, 0.1), (-1.0, 0.05))
 # What keeps bands apart, beyond all other distances.
 _APART = 1e3
 # Nodes, or rays, that are worked on at once.
-_AT_A_TIME = 1000
+_AT_A_TIME = 4000
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -11,10 +14,10 @@ from invrender.brdf.form import Angles
 from invrender.brdf.lobes import FORMS
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.render.light import light_element
-from invrender.output.render.picture import take_picture
+from invrender.output.render.options import RenderOptions, check_options
+from invrender.output.render.picture import Picture, take_picture
 from invrender.output.render.subject import sphere_subject
 from invrender.result.reflectance import Reflectance
-from invrender.transport import interpolated as module
 from invrender.transport.interpolated import InterpolatedLobe, interpolated
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map
@@ -92,8 +95,8 @@ def test_few_rays_are_integrated_each(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(found, normals + 2)
 
 
-def test_pictures_are_those_of_an_integral_for_each_ray(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lamp beside the map included."""
+def ball_in_a_room(tolerance: float) -> Picture:
+    """A ball under a map, and a lamp beside the map."""
     lighting = Lighting(
         "room", latlong_map(LAMPS, 128), np.array([[0.0, 0.6, 0.8]]), np.array([[1.0, 0.8, 0.6]])
     )
@@ -101,14 +104,39 @@ def test_pictures_are_those_of_an_integral_for_each_ray(monkeypatch: pytest.Monk
     pose = np.array([[0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 5], [0, 0, 0, 1.0]])
     camera = Camera("ORTHOGRAPHIC", np.array([16.0, 20, 20]), 40, 40, pose)
     known = Reflectance(brdf, np.zeros((3, 4, 4)), {}, ())
-    pictures = []
-    for rays in (4, 10**9):
-        monkeypatch.setattr(module, "_FEW_PER_CELL", rays)
-        pictures.append(
-            take_picture(sphere_subject(np.zeros(3), 1.0), camera, known, light_element(lighting)).radiance
-        )
-    one, other = pictures
-    assert (one != other).any()
-    # Of the brightest: the integral pixel by pixel is good to 0.3% itself.
-    assert np.abs(one - other).max() < 0.015 * one.max()
-    assert np.sqrt(np.mean((one - other) ** 2)) < 0.005 * np.sqrt(np.mean(one**2))
+    return take_picture(
+        sphere_subject(np.zeros(3), 1.0), camera, known, light_element(lighting), tolerance=tolerance
+    )
+
+
+def test_pictures_are_those_of_an_integral_for_each_ray() -> None:
+    one, other = ball_in_a_room(0.005), ball_in_a_room(0.0)
+    off = one.radiance - other.radiance
+    # Of the brightest: the integral ray by ray is good to 0.3% itself.
+    assert 0 < np.abs(off).max() < 0.015 * one.radiance.max()
+    left = np.linalg.norm(off) / np.linalg.norm(other.radiance)
+    assert left < 0.005
+    # A third of the pixels is tried.
+    assert one.interpolated == pytest.approx(left, rel=0.25)
+    assert other.interpolated is None
+
+
+def test_a_wider_tolerance_is_used_and_said() -> None:
+    narrow, wide = ball_in_a_room(0.005), ball_in_a_room(0.1)
+    assert narrow.interpolated is not None
+    assert wide.interpolated is not None
+    assert 2 * narrow.interpolated < wide.interpolated < 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"tolerance": -1.0}, "--tolerance is -1%; it must be 0"),
+        ({"tolerance": 50.0}, "to 10"),
+        ({"tolerance": 1.0, "preview": True}, "with --preview nothing is"),
+        ({"tolerance": 1.0, "std": True}, "with --std nothing is"),
+    ],
+)
+def test_tolerances_that_mean_nothing_are_refused(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        check_options(RenderOptions(result=Path("result"), out=Path("out.exr"), **options))
