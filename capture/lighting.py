@@ -145,6 +145,18 @@ def latlong_directions(height: int) -> Floats:
     return np.stack([sin * np.cos(phi), sin * np.sin(phi), z], axis=-1)
 
 
+def padded_latlong(
+    latlong: NDArray[AnyFloat], count: int, across: NDArray[AnyFloat] | float = 1.0
+) -> NDArray[AnyFloat]:
+    """A map (h, 2h, c) with so many pixels more on each side: around in azimuth, across the poles in elevation.
+
+    across : (c,), by which values are multiplied that are read across a pole.
+    """
+    turned = np.roll(latlong, latlong.shape[1] // 2, axis=1) * across
+    rows = np.concatenate([turned[:count][::-1], latlong, turned[-count:][::-1]])
+    return np.pad(rows, ((0, 0), (count, count), (0, 0)), mode="wrap").astype(latlong.dtype, copy=False)
+
+
 def latlong_pixels(directions: NDArray[AnyFloat], height: int) -> tuple[NDArray[AnyFloat], NDArray[AnyFloat]]:
     """Continuous (row, column) of unit directions (..., 3), in their dtype.
 

@@ -17,7 +17,7 @@ from invrender.estimate.quantities import PhotoScore
 from invrender.output.render.light import chosen_lighting, distant_source, own_lighting
 from invrender.output.render.options import check_preview, check_tolerance
 from invrender.output.render.photographer import photographer
-from invrender.output.render.picture import TOLERANCE, Picture, interpolation_note
+from invrender.output.render.picture import Picture, interpolation_note
 from invrender.output.render.preview import previewer
 from invrender.output.render.view import checked_size, view_of
 from invrender.output.report.brdf_figure import brdf_figure
@@ -207,8 +207,7 @@ class Fit:
             picture = quick.take(camera, rotate_light)
             notes += (quick.stated,)
         else:
-            allowed = TOLERANCE if tolerance is None else tolerance / 100
-            picture = studio.take(camera, rotate_light, std, allowed)
+            picture = studio.take(camera, rotate_light, std, tolerance)
             notes += interpolation_note([picture.interpolated])
         return replace(picture, notes=tuple(map(with_arguments, notes)))
 

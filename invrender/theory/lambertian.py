@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
-from capture.lighting import latlong_pixels
+from capture.lighting import latlong_pixels, padded_latlong
 from recon.harmonics.basis import (
     check_unit,
     clamped_cosine_transfer,
@@ -44,12 +44,8 @@ def irradiance(normals: ArrayLike, lighting_coefficients: ArrayLike) -> Floats:
 
 def _from_grid(grid: Floats, directions: Floats) -> Floats:
     """Values (n, c) of a lat-long grid (H, 2H, c) at directions (n, 3), by cubic splines."""
-    height = len(grid)
-    # Over a pole lies the row on the other side.
-    turned = np.roll(grid, height, axis=1)
-    rows = np.concatenate([turned[:_BEYOND][::-1], grid, turned[-_BEYOND:][::-1]])
-    around = np.pad(rows, ((0, 0), (_BEYOND, _BEYOND), (0, 0)), mode="wrap")
-    places = np.array(latlong_pixels(directions, height)) + (_BEYOND - 0.5)
+    around = padded_latlong(grid, _BEYOND)
+    places = np.array(latlong_pixels(directions, len(grid))) + (_BEYOND - 0.5)
     return np.stack(
         [
             map_coordinates(spline_filter(channel), places, prefilter=False)

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.lighting import latlong_pixels, latlong_solid_angles
+from capture.lighting import latlong_pixels, latlong_solid_angles, padded_latlong
 from capture.parallel import parallel_map
 from invrender.theory.specialcases import lobe
 
@@ -83,8 +83,8 @@ class PreparedMap:
         """Prepare a map (H, 2H, c)."""
         levels = _pyramid(radiance_map)
         if _is_rough(levels):
-            return cls(tuple(padded(level) for level in levels), _ROUGH)
-        return cls((padded(radiance_map),), _SMOOTH)
+            return cls(tuple(padded_latlong(level.astype(np.float32), PAD) for level in levels), _ROUGH)
+        return cls((padded_latlong(radiance_map.astype(np.float32), PAD),), _SMOOTH)
 
     def with_rings(self, share: float) -> PreparedMap:
         """The same, in whose integrals rings lie a share as far apart, in the logarithm."""
@@ -326,13 +326,3 @@ def _is_rough(levels: Sequence[Singles]) -> bool:
     energy = float((fine.astype(float) ** 2 * weights).sum())
     kept = float((coarse.astype(float) ** 2 * latlong_solid_angles(coarse.shape[0])[:, :, None]).sum())
     return energy > 0 and (energy - kept) / energy > _SMOOTH_SHARE**2
-
-
-def padded(latlong: Singles, across: Singles | float = 1.0) -> Singles:
-    """A map (h, 2h, c) with PAD pixels more on each side: around in azimuth, across the poles in elevation.
-
-    across : (c,), by which values are multiplied that are read across a pole.
-    """
-    turned = np.roll(latlong, latlong.shape[1] // 2, axis=1) * across
-    rows = np.concatenate([turned[:PAD][::-1], latlong, turned[-PAD:][::-1]])
-    return np.pad(rows, ((0, 0), (PAD, PAD), (0, 0)), mode="wrap").astype(np.float32)

@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse import csr_array
 
-from capture.lighting import latlong_directions, latlong_pixels
+from capture.lighting import latlong_directions, latlong_pixels, padded_latlong
 from invrender.brdf.form import LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.prefilter.energy import power_per_degree
 from invrender.prefilter.reflectionmap import mirrored_coefficients, reflected_terms
 from invrender.theory.refinement import interval_rule
-from invrender.transport.half_vectors import PAD, padded
+from invrender.transport.half_vectors import PAD
 from invrender.transport.transfer import LightElement
 from recon.harmonics.latlong import analyse_latlong, highest_degree, project_latlong
 from recon.sampling.draw import MIN_COS_EXITANT
@@ -138,7 +138,9 @@ def reflected_map(form: LobeForm, mu: float | None, sigma: float, light: LightEl
     across = np.repeat((-1.0) ** orders, maps.shape[3])
     return ReflectedMap(
         # Across the poles frames are turned by 180 degrees.
-        padded(maps.reshape(_HEIGHT, 2 * _HEIGHT, -1), across.astype(np.float32)),
+        padded_latlong(
+            maps.reshape(_HEIGHT, 2 * _HEIGHT, -1).astype(np.float32), PAD, across.astype(np.float32)
+        ),
         (smooth / np.cos(lookup)[:, None]).astype(np.float32),
         orders,
     )

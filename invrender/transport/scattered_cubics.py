@@ -108,31 +108,32 @@ class ScatteredCubics:
     @classmethod
     def around(cls, places: RayPlaces, nodes: Ints, values: Floats) -> ScatteredCubics:
         """Fitted to nodes (k,), rays, with values (k, c)."""
-        normals = places.normals[nodes]
-        frames = tangents(normals / np.linalg.norm(normals, axis=1, keepdims=True))
-        tree = KDTree(places.features[nodes])
-        empty = np.zeros((len(nodes), _TERMS, values.shape[1]))
-        unfitted = cls(places, nodes, values, tree, frames, np.zeros(len(nodes)), empty)
-        return unfitted._refitted(np.arange(len(nodes)))
+        none = cls._of(
+            places, nodes, values, np.zeros(len(nodes)), np.zeros((len(nodes), _TERMS, values.shape[1]))
+        )
+        return none._refitted(np.arange(len(nodes)))
 
     def joined_by(self, new: Ints, values: Floats) -> ScatteredCubics:
         """With new nodes (n,), rays, and their values (n, c): what these lie within reach of is fitted anew."""
         features = self.places.features
         closest = KDTree(features[new]).query(features[self.nodes], workers=-1)[0]
-        changed = np.flatnonzero(closest < self.reach)
-        added = np.arange(len(new)) + len(self.nodes)
-        nodes = np.concatenate([self.nodes, new])
-        normals = self.places.normals[new]
-        grown = ScatteredCubics(
+        changed = np.concatenate([closest < self.reach, np.ones(len(new), bool)])
+        grown = self._of(
             self.places,
-            nodes,
+            np.concatenate([self.nodes, new]),
             np.concatenate([self.values, values]),
-            KDTree(features[nodes]),
-            np.concatenate([self.frames, tangents(normals / np.linalg.norm(normals, axis=1, keepdims=True))]),
             np.concatenate([self.reach, np.zeros(len(new))]),
             np.concatenate([self.coefficients, np.zeros((len(new), *self.coefficients.shape[1:]))]),
         )
-        return grown._refitted(np.concatenate([changed, added]))
+        return grown._refitted(np.flatnonzero(changed))
+
+    @classmethod
+    def _of(
+        cls, places: RayPlaces, nodes: Ints, values: Floats, reach: Floats, coefficients: Floats
+    ) -> ScatteredCubics:
+        normals = places.normals[nodes]
+        frames = tangents(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+        return cls(places, nodes, values, KDTree(places.features[nodes]), frames, reach, coefficients)
 
     def _refitted(self, which: Ints) -> ScatteredCubics:
         """With the cubics of some nodes fitted to all nodes' values."""

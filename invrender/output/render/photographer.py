@@ -78,14 +78,15 @@ class Photographer:
         camera: Camera,
         light_turn: float = 0.0,
         with_std: bool = False,
-        tolerance: float = TOLERANCE,
+        percent: float | None = None,
     ) -> Picture:
-        """The picture from a camera, the light turned about +Z by so many degrees; tolerance : as of `take_picture`."""
+        """The picture from a camera, the light turned about +Z by so many degrees; percent : as `--tolerance`."""
         if with_std and not np.isfinite(self.material.covariance).all():
             raise ValueError("--std: the result has no standard deviations; leave it out")
         element = self._under(light_turn)
         bounced = None if self._bounces is None else self._bounces(element)
-        return take_picture(self.subject, camera, self.material, element, with_std, bounced, tolerance)
+        allowed = TOLERANCE if percent is None else percent / 100
+        return take_picture(self.subject, camera, self.material, element, with_std, bounced, allowed)
 
     @cached_property
     def _under(self) -> Callable[[float], LightElement]:

@@ -13,7 +13,7 @@ from invrender.output.render.frames import TurntableFrame, light_frames, view_fr
 from invrender.output.render.light import chosen_lighting, own_lighting, parse_source
 from invrender.output.render.options import DEFAULT_FPS, RenderOptions, check_options
 from invrender.output.render.photographer import Photographer, photographer
-from invrender.output.render.picture import TOLERANCE, Picture, interpolation_note
+from invrender.output.render.picture import Picture, interpolation_note
 from invrender.output.render.preview import previewer
 from invrender.output.render.turntable import TURNTABLE_FILES, check_strip, develop, write_frames, write_views
 from invrender.output.render.view import parse_size, parse_view
@@ -52,13 +52,12 @@ def run_render(options: RenderOptions) -> None:
     begin = time.perf_counter()
     quick = previewer(studio) if options.preview else None
     prepared = time.perf_counter() - begin
-    tolerance = TOLERANCE if options.tolerance is None else options.tolerance / 100
     errors: list[float | None] = []
 
     def take(frame: TurntableFrame) -> Picture:
         if quick is not None:
             return quick.take(frame.camera, frame.light_turn)
-        picture = studio.take(frame.camera, frame.light_turn, options.std, tolerance)
+        picture = studio.take(frame.camera, frame.light_turn, options.std, options.tolerance)
         errors.append(picture.interpolated)
         return picture
 
