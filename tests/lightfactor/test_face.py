@@ -250,6 +250,11 @@ WRONG: list[tuple[Callable[[lf.Fit, Path], Any], str]] = [
     (lambda fit, here: fit.render((0, 0), photo="003.exr"), "^photo is a whole camera: it excludes view"),
     (lambda fit, here: fit.render(size=(0, 9)), "^size 0x9: cannot be used; give width and height"),
     (lambda fit, here: fit.render(std=True, preview=True), "^preview knows no standard deviations"),
+    (lambda fit, here: fit.render(tolerance=20), "^tolerance is 20%; it must be 0"),
+    (
+        lambda fit, here: fit.render(tolerance=1),
+        "^tolerance: nothing is interpolated, for the light holds no map",
+    ),
     (lambda fit, here: fit.render(lighting="lamp"), "no lighting 'lamp'; did you mean 'lamps'"),
     (lambda fit, here: fit.render(light=here / "room.exr"), r"room\.exr: does not exist; check its name"),
     (lambda fit, here: fit.render(sources=[(0, 20)]), "give .azimuth, elevation, irradiance"),

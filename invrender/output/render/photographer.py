@@ -84,6 +84,13 @@ class Photographer:
         if with_std and not np.isfinite(self.material.covariance).all():
             raise ValueError("--std: the result has no standard deviations; leave it out")
         element = self._under(light_turn)
+        if percent and (element.slow_map is None or self.material.brdf.form.axis is not None):
+            why = (
+                "the light holds no map"
+                if element.slow_map is None
+                else "a brushed lobe is integrated for each ray"
+            )
+            raise ValueError(f"--tolerance: nothing is interpolated, for {why}; leave it out")
         bounced = None if self._bounces is None else self._bounces(element)
         allowed = TOLERANCE if percent is None else percent / 100
         return take_picture(self.subject, camera, self.material, element, with_std, bounced, allowed)
