@@ -27,7 +27,7 @@ from invrender.estimate.statistics import total_statistics
 from invrender.estimate.weighing import weigh
 from invrender.transport.columns import Elements, PhotoColumns, columns_of, sample_count
 from invrender.transport.predict import predict_photos
-from recon.sampling.draw import by_information
+from recon.sampling.budget import by_information
 
 # Two forms that differ by a tenth of the noise are three standard errors apart on 1500; of a highlight twice as many
 # tell its flanks apart.

@@ -15,7 +15,8 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from capture.radiance import RadianceImage
 from invrender.observation.clock import Clock
-from recon.sampling.draw import NO_SOURCES, WHOLE, Importance, sample_body
+from recon.sampling.candidates import WHOLE
+from recon.sampling.draw import NO_SOURCES, Importance, sample_body
 from recon.sampling.find import FoundBody
 from recon.sampling.lightfield import LightField, off_terminators
 

@@ -23,7 +23,8 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.result.factorization import Factorization
 from invrender.transport.visibility import facing
 from recon.mesh.bodies import body_pixels, larger_pixels
-from recon.sampling.draw import NO_SOURCES, WHOLE, samples_around, samples_at
+from recon.sampling.candidates import WHOLE
+from recon.sampling.draw import NO_SOURCES, samples_around, samples_at
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]

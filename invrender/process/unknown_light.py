@@ -87,9 +87,8 @@ def solve_unknown_light(
     orders = orders_of(photoset, others)
     factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
     sources = {name: other.lighting.sources for name, other in others.items()}
-    fields, left_out = read_samples(
-        photoset, geometry.found, sources, samples, clock, track, highlights=orders == _DARK
-    )
+    # The lamps of a room leave narrow highlights, too, and these hold most of what is seen of the lobe.
+    fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, highlights=True)
     fitted = photoset.fitted
     with clock.on("invrender"):
         names, seen = [photo.lighting for photo in fitted], [fields[photo.label] for photo in fitted]

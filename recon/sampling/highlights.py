@@ -6,11 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from capture.blocks import block_means
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 # Tiles across in which small highlights are looked for, and how many neighbours distinguish them from dust.
 _ACROSS, _NEAREST = 8, 4
+# Highlights of more pixels than this are looked for in larger ones, which show where they are as well.
+_LOOKED_AT = 100_000
 
 
 def tile_numbers(rows: Ints, columns: Ints, across: int) -> Ints:
@@ -36,6 +40,26 @@ def small_highlights(rows: Ints, columns: Ints, radiance: Floats) -> NDArray[np.
     _, near = cKDTree(places).query(places[bright], list(range(2, _NEAREST + 2)))
     bright[bright] = bright[near].mean(axis=1) >= 0.5
     return np.asarray(bright)
+
+
+def highlights_of(radiance: NDArray[np.floating], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which pixels (h, w) are of small highlights among the good ones (h, w); radiance : (h, w, 3).
+
+    As `small_highlights`, of larger pixels where there are very many.
+    """
+    side = max(int(np.ceil(np.sqrt(good.sum() / _LOOKED_AT))), 1)
+    shares = block_means(good.astype(np.float32), side)
+    rows, columns = np.nonzero(shares >= 0.5)
+    result = np.zeros(good.shape, bool)
+    if not len(rows):
+        return result
+    sums = block_means(np.where(good[..., None], radiance, 0).astype(np.float32), side)
+    found = small_highlights(rows, columns, (sums / shares[..., None].clip(0.5))[rows, columns].astype(float))
+    coarse = np.zeros(shares.shape, bool)
+    coarse[rows[found], columns[found]] = True
+    fine = coarse.repeat(side, axis=0).repeat(side, axis=1)
+    result[: len(fine), : fine.shape[1]] = fine
+    return result & good
 
 
 def _medians(values: Floats, index: Ints) -> Floats:

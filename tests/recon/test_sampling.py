@@ -9,7 +9,8 @@ from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.radiance import RadianceImage
 from recon.mesh.bodies import MeshBody, SphereBody
-from recon.sampling.draw import NO_SOURCES, draw, sample_body, spread
+from recon.sampling.budget import draw, spread
+from recon.sampling.draw import NO_SOURCES, sample_body
 
 from .bodymeshes import ball_mesh, joined, plate
 
@@ -143,7 +144,7 @@ def test_sums_over_drawn_samples_are_unbiased_whatever_they_tell() -> None:
     generator = np.random.default_rng(0)
     found, counts = [], []
     for _ in range(300):
-        taken, shares = draw(normals, telling, 500, generator)
+        taken, shares = draw(normals, telling, 500, generator, np.ones(len(normals)))
         assert len(np.unique(taken)) == len(taken)
         found.append((shares * value[taken]).mean())
         counts.append(len(taken))
