@@ -6,7 +6,7 @@ which is moved until the best fit lies well within it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,8 @@ _SAMPLES, _SEARCHED = 300, 800
 _STEP = 0.05
 # The share of the cost that a stretch must take away, to the first order, and its least logarithm, for it to be tried.
 _PAYS, _LEAST = 0.1, 0.03
+# Radius of the object over the distance of sources, for slopes.
+_NEARNESS = 0.02
 # How often a window is moved at most.
 _MOST_MOVES = 10
 # Half the width of windows in the logarithms of sigma and stretch: of searches, and of fits to all samples.
@@ -79,20 +81,24 @@ def first_stretch(
 ) -> float | None:
     """The stretch that residuals of an isotropic form of facets ask for, to the first order; None where they don't.
 
-    photos : columns of the form. The other numbers are free to follow.
+    photos : columns of the form. The other numbers are free to follow. None, too, where sources nearer than given
+    explain more: these draw highlights out along one tangent as well, and two widths take long to search for.
     """
     gained = stretch_gain(photos, weights, elements, isotropic, axis)
-    if gained.share < _PAYS or abs(gained.log_stretch) < _LEAST:
+    if gained.share < _PAYS or abs(gained.step) < _LEAST:
         return None
-    return float(np.exp(np.clip(gained.log_stretch, -_REACH[1], _REACH[1])))
+    near = nearness_gain(photos, weights, elements, isotropic)
+    if near.step > 0 and near.share > gained.share:
+        return None
+    return float(np.exp(np.clip(gained.step, -_REACH[1], _REACH[1])))
 
 
 @dataclass(frozen=True)
-class StretchGain:
-    """The share of the cost that a stretch would take away, and its logarithm, to the first order."""
+class Gain:
+    """The share of the cost that one more number would take away, and how far it would go, to the first order."""
 
     share: float
-    log_stretch: float
+    step: float
 
 
 def stretch_gain(
@@ -101,11 +107,8 @@ def stretch_gain(
     elements: Elements,
     isotropic: Estimate,
     axis: Axis,
-) -> StretchGain:
-    """What a stretch about an axis would gain beside an isotropic fit, all other numbers free to follow."""
-    parameters = pack(isotropic, {photo.lighting: photo.elements for photo in photos})
-    size = len(parameters.vector)
-    gram, right, cost = np.zeros((size + 1, size + 1)), np.zeros(size + 1), 0.0
+) -> Gain:
+    """What a stretch about an axis would gain beside an isotropic fit, in its logarithm."""
     of = isotropic.brdf.form
     assert isinstance(of, Smith)
     ends = [
@@ -114,25 +117,59 @@ def stretch_gain(
         )
         for step in (-_STEP, _STEP)
     ]
-    thin, weighed = _thinned(photos, weights, _SAMPLES)
-    predictions = predict_photos(thin, isotropic.brdf, isotropic.strengths)
-    for photo, weight, predicted in zip(thin, weighed, predictions, strict=True):
+
+    def slope(photo: PhotoColumns) -> Floats:
         light = elements[photo.lighting], isotropic.strengths[photo.lighting]
         less, more = (predict(end, *light, photo.field, photo.shadows) for end in ends)
-        slope = (more - less) / (2 * _STEP)
-        residual = photo.radiance - predicted
+        return np.asarray((more - less) / (2 * _STEP))
+
+    return _gain(*_thinned(photos, weights, _SAMPLES), isotropic, slope)
+
+
+def nearness_gain(
+    photos: Sequence[PhotoColumns], weights: Sequence[Weights], elements: Elements, isotropic: Estimate
+) -> Gain:
+    """What sources nearer than given would gain beside an isotropic fit, all at one closeness, 1/m."""
+    thin, weighed = _thinned(photos, weights, _SAMPLES)
+    places = np.concatenate([photo.field.positions for photo in thin])
+    centre = places.mean(axis=0)
+    step = _NEARNESS / float(np.linalg.norm(places - centre, axis=1).max())
+
+    def slope(photo: PhotoColumns) -> Floats:
+        given = elements[photo.lighting]
+        ends = (given, [element.nearer(step, centre) for element in given])
+        strengths = isotropic.strengths[photo.lighting]
+        far, near = (predict(isotropic.brdf, end, strengths, photo.field, photo.shadows) for end in ends)
+        return np.asarray((near - far) / step)
+
+    return _gain(thin, weighed, isotropic, slope)
+
+
+def _gain(
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Floats],
+    isotropic: Estimate,
+    slope: Callable[[PhotoColumns], Floats],
+) -> Gain:
+    """What a number of which each sample's radiance has a slope (n, 3) would gain, all others free to follow."""
+    parameters = pack(isotropic, {photo.lighting: photo.elements for photo in photos})
+    size = len(parameters.vector)
+    gram, right, cost = np.zeros((size + 1, size + 1)), np.zeros(size + 1), 0.0
+    predictions = predict_photos(photos, isotropic.brdf, isotropic.strengths)
+    for photo, weight, predicted in zip(photos, weights, predictions, strict=True):
+        slopes, residual = slope(photo), photo.radiance - predicted
         for c, jacobian in enumerate(jacobians(photo, parameters, isotropic)):
-            rows = np.column_stack([jacobian, slope[:, c]])
+            rows = np.column_stack([jacobian, slopes[:, c]])
             weighted = rows * weight[:, c, None]
             gram += weighted.T @ rows
             right += weighted.T @ residual[:, c]
             cost += float(weight[:, c] @ residual[:, c] ** 2)
-    # The stretch alone, what the others would make up for taken off.
+    # The number alone, what the others would make up for taken off.
     others = symmetric_pinv(gram[:-1, :-1])
     alone = max(float(gram[-1, -1] - gram[-1, :-1] @ others @ gram[:-1, -1]), 1e-300)
     pull = float(right[-1] - gram[-1, :-1] @ others @ right[:-1])
     rest = max(cost - float(right[:-1] @ others @ right[:-1]), 1e-300)
-    return StretchGain(pull**2 / alone / rest, pull / alone)
+    return Gain(pull**2 / alone / rest, pull / alone)
 
 
 def in_window(form: Brushed, brdf: Microfacet) -> bool:

@@ -60,6 +60,15 @@ class LightElement:
         directions, factors = seen_from(self.directions, positions)
         return replace(self, directions=directions, irradiances=factors[..., None] * self.irradiances)
 
+    def nearer(self, closeness: float, centre: Floats) -> LightElement:
+        """The element with its far sources so near to a centre (3,), 1/m; itself with none, or where some are near."""
+        if not len(self.directions) or self.directions.shape[-1] == 4:
+            return self
+        near = np.column_stack(
+            [self.directions + closeness * centre, np.full(len(self.directions), closeness)]
+        )
+        return replace(self, directions=near)
+
     def cosines(self, normals: Floats) -> Floats:
         """Cosines (m, k) of incidence at unit normals (m, 3), 0 of sources below the horizon."""
         return np.maximum(cosines(normals, self.directions), 0)

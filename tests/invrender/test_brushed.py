@@ -17,7 +17,7 @@ from invrender.brdf.brushed import FACETS, Brushed, brushed, window_about
 from invrender.brdf.form import Angles, brushed_tangents
 from invrender.brdf.lobes import BECKMANN, GGX_FORM
 from invrender.brdf.microfacet import Microfacet
-from invrender.estimate.brushed import first_stretch, stretch_gain
+from invrender.estimate.brushed import first_stretch, nearness_gain, stretch_gain
 from invrender.estimate.search import fit, models_of
 from invrender.estimate.statistics import total_statistics
 from invrender.estimate.weighing import weigh
@@ -154,33 +154,52 @@ def test_columns_are_the_form_anywhere_in_their_window(bench) -> None:
         assert np.abs(predict_columns(photo, brdf, strengths) - direct).max() < 1e-3 * direct.max()
 
 
-def lamp_photographs(bench, form, sigma: float) -> list:
-    told = bench.known_lighting(lights=())
+def lamp_photographs(bench, form, sigma: float, closeness: float = 0.0) -> list:
+    """closeness : of the lamp to the sphere's centre, 1/m."""
+    lamp = bench.known_lighting(lights=())
+    lamp = replace(lamp, closeness=np.array([closeness]), centre=np.zeros(3)) if closeness else lamp
     brdf = Microfacet(np.full(3, 0.1), np.full(3, 0.05), 1.5, sigma, form)
-    photos = bench.predicted_photographs(brdf, np.linspace(0, 150, 6), told, 200)
+    photos = bench.predicted_photographs(brdf, np.linspace(0, 150, 6), lamp, 200)
     return bench.with_noise(photos, np.random.default_rng(3))
 
 
-@pytest.mark.parametrize(("alpha_x", "alpha_y"), [(0.12, 0.12), (0.12, 0.2), (0.2, 0.12)])
-def test_residuals_of_an_isotropic_fit_say_which_way_a_surface_is_brushed(bench, alpha_x, alpha_y) -> None:
-    photos = lamp_photographs(bench, *stretched(GGX_FORM, alpha_x, alpha_y))
+def isotropic_fit(bench, photos):
+    """What `first_stretch` starts from: columns, weights, elements and the fit, with the lamp far away."""
     told = bench.known_lighting(lights=())
     elements = {told.name: light_elements(told)}
     names, fields = [photo.lighting for photo in photos], [photo.field for photo in photos]
     columns = all_columns(names, elements, fields, GGX_FORM)
     model = models_of(GGX_FORM)[-1]
     weights = weigh(columns, model)[1]
-    isotropic = fit(model, total_statistics(columns, [own.weight for own in weights]))
-    gain = stretch_gain(columns, weights, elements, isotropic, UPRIGHT)
-    asked = first_stretch(columns, weights, elements, isotropic, UPRIGHT)
+    return columns, weights, elements, fit(model, total_statistics(columns, [own.weight for own in weights]))
+
+
+@pytest.mark.parametrize(("alpha_x", "alpha_y"), [(0.12, 0.12), (0.12, 0.2), (0.2, 0.12)])
+def test_residuals_of_an_isotropic_fit_say_which_way_a_surface_is_brushed(bench, alpha_x, alpha_y) -> None:
+    seen = isotropic_fit(bench, lamp_photographs(bench, *stretched(GGX_FORM, alpha_x, alpha_y)))
+    gain, asked = stretch_gain(*seen, UPRIGHT), first_stretch(*seen, UPRIGHT)
     if alpha_x == alpha_y:
         assert asked is None
         assert gain.share < 0.01
-        assert abs(gain.log_stretch) < 0.02
+        assert abs(gain.step) < 0.02
     else:
         assert asked is not None
         assert gain.share > 0.3
-        assert gain.log_stretch == pytest.approx(np.log(alpha_x / alpha_y), rel=0.3)
+        assert gain.step == pytest.approx(np.log(alpha_x / alpha_y), rel=0.3)
+        assert nearness_gain(*seen).share < 0.8 * gain.share
+
+
+def test_a_near_lamp_is_not_taken_for_a_brushed_surface(bench) -> None:
+    # At ten radii.
+    closeness = 5.0
+    seen = isotropic_fit(bench, lamp_photographs(bench, GGX_FORM, 0.15, closeness))
+    stretch, near = stretch_gain(*seen, UPRIGHT), nearness_gain(*seen)
+    # A stretch explains so much that it would be tried on its own.
+    assert stretch.share > 0.1
+    assert near.share > 2 * stretch.share
+    # To the first order, of a lamp that moves highlights by their width.
+    assert near.step == pytest.approx(closeness, rel=0.5)
+    assert first_stretch(*seen, UPRIGHT) is None
 
 
 @pytest.fixture(scope="module")
