@@ -89,7 +89,7 @@ class _FirstFit:
             rows, radiance = _gradient(self.brdf, elements, normals, views)
             return np.einsum("np,pq,nq->n", rows, self.covariance, rows) / self.noise.variance(radiance)
 
-        return informative
+        return Importance(informative, self.brdf.sigma)
 
 
 def _first_fit(photos: Sequence[PhotoColumns], elements: Mapping[str, Sequence[LightElement]]) -> _FirstFit:
@@ -148,4 +148,4 @@ def _at_any_width(elements: Sequence[LightElement]) -> Importance:
             total += slope / max(float(slope.sum()), 1e-300)
         return total
 
-    return informative
+    return Importance(informative)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,6 @@ from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-# How informative pixels are, (n,), by their normals and views, (n, 3) unit.
-Importance = Callable[[Floats, Floats], Floats]
 
 # Exitant angles beyond 81 degrees are left out: the microfacet model grows without bound there
 # (RH01 section 5.2: grazing observations "are usually assigned low confidence anyway").
@@ -37,15 +35,30 @@ _MAX_TURN = 0.25
 # centre; others are grids of 2-point Gauss rules. One rule in all would make 1 / cos theta_o, as the model
 # has it, 2.6% too small at cos theta_o = 0.15 on a sphere of 53 px.
 _RAYS_PER_SIDE = ((0.02, 1), (0.08, 2), (np.inf, 4))
-# In highlights of sources, which may be as narrow as 0.005 radians; and how far from the mirror direction these reach.
-_RAYS_OF_HIGHLIGHTS = ((0.004, 1), (0.008, 2), (0.016, 4), (np.inf, 8))
-_GLINT = 0.02
-# Rays along a pixel's side at most: where a source's highlight is, and where one may be.
-_FINEST, _FINE = 8, 4
+# In highlights of sources, which may be as narrow as 0.005 radians.
+_RAYS_OF_HIGHLIGHTS = ((0.0005, 1), (0.008, 2), (0.016, 4), (np.inf, 8))
+# How far from the mirror direction a source's highlight and its flanks reach, radians; rays along a pixel's side there
+# at most, and where small highlights are seen. One ray at the flanks would make sigma 0.015 too large by 0.2% on a
+# sphere of 450 px.
+_GLINT, _FLANKS = 0.02, 0.06
+_FINEST, _FINE, _FLANK = 8, 4, 2
+# A pixel across which the normal turns by less, in parts of sigma, makes a lobe too wide by less than 0.1% as one ray.
+_SMOOTH = 0.1
+# Where highlights may be anywhere, a pixel across which the normal turns by more is two rays a side, not to make a lobe
+# too wide: at 0.01 radians one of sigma 0.15 by 0.05%.
+_BLUNT = 0.005
 # Cosine to a facet below which it is seen edge on: a pixel's footprint on its plane says nothing of the surface.
 _EDGE_ON = 0.05
 # For who asks for no source's visibility.
 NO_SOURCES = np.zeros((0, 3))
+
+
+@dataclass(frozen=True)
+class Importance:
+    """How informative pixels are, (n,), by their normals and views, (n, 3) unit; and sigma as it seems, radians."""
+
+    of: Callable[[Floats, Floats], Floats]
+    sigma: float | None = None
 
 
 def sample_body(
@@ -76,7 +89,7 @@ def sample_body(
     shares = rarity / rarity.mean() if len(usable) else rarity
     if budget is not None and len(usable) > budget:
         if importance is not None:
-            telling = importance(normals, _views(camera, rows[usable], columns[usable]))
+            telling = importance.of(normals, _views(camera, rows[usable], columns[usable]))
             drawn, shares = draw(normals, telling, budget, rng, rarity)
         else:
             drawn, shares = spread_with_highlights(normals, looked_at.where(usable), budget, rng)
@@ -87,8 +100,11 @@ def sample_body(
         clear &= ~any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
     grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
     weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
-    near = _near_mirror(geometry, _views(camera, rows, columns), sources, usable)
-    finest = np.where(near, _FINEST, np.where(highlights & looked_at.bright[usable], _FINE, 0))
+    sigma = None if importance is None else importance.sigma
+    finest = _finest(geometry, _views(camera, rows, columns), sources, usable, sigma)
+    if highlights:
+        blunt = np.where(geometry.turn[usable] > _BLUNT, _FLANK, 0)
+        finest = np.maximum(finest, np.where(looked_at.bright[usable], _FINE, blunt))
     field, complete = _gather(
         body, camera, image, rows, columns, geometry.turn[usable], weight, sources, finest
     )
@@ -109,8 +125,7 @@ def samples_at(
     glints : (k, 3) or (k, 4), sources whose highlights are seen through finer rays.
     """
     geometry = body.pixel_geometry(camera, rows, columns)
-    near = _near_mirror(geometry, _views(camera, rows, columns), glints)
-    finest = np.where(near, _FINEST, 0)
+    finest = _finest(geometry, _views(camera, rows, columns), glints)
     return _gather(body, camera, image, rows, columns, geometry.turn, np.ones(len(rows)), sources, finest)[0]
 
 
@@ -119,18 +134,27 @@ def _views(camera: Camera, rows: Ints, columns: Ints) -> Floats:
     return np.asarray(-camera.rays(np.column_stack([columns, rows]) + 0.5)[1])
 
 
-def _near_mirror(
-    geometry: PixelGeometry, views: Floats, sources: Floats, which: Ints | slice = slice(None)
-) -> NDArray[np.bool_]:
-    """Pixels (n,) in which a highlight of some source may be narrower than they are wide; which : of the geometry's."""
+def _finest(
+    geometry: PixelGeometry,
+    views: Floats,
+    sources: Floats,
+    which: Ints | slice = slice(None),
+    sigma: float | None = None,
+) -> Ints:
+    """Rays along the side of each pixel (n,) at most, where sources' highlights may be; 0 elsewhere.
+
+    which : of the geometry's pixels. sigma : as it seems, radians; flanks of wide lobes are smooth over a pixel.
+    """
     normals, turn = geometry.normals[which], geometry.turn[which]
-    near = np.zeros(len(normals), bool)
+    offset = np.full(len(normals), np.inf)
     directions, _ = seen_from(sources, geometry.positions[which])
     for k in range(len(sources)):
         half = views + directions[..., k, :]
         half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
-        near |= np.linalg.norm(np.cross(half, normals), axis=1) < _GLINT + 2 * turn
-    return near
+        offset = np.minimum(offset, np.linalg.norm(np.cross(half, normals), axis=1))
+    offset -= 2 * turn
+    flanks = (offset < _FLANKS) & (turn > (0 if sigma is None else _SMOOTH * sigma))
+    return np.where(offset < _GLINT, _FINEST, np.where(flanks, _FLANK, 0))
 
 
 def samples_around(
