@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.radiance import RadianceImage
-from recon.mesh.bodies import Body, body_coverage, body_window
-from recon.sampling.highlights import highlights_of
+from recon.mesh.bodies import Body, body_coverage, body_window, larger_pixels
+from recon.sampling.highlights import LOOKED_AT, highlights_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -75,7 +75,12 @@ def candidates(
         good &= coverage[top:bottom, left:right] >= WHOLE
     bright = np.zeros_like(good)
     if highlights:
-        on_body = good if coverage is not None else good & body_coverage(body, camera)[top:bottom, left:right]
+        on_body = good
+        if coverage is None:
+            # Coarsely: what is beside the body is left out later.
+            side = larger_pixels(body, camera, LOOKED_AT)
+            covered = body_coverage(body, camera, side).repeat(side, axis=0).repeat(side, axis=1)
+            on_body = good & covered[top:bottom, left:right]
         bright = highlights_of(image.radiance[top:bottom, left:right], on_body)
     chosen, chance, found = np.flatnonzero(good), 1.0, 1.0
     at_random = np.ones(len(chosen), bool)

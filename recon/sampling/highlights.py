@@ -14,7 +14,7 @@ Ints = NDArray[np.int64]
 # Tiles across in which small highlights are looked for, and how many neighbours distinguish them from dust.
 _ACROSS, _NEAREST = 8, 4
 # Highlights of more pixels than this are looked for in larger ones, which show where they are as well.
-_LOOKED_AT = 100_000
+LOOKED_AT = 100_000
 
 
 def tile_numbers(rows: Ints, columns: Ints, across: int) -> Ints:
@@ -47,7 +47,7 @@ def highlights_of(radiance: NDArray[np.floating], good: NDArray[np.bool_]) -> ND
 
     As `small_highlights`, of larger pixels where there are very many.
     """
-    side = max(int(np.ceil(np.sqrt(good.sum() / _LOOKED_AT))), 1)
+    side = max(int(np.ceil(np.sqrt(good.sum() / LOOKED_AT))), 1)
     shares = block_means(good.astype(np.float32), side)
     rows, columns = np.nonzero(shares >= 0.5)
     result = np.zeros(good.shape, bool)
