@@ -135,7 +135,8 @@ def test_a_sound_set_has_no_cause(sound: dict[str, Path], surface: str) -> None:
 @pytest.mark.slow
 def test_lamps_that_are_near_are_found_each_at_its_distance(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set", distance=25 * RADIUS)
-    result = process(load_photoset(folder), samples=2000).result
+    # Nearly all pixels: of fewer, scores would go by which are drawn.
+    result = process(load_photoset(folder), samples=3000).result
     # The lamps are no cause any more of what is left.
     assert result.causes == ()
     assert "The lamps were given as distant, but are near" in result.warnings[0]
