@@ -20,17 +20,17 @@ _BANDS = 16
 
 
 def draw(
-    normals: Floats, telling: Floats, budget: int, rng: np.random.Generator, rarity: Floats
+    normals: Floats, telling: Floats, budget: int, rng: np.random.Generator, stands_for: Floats
 ) -> tuple[Ints, Floats]:
     """About `budget` of n samples, ascending, and what each stands for: evenly over normals, more where pixels are
     informative.
 
-    normals : (n, 3). telling : (n,) >= 0, in any unit. rarity : (n,), as of `Candidates`. A part of the budget is
+    normals : (n, 3). telling : (n,) >= 0, in any unit. stands_for : (n,), as of `Candidates`. A part of the budget is
     spread evenly over normals, the rest drawn with probabilities in proportion to the information in pixels (RMB07,
     section 6: sampling by gradients). A sample stands for its probability in an even draw over that in this one
     [Horvitz and Thompson 1952], so that sums stay unbiased.
     """
-    even = _inclusion(_cells(normals), budget, rarity)
+    even = _inclusion(_cells(normals), budget, stands_for)
     return by_information(even, telling, budget, rng)
 
 
@@ -73,7 +73,7 @@ def spread_with_highlights(
     beside = len(more) / max(len(left), 1)
     kept[more] = True
     chance, found = looked_at.chance, looked_at.found
-    # Of cells with few pixels looked at, whose number would be overestimated by one over these.
+    # A cell's count is raised: one over a small random count is, in the mean, more than one over the mean count.
     evenly = chance * taken * (counts / (counts + 1 - chance))[place]
     # By chance nothing of a highlight's cell may be drawn, nor more of it.
     either = np.maximum(evenly + beside * (chance * (1 - taken) + (1 - chance) * found), 1e-12)
@@ -81,18 +81,18 @@ def spread_with_highlights(
     return np.flatnonzero(kept), shares / shares.mean()
 
 
-def _inclusion(cell: Ints, budget: float, rarity: Floats) -> Floats:
-    """Probabilities (n,) with which an even draw over cells takes samples, given each one's cell and rarity (n,)."""
+def _inclusion(cell: Ints, budget: float, stands_for: Floats) -> Floats:
+    """Probabilities (n,) with which an even draw over cells takes samples, by their cells and what they stand for."""
     place = np.unique(cell, return_inverse=True)[1]
-    counts = np.bincount(place, weights=rarity)
+    counts = np.bincount(place, weights=stands_for)
     if len(cell) <= budget:
-        return rarity
+        return stands_for
     # The quota that fills the budget: cells with fewer give all that they have.
     ascending = np.sort(counts)
     before = np.cumsum(ascending) - ascending
     quotas = (budget - before) / (len(ascending) - np.arange(len(ascending)))
     quota = quotas[np.argmax(quotas <= ascending)]
-    return np.asarray(np.minimum(1, quota / counts)[place] * rarity)
+    return np.asarray(np.minimum(1, quota / counts)[place] * stands_for)
 
 
 def _proportional(telling: Floats, budget: float) -> Floats:

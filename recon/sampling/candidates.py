@@ -40,7 +40,7 @@ class Candidates:
     found: float
 
     @property
-    def rarity(self) -> Floats:
+    def stands_for(self) -> Floats:
         """What each pixel (n,) stands for: the chance with which the random draw takes it over that of being here."""
         either = self.chance + (1 - self.chance) * self.found
         return np.where(self.bright, self.chance / either, 1.0)

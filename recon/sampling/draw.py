@@ -85,12 +85,12 @@ def sample_body(
     rows, columns = looked_at.rows, looked_at.columns
     geometry = body.pixel_geometry(camera, rows, columns)
     usable = np.flatnonzero(geometry.whole & (geometry.cos >= MIN_COS_EXITANT) & (geometry.turn <= _MAX_TURN))
-    normals, rarity = geometry.normals[usable], looked_at.rarity[usable]
-    shares = rarity / rarity.mean() if len(usable) else rarity
+    normals, stands_for = geometry.normals[usable], looked_at.stands_for[usable]
+    shares = stands_for / stands_for.mean() if len(usable) else stands_for
     if budget is not None and len(usable) > budget:
         if importance is not None:
             telling = importance.of(normals, _views(camera, rows[usable], columns[usable]))
-            drawn, shares = draw(normals, telling, budget, rng, rarity)
+            drawn, shares = draw(normals, telling, budget, rng, stands_for)
         else:
             drawn, shares = spread_with_highlights(normals, looked_at.where(usable), budget, rng)
         usable = usable[drawn]

@@ -9,12 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.decode import decode_photo
 from capture.photoset import load_photoset
 from invrender.output.report.run import run_process
 from invrender.process.pipeline import process
-from synthetic.scenes.build import read_staging
-from synthetic.writer import write_photoset
 
 pytestmark = pytest.mark.usefixtures("few_forms")
 
@@ -53,53 +50,6 @@ def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path, 
     # The photograph that was held out is predicted to its noise of 1%.
     assert run.result.rms(held_out=True) < 0.0115
     assert "lighting" in (tmp_path / "out" / "report.html").read_text()
-
-
-NARROW = """format = 1
-name = "gloss in a room"
-[object]
-shape = "sphere"
-stated = true
-[material]
-model = "smith"
-kd = [0.08, 0.07, 0.05]
-ks = 0.025
-mu = 1.5
-sigma = 0.03
-[[lighting]]
-name = "room"
-given = "nothing"
-area = [{ azimuth_deg = 110, elevation_deg = 40, radiance = 1.6, width_deg = 20 }]
-directional = [{ azimuth_deg = -20, elevation_deg = 25, irradiance = 1.5 }]
-[camera]
-width = 100
-height = 100
-focal_px = 1400
-[gantry]
-step_deg = 40
-photos = 4
-[render]
-directions = 256
-per_side = 2
-"""
-
-
-def test_narrow_highlights_of_a_room_s_lamp_are_sampled_in_full(tmp_path: Path, few_forms: None):
-    (tmp_path / "staged.toml").write_text(NARROW)
-    write_photoset(read_staging(tmp_path / "staged.toml"), tmp_path / "set")
-    photoset = load_photoset(tmp_path / "set")
-    run = process(photoset, 400)
-    for photo in photoset.photos:
-        brightness = decode_photo(photoset, photo).radiance.sum(axis=2)
-        field = run.fields[photo.label]
-        highlight = brightness > 0.5 * brightness.max()
-        # Two to six pixels, of which an even draw of 100 has none.
-        assert highlight[field.rows, field.columns].sum() >= 0.6 * highlight.sum()
-    sigma = run.result.quantities["sigma"]
-    assert sigma.value is not None
-    assert sigma.std is not None
-    # Even samples leave a bar of 0.002.
-    assert abs(sigma.value.item() - 0.03) < 3 * sigma.std.item() < 0.0005
 
 
 def test_of_a_matte_object_without_lamps_light_is_all_that_is_told(

@@ -38,7 +38,7 @@ def test_more_samples_of_highlights_leave_sums_unbiased(how: str, found: float) 
         if how == "beside the budget":
             kept, stands_for = spread_with_highlights(own, looked_at, 600, rng)
         else:
-            kept, stands_for = draw(own, np.where(looked_at.bright, 9.0, 1.0), 600, rng, looked_at.rarity)
+            kept, stands_for = draw(own, np.where(looked_at.bright, 9.0, 1.0), 600, rng, looked_at.stands_for)
         samples.append(looked_at.bright[kept].sum())
         counted.append(stands_for[looked_at.bright[kept]].sum() / stands_for.sum())
     # Four times what an even draw has, and more.
