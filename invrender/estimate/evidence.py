@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -240,9 +240,29 @@ def _parts(photos: Sequence[PhotoColumns], weights: Sequence[Weights], patches: 
     return parts
 
 
+def unseen_on(
+    candidate: Candidate, photos: Sequence[PhotoColumns], weights: Sequence[Weights], patches: Ints
+) -> Candidate:
+    """A candidate with the errors of its fits on other samples, each on photographs that it hasn't seen.
+
+    photos : the same photographs as the fits', columns of the candidate's form. patches : as of `climb_ladder`.
+    """
+    errors, energy = _unseen(candidate.folds, len(photos), _parts(photos, weights, patches), len(patches))
+    return replace(candidate, photo_errors=errors, patch_energy=energy)
+
+
 def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subsets, patches: int) -> Candidate:
     full = fit(model, subsets.everything)
-    trained = fit_subsets(model, subsets, full, _NEAR_ENOUGH)
+    trained = tuple(fit_subsets(model, subsets, full, _NEAR_ENOUGH))
+    errors, energy = _unseen(trained, photos, parts, patches)
+    free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}
+    return Candidate(full, errors, energy, model.parameters + 3 * len(free), trained)
+
+
+def _unseen(
+    trained: Sequence[Estimate], photos: int, parts: Sequence[_Part], patches: int
+) -> tuple[Floats, Floats]:
+    """Errors (photos,) and energies (patches,), as `Candidate` has them; trained : a fit for each fold."""
     errors, energy = np.empty(photos), np.zeros(patches)
     for part in parts:
         photo, trust, estimate = part.photo, part.weights.trust, trained[part.fold]
@@ -256,8 +276,7 @@ def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subset
         total = np.maximum(total, 1e-300)
         errors[part.photos] = np.sqrt(np.bincount(part.photo_of, square, minlength=own) / total)
         energy += np.bincount(part.patch_of, square / total[part.photo_of], minlength=patches)
-    free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}
-    return Candidate(full, errors, energy, model.parameters + 3 * len(free), tuple(trained))
+    return errors, energy
 
 
 def fit_strengths(photo: PhotoColumns, weight: Floats, estimate: Estimate) -> Floats:

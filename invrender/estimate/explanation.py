@@ -84,7 +84,8 @@ def explain(
     if all_candidates[chosen].estimate.model.form is RH01_FORM:
         return Explanation(all_candidates, chosen, tuple(photos), tuple(weights), noise, trials)
     form = _best_form(trials)
-    return _in_form(*_narrowed(form, trials[form].candidates[-1], trials), photos, elements)
+    best = trials[form].candidates[-1]
+    return _in_form(*_narrowed(form, best, trials, elements), photos, elements)
 
 
 def _best_form(trials: Mapping[LobeForm, FormTrial]) -> LobeForm:
@@ -111,13 +112,18 @@ def shows_more(candidates: Sequence[Candidate]) -> bool:
 
 
 def _narrowed(
-    form: LobeForm, candidate: Candidate, trials: Mapping[LobeForm, FormTrial]
+    form: LobeForm,
+    candidate: Candidate,
+    trials: Mapping[LobeForm, FormTrial],
+    elements: Elements,
 ) -> tuple[LobeForm, Mapping[LobeForm, FormTrial]]:
     """A brushed form with a window about a candidate's widths, and the trials with that form; others as they are."""
     if not isinstance(form, Brushed):
         return form, trials
-    about = narrowed(form, candidate.estimate.brdf)
-    return about, {about if tried is form else tried: trial for tried, trial in trials.items()}
+    about, before = narrowed(form, candidate.estimate.brdf), trials[form]
+    columns = columns_of((about,), before.photos, elements)[about]
+    again = FormTrial.of(about, columns, before.weights, before.patches)
+    return about, {tried: trial for tried, trial in trials.items() if tried is not form} | {about: again}
 
 
 def _in_form(
@@ -135,7 +141,7 @@ def _in_form(
     noise, weights = weigh(columns, models_of(form)[-1])
     own = climb_ladder(columns, weights, models=_models(models_of(form), photos))
     if moves and isinstance(form, Brushed) and not in_window(form, own[-1].estimate.brdf):
-        return _in_form(*_narrowed(form, own[-1], trials), photos, elements, moves - 1)
+        return _in_form(*_narrowed(form, own[-1], trials, elements), photos, elements, moves - 1)
     printed = climb_ladder(photos, weights, models=LADDER)
     rest = [
         candidate
@@ -148,7 +154,7 @@ def _in_form(
 
 def _others(reference: Candidate, form: LobeForm, trials: Mapping[LobeForm, FormTrial]) -> list[Candidate]:
     """Candidates of all forms but one, beside that one's richest on all samples; the simple and the good first."""
-    own = trials[form].candidates[-1]
+    own = trials[form].judged(reference)
     found = [
         beside(reference, candidate, own)
         for other, trial in trials.items()

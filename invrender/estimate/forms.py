@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
+from numpy.typing import NDArray
 
 from invrender.brdf.form import Axis, LobeForm
 from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import Richer, extended, tabulated
 from invrender.brdf.smith import Smith
 from invrender.estimate.brushed import try_brushed
-from invrender.estimate.evidence import Candidate, climb_ladder, patches_of
+from invrender.estimate.evidence import Candidate, climb_ladder, patches_of, unseen_on
 from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import OTHER_FORMS, fit, models_of
@@ -44,12 +45,33 @@ _NEAR = 2.0
 class FormTrial:
     """Models of one form, fitted to a share of the samples.
 
-    candidates : their evidence on the share. photos, weights : the share.
+    candidates : their evidence on the share. photos, weights : the share. patches : of the surface, as of
+    `climb_ladder`.
     """
 
     candidates: tuple[Candidate, ...]
     photos: tuple[PhotoColumns, ...]
     weights: tuple[Weights, ...]
+    patches: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls,
+        form: LobeForm,
+        photos: Sequence[PhotoColumns],
+        weights: Sequence[Weights],
+        patches: NDArray[np.int64],
+    ) -> FormTrial:
+        """A form's models, fitted to columns of it."""
+        ladder = climb_ladder(photos, weights, models=models_of(form), patches=patches)
+        return cls(ladder, tuple(photos), tuple(weights), patches)
+
+    def judged(self, candidate: Candidate) -> Candidate:
+        """A candidate of the form, fitted to all samples, by its errors on the share.
+
+        Fits to the share may lie in another minimum: a narrow and a wide lobe may cost nearly the same.
+        """
+        return unseen_on(candidate, self.photos, self.weights, self.patches)
 
     def candidate_like(self, model: Model) -> Candidate:
         """The candidate with a Fresnel factor if a model, of any form and colour, has one and this form too."""
@@ -104,13 +126,7 @@ def try_forms(
     best = min(costs, key=lambda form: costs[form])
     own = weigh(columns[best], models_of(best)[-1], weighed)[1]
     patches = patches_of(photos)
-    return {
-        form: FormTrial(
-            climb_ladder(part, own, models=models_of(form), patches=patches), tuple(part), tuple(own)
-        )
-        for form, part in columns.items()
-        if form in costs
-    }
+    return {form: FormTrial.of(form, part, own, patches) for form, part in columns.items() if form in costs}
 
 
 def _fitted(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> Estimate:
