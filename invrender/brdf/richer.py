@@ -108,14 +108,14 @@ def facet_density(form: LobeForm, theta: Floats, sigma: float) -> Floats:
     return np.asarray(sum(parts))
 
 
-def core(form: LobeForm, sigma: float, lobe: LobeForm) -> tuple[float, float]:
-    """The core of a form of facets: the single lobe of a kind as high as the form's, and as wide at half its height.
+def core_width(form: LobeForm, sigma: float, lobe: LobeForm) -> float:
+    """Width of a form's core: of the single lobe of a kind as wide at half its height, over sigma.
 
-    Its share of Ks, and its width over sigma; 1 and 1 of a form that is a single lobe itself.
+    1 of a form that is a single lobe itself, and where one of the two isn't of facets.
     """
     own = form.lobe
     if len(form.parts) == 1 or not isinstance(own, Smith) or not isinstance(lobe, Smith):
-        return 1.0, 1.0
+        return 1.0
 
     def density(theta: float) -> float:
         return float(np.sum(facet_density(form, np.array(theta), sigma)))
@@ -123,13 +123,7 @@ def core(form: LobeForm, sigma: float, lobe: LobeForm) -> tuple[float, float]:
     def half_width(of: Callable[[float], float]) -> float:
         return float(brentq(lambda theta: of(theta) - of(0.0) / 2, 0.0, np.pi / 2))
 
-    width = half_width(density) / half_width(lambda theta: float(lobe.density(np.array(theta), sigma)))
-    return density(0.0) / float(lobe.density(np.zeros(()), width * sigma)), width
-
-
-def share_of_core(share: Floats, part: float) -> Floats:
-    """The share of Ks in Kd + Ks without what isn't its core; share : of all of Ks. part : of it that is the core."""
-    return part * share / (1 - (1 - part) * share)
+    return half_width(density) / half_width(lambda theta: float(lobe.density(np.array(theta), sigma)))
 
 
 def _family(of: LobeForm, *names: str) -> Richer:

@@ -54,13 +54,15 @@ def calibration_scores(
     found: NDArray[np.bool_],
     errors: CalibrationErrors,
     lightings: Mapping[str, Lighting],
+    turns: Floats | None = None,
 ) -> dict[str, Floats]:
     """Scores (p, q) of each cause, by its name, one column for each of its q errors of one standard deviation.
 
     A score is the sum over samples of weighted derivatives times the radiance that the error changes; times the
     inverse of the information it is what the error moves. photos : read only where there are errors. found : (4,), what
     of a sphere's centre and radius its outlines gave, so that it follows cameras that are elsewhere. lightings : known.
-    Errors of different photographs, lenses and sources are independent.
+    Errors of different photographs, lenses and sources are independent. turns : but not of sources where photographs
+    gave their directions, (2 m, 2 m), radians, the covariance about `tangents`.
     """
     directions = {name: own for name, own in lightings.items() if own.direction_std_deg is not None}
     if not errors.of_geometry and not directions:
@@ -76,8 +78,9 @@ def calibration_scores(
             tally.add("mesh_place", [photo.moved(motion) for photo in tally.photos])
     if errors.height and isinstance(body, MeshBody):
         _add_heights(tally, body, errors)
-    for lighting in directions.values():
-        _add_directions(tally, lighting)
+    if directions:
+        columns = np.concatenate([_by_direction(tally, own) for own in directions.values()], axis=1)
+        tally.enter("light_directions", columns if turns is None else columns @ _root(turns, directions))
     return tally.scores()
 
 
@@ -90,11 +93,18 @@ class _Tally:
 
     def add(self, cause: str, changes: Sequence[Floats], share: float = 1.0) -> None:
         """Enter what an error changes of each photograph's samples, (n, 3), squares counting so much."""
-        column = sum(photo.score(change) for photo, change in zip(self.photos, changes, strict=True))
-        self._columns.setdefault(cause, []).append(np.asarray(np.sqrt(share) * column))
+        self.enter(cause, np.sqrt(share) * self.score(changes)[:, None])
+
+    def score(self, changes: Sequence[Floats]) -> Floats:
+        """Of changes (n, 3) of each photograph's samples, (p,)."""
+        return np.asarray(sum(photo.score(own) for photo, own in zip(self.photos, changes, strict=True)))
+
+    def enter(self, cause: str, columns: Floats) -> None:
+        """Enter scores (p, q) of q errors."""
+        self._columns.setdefault(cause, []).append(columns)
 
     def scores(self) -> dict[str, Floats]:
-        return {cause: np.stack(columns, axis=1) for cause, columns in self._columns.items()}
+        return {cause: np.concatenate(columns, axis=1) for cause, columns in self._columns.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,11 +273,12 @@ def _add_heights(tally: _Tally, body: MeshBody, errors: CalibrationErrors) -> No
         tally.add("heights", changes, share=1 / _DRAWS)
 
 
-def _add_directions(tally: _Tally, lighting: Lighting) -> None:
-    """Enter errors of each source's direction, off by its standard deviation either way across."""
+def _by_direction(tally: _Tally, lighting: Lighting) -> Floats:
+    """Scores (p, 2 sources) of a lighting's sources, each turned by its standard deviation, either way across."""
     assert lighting.direction_std_deg is not None
+    columns = []
     for k, std in enumerate(np.radians(lighting.direction_std_deg)):
-        for tangent in tangents(lighting.directions[k][None])[0] if std > 0 else ():
+        for tangent in tangents(lighting.directions[k][None])[0]:
             turned = []
             for way in (0.5, -0.5):
                 directions = lighting.directions.copy()
@@ -276,14 +287,25 @@ def _add_directions(tally: _Tally, lighting: Lighting) -> None:
             changes = []
             for photo in tally.photos:
                 change = np.zeros((len(photo.field), 3))
-                if photo.lighting == lighting.name:
-                    ends = [photo.radiance.under(_one_source(one, k, photo.strengths)).here for one in turned]
+                if photo.lighting == lighting.name and std > 0:
+                    ends = [
+                        photo.radiance.under(source_alone(one, k, photo.strengths)).here for one in turned
+                    ]
                     change = np.asarray(photo.field.mean_over_rays(ends[0] - ends[1]))
                 changes.append(change)
-            tally.add("light_directions", changes)
+            columns.append(tally.score(changes))
+    return np.stack(columns, axis=1)
 
 
-def _one_source(lighting: Lighting, source: int, strengths: Floats) -> Light:
+def _root(turns: Floats, lightings: Mapping[str, Lighting]) -> Floats:
+    """A root (2 m, 2 m) of the covariance of sources' turns, in standard deviations of each."""
+    stated = [own.direction_std_deg for own in lightings.values() if own.direction_std_deg is not None]
+    unit = np.repeat(np.maximum(np.radians(np.concatenate(stated)), 1e-300), 2)
+    variances, ways = np.linalg.eigh(turns / np.outer(unit, unit))
+    return np.asarray(ways * np.sqrt(np.maximum(variances, 0)))
+
+
+def source_alone(lighting: Lighting, source: int, strengths: Floats) -> Light:
     """A lighting with nothing but one of its sources; strengths : of all the lighting's elements."""
     here = slice(source, source + 1)
     alone = replace(

@@ -37,6 +37,8 @@ _SAMPLES = 3000
 _FEWEST = 20
 # Variances of the noise by which the cost must fall for a form of more numbers to be tried: three standard deviations.
 _DECISIVE = 9.0
+# Fits whose widths differ by less than this factor lie in one minimum.
+_ALIKE = 1.5
 # Times the least cost up to which facets that hide light and viewer apart are tried beside those that do it together.
 _NEAR = 2.0
 
@@ -67,10 +69,15 @@ class FormTrial:
         return cls(ladder, tuple(photos), tuple(weights), patches)
 
     def judged(self, candidate: Candidate) -> Candidate:
-        """A candidate of the form, fitted to all samples, by its errors on the share.
+        """The richest candidate of the form, which was fitted to all samples, as the share shows it.
 
-        Fits to the share may lie in another minimum: a narrow and a wide lobe may cost nearly the same.
+        That is the fit to the share, which has what weighs in others too. A narrow and a wide lobe may cost nearly the
+        same, though: where the fit to the share lies in another minimum, it is the candidate by its errors there.
         """
+        own = self.candidates[-1]
+        width, other = own.estimate.brdf.sigma, candidate.estimate.brdf.sigma
+        if width is None or other is None or 1 / _ALIKE < width / other < _ALIKE:
+            return own
         return unseen_on(candidate, self.photos, self.weights, self.patches)
 
     def candidate_like(self, model: Model) -> Candidate:

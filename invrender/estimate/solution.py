@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
-from invrender.brdf.richer import core
+from invrender.brdf.richer import core_width
 from invrender.estimate.clusters import beyond_chance, structured_rms
 from invrender.estimate.evidence import (
     HOPELESS,
@@ -236,33 +236,21 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
         std = doubt * np.sqrt(np.diag(there.covariance))
         for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
             theirs = there.report.places[name]
+            alike = _as_width(there, here) if name == "sigma" else 1.0
             ours, values = here.values[here.report.places[name]], there.values[theirs]
-            difference = np.abs(ours - values * _core_alone(name, there, here)) - 2 * std[theirs]
+            difference = np.abs(ours - values * alike) - 2 * std[theirs]
             mine = chosen.report.places[name]
             apart[mine] = np.maximum(apart[mine], of_rival(weight) * difference)
     return apart
 
 
-def _core_alone(name: str, there: _Measured, here: _Measured) -> Floats:
-    """What a number of one form is multiplied by to compare with another's, where forms are sums of several lobes.
-
-    Widths are compared by the forms' cores; Ks too if only one of the forms has more than a core.
-    """
+def _as_width(there: _Measured, here: _Measured) -> float:
+    """What sigma of one form is multiplied by to compare with another's: forms are compared by their cores."""
     theirs, ours = (found.report.parameters.brdf(found.report.parameters.vector) for found in (there, here))
     if theirs.sigma is None or ours.sigma is None:
-        return np.ones(1)
+        return 1.0
     lobe = ours.form.lobe
-    (share, width), (_, own_width) = core(theirs.form, theirs.sigma, lobe), core(ours.form, ours.sigma, lobe)
-    if name == "sigma":
-        return np.array([width / own_width])
-    if len(ours.form.parts) > 1:
-        return np.ones(1)
-    if name == "ks":
-        return np.array([share])
-    if name in ("ks_normalised", "kd_normalised"):
-        rest = 1 - (1 - share) * there.values[there.report.places["ks_normalised"]]
-        return np.asarray((share if name == "ks_normalised" else 1) / rest)
-    return np.ones(1)
+    return core_width(theirs.form, theirs.sigma, lobe) / core_width(ours.form, ours.sigma, lobe)
 
 
 def _structured(photos: Sequence[PhotoColumns], weights: Sequence[Weights], candidate: Candidate) -> float:

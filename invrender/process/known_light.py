@@ -21,6 +21,13 @@ from invrender.estimate.evidence import fit_strengths, outlying
 from invrender.estimate.explanation import EXPLANATION_STEPS, Explanation, explain
 from invrender.estimate.interreflection.correction import Sent
 from invrender.estimate.interreflection.known_light import correct_known_light, unknown_scale
+from invrender.estimate.lamp_directions import (
+    FEWER,
+    FoundDirections,
+    direction_sentence,
+    find_directions,
+    improve_directions,
+)
 from invrender.estimate.lamp_distances import (
     at_one_distance,
     distance_doubts,
@@ -47,6 +54,8 @@ from recon.lighting import stands_clear
 from recon.mesh.bodies import Body, SphereBody
 from recon.sampling.lightfield import LightField
 
+Floats = NDArray[np.float64]
+
 # Of what photographs differ from the model, the share (RMS) by which pictures of it may be off: they differ 3% more.
 PICTURES_OFF = 0.25
 # Of the error on unseen photographs, what sources at a found distance may leave at most to be believed.
@@ -66,18 +75,37 @@ def solve_known_light(
     """Recover the BRDF of an object, and what of its lighting is free.
 
     find_causes : whether to look for the causes of what the model doesn't explain. Where that is sources nearer than
-    given, their distances are found, and the photographs explained once more.
+    given, their distances are found, and the photographs explained once more; so are directions where highlights lie
+    elsewhere than given ones put them.
     """
     with clock.on("recon"):
         lightings = used_lightings(photoset, geometry.body)
 
-    def solve(under: Mapping[str, Lighting], said: Sequence[str] = (), causes: bool = True) -> _Solved:
-        return _solve(photoset, geometry, under, samples, clock, track, find_causes and causes, said)
+    def solve(
+        under: Mapping[str, Lighting],
+        said: Sequence[str] = (),
+        causes: bool = True,
+        turns: Floats | None = None,
+    ) -> _Solved:
+        return _solve(photoset, geometry, under, samples, clock, track, find_causes and causes, said, turns)
+
+    def resolve(found: FoundDirections) -> _Solved:
+        said = direction_sentence(lightings, found, given.error)
+        return solve(found.lightings, [said], turns=found.covariance)
 
     given = solve(lightings)
-    if given.distance is None:
-        return given.run
     centre, shadows = geometry.body.centre, geometry.shadows
+    if given.distance is None:
+        # A sphere or cameras elsewhere displace highlights, too, and are named with fewer numbers.
+        turnable = find_causes and given.cause in (None, "direction")
+        turned = find_directions(lightings, given.solution, shadows) if turnable else None
+        if turned is None:
+            return given.run
+        found = resolve(turned)
+        if found.error >= FEWER * given.error:
+            return given.run
+        better = improve_directions(lightings, turned, found.solution, shadows)
+        return (found if better is None else resolve(better)).run
     near = at_one_distance(lightings, centre, given.distance)
     places = [place[0] for lighting in near.values() for place in lighting.places if place is not None]
     if not all(stands_clear(geometry.body, place) for place in places):
@@ -89,11 +117,16 @@ def solve_known_light(
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """A solution under known lightings. distance : metres, at which the sources seem to be in truth, if they do."""
+    """A solution under known lightings.
+
+    distance : metres, at which the sources seem to be in truth, if they do. cause : the name of what else explains most
+    of what is left; None if nothing stands out.
+    """
 
     run: Run
     solution: Solution
     distance: float | None
+    cause: str | None
 
     @property
     def error(self) -> float:
@@ -110,8 +143,9 @@ def _solve(
     track: Track,
     find_causes: bool,
     said: Sequence[str],
+    turns: Floats | None,
 ) -> _Solved:
-    """said : sentences on the lightings."""
+    """said : sentences on the lightings. turns : as of `calibration_scores`."""
     sources = {name: lighting.sources for name, lighting in lightings.items()}
     importance = importances(photoset, geometry, lightings, clock)
     fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, importance)
@@ -155,7 +189,7 @@ def _solve(
             geometry.shadows,
         )
         scores = calibration_scores(
-            weighed, geometry.body, found_of_sphere(photoset), photoset.errors, lights
+            weighed, geometry.body, found_of_sphere(photoset), photoset.errors, lights, turns
         )
         solution = solution_of(concluded, used, doubts, scores=scores)
         columns = _in_form(photoset, solution, columns, elements)
@@ -180,14 +214,14 @@ def _solve(
     if chosen.error > POOR and not any(light.recovers for light in used):
         elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
     causes: tuple[NamedCause, ...] = ()
-    distance = None
+    distance = cause = None
     if find_causes and elsewhere is None:
         left = {photo.label: columns[photo.label] for photo in fitted}
         scene = known_light_remainders(solution, geometry, left, lightings, elements, residuals)
         diagnosis = diagnose(scene, bool(outlying(chosen.photo_errors).any()))
         causes = named_causes(diagnosis, photoset.radiometry.exposure, geometry.brushing_axis)
         if diagnosis is not None and diagnosis.findings:
-            distance = lamp_distance(diagnosis)
+            distance, cause = lamp_distance(diagnosis), diagnosis.findings[0].fit.cause.name
             # The error bars hold what a fault moves.
             brdf = solution.estimate.brdf
             instead = [finding.instead(brdf) for finding in diagnosis.findings]
@@ -222,7 +256,7 @@ def _solve(
         return with_bounces(photo, field, shown)
 
     run = Run(photoset, geometry, result, fields, residuals, radiance, pictured)
-    return _Solved(run, solution, distance)
+    return _Solved(run, solution, distance, cause)
 
 
 def _columns(

@@ -224,6 +224,12 @@ def columns_of(
     )
 
 
+def columns_under(elements: Elements, photos: Sequence[PhotoColumns], form: LobeForm) -> list[PhotoColumns]:
+    """The same samples under other light, its elements by the lightings' names, in columns of a form."""
+    names, fields = [photo.lighting for photo in photos], [photo.field for photo in photos]
+    return all_columns(names, elements, fields, form, photos[0].shadows)
+
+
 def column_weights(
     mu: float | Floats | None,
     sigma: float | Floats,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from capture.selection import plausibility
 from invrender.brdf.lobes import UNCORRELATED
-from invrender.brdf.richer import core, share_of_core
+from invrender.brdf.richer import core_width
 from invrender.estimate.evidence import of_rival
 from invrender.estimate.unknown_light.cross_validation import BlindCandidate, cross_validate
 from invrender.estimate.unknown_light.projection import BlindFit
@@ -128,19 +128,16 @@ def widened(
 def _moved(own: BlindState, rival: BlindState) -> dict[str, float]:
     """By how much another state has the numbers elsewhere that both have, by the names of `BlindState.names`.
 
-    Where only one of the forms has more than a core, cores are compared, as under known light.
+    Widths are compared by cores, as under known light.
     """
-    shares, width = rival.specular_share, 1.0
-    if own.sigma is not None and rival.sigma is not None:
-        part, width = core(rival.form, rival.sigma, own.form.lobe)
-        width /= core(own.form, own.sigma, own.form.lobe)[1]
-        shares = shares if len(own.form.parts) > 1 else share_of_core(shares, part)
     moved = {
         f"share {c}": float(there - here)
-        for c, here, there in zip("rgb", own.specular_share, shares, strict=True)
+        for c, here, there in zip("rgb", own.specular_share, rival.specular_share, strict=True)
     }
     if own.sigma is not None and rival.sigma is not None:
-        moved["sigma"] = rival.sigma * width - own.sigma
+        lobe = own.form.lobe
+        alike = core_width(rival.form, rival.sigma, lobe) / core_width(own.form, own.sigma, lobe)
+        moved["sigma"] = rival.sigma * alike - own.sigma
     numbers = own.form.numbers
     moved |= {name: value - numbers[name] for name, value in rival.form.numbers.items() if name in numbers}
     if own.mu is not None and rival.mu is not None:

@@ -1,0 +1,395 @@
+"""Directions of lamps, found anew from where highlights lie, where measured ones leave much unexplained.
+
+By turns each source goes where its photographs see it, and the BRDF follows. Sources of lightings that no photograph
+was fitted under follow a linear map of directions, if it explains how the others turned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from capture.selection import plausibility
+from invrender.brdf.form import LobeForm
+from invrender.estimate.calibration import source_alone
+from invrender.estimate.evidence import of_rival, relative_rms
+from invrender.estimate.jacobian import jacobians, pack
+from invrender.estimate.linear import symmetric_pinv
+from invrender.estimate.models import Estimate
+from invrender.estimate.noise import Weights
+from invrender.estimate.search import fit
+from invrender.estimate.solution import Solution
+from invrender.estimate.statistics import total_statistics
+from invrender.transport.columns import PhotoColumns, columns_under
+from invrender.transport.predict import predict_photos, reflected
+from invrender.transport.transfer import light_elements
+from invrender.transport.visibility import Shadows
+from recon.mesh.tangents import tangents
+from recon.sampling.lightfield import LightField
+
+Floats = NDArray[np.float64]
+
+# Standard deviation of a measured direction of which none is stated, radians either way across: a degree.
+_UNSTATED = np.radians(1.0)
+# Turns and fits by turns, and the share of the error that the first must take away for more: it gets nearly all.
+_ROUNDS, _HOPEFUL = 3, 0.99
+# Of a lobe's width, the step of differences and the largest turn of a round.
+_OF_WIDTH, _MOST_OF_WIDTH = 0.05, 1.0
+# Rays of a sample that slopes are taken of.
+_RAYS_OF_SAMPLE = 3
+# Of the error that is left with directions as given, what turned ones may leave at most to be believed.
+FEWER = 0.98
+# Turns (RMS, radians) that are worth a solve, and that are no chance: squares over variances, less 1, in deviations.
+_NOTABLE, _NO_CHANCE = np.radians(0.05), 3.0
+# Sources that tell of a map at least, and of their turns the share that it may leave of each left out (RMS).
+_FEWEST, _EXPLAINED = 6, 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class FoundDirections:
+    """Lightings whose sources were turned to where photographs see them.
+
+    lightings : all of a set's, by name. names : of those that were fitted. covariance : (2 m, 2 m) of turns, radians,
+    of the m sources of these, one lighting after the other, about `tangents` of their directions. apart : (2 m,), the
+    part of it by which another form of the lobe puts sources elsewhere, one standard deviation.
+    """
+
+    lightings: Mapping[str, Lighting]
+    names: tuple[str, ...]
+    covariance: Floats
+    apart: Floats
+
+
+def find_directions(
+    lightings: Mapping[str, Lighting], solution: Solution, shadows: Shadows | None
+) -> FoundDirections | None:
+    """Each source in the direction that suits photographs best, as far as its standard deviation allows.
+
+    solution : of the photographs under the lightings as they are given. None where nothing is glossy, where turns may
+    be chance, or where the error of all photographs falls by less than 2%. Another form of the lobe may explain the
+    photographs as well with sources elsewhere: the best other one is given directions of its own. The better ones are
+    taken, and the covariance holds by how much they differ.
+    """
+    given = _with_sources(lightings, solution)
+    if solution.estimate.brdf.sigma is None or not given:
+        return None
+    sighted = _Sighted.of(given, lightings, solution)
+    first = sighted.error
+    for done in range(_ROUNDS):
+        sighted = sighted.turned(given, solution, shadows)
+        if sighted.error > (FEWER if done else _HOPEFUL) * first:
+            return None
+    turns = _turns_between(given, lightings, sighted.lightings)
+    beyond = (sighted.surprise - 1) * np.sqrt(len(turns) / 2)
+    if np.sqrt(2 * (turns**2).mean()) < _NOTABLE or beyond < _NO_CHANCE:
+        return None
+    rival = _Sighted.of_rival(given, sighted.lightings, solution)
+    if rival is None:
+        return sighted.found(lightings, given, np.zeros(len(turns)))
+    for _ in range(_ROUNDS):
+        rival = rival.turned(given, solution, shadows)
+    best, other = (sighted, rival) if sighted.error <= rival.error else (rival, sighted)
+    weight = plausibility(other.photo_errors**2, best.photo_errors**2)
+    return best.found(
+        lightings, given, of_rival(weight) * _turns_between(given, best.lightings, other.lightings)
+    )
+
+
+def improve_directions(
+    lightings: Mapping[str, Lighting], found: FoundDirections, solution: Solution, shadows: Shadows | None
+) -> FoundDirections | None:
+    """Found directions once more, by what a solution under them says of the lobe; None where that hardly turns sources.
+
+    lightings : as given. It hardly does where they turn by less than their deviations (RMS).
+    """
+    given = _with_sources(lightings, solution)
+    if solution.estimate.brdf.sigma is None:
+        return None
+    sighted = _Sighted.of(given, found.lightings, solution)
+    for _ in range(_ROUNDS):
+        sighted = sighted.turned(given, solution, shadows)
+    better = sighted.found(lightings, given, found.apart)
+    turns = _turns_between(given, found.lightings, better.lightings)
+    return None if (turns**2 / np.diag(better.covariance)).mean() < 1 else better
+
+
+def _with_sources(lightings: Mapping[str, Lighting], solution: Solution) -> dict[str, Lighting]:
+    """Those lightings that have sources, and photographs that were fitted."""
+    seen = {photo.lighting for photo in solution.photos}
+    return {name: own for name, own in lightings.items() if name in seen and len(own.directions)}
+
+
+@dataclass(frozen=True, eq=False)
+class _Sighted:
+    """Sources where photographs see them, as far as they have gone.
+
+    lightings : all of them. estimate : the BRDF under them. photos : their columns. photo_errors : their relative RMS.
+    covariance : as of `FoundDirections`. surprise : squares of turns from where sources are given, over variances that
+    photographs leave, mean: 1 if all of it is chance.
+    """
+
+    lightings: Mapping[str, Lighting]
+    estimate: Estimate
+    photos: Sequence[PhotoColumns]
+    photo_errors: Floats
+    covariance: Floats
+    surprise: float
+
+    @property
+    def error(self) -> float:
+        """Mean over photographs of the relative RMS."""
+        return float(self.photo_errors.mean())
+
+    @classmethod
+    def of(cls, given: Mapping[str, Lighting], here: Mapping[str, Lighting], solution: Solution) -> _Sighted:
+        """As a solution has them, with sources `here`, and all numbers that its form may have.
+
+        Fresnel's factor moves highlights, too; directions that are off may have hidden it.
+        """
+        form = solution.estimate.model.form
+        return cls._of(given, here, solution, form, solution.photos)
+
+    @classmethod
+    def of_rival(
+        cls, given: Mapping[str, Lighting], here: Mapping[str, Lighting], solution: Solution
+    ) -> _Sighted | None:
+        """The same with the best form of a single lobe of another kind; None if no other was tried."""
+        own = solution.estimate.model.form
+        models = [(candidate.error, candidate.estimate.model) for candidate in solution.candidates]
+        others = [
+            (error, model.form)
+            for error, model in models
+            if model.specular and len(model.form.parts) == 1 and model.form.lobe is not own.lobe
+        ]
+        if not others:
+            return None
+        form = min(others, key=lambda other: other[0])[1]
+        elements = {name: light_elements(lighting) for name, lighting in here.items()}
+        return cls._of(given, here, solution, form, columns_under(elements, solution.photos, form))
+
+    @classmethod
+    def _of(
+        cls,
+        given: Mapping[str, Lighting],
+        here: Mapping[str, Lighting],
+        solution: Solution,
+        form: LobeForm,
+        photos: Sequence[PhotoColumns],
+    ) -> _Sighted:
+        estimate = next(
+            candidate.estimate
+            for candidate in reversed(solution.candidates)
+            if candidate.estimate.model.form is form
+        )
+        errors = _errors(photos, solution.weights, estimate)
+        size = 2 * sum(len(own.directions) for own in given.values())
+        return cls(here, estimate, photos, errors, np.zeros((size, size)), 0.0)
+
+    def turned(self, given: Mapping[str, Lighting], solution: Solution, shadows: Shadows | None) -> _Sighted:
+        """Sources a step nearer to where they are seen, and the BRDF that follows."""
+        weights, estimate = solution.weights, self.estimate
+        here = {name: self.lightings[name] for name in given}
+        pulled = _pulled(here, self.photos, weights, estimate, shadows)
+        prior = np.concatenate([_prior(own) for own in given.values()])
+        offset = -_turns_between(given, here, given)
+        precision = pulled.information + np.diag(prior)
+        turns = np.linalg.solve(precision, pulled.pull - prior * offset).reshape(-1, 2)
+        assert estimate.brdf.sigma is not None
+        lengths = np.linalg.norm(turns, axis=1, keepdims=True)
+        turns *= np.minimum(1.0, _MOST_OF_WIDTH * estimate.brdf.sigma / np.maximum(lengths, 1e-300))
+        total = offset + turns.ravel()
+        lightings, start = dict(self.lightings), 0
+        for name, own in here.items():
+            own_turns = turns[start : start + len(own.directions)]
+            start += len(own.directions)
+            moved = np.einsum("ka,kaj->kj", own_turns, tangents(own.directions))
+            lightings[name] = replace(own, directions=own.directions + moved)
+        elements = {name: light_elements(own) for name, own in lightings.items()}
+        photos = columns_under(elements, self.photos, estimate.model.form)
+        statistics = total_statistics(photos, [own.weight for own in weights])
+        followed = fit(estimate.model, statistics, estimate)
+        return _Sighted(
+            lightings,
+            followed,
+            photos,
+            _errors(photos, weights, followed),
+            np.asarray(np.linalg.inv(precision), float),
+            float(total @ pulled.information @ total / len(total)),
+        )
+
+    def found(
+        self, lightings: Mapping[str, Lighting], given: Mapping[str, Lighting], apart: Floats
+    ) -> FoundDirections:
+        """Where sources went, with deviations; those that no fitted photograph shows follow the others.
+
+        lightings : as they are given. apart : as of `FoundDirections`.
+        """
+        covariance = self.covariance + np.outer(apart, apart)
+        moved, start = dict(self.lightings), 0
+        for name, own in given.items():
+            stop = start + 2 * len(own.directions)
+            blocks = [covariance[k : k + 2, k : k + 2] for k in range(start, stop, 2)]
+            deviations = np.degrees([np.sqrt(np.linalg.eigvalsh(block)[1]) for block in blocks])
+            moved[name] = replace(moved[name], direction_std_deg=deviations)
+            start = stop
+        return FoundDirections({**moved, **_follow(given, moved, lightings)}, tuple(given), covariance, apart)
+
+
+def _prior(given: Lighting) -> Floats:
+    """What is known of a lighting's turns beforehand: one over the variance of each, (sources, 2)."""
+    stated = given.direction_std_deg
+    deviations = np.full(len(given.directions), _UNSTATED) if stated is None else np.radians(stated)
+    return np.repeat(1 / np.maximum(deviations, 1e-9) ** 2, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pulled:
+    """Which way residuals pull sources: information (2 m, 2 m) on their turns, and that times the turns (2 m,)."""
+
+    information: Floats
+    pull: Floats
+
+
+def _errors(photos: Sequence[PhotoColumns], weights: Sequence[Weights], estimate: Estimate) -> Floats:
+    """Relative RMS (photos,) that an estimate leaves."""
+    predictions = predict_photos(photos, estimate.brdf, estimate.strengths)
+    errors = [
+        relative_rms(photo.radiance - predicted, photo.radiance, own.trust * photo.field.shares[:, None])
+        for photo, own, predicted in zip(photos, weights, predictions, strict=True)
+    ]
+    return np.array(errors)
+
+
+def _pulled(
+    here: Mapping[str, Lighting],
+    photos: Sequence[PhotoColumns],
+    weights: Sequence[Weights],
+    estimate: Estimate,
+    shadows: Shadows | None,
+) -> _Pulled:
+    """Which way highlights pull the sources of lightings `here`, the BRDF's numbers free to follow.
+
+    Highlights alone tell: where matte surfaces aren't Lambert's, their shading would turn lights. So residuals are
+    projected on slopes of the lobe, as on instruments [Hansen 1982], and the variance is that of what samples pull, which
+    holds what its form misses.
+    """
+    parameters = pack(estimate, {photo.lighting: photo.elements for photo in photos})
+    size = len(parameters.vector)
+    count = {name: 2 * len(own.directions) for name, own in here.items()}
+    ends = np.cumsum(list(count.values()))
+    places = {name: slice(int(end) - count[name], int(end)) for name, end in zip(here, ends, strict=True)}
+    turns = int(ends[-1])
+    numbers, mixed = np.zeros((size, size)), np.zeros((size, turns))
+    follow, alone = np.zeros((turns, size)), np.zeros((turns, turns))
+    pulls, scores = [], []
+    predictions = predict_photos(photos, estimate.brdf, estimate.strengths)
+    for photo, own, predicted in zip(photos, weights, predictions, strict=True):
+        left = photo.radiance - predicted
+        jacobian = np.stack(jacobians(photo, parameters, estimate), axis=1)
+        weighted = jacobian * own.weight[:, :, None]
+        numbers += np.einsum("nci,ncj->ij", weighted, jacobian)
+        scores.append(np.einsum("nci,nc->ni", weighted, left))
+        pull = np.zeros((len(left), turns))
+        if photo.lighting in places:
+            place = places[photo.lighting]
+            base, lobe = _slopes(here[photo.lighting], photo.field, estimate, shadows)
+            shared = lobe * photo.field.shares[:, None, None]
+            mixed[:, place] += np.einsum("nci,nct->it", weighted, base + lobe)
+            follow[place] += np.einsum("nct,nci->ti", shared, jacobian)
+            alone[place, place] += np.einsum("nct,ncs->ts", shared, base + lobe)
+            pull[:, place] = np.einsum("nct,nc->nt", shared, left)
+        pulls.append(pull)
+    held = follow @ symmetric_pinv(numbers)
+    slope = alone - held @ mixed
+    each = np.concatenate(pulls) - np.concatenate(scores) @ held.T
+    certainty = slope.T @ symmetric_pinv(each.T @ each)
+    return _Pulled(certainty @ slope, certainty @ each.sum(axis=0))
+
+
+def _slopes(
+    lighting: Lighting, field: LightField, estimate: Estimate, shadows: Shadows | None
+) -> tuple[Floats, Floats]:
+    """By how much base and lobe change with turns of sources, (n, 3, 2 sources) each, per radian."""
+    brdf, strengths = estimate.brdf, estimate.strengths[lighting.name]
+    assert brdf.sigma is not None
+    step = _OF_WIDTH * brdf.sigma
+    thin = field.thinned(_RAYS_OF_SAMPLE)
+
+    def parts(k: int, turn: Floats) -> Floats:
+        moved = lighting.directions.copy()
+        moved[k] += turn
+        light = source_alone(replace(lighting, directions=moved), k, strengths)
+        base, lobe = reflected(brdf, light.elements, light.strengths, thin, shadows)
+        return np.stack([thin.mean_over_rays(part) for part in (brdf.kd * base, brdf.ks * lobe)])
+
+    slopes = [
+        (parts(k, step / 2 * way) - parts(k, -step / 2 * way)) / step
+        for k, across in enumerate(tangents(lighting.directions))
+        for way in across
+    ]
+    base, lobe = np.stack(slopes, axis=-1)
+    return base, lobe
+
+
+def _follow(
+    given: Mapping[str, Lighting], found: Mapping[str, Lighting], lightings: Mapping[str, Lighting]
+) -> dict[str, Lighting]:
+    """Lightings that no fitted photograph shows, turned as a linear map of directions turned the others.
+
+    given, found : of those that were fitted. lightings : all as they are given. None where the map doesn't explain how
+    these turned, each by a map of the rest.
+    """
+    rest = {name: own for name, own in lightings.items() if name not in given and len(own.directions)}
+    measured = np.concatenate([own.directions for own in given.values()])
+    seen = np.concatenate([found[name].directions for name in given])
+    if not rest or len(measured) < _FEWEST:
+        return {}
+    turns = seen - measured
+    ridge = 1e-6 * len(measured) * np.eye(3)
+    # Ordinary least squares of turns; each source left out by the leverage of its direction.
+    inverse = np.linalg.inv(measured.T @ measured + ridge)
+    change = inverse @ measured.T @ turns
+    leverage = np.einsum("ki,ij,kj->k", measured, inverse, measured)
+    unseen = (turns - measured @ change) / (1 - leverage)[:, None]
+    left = float(np.sqrt((unseen**2).sum() / 2 / len(turns)))
+    if left > _EXPLAINED * float(np.sqrt((turns**2).sum() / 2 / len(turns))):
+        return {}
+    return {
+        name: replace(
+            own,
+            directions=own.directions + own.directions @ change,
+            direction_std_deg=np.full(len(own.directions), np.degrees(left)),
+        )
+        for name, own in rest.items()
+    }
+
+
+def _turns_between(
+    given: Mapping[str, Lighting], first: Mapping[str, Lighting], second: Mapping[str, Lighting]
+) -> Floats:
+    """Turns (2 m,), radians, from one to another of the sources of lightings `given`, as of `FoundDirections`."""
+    turns = [
+        np.einsum("kaj,kj->ka", tangents(first[name].directions), second[name].directions).ravel()
+        for name in given
+    ]
+    return np.concatenate(turns)
+
+
+def direction_sentence(lightings: Mapping[str, Lighting], found: FoundDirections, error: float) -> str:
+    """What was found of sources in other directions. error : on unseen photographs with directions as given."""
+    own = {name: lightings[name] for name in found.names}
+    turns = np.degrees(np.linalg.norm(_turns_between(own, lightings, found.lightings).reshape(-1, 2), axis=1))
+    by = (
+        f"{turns[0]:.2g} degrees"
+        if len(turns) == 1
+        else (f"{np.median(turns):.2g} degrees (median of {len(turns)}), {turns.max():.2g} at most")
+    )
+    return (
+        f"Highlights don't lie where the given light directions put them: taken as given, {error:.1%} of the radiance"
+        f" would be left on unseen photographs. Sources were turned by {by}. result.json has their directions with"
+        " deviations: check these, and give them."
+    )
