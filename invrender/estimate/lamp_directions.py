@@ -274,8 +274,8 @@ def _pulled(
     """Which way highlights pull the sources of lightings `here`, the BRDF's numbers free to follow.
 
     Highlights alone tell: where matte surfaces aren't Lambert's, their shading would turn lights. So residuals are
-    projected on slopes of the lobe, as on instruments [Hansen 1982], and the variance is that of what samples pull, which
-    holds what its form misses.
+    projected on slopes of the lobe, as on instruments [Hansen 1982]. The variance is that of what samples pull: it holds
+    what the lobe's form misses.
     """
     parameters = pack(estimate, {photo.lighting: photo.elements for photo in photos})
     size = len(parameters.vector)
@@ -289,19 +289,20 @@ def _pulled(
     predictions = predict_photos(photos, estimate.brdf, estimate.strengths)
     for photo, own, predicted in zip(photos, weights, predictions, strict=True):
         left = photo.radiance - predicted
-        jacobian = np.stack(jacobians(photo, parameters, estimate), axis=1)
-        weighted = jacobian * own.weight[:, :, None]
-        numbers += np.einsum("nci,ncj->ij", weighted, jacobian)
-        scores.append(np.einsum("nci,nc->ni", weighted, left))
+        # Rows of samples and channels.
+        jacobian = np.stack(jacobians(photo, parameters, estimate), axis=1).reshape(-1, size)
+        weighted = jacobian * own.weight.reshape(-1, 1)
+        numbers += weighted.T @ jacobian
+        scores.append(_by_sample(weighted, left))
         pull = np.zeros((len(left), turns))
         if photo.lighting in places:
             place = places[photo.lighting]
             base, lobe = _slopes(here[photo.lighting], photo.field, estimate, shadows)
-            shared = lobe * photo.field.shares[:, None, None]
-            mixed[:, place] += np.einsum("nci,nct->it", weighted, base + lobe)
-            follow[place] += np.einsum("nct,nci->ti", shared, jacobian)
-            alone[place, place] += np.einsum("nct,ncs->ts", shared, base + lobe)
-            pull[:, place] = np.einsum("nct,nc->nt", shared, left)
+            whole, shared = base + lobe, lobe * np.repeat(photo.field.shares, 3)[:, None]
+            mixed[:, place] += weighted.T @ whole
+            follow[place] += shared.T @ jacobian
+            alone[place, place] += shared.T @ whole
+            pull[:, place] = _by_sample(shared, left)
         pulls.append(pull)
     held = follow @ symmetric_pinv(numbers)
     slope = alone - held @ mixed
@@ -313,7 +314,7 @@ def _pulled(
 def _slopes(
     lighting: Lighting, field: LightField, estimate: Estimate, shadows: Shadows | None
 ) -> tuple[Floats, Floats]:
-    """By how much base and lobe change with turns of sources, (n, 3, 2 sources) each, per radian."""
+    """By how much base and lobe change with turns of sources, per radian, (3 n, 2 sources) each."""
     brdf, strengths = estimate.brdf, estimate.strengths[lighting.name]
     assert brdf.sigma is not None
     step = _OF_WIDTH * brdf.sigma
@@ -331,8 +332,13 @@ def _slopes(
         for k, across in enumerate(tangents(lighting.directions))
         for way in across
     ]
-    base, lobe = np.stack(slopes, axis=-1)
+    base, lobe = np.stack(slopes, axis=-1).reshape(2, 3 * len(field), -1)
     return base, lobe
+
+
+def _by_sample(slopes: Floats, left: Floats) -> Floats:
+    """Slopes (3 n, q) times residuals (n, 3), added up over the channels of each sample, (n, q)."""
+    return np.asarray((slopes * left.reshape(-1, 1)).reshape(len(left), 3, -1).sum(axis=1))
 
 
 def _follow(

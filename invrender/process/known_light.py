@@ -96,9 +96,7 @@ def solve_known_light(
     given = solve(lightings)
     centre, shadows = geometry.body.centre, geometry.shadows
     if given.distance is None:
-        # A sphere or cameras elsewhere displace highlights, too, and are named with fewer numbers.
-        turnable = find_causes and given.cause in (None, "direction")
-        turned = find_directions(lightings, given.solution, shadows) if turnable else None
+        turned = find_directions(lightings, given.solution, shadows) if given.misplaced else None
         if turned is None:
             return given.run
         found = resolve(turned)
@@ -119,14 +117,14 @@ def solve_known_light(
 class _Solved:
     """A solution under known lightings.
 
-    distance : metres, at which the sources seem to be in truth, if they do. cause : the name of what else explains most
-    of what is left; None if nothing stands out.
+    distance : metres, at which the sources seem to be in truth, if they do. misplaced : whether more than noise is left,
+    of which sources in other directions may be the first cause.
     """
 
     run: Run
     solution: Solution
     distance: float | None
-    cause: str | None
+    misplaced: bool
 
     @property
     def error(self) -> float:
@@ -214,14 +212,18 @@ def _solve(
     if chosen.error > POOR and not any(light.recovers for light in used):
         elsewhere = other_frame([fields[p.label] for p in fitted], [lightings[p.lighting] for p in fitted])
     causes: tuple[NamedCause, ...] = ()
-    distance = cause = None
+    distance, misplaced = None, False
     if find_causes and elsewhere is None:
         left = {photo.label: columns[photo.label] for photo in fitted}
         scene = known_light_remainders(solution, geometry, left, lightings, elements, residuals)
         diagnosis = diagnose(scene, bool(outlying(chosen.photo_errors).any()))
         causes = named_causes(diagnosis, photoset.radiometry.exposure, geometry.brushing_axis)
+        # A sphere or cameras elsewhere displace highlights, too, and are named with fewer numbers.
+        misplaced = diagnosis is not None and all(
+            finding.fit.cause.name == "direction" for finding in diagnosis.findings[:1]
+        )
         if diagnosis is not None and diagnosis.findings:
-            distance, cause = lamp_distance(diagnosis), diagnosis.findings[0].fit.cause.name
+            distance = lamp_distance(diagnosis)
             # The error bars hold what a fault moves.
             brdf = solution.estimate.brdf
             instead = [finding.instead(brdf) for finding in diagnosis.findings]
@@ -256,7 +258,7 @@ def _solve(
         return with_bounces(photo, field, shown)
 
     run = Run(photoset, geometry, result, fields, residuals, radiance, pictured)
-    return _Solved(run, solution, distance, cause)
+    return _Solved(run, solution, distance, misplaced)
 
 
 def _columns(
