@@ -274,8 +274,8 @@ def _pulled(
     """Which way highlights pull the sources of lightings `here`, the BRDF's numbers free to follow.
 
     Highlights alone tell: where matte surfaces aren't Lambert's, their shading would turn lights. So residuals are
-    projected on slopes of the lobe, as on instruments [Hansen 1982]. The variance is that of what samples pull: it holds
-    what the lobe's form misses.
+    projected on slopes of the lobe, as on instruments [Hansen 1982]. The variance is that of what samples pull: it
+    holds what the lobe's form misses.
     """
     parameters = pack(estimate, {photo.lighting: photo.elements for photo in photos})
     size = len(parameters.vector)

@@ -117,8 +117,8 @@ def solve_known_light(
 class _Solved:
     """A solution under known lightings.
 
-    distance : metres, at which the sources seem to be in truth, if they do. misplaced : whether more than noise is left,
-    of which sources in other directions may be the first cause.
+    distance : metres, at which the sources seem to be in truth, if they do. misplaced : whether more than noise is
+    left, of which sources in other directions may be the first cause.
     """
 
     run: Run
