@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from invrender.brdf.form import Angles, LobeForm
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.brdf.microfacet import Microfacet
-from invrender.brdf.richer import HAZY, TABULATED, core, facet_density, tabulated
+from invrender.brdf.richer import HAZY, TABULATED, core_width, facet_density, tabulated
 from invrender.estimate.explanation import explain
 from invrender.estimate.solution import solution_of
 from invrender.output.report.pictures import normals_figure
@@ -55,22 +55,18 @@ def test_a_table_is_the_sum_of_its_parts_and_falls(beyond: float) -> None:
     assert (np.diff(density) <= 0).all()
 
 
-def test_the_core_of_a_sum_is_as_high_and_as_wide() -> None:
-    assert core(GGX_FORM, 0.1, GGX_FORM) == (1.0, 1.0)
-    # Far wider lobes neither raise nor widen it much; none that is as wide does at all.
-    share, width = core(HAZY[GGX_FORM].with_numbers({"haze": 0.3, "spread": 10.0}), 0.02, GGX_FORM)
-    assert share == pytest.approx(0.7, rel=0.02)
-    assert width == pytest.approx(1, rel=0.01)
+def test_a_sum_is_as_wide_as_its_core() -> None:
+    assert core_width(GGX_FORM, 0.1, GGX_FORM) == 1.0
+    # Far wider lobes don't widen it much.
+    hazy = HAZY[GGX_FORM].with_numbers({"haze": 0.3, "spread": 10.0})
+    assert core_width(hazy, 0.02, GGX_FORM) == pytest.approx(1, rel=0.01)
     # All of the table at twice sigma; slopes are tangents, so that twice as wide is twice the angle to sigma^2 only.
-    twice = {"beyond": 1.0, "beyond_2": 0.0, "beyond_4": 0.0, "beyond_8": 0.0}
-    assert core(TABULATED[BECKMANN].with_numbers(twice), 0.02, BECKMANN) == pytest.approx(
-        (1.0, 2.0), rel=3e-3
+    twice = TABULATED[BECKMANN].with_numbers(
+        {"beyond": 1.0, "beyond_2": 0.0, "beyond_4": 0.0, "beyond_8": 0.0}
     )
+    assert core_width(twice, 0.02, BECKMANN) == pytest.approx(2.0, rel=3e-3)
     # GGX falls to half its height at 0.6436 sigma, a Gaussian at 0.8326.
-    wider = 0.8326 / 0.6436
-    assert core(TABULATED[BECKMANN].with_numbers(twice), 0.02, GGX_FORM) == pytest.approx(
-        (wider**2, 2 * wider), rel=3e-3
-    )
+    assert core_width(twice, 0.02, GGX_FORM) == pytest.approx(2 * 0.8326 / 0.6436, rel=3e-3)
 
 
 def test_what_no_formula_has_is_tabulated(bench) -> None:
