@@ -93,12 +93,8 @@ FAULTS: dict[str, tuple[str, str, Callable[[Path], Path]]] = {
         "glossy",
         lambda f: change_pixels(f, lambda k, p: p * {2: 1.25, 4: 0.85}.get(k, 1.0)),
     ),
+    # Glossy surfaces show where lamps are (test_lamp_directions.py).
     "two lamps elsewhere": ("direction", "matte", lambda f: misdirected(f, {2: 4.0, 5: 3.0})),
-    "all lamps elsewhere": (
-        "direction",
-        "glossy",
-        lambda f: misdirected(f, {k: 2.5 - 5 * (k % 2) for k in range(len(LAMPS))}),
-    ),
     "stains": ("stains", "glossy", stained),
     "the sphere elsewhere": (
         "place",
@@ -109,7 +105,7 @@ FAULTS: dict[str, tuple[str, str, Callable[[Path], Path]]] = {
 
 
 # What the others show of another surface, or of a stronger fault.
-FURTHER = ("black subtracted twice", "a weak curve", "all lamps elsewhere")
+FURTHER = ("black subtracted twice", "a weak curve")
 
 
 @pytest.mark.parametrize(
