@@ -279,17 +279,13 @@ def _by_direction(tally: _Tally, lighting: Lighting) -> Floats:
     columns = []
     for k, std in enumerate(np.radians(lighting.direction_std_deg)):
         for tangent in tangents(lighting.directions[k][None])[0]:
-            turned = []
-            for way in (0.5, -0.5):
-                directions = lighting.directions.copy()
-                directions[k] += way * std * tangent
-                turned.append(replace(lighting, directions=directions))
             changes = []
             for photo in tally.photos:
                 change = np.zeros((len(photo.field), 3))
                 if photo.lighting == lighting.name and std > 0:
                     ends = [
-                        photo.radiance.under(source_alone(one, k, photo.strengths)).here for one in turned
+                        photo.radiance.under(turned_source(lighting, k, turn, photo.strengths)).here
+                        for turn in (std / 2 * tangent, -std / 2 * tangent)
                     ]
                     change = np.asarray(photo.field.mean_over_rays(ends[0] - ends[1]))
                 changes.append(change)
@@ -305,13 +301,16 @@ def _root(turns: Floats, lightings: Mapping[str, Lighting]) -> Floats:
     return np.asarray(ways * np.sqrt(np.maximum(variances, 0)))
 
 
-def source_alone(lighting: Lighting, source: int, strengths: Floats) -> Light:
-    """A lighting with nothing but one of its sources; strengths : of all the lighting's elements."""
+def turned_source(lighting: Lighting, source: int, turn: Floats, strengths: Floats) -> Light:
+    """One of a lighting's sources alone, its direction turned by a little (3,) across it.
+
+    strengths : of all the lighting's elements.
+    """
     here = slice(source, source + 1)
     alone = replace(
         lighting,
         radiance_map=None,
-        directions=lighting.directions[here],
+        directions=lighting.directions[here] + turn,
         irradiances=lighting.irradiances[here],
         recover_ambient=False,
         direction_std_deg=None,

@@ -15,21 +15,17 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.selection import plausibility
 from invrender.brdf.form import LobeForm
-from invrender.estimate.calibration import source_alone
 from invrender.estimate.evidence import of_rival, relative_rms
-from invrender.estimate.jacobian import jacobians, pack
-from invrender.estimate.linear import symmetric_pinv
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import Weights
+from invrender.estimate.pulled_sources import pulled_sources
 from invrender.estimate.search import fit
 from invrender.estimate.solution import Solution
 from invrender.estimate.statistics import total_statistics
 from invrender.transport.columns import PhotoColumns, columns_under
-from invrender.transport.predict import predict_photos, reflected
+from invrender.transport.predict import predict_photos
 from invrender.transport.transfer import light_elements
-from invrender.transport.visibility import Shadows
 from recon.mesh.tangents import tangents
-from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
@@ -37,10 +33,8 @@ Floats = NDArray[np.float64]
 _UNSTATED = np.radians(1.0)
 # Turns and fits by turns, and the share of the error that the first must take away for more: it gets nearly all.
 _ROUNDS, _HOPEFUL = 3, 0.99
-# Of a lobe's width, the step of differences and the largest turn of a round.
-_OF_WIDTH, _MOST_OF_WIDTH = 0.05, 1.0
-# Rays of a sample that slopes are taken of.
-_RAYS_OF_SAMPLE = 3
+# Of a lobe's width, the largest turn of a round.
+_MOST_OF_WIDTH = 1.0
 # Of the error that is left with directions as given, what turned ones may leave at most to be believed.
 FEWER = 0.98
 # Turns (RMS, radians) that are worth a solve, and that are no chance: squares over variances, less 1, in deviations.
@@ -64,9 +58,7 @@ class FoundDirections:
     apart: Floats
 
 
-def find_directions(
-    lightings: Mapping[str, Lighting], solution: Solution, shadows: Shadows | None
-) -> FoundDirections | None:
+def find_directions(lightings: Mapping[str, Lighting], solution: Solution) -> FoundDirections | None:
     """Each source in the direction that suits photographs best, as far as its standard deviation allows.
 
     solution : of the photographs under the lightings as they are given. None where nothing is glossy, where turns may
@@ -80,7 +72,7 @@ def find_directions(
     sighted = _Sighted.of(given, lightings, solution)
     first = sighted.error
     for done in range(_ROUNDS):
-        sighted = sighted.turned(given, solution, shadows)
+        sighted = sighted.turned(given, solution)
         if sighted.error > (FEWER if done else _HOPEFUL) * first:
             return None
     turns = _turns_between(given, lightings, sighted.lightings)
@@ -91,7 +83,7 @@ def find_directions(
     if rival is None:
         return sighted.found(lightings, given, np.zeros(len(turns)))
     for _ in range(_ROUNDS):
-        rival = rival.turned(given, solution, shadows)
+        rival = rival.turned(given, solution)
     best, other = (sighted, rival) if sighted.error <= rival.error else (rival, sighted)
     weight = plausibility(other.photo_errors**2, best.photo_errors**2)
     return best.found(
@@ -100,7 +92,7 @@ def find_directions(
 
 
 def improve_directions(
-    lightings: Mapping[str, Lighting], found: FoundDirections, solution: Solution, shadows: Shadows | None
+    lightings: Mapping[str, Lighting], found: FoundDirections, solution: Solution
 ) -> FoundDirections | None:
     """Found directions once more, by what a solution under them says of the lobe; None where that hardly turns sources.
 
@@ -111,7 +103,7 @@ def improve_directions(
         return None
     sighted = _Sighted.of(given, found.lightings, solution)
     for _ in range(_ROUNDS):
-        sighted = sighted.turned(given, solution, shadows)
+        sighted = sighted.turned(given, solution)
     better = sighted.found(lightings, given, found.apart)
     turns = _turns_between(given, found.lightings, better.lightings)
     return None if (turns**2 / np.diag(better.covariance)).mean() < 1 else better
@@ -189,11 +181,11 @@ class _Sighted:
         size = 2 * sum(len(own.directions) for own in given.values())
         return cls(here, estimate, photos, errors, np.zeros((size, size)), 0.0)
 
-    def turned(self, given: Mapping[str, Lighting], solution: Solution, shadows: Shadows | None) -> _Sighted:
+    def turned(self, given: Mapping[str, Lighting], solution: Solution) -> _Sighted:
         """Sources a step nearer to where they are seen, and the BRDF that follows."""
         weights, estimate = solution.weights, self.estimate
         here = {name: self.lightings[name] for name in given}
-        pulled = _pulled(here, self.photos, weights, estimate, shadows)
+        pulled = pulled_sources(here, self.photos, weights, estimate)
         prior = np.concatenate([_prior(own) for own in given.values()])
         offset = -_turns_between(given, here, given)
         precision = pulled.information + np.diag(prior)
@@ -246,14 +238,6 @@ def _prior(given: Lighting) -> Floats:
     return np.repeat(1 / np.maximum(deviations, 1e-9) ** 2, 2)
 
 
-@dataclass(frozen=True, eq=False)
-class _Pulled:
-    """Which way residuals pull sources: information (2 m, 2 m) on their turns, and that times the turns (2 m,)."""
-
-    information: Floats
-    pull: Floats
-
-
 def _errors(photos: Sequence[PhotoColumns], weights: Sequence[Weights], estimate: Estimate) -> Floats:
     """Relative RMS (photos,) that an estimate leaves."""
     predictions = predict_photos(photos, estimate.brdf, estimate.strengths)
@@ -262,83 +246,6 @@ def _errors(photos: Sequence[PhotoColumns], weights: Sequence[Weights], estimate
         for photo, own, predicted in zip(photos, weights, predictions, strict=True)
     ]
     return np.array(errors)
-
-
-def _pulled(
-    here: Mapping[str, Lighting],
-    photos: Sequence[PhotoColumns],
-    weights: Sequence[Weights],
-    estimate: Estimate,
-    shadows: Shadows | None,
-) -> _Pulled:
-    """Which way highlights pull the sources of lightings `here`, the BRDF's numbers free to follow.
-
-    Highlights alone tell: where matte surfaces aren't Lambert's, their shading would turn lights. So residuals are
-    projected on slopes of the lobe, as on instruments [Hansen 1982]. The variance is that of what samples pull: it
-    holds what the lobe's form misses.
-    """
-    parameters = pack(estimate, {photo.lighting: photo.elements for photo in photos})
-    size = len(parameters.vector)
-    count = {name: 2 * len(own.directions) for name, own in here.items()}
-    ends = np.cumsum(list(count.values()))
-    places = {name: slice(int(end) - count[name], int(end)) for name, end in zip(here, ends, strict=True)}
-    turns = int(ends[-1])
-    numbers, mixed = np.zeros((size, size)), np.zeros((size, turns))
-    follow, alone = np.zeros((turns, size)), np.zeros((turns, turns))
-    pulls, scores = [], []
-    predictions = predict_photos(photos, estimate.brdf, estimate.strengths)
-    for photo, own, predicted in zip(photos, weights, predictions, strict=True):
-        left = photo.radiance - predicted
-        # Rows of samples and channels.
-        jacobian = np.stack(jacobians(photo, parameters, estimate), axis=1).reshape(-1, size)
-        weighted = jacobian * own.weight.reshape(-1, 1)
-        numbers += weighted.T @ jacobian
-        scores.append(_by_sample(weighted, left))
-        pull = np.zeros((len(left), turns))
-        if photo.lighting in places:
-            place = places[photo.lighting]
-            base, lobe = _slopes(here[photo.lighting], photo.field, estimate, shadows)
-            whole, shared = base + lobe, lobe * np.repeat(photo.field.shares, 3)[:, None]
-            mixed[:, place] += weighted.T @ whole
-            follow[place] += shared.T @ jacobian
-            alone[place, place] += shared.T @ whole
-            pull[:, place] = _by_sample(shared, left)
-        pulls.append(pull)
-    held = follow @ symmetric_pinv(numbers)
-    slope = alone - held @ mixed
-    each = np.concatenate(pulls) - np.concatenate(scores) @ held.T
-    certainty = slope.T @ symmetric_pinv(each.T @ each)
-    return _Pulled(certainty @ slope, certainty @ each.sum(axis=0))
-
-
-def _slopes(
-    lighting: Lighting, field: LightField, estimate: Estimate, shadows: Shadows | None
-) -> tuple[Floats, Floats]:
-    """By how much base and lobe change with turns of sources, per radian, (3 n, 2 sources) each."""
-    brdf, strengths = estimate.brdf, estimate.strengths[lighting.name]
-    assert brdf.sigma is not None
-    step = _OF_WIDTH * brdf.sigma
-    thin = field.thinned(_RAYS_OF_SAMPLE)
-
-    def parts(k: int, turn: Floats) -> Floats:
-        moved = lighting.directions.copy()
-        moved[k] += turn
-        light = source_alone(replace(lighting, directions=moved), k, strengths)
-        base, lobe = reflected(brdf, light.elements, light.strengths, thin, shadows)
-        return np.stack([thin.mean_over_rays(part) for part in (brdf.kd * base, brdf.ks * lobe)])
-
-    slopes = [
-        (parts(k, step / 2 * way) - parts(k, -step / 2 * way)) / step
-        for k, across in enumerate(tangents(lighting.directions))
-        for way in across
-    ]
-    base, lobe = np.stack(slopes, axis=-1).reshape(2, 3 * len(field), -1)
-    return base, lobe
-
-
-def _by_sample(slopes: Floats, left: Floats) -> Floats:
-    """Slopes (3 n, q) times residuals (n, 3), added up over the channels of each sample, (n, q)."""
-    return np.asarray((slopes * left.reshape(-1, 1)).reshape(len(left), 3, -1).sum(axis=1))
 
 
 def _follow(
@@ -389,11 +296,9 @@ def direction_sentence(lightings: Mapping[str, Lighting], found: FoundDirections
     """What was found of sources in other directions. error : on unseen photographs with directions as given."""
     own = {name: lightings[name] for name in found.names}
     turns = np.degrees(np.linalg.norm(_turns_between(own, lightings, found.lightings).reshape(-1, 2), axis=1))
-    by = (
-        f"{turns[0]:.2g} degrees"
-        if len(turns) == 1
-        else (f"{np.median(turns):.2g} degrees (median of {len(turns)}), {turns.max():.2g} at most")
-    )
+    by = f"{np.median(turns):.2g} degrees"
+    if len(turns) > 1:
+        by += f" (median of {len(turns)}), {turns.max():.2g} at most"
     return (
         f"Highlights don't lie where the given light directions put them: taken as given, {error:.1%} of the radiance"
         f" would be left on unseen photographs. Sources were turned by {by}. result.json has their directions with"

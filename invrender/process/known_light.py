@@ -96,13 +96,13 @@ def solve_known_light(
     given = solve(lightings)
     centre, shadows = geometry.body.centre, geometry.shadows
     if given.distance is None:
-        turned = find_directions(lightings, given.solution, shadows) if given.misplaced else None
+        turned = find_directions(lightings, given.solution) if given.misplaced else None
         if turned is None:
             return given.run
         found = resolve(turned)
         if found.error >= FEWER * given.error:
             return given.run
-        better = improve_directions(lightings, turned, found.solution, shadows)
+        better = improve_directions(lightings, turned, found.solution)
         return (found if better is None else resolve(better)).run
     near = at_one_distance(lightings, centre, given.distance)
     places = [place[0] for lighting in near.values() for place in lighting.places if place is not None]
