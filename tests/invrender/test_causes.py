@@ -121,6 +121,16 @@ def test_the_fault_of_a_set_is_named_first(
     assert cause.share > {"stains": 0.5, "brightness": 0.6}.get(expected, 0.8)
 
 
+@pytest.mark.slow
+def test_lamps_elsewhere_are_put_right_where_a_glossy_surface_shows_them(
+    sound: dict[str, Path], tmp_path: Path, few_forms: None
+) -> None:
+    folder = Path(shutil.copytree(sound["glossy"], tmp_path / "set"))
+    result = result_of(misdirected(folder, {k: 2.5 - 5 * (k % 2) for k in range(len(LAMPS))}))
+    assert result.causes == ()
+    assert "Sources were turned by 2.5 degrees (median of 8), 2.5 at most" in result.warnings[0]
+
+
 @pytest.mark.parametrize("surface", ["glossy", pytest.param("matte", marks=pytest.mark.slow)])
 def test_a_sound_set_has_no_cause(sound: dict[str, Path], surface: str) -> None:
     result = result_of(sound[surface])
