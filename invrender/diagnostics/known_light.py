@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.remainder import Remainder, Remainders, Rest, of_object, remembered
-from invrender.estimate.solution import Solution
+from invrender.estimate.explanation import Explanation
 from invrender.observation.geometry import SceneGeometry
 from invrender.transport.columns import PhotoColumns
 from invrender.transport.predict import reflected
@@ -23,21 +23,21 @@ Floats = NDArray[np.float64]
 
 
 def known_light_remainders(
-    solution: Solution,
+    known: Explanation,
     geometry: SceneGeometry,
     photos: Mapping[str, PhotoColumns],
     lightings: Mapping[str, Lighting],
     elements: Mapping[str, Sequence[LightElement]],
     residuals: Mapping[str, Floats],
 ) -> Remainders:
-    """The fitted photographs of a solution; photos, residuals : by label, in the order of the solution's weights."""
+    """The fitted photographs of an explanation; photos, residuals : by label, in the order of its weights."""
     used = {photo.lighting for photo in photos.values()}
     lights = {
-        name: _light(lightings[name], elements[name], solution.estimate.strengths[name], geometry.shadows)
+        name: _light(lightings[name], elements[name], known.best.estimate.strengths[name], geometry.shadows)
         for name in used
     }
     found = []
-    for (label, photo), own in zip(photos.items(), solution.weights, strict=True):
+    for (label, photo), own in zip(photos.items(), known.weights, strict=True):
         directions, irradiances, rest, recovered = lights[photo.lighting]
         found.append(
             Remainder(
@@ -53,8 +53,8 @@ def known_light_remainders(
                 any(element.slow_map is not None for element in elements[photo.lighting]),
             )
         )
-    trust = [own.trust for own in solution.weights]
-    return of_object(found, trust, solution.estimate.brdf, geometry.shadows, geometry.description)
+    trust = [own.trust for own in known.weights]
+    return of_object(found, trust, known.best.estimate.brdf, geometry.shadows, geometry.description)
 
 
 def _light(

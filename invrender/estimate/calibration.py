@@ -167,7 +167,7 @@ def weighed_photos(
     shadows: Shadows | None,
 ) -> Iterator[WeighedPhoto]:
     """The photographs of a fit, which have these labels and cameras."""
-    estimate = known.candidates[known.chosen].estimate
+    estimate = known.best.estimate
     parameters = pack(estimate, {photo.lighting: photo.elements for photo in known.photos})
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
     kept = some_rays([photo.field for photo in known.photos], is_mapped(elements.values()))

@@ -52,6 +52,11 @@ class Explanation:
     noise: NoiseModel
     trials: Mapping[LobeForm, FormTrial] = field(default_factory=dict)
 
+    @property
+    def best(self) -> Candidate:
+        """The chosen candidate."""
+        return self.candidates[self.chosen]
+
 
 # How often `explain` reports progress, at most.
 EXPLANATION_STEPS = len(with_neutral(LADDER)) + len(OTHER_FORMS)
@@ -99,7 +104,7 @@ def _best_form(trials: Mapping[LobeForm, FormTrial]) -> LobeForm:
 
 def refitted(known: Explanation, less: Sequence[Floats]) -> Estimate:
     """The chosen model's estimate if the samples' radiances were lower by some (n, 3) per photograph."""
-    estimate = known.candidates[known.chosen].estimate
+    estimate = known.best.estimate
     photos = [photo.less(radiance) for photo, radiance in zip(known.photos, less, strict=True)]
     statistics = total_statistics(photos, [w.weight for w in known.weights])
     return fit(estimate.model, statistics, estimate)

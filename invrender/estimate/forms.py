@@ -25,16 +25,13 @@ from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import OTHER_FORMS, fit, models_of
 from invrender.estimate.statistics import total_statistics
-from invrender.estimate.weighing import weigh
+from invrender.estimate.weighing import some_samples, weigh
 from invrender.transport.columns import Elements, PhotoColumns, columns_of, sample_count
 from invrender.transport.predict import predict_photos
-from recon.sampling.budget import by_information
 
 # Two forms that differ by a tenth of the noise are three standard errors apart on 1500; of a highlight twice as many
 # tell its flanks apart.
 _SAMPLES = 3000
-# Photographs with fewer are not worth their part.
-_FEWEST = 20
 # Variances of the noise by which the cost must fall for a form of more numbers to be tried: three standard deviations.
 _DECISIVE = 9.0
 # Fits whose widths differ by less than this factor lie in one minimum.
@@ -165,17 +162,9 @@ def _share(
     photos: Sequence[PhotoColumns], weights: Sequence[Weights], first: Estimate
 ) -> tuple[list[PhotoColumns], list[Weights]]:
     """The samples to try forms on and their weights: half drawn evenly, half by what a first fit leaves of them."""
-    part, weighed = [], []
-    total = sample_count(photos)
     predictions = predict_photos(photos, first.brdf, first.strengths)
-    for photo, own, predicted in zip(photos, weights, predictions, strict=True):
-        size = len(photo.field)
-        budget = min(size, max(int(_SAMPLES * size / total), _FEWEST))
-        left = photo.field.shares * (own.trust * (photo.radiance - predicted) ** 2).sum(axis=1)
-        # The same at any number of photographs, so that results don't hang on their order.
-        rng = np.random.default_rng(0)
-        taken, stand_for = by_information(np.full(size, budget / size), left, budget, rng)
-        some = photo.where(np.isin(np.arange(size), taken))
-        part.append(replace(some, field=replace(some.field, stands_for=stand_for * some.field.shares)))
-        weighed.append(Weights(own.trust[taken], own.weight[taken] * stand_for[:, None]))
-    return part, weighed
+    left = [
+        (own.trust * (photo.radiance - predicted) ** 2).sum(axis=1)
+        for photo, own, predicted in zip(photos, weights, predictions, strict=True)
+    ]
+    return some_samples(photos, weights, left, _SAMPLES)

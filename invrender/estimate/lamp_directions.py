@@ -16,12 +16,13 @@ from capture.lighting import Lighting
 from capture.selection import plausibility
 from invrender.brdf.form import LobeForm
 from invrender.estimate.evidence import of_rival, relative_rms
+from invrender.estimate.explanation import Explanation
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import Weights
 from invrender.estimate.pulled_sources import pulled_sources
 from invrender.estimate.search import fit
-from invrender.estimate.solution import Solution
 from invrender.estimate.statistics import total_statistics
+from invrender.estimate.weighing import lobe_reach, some_samples
 from invrender.transport.columns import PhotoColumns, columns_under
 from invrender.transport.predict import predict_photos
 from invrender.transport.transfer import light_elements
@@ -31,6 +32,8 @@ Floats = NDArray[np.float64]
 
 # Standard deviation of a measured direction of which none is stated, radians either way across: a degree.
 _UNSTATED = np.radians(1.0)
+# Samples that directions are sought on, of all photographs.
+_SAMPLES = 15000
 # Turns and fits by turns, and the share of the error that the first must take away for more: it gets nearly all.
 _ROUNDS, _HOPEFUL = 3, 0.99
 # Of a lobe's width, the largest turn of a round.
@@ -58,32 +61,33 @@ class FoundDirections:
     apart: Floats
 
 
-def find_directions(lightings: Mapping[str, Lighting], solution: Solution) -> FoundDirections | None:
+def find_directions(lightings: Mapping[str, Lighting], known: Explanation) -> FoundDirections | None:
     """Each source in the direction that suits photographs best, as far as its standard deviation allows.
 
-    solution : of the photographs under the lightings as they are given. None where nothing is glossy, where turns may
-    be chance, or where the error of all photographs falls by less than 2%. Another form of the lobe may explain the
+    known : the photographs explained under the lightings as they are given. None where nothing is glossy, where turns
+    may be chance, or where the error of all photographs falls by less than 2%. Another form of the lobe may explain the
     photographs as well with sources elsewhere: the best other one is given directions of its own. The better ones are
     taken, and the covariance holds by how much they differ.
     """
-    given = _with_sources(lightings, solution)
-    if solution.estimate.brdf.sigma is None or not given:
+    given = _with_sources(lightings, known)
+    if known.best.estimate.brdf.sigma is None or not given:
         return None
-    sighted = _Sighted.of(given, lightings, solution)
+    known = _on_some(known)
+    sighted = _Sighted.of(given, lightings, known)
     first = sighted.error
     for done in range(_ROUNDS):
-        sighted = sighted.turned(given, solution)
+        sighted = sighted.turned(given, known)
         if sighted.error > (FEWER if done else _HOPEFUL) * first:
             return None
     turns = _turns_between(given, lightings, sighted.lightings)
     beyond = (sighted.surprise - 1) * np.sqrt(len(turns) / 2)
     if np.sqrt(2 * (turns**2).mean()) < _NOTABLE or beyond < _NO_CHANCE:
         return None
-    rival = _Sighted.of_rival(given, sighted.lightings, solution)
+    rival = _Sighted.of_rival(given, sighted.lightings, known)
     if rival is None:
         return sighted.found(lightings, given, np.zeros(len(turns)))
     for _ in range(_ROUNDS):
-        rival = rival.turned(given, solution)
+        rival = rival.turned(given, known)
     best, other = (sighted, rival) if sighted.error <= rival.error else (rival, sighted)
     weight = plausibility(other.photo_errors**2, best.photo_errors**2)
     return best.found(
@@ -92,27 +96,37 @@ def find_directions(lightings: Mapping[str, Lighting], solution: Solution) -> Fo
 
 
 def improve_directions(
-    lightings: Mapping[str, Lighting], found: FoundDirections, solution: Solution
+    lightings: Mapping[str, Lighting], found: FoundDirections, known: Explanation
 ) -> FoundDirections | None:
-    """Found directions once more, by what a solution under them says of the lobe; None where that hardly turns sources.
+    """Found directions once more, by the lobe that was found under them; None where that hardly turns sources.
 
-    lightings : as given. It hardly does where they turn by less than their deviations (RMS).
+    lightings : as given. known : the photographs explained under the found ones. It hardly does where they turn by less
+    than their deviations (RMS).
     """
-    given = _with_sources(lightings, solution)
-    if solution.estimate.brdf.sigma is None:
+    given = _with_sources(lightings, known)
+    if known.best.estimate.brdf.sigma is None:
         return None
-    sighted = _Sighted.of(given, found.lightings, solution)
+    known = _on_some(known)
+    sighted = _Sighted.of(given, found.lightings, known)
     for _ in range(_ROUNDS):
-        sighted = sighted.turned(given, solution)
+        sighted = sighted.turned(given, known)
     better = sighted.found(lightings, given, found.apart)
     turns = _turns_between(given, found.lightings, better.lightings)
     return None if (turns**2 / np.diag(better.covariance)).mean() < 1 else better
 
 
-def _with_sources(lightings: Mapping[str, Lighting], solution: Solution) -> dict[str, Lighting]:
+def _with_sources(lightings: Mapping[str, Lighting], known: Explanation) -> dict[str, Lighting]:
     """Those lightings that have sources, and photographs that were fitted."""
-    seen = {photo.lighting for photo in solution.photos}
+    seen = {photo.lighting for photo in known.photos}
     return {name: own for name, own in lightings.items() if name in seen and len(own.directions)}
+
+
+def _on_some(known: Explanation) -> Explanation:
+    """The same on some of the samples, more of them where the lobe is bright: highlights tell of directions."""
+    lobes = lobe_reach(known.photos, known.best.estimate)
+    telling = [(own.trust * lobe**2).sum(axis=1) for own, lobe in zip(known.weights, lobes, strict=True)]
+    photos, weights = some_samples(known.photos, known.weights, telling, _SAMPLES)
+    return replace(known, photos=tuple(photos), weights=tuple(weights))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,21 +151,20 @@ class _Sighted:
         return float(self.photo_errors.mean())
 
     @classmethod
-    def of(cls, given: Mapping[str, Lighting], here: Mapping[str, Lighting], solution: Solution) -> _Sighted:
-        """As a solution has them, with sources `here`, and all numbers that its form may have.
+    def of(cls, given: Mapping[str, Lighting], here: Mapping[str, Lighting], known: Explanation) -> _Sighted:
+        """As an explanation has them, with sources `here`, and all numbers that its form may have.
 
         Fresnel's factor moves highlights, too; directions that are off may have hidden it.
         """
-        form = solution.estimate.model.form
-        return cls._of(given, here, solution, form, solution.photos)
+        return cls._of(given, here, known, known.best.estimate.model.form, known.photos)
 
     @classmethod
     def of_rival(
-        cls, given: Mapping[str, Lighting], here: Mapping[str, Lighting], solution: Solution
+        cls, given: Mapping[str, Lighting], here: Mapping[str, Lighting], known: Explanation
     ) -> _Sighted | None:
         """The same with the best form of a single lobe of another kind; None if no other was tried."""
-        own = solution.estimate.model.form
-        models = [(candidate.error, candidate.estimate.model) for candidate in solution.candidates]
+        own = known.best.estimate.model.form
+        models = [(candidate.error, candidate.estimate.model) for candidate in known.candidates]
         others = [
             (error, model.form)
             for error, model in models
@@ -161,29 +174,29 @@ class _Sighted:
             return None
         form = min(others, key=lambda other: other[0])[1]
         elements = {name: light_elements(lighting) for name, lighting in here.items()}
-        return cls._of(given, here, solution, form, columns_under(elements, solution.photos, form))
+        return cls._of(given, here, known, form, columns_under(elements, known.photos, form))
 
     @classmethod
     def _of(
         cls,
         given: Mapping[str, Lighting],
         here: Mapping[str, Lighting],
-        solution: Solution,
+        known: Explanation,
         form: LobeForm,
         photos: Sequence[PhotoColumns],
     ) -> _Sighted:
         estimate = next(
             candidate.estimate
-            for candidate in reversed(solution.candidates)
+            for candidate in reversed(known.candidates)
             if candidate.estimate.model.form is form
         )
-        errors = _errors(photos, solution.weights, estimate)
+        errors = _errors(photos, known.weights, estimate)
         size = 2 * sum(len(own.directions) for own in given.values())
         return cls(here, estimate, photos, errors, np.zeros((size, size)), 0.0)
 
-    def turned(self, given: Mapping[str, Lighting], solution: Solution) -> _Sighted:
+    def turned(self, given: Mapping[str, Lighting], known: Explanation) -> _Sighted:
         """Sources a step nearer to where they are seen, and the BRDF that follows."""
-        weights, estimate = solution.weights, self.estimate
+        weights, estimate = known.weights, self.estimate
         here = {name: self.lightings[name] for name in given}
         pulled = pulled_sources(here, self.photos, weights, estimate)
         prior = np.concatenate([_prior(own) for own in given.values()])

@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 from capture.lighting import Lighting
 from invrender.brdf.fresnel import MU_RANGE
 from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
+from invrender.estimate.explanation import Explanation
 from invrender.estimate.linear import symmetric_pinv
-from invrender.estimate.solution import Solution
 from invrender.transport.columns import PhotoColumns
 from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
@@ -61,16 +61,16 @@ def at_one_distance(
 
 
 def with_found_distances(
-    lightings: Mapping[str, Lighting], solution: Solution, shadows: Shadows | None
+    lightings: Mapping[str, Lighting], known: Explanation, shadows: Shadows | None
 ) -> dict[str, Lighting]:
     """Near lightings by name, each source at the distance that suits photographs best, with its standard deviation.
 
-    solution : of the photographs, with sources where they are assumed to be. A lighting that no photograph of it is
+    known : the photographs explained, with sources where they are assumed to be. A lighting that no photograph of it is
     under stays as it is.
     """
-    seen = _some(solution, any(own.radiance_map is not None for own in lightings.values()))
+    seen = _some(known, any(own.radiance_map is not None for own in lightings.values()))
     used = [name for name in lightings if any(one.lighting == name for one in seen)]
-    numbers = _Numbers(solution, {name: lightings[name] for name in used})
+    numbers = _Numbers(known, {name: lightings[name] for name in used})
 
     def residuals(point: Floats) -> Floats:
         brdf, strengths, moved = numbers.unpacked(point)
@@ -153,12 +153,12 @@ def distance_doubts(
     return doubts
 
 
-def _some(solution: Solution, mapped: bool) -> list[_Seen]:
+def _some(known: Explanation, mapped: bool) -> list[_Seen]:
     """Every so many samples of each photograph, with what they count for in the fit."""
-    photos = solution.photos
+    photos = known.photos
     step = max(sum(len(photo.field) for photo in photos) // (_SAMPLES_OF_MAPS if mapped else _SAMPLES), 1)
     found = []
-    for photo, own in zip(photos, solution.weights, strict=True):
+    for photo, own in zip(photos, known.weights, strict=True):
         keep = np.arange(len(photo.field)) % step == 0
         weight = own.weight / np.maximum(own.trust, 1e-12)
         found.append(_Seen(photo.lighting, photo.field.where(keep), np.sqrt(weight[keep])))
@@ -169,13 +169,13 @@ def _some(solution: Solution, mapped: bool) -> list[_Seen]:
 class _Numbers:
     """What is sought, as one vector: Kd, Ks, mu and sigma where the lobe has them, closeness of sources, strengths."""
 
-    solution: Solution
+    known: Explanation
     lightings: Mapping[str, Lighting]
 
     @cached_property
     def _parts(self) -> dict[tuple[str, str], Floats]:
         """The vector's parts at the start, by what they are and of which lighting, if of any."""
-        estimate = self.solution.estimate
+        estimate = self.known.best.estimate
         brdf, parts = estimate.brdf, {("kd", ""): estimate.brdf.kd}
         if brdf.sigma is not None:
             parts["ks", ""] = brdf.ks[:1] if estimate.model.neutral else brdf.ks
@@ -221,7 +221,7 @@ class _Numbers:
         """The BRDF, strengths (elements, 3) and lightings that a vector stands for."""
         parts = self.split(vector)
         mu, sigma = (float(parts[name, ""][0]) if (name, "") in parts else None for name in ("mu", "sigma"))
-        brdf = replace(self.solution.estimate.brdf, kd=parts["kd", ""], mu=mu, sigma=sigma)
+        brdf = replace(self.known.best.estimate.brdf, kd=parts["kd", ""], mu=mu, sigma=sigma)
         if ("ks", "") in parts:
             brdf = replace(brdf, ks=np.broadcast_to(parts["ks", ""], 3))
         lightings = dict(self.lightings)
@@ -229,6 +229,6 @@ class _Numbers:
         for name, free in self._free.items():
             if ("closeness", name) in parts:
                 lightings[name] = replace(lightings[name], closeness=parts["closeness", name])
-            strengths[name] = np.array(self.solution.estimate.strengths[name], float)
+            strengths[name] = np.array(self.known.best.estimate.strengths[name], float)
             strengths[name][free] = parts["strengths", name].reshape(-1, 3)
         return brdf, strengths, lightings

@@ -1,9 +1,13 @@
-"""Gauss-Newton steps over mu and sigma, all that is linear eliminated (variable projection), on the statistics alone.
+"""Newton's steps over mu and sigma, all that is linear eliminated (variable projection), on the statistics alone.
 
 The step in mu and sigma is that of the whole problem's normal equations, Kd, Ks and strengths among the unknowns, so
 that what these can make up for doesn't count; they are then solved for exactly at the new place [Golub and Pereyra,
-"The differentiation of pseudo-inverses and nonlinear least squares problems whose variables separate", 1973]. Fits
-from several starts, or to several subsets of the photographs, go side by side.
+"The differentiation of pseudo-inverses and nonlinear least squares problems whose variables separate", 1973].
+
+Where a model leaves much, residuals times their second derivatives bend the cost several times as much as
+Gauss-Newton's matrix has it. That part is learnt from how gradients change [Dennis, Gay and Welsch, "An adaptive
+nonlinear least-squares algorithm", 1981]. Fits from several starts, or to several subsets of the photographs, go side
+by side.
 """
 
 from __future__ import annotations
@@ -26,61 +30,118 @@ from invrender.estimate.statistics import Subsets
 
 Floats = NDArray[np.float64]
 
-_MOST_STEPS, _MOST_HALVINGS = 30, 8
+_MOST_STEPS, _MOST_TRIALS = 30, 5
 # A step this small against the standard deviation of what noise leaves is the last.
 SMALL = 1e-3
 # A predicted decrease of the cost, in variances of the noise, that calls for no proof.
 _TRUSTED = 1e-2
 # Of the coordinates, for slopes of the specular weights; they err by its square.
 _STEP = 1e-4
-# No step goes farther than this in log sigma and log(mu - 1).
-_FARTHEST = 0.5
+# No step goes farther than this in log sigma and log(mu - 1); after one that doesn't lower the cost, a part of it.
+_FARTHEST, _SHORTER = 0.5, 0.3
+# Of Gauss-Newton's curvature, the least that a step counts on in any direction.
+_LEAST_CURVED = 0.2
+# Of squared lengths, a product of two changes that tells nothing of curvature.
+_TELLS_NOTHING = 1e-6
+# Of the largest eigenvalue of Gauss-Newton's matrix, about, the least that isn't rounding.
+_SINGULAR = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class SearchPoint:
-    """Where a search is, and where it would go from there.
+    """Where a search is, and how the cost changes about it.
 
-    point : (n,), coordinates. estimate : the best there. step : (n,). decrease : of the cost, that the step should
-    bring, in variances of the noise.
+    point : (n,), coordinates. estimate : the best there. gradient : (n,), of half the cost, downhill. matrix : (n, n),
+    Gauss-Newton's. free : (n,), which coordinates may move: not those at a bound that push against it. variance : of
+    the noise, in units of the cost.
     """
 
     point: Floats
     estimate: Estimate
-    step: Floats
-    decrease: float
+    gradient: Floats
+    matrix: Floats
+    free: NDArray[np.bool_]
+    variance: float
+
+    def step(self, beside: Floats, farthest: float) -> tuple[Floats, float]:
+        """The step (n,) to take, and the decrease of the cost that it should bring, in variances of the noise.
+
+        beside : (n, n), what the cost's curvature has beside `matrix`.
+        """
+        found, free = np.zeros(len(self.point)), self.free
+        if not free.any():
+            return found, 0.0
+        scale = np.sqrt(np.maximum(np.diag(self.matrix)[free], 1e-300))
+        scales = scale[:, None] * scale
+        values, vectors = np.linalg.eigh(self.matrix[np.ix_(free, free)] / scales)
+        # In these coordinates Gauss-Newton's matrix is the identity.
+        base = vectors / np.sqrt(np.maximum(values, _SINGULAR))
+        curvature = (self.matrix + beside)[np.ix_(free, free)] / scales
+        values, vectors = np.linalg.eigh(base.T @ curvature @ base)
+        base = base @ vectors / scale[:, None]
+        downhill = base.T @ self.gradient[free]
+        found[free] = base @ (downhill / np.maximum(np.abs(values), _LEAST_CURVED))
+        decrease = float(self.gradient @ found) / self.variance
+        return found * min(1.0, farthest / max(float(np.abs(found).max()), 1e-300)), decrease
 
 
 def gauss_newton(
-    model: Model, subsets: Subsets, starts: Floats, lower: Floats, upper: Floats, small: float = SMALL
+    model: Model,
+    subsets: Subsets,
+    starts: Floats,
+    lower: Floats,
+    upper: Floats,
+    small: float = SMALL,
+    most_steps: int = _MOST_STEPS,
 ) -> list[Estimate]:
     """The estimate of least cost near each of the starts (f, n), one for each subset of the photographs, its
-    coordinates within bounds, to a small part of their standard deviations."""
+    coordinates within bounds, to a small part of their standard deviations or after so many steps."""
     # Not `capture.gaussnewton`: many searches step side by side here, each by its own share of its step.
     best = newton_steps(model, subsets, np.clip(starts, lower, upper), lower, upper)
-    going = list(range(len(best)))
-    for _ in range(_MOST_STEPS):
-        before, waiting = list(best), going
-        for halvings in range(_MOST_HALVINGS):
-            moved = np.array([before[k].point + before[k].step / 2**halvings for k in waiting])
-            tried = newton_steps(model, subsets.take(waiting), np.clip(moved, lower, upper), lower, upper)
+    going, beside = list(range(len(best))), [np.zeros_like(place.matrix) for place in best]
+    for _ in range(most_steps):
+        before, waiting, farthest = list(best), going, dict.fromkeys(going, _FARTHEST)
+        hoped = {}
+        for _ in range(_MOST_TRIALS):
+            moved = []
+            for k in waiting:
+                step, hoped[k] = before[k].step(beside[k], farthest[k])
+                moved.append(np.clip(before[k].point + step, lower, upper))
+            tried = newton_steps(model, subsets.take(waiting), np.array(moved), lower, upper)
             for k, there in zip(waiting, tried, strict=True):
                 # The cost is a difference of large sums, too coarse to judge the last steps; they are trusted.
-                if there.estimate.cost < before[k].estimate.cost or before[k].decrease < _TRUSTED:
+                if there.estimate.cost < before[k].estimate.cost or hoped[k] < _TRUSTED:
                     best[k] = there
+                beside[k] = beside[k] + _curvature_between(before[k], there, best[k].matrix + beside[k])
+                farthest[k] = _SHORTER * float(np.abs(there.point - before[k].point).max())
             waiting = [k for k in waiting if best[k] is before[k]]
             if not waiting:
                 break
-        going = [k for k in going if best[k] is not before[k] and before[k].decrease >= small**2]
+        going = [k for k in going if best[k] is not before[k] and hoped[k] >= small**2]
         if not going:
             break
     return [place.estimate for place in best]
 
 
+def _curvature_between(first: SearchPoint, second: SearchPoint, known: Floats) -> Floats:
+    """What to add to known curvature (n, n) to have the gradient change as it does between two places.
+
+    The symmetric matrix of rank one that does [Broyden 1967, "Quasi-Newton methods and their application to function
+    minimisation"]; 0 where they tell nothing of it.
+    """
+    free = first.free & second.free
+    moved = np.where(free, second.point - first.point, 0)
+    missed = np.where(free, first.gradient - second.gradient - known @ moved, 0)
+    product = float(missed @ moved)
+    if abs(product) <= _TELLS_NOTHING * float(np.linalg.norm(missed) * np.linalg.norm(moved)):
+        return np.zeros_like(known)
+    return np.outer(missed, missed) / product
+
+
 def newton_steps(
     model: Model, subsets: Subsets, points: Floats, lower: Floats, upper: Floats
 ) -> list[SearchPoint]:
-    """What is best at coordinates (f, n), one place for each subset of the photographs, and the steps from there."""
+    """What is best at coordinates (f, n), one place for each subset of the photographs, and which way is downhill."""
     columns = np.concatenate([combinations(model, subsets, points), _slopes(model, points)], axis=2)
     reduced = reduce_statistics(subsets, columns)
     linear = solve_linear(reduced, model.specular, model.neutral)
@@ -95,14 +156,15 @@ def newton_steps(
     gradient = np.where(free, gradient, 0)
     held = ~free[:, :, None] * np.eye(free.shape[1])
     hessian = np.where(free[:, :, None] & free[:, None, :], hessian, held)
-    step = (symmetric_pinv(hessian) @ gradient[:, :, None])[:, :, 0]
+    # What is linear follows the coordinates.
+    follows = hessian[:, :size, size:] @ symmetric_pinv(hessian[:, size:, size:])
+    matrix = hessian[:, :size, :size] - follows @ hessian[:, size:, :size]
+    gradient = gradient[:, :size] - (follows @ gradient[:, size:, None])[:, :, 0]
     count = np.sum([entry.count for entry in reduced], axis=0)
-    variance = np.maximum(linear.cost, 0) / np.maximum(count, 1)
-    decrease = (gradient * step).sum(axis=1) / np.maximum(variance, 1e-300)
-    longest = np.abs(step[:, :size]).max(axis=1, keepdims=True)
-    step = step[:, :size] * np.minimum(1, _FARTHEST / np.maximum(longest, 1e-300))
+    variance = np.maximum(np.maximum(linear.cost, 0) / np.maximum(count, 1), 1e-300)
     found = estimates(model, subsets, points, linear)
-    return [SearchPoint(*place) for place in zip(points, found, step, decrease.tolist(), strict=True)]
+    places = zip(points, found, gradient, matrix, free[:, :size], variance.tolist(), strict=True)
+    return [SearchPoint(*place) for place in places]
 
 
 def _normal_equations(

@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 _NEAR = 0.02
 # Part of a standard deviation to which rivals are fitted before the better one is.
 _TELLING = 0.3
+# Steps after which most of many starts are given up.
+_FEW_STEPS = 3
 
 
 # Forms beside RH01's own.
@@ -73,8 +75,16 @@ def fit(
     grid = _grid(model)
     costs = solved(model, subsets.take([0] * len(grid)), grid).cost
     starts = grid[_starts(model, grid, costs)]
-    rivals = gauss_newton(model, subsets.take([0] * len(starts)), starts, lower, upper, _TELLING)
-    return fit_subsets(model, subsets, min(rivals, key=lambda estimate: estimate.cost), small)[0]
+
+    def ranked(starts: Floats, **steps: int) -> list[Estimate]:
+        found = gauss_newton(model, subsets.take([0] * len(starts)), starts, lower, upper, _TELLING, **steps)
+        return sorted(found, key=lambda estimate: estimate.cost)
+
+    # Of many starts, the better third goes on after a few steps.
+    while len(starts) > 2:
+        better = ranked(starts, most_steps=_FEW_STEPS)[: max(len(starts) // 3, 2)]
+        starts = np.array([coordinates(model, estimate.brdf) for estimate in better])
+    return fit_subsets(model, subsets, ranked(starts)[0], small)[0]
 
 
 def fit_subsets(

@@ -89,8 +89,8 @@ def solution_of(
     together if that is off by one standard deviation. instead : the BRDF as each fault that was found puts it.
     scores : (p, q) by cause, as `calibration.calibration_scores` has them.
     """
-    chosen, weights, photos = known.chosen, known.weights, known.photos
-    measured = _measure(known.candidates[chosen], photos, weights)
+    weights, photos = known.weights, known.photos
+    measured = _measure(known.best, photos, weights)
     report, values, fragility = measured.report, measured.values, measured.fragility
     parts = {
         "noise": np.diag(measured.noise),
@@ -109,7 +109,7 @@ def solution_of(
 
     for cause, own in (doubts or {}).items():
         parts[cause] = moved([refitted(known, doubt) for doubt in own])
-    parts["faults"] = moved([replace(known.candidates[chosen].estimate, brdf=brdf) for brdf in instead])
+    parts["faults"] = moved([replace(known.best.estimate, brdf=brdf) for brdf in instead])
     stated = {
         cause: measured.response @ columns @ columns.T @ measured.response.T
         for cause, columns in (scores or {}).items()
@@ -123,13 +123,13 @@ def solution_of(
     quantities = {name: report.with_shares(name, own, variances) for name, own in quantities.items()}
     brdf_size = report.places["strengths"].start
     return Solution(
-        estimate=known.candidates[chosen].estimate,
+        estimate=known.best.estimate,
         candidates=known.candidates,
-        chosen=chosen,
+        chosen=known.chosen,
         noise=known.noise,
         weights=weights,
         structured=measured.structured,
-        quantities=unless_misfit(quantities, known.candidates[chosen].error),
+        quantities=unless_misfit(quantities, known.best.error),
         lightings=tuple(_fitted_lighting(lighting, report, values, std) for lighting in lightings),
         covariance=covariance[:brdf_size, :brdf_size],
         covariance_names=report.names,
@@ -216,7 +216,7 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
 
     What a model says that the photographs don't speak against belongs into the error bar.
     """
-    model = known.candidates[known.chosen].estimate.model
+    model = known.best.estimate.model
     apart = np.zeros(len(chosen.values))
     rivals = list(zip(known.candidates, rivalry(known.candidates), strict=True))[known.chosen + 1 :]
     for candidate, weight in rivals:

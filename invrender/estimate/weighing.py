@@ -13,14 +13,17 @@ from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import NoiseModel, Weights, fit_noise, photo_weights, with_misfit
 from invrender.estimate.search import fit
 from invrender.estimate.statistics import total_statistics
-from invrender.transport.columns import PhotoColumns
+from invrender.transport.columns import PhotoColumns, sample_count
 from invrender.transport.predict import predict_photos
+from recon.sampling.budget import by_information
 
 Floats = NDArray[np.float64]
 
 _ROUNDS = 2
 # How many times as wide as the lobe its flanks are looked for.
 FLANKS = 3.0
+# Photographs with fewer samples are not worth their part.
+_FEWEST = 20
 
 
 def weigh(
@@ -55,6 +58,28 @@ def weigh(
 def counted(weights: Weights, shares: Floats) -> Weights:
     """The weights of samples that count for shares (n,)."""
     return replace(weights, weight=weights.weight * shares[:, None])
+
+
+def some_samples(
+    photos: Sequence[PhotoColumns], weights: Sequence[Weights], telling: Sequence[Floats], count: int
+) -> tuple[list[PhotoColumns], list[Weights]]:
+    """About so many samples of all photographs, half drawn evenly and half by what they tell, and their weights.
+
+    telling : (n,) >= 0 of each photograph, in any unit.
+    """
+    part, weighed = [], []
+    total = sample_count(photos)
+    for photo, own, tells in zip(photos, weights, telling, strict=True):
+        size = len(photo.field)
+        budget = min(size, max(int(count * size / total), _FEWEST))
+        # The same at any number of photographs, so that results don't hang on their order.
+        rng = np.random.default_rng(0)
+        even = np.full(size, budget / size)
+        taken, stand_for = by_information(even, photo.field.shares * tells, budget, rng)
+        some = photo.where(np.isin(np.arange(size), taken))
+        part.append(replace(some, field=replace(some.field, stands_for=stand_for * some.field.shares)))
+        weighed.append(Weights(own.trust[taken], own.weight[taken] * stand_for[:, None]))
+    return part, weighed
 
 
 def lobe_reach(photos: Sequence[PhotoColumns], estimate: Estimate) -> list[Floats]:

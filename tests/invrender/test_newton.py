@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from invrender.brdf.lobes import GGX_FORM, PLASTICS, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.richer import COATED, HAZY
+from invrender.estimate import newton
 from invrender.estimate.jacobian import pack
 from invrender.estimate.models import Estimate, Model, bounds_of, coordinates, estimate_at
+from invrender.estimate.newton import SearchPoint, newton_steps
 from invrender.estimate.search import LADDER, fit, fit_subsets, models_of, with_neutral
 from invrender.estimate.statistics import Statistics, Subsets, by_lighting, photo_statistics
 from invrender.estimate.uncertainty import PRIOR_STD, uncertainty_of
@@ -136,3 +139,38 @@ def test_fits_to_subsets_are_those_to_the_other_photographs(bench, rng):
                     coordinates(expected.model, expected.brdf),
                     atol=1e-4,
                 )
+
+
+def test_steps_are_few_where_a_model_leaves_much(bench, monkeypatch):
+    # A narrow lobe beside a wide one, which one lobe can't be: residuals bend the cost beside Gauss-Newton's matrix.
+    photos = bench.photograph(radiometric(RH01_MATERIALS["delrin"]), ANGLES, samples=300)
+    lobes = [
+        Microfacet(np.full(3, 0.1), np.full(3, ks), None, sigma) for ks, sigma in ((0.02, 0.05), (0.3, 0.35))
+    ]
+    ones = np.ones((1, 3))
+    photos = [
+        bench.with_radiance(photo, np.sum([predict_columns(photo, brdf, ones) for brdf in lobes], axis=0))
+        for photo in photos
+    ]
+    statistics = by_lighting(photo_statistics(p, np.full(p.radiance.shape, 1.0)) for p in photos)
+    model = LADDER[1]
+    best = minimize_scalar(
+        lambda x: estimate_at(model, statistics, np.array([x])).cost,
+        bounds=np.log([0.02, 0.5]),
+        method="bounded",
+        options={"xatol": 1e-8},
+    )
+    looked = []
+
+    def counted(*given: Any) -> list[SearchPoint]:
+        looked.append(len(given[2]))
+        return newton_steps(*given)
+
+    monkeypatch.setattr(newton, "newton_steps", counted)
+    for sigma in (0.04, 0.1, 0.2, 0.4):
+        looked.clear()
+        start = estimate_at(model, statistics, np.log([sigma]))
+        found = fit(model, statistics, start)
+        assert len(looked) <= 12, "by Gauss-Newton's matrix alone it takes 18 to 27"
+        # The minimum of a parabola is known to the root of what rounding leaves of the cost, 1e-8 and somewhat more.
+        assert_allclose(coordinates(model, found.brdf), [best.x], atol=1e-7)

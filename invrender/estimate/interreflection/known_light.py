@@ -102,13 +102,13 @@ def correct_known_light(
         candidates = of_all(better.candidates, shown, trust, less)
         return replace(better, candidates=candidates), KnownLightEvidence(parts, elements, as_they_are, fit)
 
-    photographs = KnownLightEvidence(parts, elements, known, known.candidates[known.chosen].estimate)
+    photographs = KnownLightEvidence(parts, elements, known, known.best.estimate)
     return corrected(known, photographs, photographs.sent(photographs.fit), solved)
 
 
 def unknown_scale(parts: ConcaveMesh, known: Explanation, elements: Elements) -> list[str]:
     """A sentence on light that bounces where no light's strength is known and so no albedo; none if it can't matter."""
-    estimate = known.candidates[known.chosen].estimate
+    estimate = known.best.estimate
     scale = SUPPOSED / float(albedo(estimate.brdf).mean())
     brdf = replace(estimate.brdf, kd=scale * estimate.brdf.kd, ks=scale * estimate.brdf.ks)
     photographs = KnownLightEvidence(parts, elements, known, replace(estimate, brdf=brdf))
