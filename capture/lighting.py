@@ -35,6 +35,7 @@ class Lighting:
     recover_ambient : a uniform radiance from all sides, unknown, is fitted; it stands in for the map.
     origin : where it comes from, for messages: "room.exr", "mirror ball chrome.0.png", ...
     direction_std_deg : (k,), standard deviations of measured directions; None where they are given as exact.
+    directions_found : whether sources were turned from where they are given to where photographs see them.
     warnings : what its measuring brought up, in plain words.
     closeness : (k,), 1 / metres, one over the distance of each source from the centre; None where all are far away.
     closeness_std : (k,), its standard deviations, infinite where no photograph tells; None where it is given.
@@ -49,6 +50,7 @@ class Lighting:
     recover_ambient: bool = False
     origin: str = ""
     direction_std_deg: Floats | None = None
+    directions_found: bool = False
     warnings: tuple[str, ...] = ()
     closeness: Floats | None = None
     closeness_std: Floats | None = None

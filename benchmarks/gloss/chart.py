@@ -116,22 +116,26 @@ def _lines(kept: Kept) -> list[str]:
     if "unknown" in kept:
         unknown = kept["unknown"]
         median, most = unknown["off_deg"]
-        share = unknown["numbers"].get("ks_normalised")
-        known = ball["numbers"].get("ks_normalised")
         lines += [
             "",
             f"Twelve lamps unknown: {unknown['lamps']} lamps found, {median:.2f} degrees off (median), {most:.2f} at"
             f" most; error over all pixels {unknown['seen']['fitted']:.2%}.",
         ]
-        if share and known:
-            lines.append(f"Share of Ks: {_with_bars(share)}; with the lamps known {_with_bars(known)}.")
+        fits = {
+            "unknown": unknown["numbers"],
+            "the same twelve known": kept["disjoint"][0],
+            "all that are fitted known": ball["numbers"],
+        }
+        shares = {name: numbers.get("ks_normalised") for name, numbers in fits.items()}
+        lines += ["", "| share of Ks, lamps | red | green | blue |", "|---|---|---|---|"]
+        lines += [f"| {name} | {_with_bars(share)} |" for name, share in shares.items() if share]
     if "grey" in kept:
         lines.append(f"\nGrey sphere: {kept['grey']['fitted']:.2%} over all pixels of fitted photographs.")
     return lines
 
 
 def _with_bars(number: Sequence[Sequence[float]]) -> str:
-    return ", ".join(f"{value:.3f} ± {std:.3f}" for value, std in zip(*number, strict=True))
+    return " | ".join(f"{value:.3f} ± {std:.3f}" for value, std in zip(*number, strict=True))
 
 
 def highlight_figure(shown: Sequence[Highlight]) -> Figure:

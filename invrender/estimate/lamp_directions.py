@@ -239,7 +239,7 @@ class _Sighted:
             stop = start + 2 * len(own.directions)
             blocks = [covariance[k : k + 2, k : k + 2] for k in range(start, stop, 2)]
             deviations = np.degrees([np.sqrt(np.linalg.eigvalsh(block)[1]) for block in blocks])
-            moved[name] = replace(moved[name], direction_std_deg=deviations)
+            moved[name] = replace(moved[name], direction_std_deg=deviations, directions_found=True)
             start = stop
         return FoundDirections({**moved, **_follow(given, moved, lightings)}, tuple(given), covariance, apart)
 
@@ -289,6 +289,7 @@ def _follow(
             own,
             directions=own.directions + own.directions @ change,
             direction_std_deg=np.full(len(own.directions), np.degrees(left)),
+            directions_found=True,
         )
         for name, own in rest.items()
     }

@@ -303,6 +303,7 @@ def _lighting(entry: FittedLighting, map_file: str) -> dict[str, Any]:
         [
             *lighting.recovers,
             *(["scale"] if entry.up_to_scale else []),
+            *(["direction"] if lighting.directions_found else []),
             *(["distance"] if lighting.closeness_std is not None else []),
         ]
         if harmonics is None

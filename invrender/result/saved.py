@@ -154,8 +154,8 @@ class _Coefficients(_Lenient):
 class SavedLighting(_Lenient):
     """A lighting; `sh` are its first nine coefficients, `map` the file beside result.json.
 
-    recovered : what of it was fitted: "irradiance", "ambient", "distance", "scale", "all". centre : (3,) metres, the
-    object's, from which near sources are seen; None where all are far away.
+    recovered : what of it was fitted: "irradiance", "ambient", "direction", "distance", "scale", "all". centre : (3,)
+    metres, the object's, from which near sources are seen; None where all are far away.
     """
 
     name: str

@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from capture.photoset import load_photoset
+from invrender.output.report.files import write_fit, write_pictures
 from invrender.process.held_out_light import used_lightings
 from invrender.process.pipeline import process
 from invrender.process.run import Run
@@ -64,6 +65,13 @@ def test_lamps_are_found_where_highlights_lie_with_bars_that_hold(misdirected: S
         "Highlights don't lie where the given light directions put them" in misdirected.run.result.warnings[0]
     )
     assert misdirected.run.result.causes == ()
+
+
+def test_results_say_which_directions_were_found(misdirected: SimpleNamespace, tmp_path: Path) -> None:
+    entries = write_pictures(misdirected.run, tmp_path, write_fit(misdirected.run, tmp_path))["lighting"]
+    assert all(entry["recovered"] == ["direction"] and not entry["known"] for entry in entries)
+    assert all(0 < entry["directional"][0]["direction_std_deg"] < 1 for entry in entries)
+    assert "turned to where highlights lie" in (tmp_path / "report.html").read_text()
 
 
 def test_what_directions_hid_is_found(misdirected: SimpleNamespace) -> None:

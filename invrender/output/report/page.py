@@ -168,6 +168,9 @@ def _many_lightings(entries: Sequence[FittedLighting]) -> str | None:
         return None
     recovered = sum(bool(entry.lighting.recovers) or entry.harmonics is not None for entry in entries)
     made = f"{recovered} of them recovered" if recovered else "all given"
+    turned = sum(entry.lighting.directions_found for entry in entries)
+    if turned:
+        made += f", sources of {turned} of them turned to where highlights lie"
     said = f"{len(entries)} lightings, {made}"
     directions = np.concatenate([entry.lighting.directions for entry in entries])
     if not len(directions):
