@@ -22,8 +22,9 @@ from invrender.estimate.models import Estimate
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import fit, models_of
 from invrender.estimate.statistics import total_statistics
-from invrender.transport.columns import Elements, PhotoColumns, columns_of, sample_count
+from invrender.transport.columns import Elements, PhotoColumns, columns_of, sample_count, together
 from invrender.transport.predict import predict, predict_photos
+from recon.sampling.lightfield import pools
 
 Floats = NDArray[np.float64]
 
@@ -194,11 +195,15 @@ def _searched(
 def _thinned(
     photos: Sequence[PhotoColumns], weights: Sequence[Weights], samples: int
 ) -> tuple[list[PhotoColumns], list[Floats]]:
-    """About so many of the samples, evenly, and their weights."""
+    """About so many of the samples, evenly, and their weights; photographs under one lighting as one."""
     stride = -(-sample_count(photos) // samples)
     kept = [np.arange(len(photo.field)) % stride == 0 for photo in photos]
     thin = [photo.where(own) for photo, own in zip(photos, kept, strict=True)]
-    return thin, [weight.weight[own] for weight, own in zip(weights, kept, strict=True)]
+    weighed = [weight.weight[own] for weight, own in zip(weights, kept, strict=True)]
+    # Each photograph has few: a map's integral takes as long for a few rays as for many.
+    found = pools([photo.field for photo in thin], [photo.lighting for photo in thin])
+    pooled = [together([thin[k] for k in pool]) for pool in found]
+    return pooled, [np.concatenate([weighed[k] for k in pool]) for pool in found]
 
 
 def _widths(brdf: Microfacet) -> tuple[float, float]:

@@ -126,14 +126,18 @@ def _photo_columns(
         for e, element in enumerate(elements):
             visible = None if shadows is None else shadows.visible(element, part)
 
-            def gather(light: LightElement, rays: Rays, part: LightField = part) -> NDArray[np.floating]:
-                here = light.at(part.positions[rays])
-                return forms_transfer(lobes, here, part.normals[rays], part.views[rays], nodes, fresnel)
-
             means: NDArray[np.floating] = np.zeros((len(part), len(lobes), of_lobe, channels))
-            if size:
-                specular = seen_specular(element, visible, gather)
-                means = part.mean_over_rays(specular.reshape(len(specular), len(lobes), of_lobe, -1))
+            for light, field_seen in _by_rays(element, part) if size else []:
+
+                def gather(
+                    light: LightElement, rays: Rays, seen: LightField = field_seen
+                ) -> NDArray[np.floating]:
+                    here = light.at(seen.positions[rays])
+                    return forms_transfer(lobes, here, seen.normals[rays], seen.views[rays], nodes, fresnel)
+
+                specular = seen_specular(light, visible, gather)
+                own = field_seen.mean_over_rays(specular.reshape(len(specular), len(lobes), of_lobe, -1))
+                means = means + own
             below: dict[int, NDArray[np.floating]] = {}
             for first, form in bases.items():
                 if first == 1 and diffuse is not None:
@@ -152,6 +156,17 @@ def _photo_columns(
         PhotoColumns(lighting, names, found[tabulated[form], base_size(form)], field, form, shadows, basis)
         for form in forms
     ]
+
+
+def _by_rays(element: LightElement, field: LightField) -> list[tuple[LightElement, LightField]]:
+    """An element's sources with all rays of samples, and its map with as few as show it; on meshes all with all."""
+    if element.prepared_map is None or field.faces is not None:
+        return [(element, field)]
+    few = field.merged(element.prepared_map.even)
+    if few is field:
+        return [(element, field)]
+    rest = (element.without_sources, few)
+    return [(element.sources_alone, field), rest] if len(element.directions) else [rest]
 
 
 def all_columns(

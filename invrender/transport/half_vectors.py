@@ -34,6 +34,8 @@ _RAYS_PER_CHUNK = 1024
 PAD = 2
 # Turns one ring against the next so that azimuths never line up.
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+# Turn of a normal, radians, over which what a smooth map reflects is nearly linear.
+_EVEN = 0.06
 # Weight of a ring, relative to the heaviest, below which it is left out.
 _NEGLIGIBLE = 1e-6
 
@@ -85,6 +87,16 @@ class PreparedMap:
         if _is_rough(levels):
             return cls(tuple(padded_latlong(level.astype(np.float32), PAD) for level in levels), _ROUGH)
         return cls((padded_latlong(radiance_map.astype(np.float32), PAD),), _SMOOTH)
+
+    @property
+    def even(self) -> float:
+        """How far a normal may turn, radians, for the mean of what is reflected to be what the mean normal reflects.
+
+        In a smooth map the mean of all samples is off by 1e-5, one in a thousand by 0.2%. In others it is half a pixel,
+        since the mirrored view turns twice as far.
+        """
+        pixel = np.pi / (self.levels[0].shape[0] - 2 * PAD)
+        return _EVEN if len(self.levels) == 1 else min(_EVEN, pixel / 2)
 
     def with_rings(self, share: float) -> PreparedMap:
         """The same, in whose integrals rings lie a share as far apart, in the logarithm."""

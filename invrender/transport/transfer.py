@@ -98,6 +98,11 @@ class LightElement:
         prepared = PreparedMap.of(self.slow_map)
         return prepared.finer if self.finer else prepared
 
+    @property
+    def sources_alone(self) -> LightElement:
+        """The element's directional sources without the rest."""
+        return replace(self, slow_map=None, uniform=0.0)
+
     @cached_property
     def without_sources(self) -> LightElement:
         """The rest of the element, from which its directional sources are taken."""

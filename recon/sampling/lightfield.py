@@ -129,6 +129,42 @@ class LightField:
         kept[order[np.arange(len(order)) - first[self.ray_sample] < rays]] = True
         return self._kept(np.ones(len(self), bool), kept)
 
+    def merged(self, turn: float) -> LightField:
+        """The same samples with the mean of neighbouring rays for one, where the normal turns less across their square.
+
+        turn : radians. Of smooth bodies, whose rays have no faces. Samples whose rays are no grid stay as they are.
+        """
+        counts = np.bincount(self.ray_sample, minlength=len(self))
+        side = np.sqrt(counts).round().astype(np.int64)
+        if (side == 1).all() or (side**2 != counts).any():
+            return self
+        middle = self.sample_normals
+        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+        away = np.zeros(len(self))
+        np.maximum.at(away, self.ray_sample, np.linalg.norm(self.normals - middle[self.ray_sample], axis=1))
+        # The outermost rays lie half a square of theirs within the pixel's corners.
+        across = np.sqrt(2) * away * side / np.maximum(side - 1, 1)
+        fewer = np.minimum(2 ** np.ceil(np.log2(np.maximum(across / turn, 1))).astype(np.int64), side)
+        ends = np.cumsum(fewer**2)
+        which = np.arange(len(self.ray_sample)) - (np.cumsum(counts) - counts)[self.ray_sample]
+        wide, narrow = side[self.ray_sample], fewer[self.ray_sample]
+        place = (which // wide * narrow // wide) * narrow + which % wide * narrow // wide
+        target = (ends - fewer**2)[self.ray_sample] + place
+        size = np.bincount(target)
+        means = csr_array(
+            (1 / size[target], (target, np.arange(len(target)))), shape=(len(size), len(target))
+        )
+        first = np.unique(target, return_index=True)[1]
+        merged = self._kept(np.ones(len(self), bool), np.isin(np.arange(len(target)), first))
+        normals, views = means @ self.normals, means @ self.views
+        return replace(
+            merged,
+            ray_sample=np.repeat(np.arange(len(self)), fewer**2),
+            positions=means @ self.positions,
+            normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+            views=views / np.linalg.norm(views, axis=1, keepdims=True),
+        )
+
     def _kept(self, keep: NDArray[np.bool_], rays: NDArray[np.bool_]) -> LightField:
         """Samples (n,) and rays (m,) that are marked; each kept sample keeps a ray."""
         kept: dict[str, Any] = {}
