@@ -160,7 +160,7 @@ def _photo_columns(
 
 def _by_rays(element: LightElement, field: LightField) -> list[tuple[LightElement, LightField]]:
     """An element's sources with all rays of samples, and its map with as few as show it; on meshes all with all."""
-    if element.prepared_map is None or field.faces is not None:
+    if element.prepared_map is None:
         return [(element, field)]
     few = field.merged(element.prepared_map.even)
     if few is field:

@@ -132,11 +132,11 @@ class LightField:
     def merged(self, turn: float) -> LightField:
         """The same samples with the mean of neighbouring rays for one, where the normal turns less across their square.
 
-        turn : radians. Of smooth bodies, whose rays have no faces. Samples whose rays are no grid stay as they are.
+        turn : radians. Of smooth bodies: rays on a mesh's faces stay as they are, and those that are no grid.
         """
         counts = np.bincount(self.ray_sample, minlength=len(self))
         side = np.sqrt(counts).round().astype(np.int64)
-        if (side == 1).all() or (side**2 != counts).any():
+        if self.faces is not None or (side == 1).all() or (side**2 != counts).any():
             return self
         middle = self.sample_normals
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)

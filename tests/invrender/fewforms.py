@@ -28,6 +28,6 @@ def few_forms_tried(*others: LobeForm) -> Iterator[None]:
 def no_causes_sought() -> Iterator[None]:
     """Fits seek no causes of what they leave beyond noise; those found would only add warnings and widen error bars."""
     with pytest.MonkeyPatch.context() as patch:
-        for solver in ("known_light", "unknown_light"):
+        for solver in ("explained", "unknown_light"):
             patch.setattr(f"invrender.process.{solver}.diagnose", lambda *_: None)
         yield

@@ -244,3 +244,24 @@ def test_lengths_must_agree():
         LightField(**(good | {"radiance": np.zeros((3, 3))}))
     with pytest.raises(ValueError, match="normals has 1 entries for 2 rays"):
         LightField(**(good | {"normals": np.zeros((1, 3))}))
+
+
+def test_merged_rays_are_means_over_squares_that_turn_little(flat_ball):
+    samples = sample_sphere(flat_ball, FLAT, picture(), None, None, rng())
+    counts = np.bincount(samples.ray_sample)
+    assert samples.merged(1e-6).ray_sample.tolist() == samples.ray_sample.tolist()
+    one = samples.merged(10.0)
+    assert len(one.ray_sample) == len(samples)
+    assert_allclose(one.positions, samples.mean_over_rays(samples.positions))
+    mean = samples.sample_normals
+    assert_allclose(one.normals, mean / np.linalg.norm(mean, axis=1, keepdims=True))
+    # 1/20 radians per pixel face on, and up to six times as much at the outline: 4 x 4 rays become 2 x 2, or stay.
+    half = samples.merged(0.1)
+    left = np.bincount(half.ray_sample)
+    assert set(zip(counts.tolist(), left.tolist(), strict=True)) == {(4, 1), (16, 1), (16, 4), (16, 16)}
+    finest = np.flatnonzero((counts == 16) & (left == 4))[0]
+    rays, merged = samples.positions[samples.ray_sample == finest], half.positions[half.ray_sample == finest]
+    # Rays come row by row.
+    squares = rays.reshape(2, 2, 2, 2, 3).mean(axis=(1, 3)).reshape(4, 3)
+    assert_allclose(merged, squares)
+    assert_allclose(half.mean_over_rays(half.positions), samples.mean_over_rays(samples.positions))

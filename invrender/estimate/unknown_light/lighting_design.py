@@ -41,6 +41,9 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+# Turn of the normal, radians, across squares of a pixel that one ray stands for in light of a degree: the first, and
+# less of a high degree, by the second over it.
+_EVEN, _EVEN_OF_DEGREE = 0.06, 0.3
 # Between roughnesses this far apart in log sigma, rows are interpolated by cubics through values and slopes.
 _SPACING = 0.1
 # Up to so many numbers of rays: 64 MB.
@@ -65,8 +68,8 @@ _Shape = tuple[LobeForm, int, float | None, float]
 class LightingDesign:
     """Photographs under one lighting with what doesn't change while the BRDF is searched.
 
-    photos : one or more. field : their samples as one's, which is what all arrays go by. l_max : of the lighting.
-    transfer : of the lobe, for all but the sources. cos : (m,) exitant, of rays.
+    photos : one or more. field : their samples as one's. sky : the same with as few rays as light of the degree takes;
+    highlights of sources take more. l_max : of the lighting. transfer : of the lobe, for all but the sources.
     diffuse : (n, (l_max + 1)^2), irradiance, which a Lambertian base sends. lighting : number of the lighting that they
     are under. shadows : of a mesh on itself; None of what has none. settled : whether searches begin near their end:
     then rows of RH01's lobe, too, are kept of samples near one state, not of rays between two roughnesses, which take
@@ -75,9 +78,9 @@ class LightingDesign:
 
     photos: tuple[LightField, ...]
     field: LightField
+    sky: LightField
     l_max: int
     transfer: Transfer
-    cos: Floats
     diffuse: Singles
     lighting: int = 0
     shadows: Shadows | None = None
@@ -99,11 +102,11 @@ class LightingDesign:
     ) -> LightingDesign:
         """Prepare photographs for lighting of degree l_max."""
         samples = joined(photos)
-        diffuse = [_irradiance(part, l_max, shadows) for _, part in blocks(samples, _RAYS_AT_A_TIME)]
-        cos = np.einsum("nk,nk->n", samples.normals, samples.views)
+        sky = samples.merged(min(_EVEN, _EVEN_OF_DEGREE / max(l_max, 1)))
+        diffuse = [_irradiance(part, l_max, shadows) for _, part in blocks(sky, _RAYS_AT_A_TIME)]
         single = np.concatenate(diffuse)
         return LightingDesign(
-            tuple(photos), samples, l_max, transfer, cos, single, lighting, shadows, settled, frame
+            tuple(photos), samples, sky, l_max, transfer, single, lighting, shadows, settled, frame
         )
 
     def like(self, photos: Sequence[LightField], l_max: int, settled: bool = False) -> LightingDesign:
@@ -152,7 +155,7 @@ class LightingDesign:
         Sources nearly alike are taken for one, so that the last steps of a search don't stumble over pixels at the
         borders of shadows, which count for nothing in the end.
         """
-        result = np.ones((len(self.cos), len(sources)), bool)
+        result = np.ones((len(self.field.ray_sample), len(sources)), bool)
         if self.shadows is None:
             return result
         for k, near in enumerate(np.round(sources / _ALIKE) * _ALIKE):
@@ -170,9 +173,9 @@ class LightingDesign:
         size = (l_max + 1) ** 2
         if not state.form.interface and state.form.coat is None:
             return self.diffuse[:, :size]
-        out = interface_transmittance(state.form, state.mu, self.exitant)
+        out = interface_transmittance(state.form, state.mu, self._sky_exitant)
         factors = sky_factors(state.form, state.mu, l_max)
-        mean = self.field.mean_over_rays
+        mean = self.sky.mean_over_rays
         clear = mean(self._harmonics[:, :size], out) * factors
         return np.asarray(clear - mean(out)[:, None] * self._hidden[:, :size])
 
@@ -181,32 +184,41 @@ class LightingDesign:
         if not state.form.interface or state.mu is None:
             return np.zeros((len(self.field), light.shape[1]))
         l_max, mus = degree_of(len(light)), (state.mu, denser(state.mu))
-        out, more = (interface_transmittance(state.form, mu, self.exitant)[:, None] for mu in mus)
+        out, more = (interface_transmittance(state.form, mu, self._sky_exitant)[:, None] for mu in mus)
         factors, further = (sky_factors(state.form, mu, l_max)[:, None] for mu in mus)
         both = np.hstack([factors * light, (further - factors) / STEP * light]).astype(np.float32)
         falling, change = np.hsplit((self._harmonics[:, : len(light)] @ both).astype(float), 2)
         opened = (more - out) / STEP
-        mean = self.field.mean_over_rays
+        mean = self.sky.mean_over_rays
         return np.asarray(
             mean(out * change + opened * falling) - mean(opened) * (self._hidden[:, : len(light)] @ light)
         )
 
     @cached_property
     def exitant(self) -> Floats:
-        """Cosines (m,) of rays, none below the horizon."""
-        return np.clip(self.cos, 0, 1)
+        """Cosines (m,) of the field's rays, none below the horizon."""
+        return np.clip(_cosines(self.field), 0, 1)
+
+    @cached_property
+    def _sky_exitant(self) -> Floats:
+        """The same of the sky's rays."""
+        return np.clip(self._sky_cos, 0, 1)
+
+    @cached_property
+    def _sky_cos(self) -> Floats:
+        return _cosines(self.sky)
 
     @cached_property
     def _harmonics(self) -> Singles:
-        """Harmonics (m, (l_max + 1)^2) at the normals of rays."""
-        return evaluate_harmonics(self.field.normals, self.l_max).astype(np.float32)
+        """Harmonics (m, (l_max + 1)^2) at the normals of the sky's rays."""
+        return evaluate_harmonics(self.sky.normals, self.l_max).astype(np.float32)
 
     @cached_property
     def _hidden(self) -> Singles:
         """Rows (n, (l_max + 1)^2) of the irradiance that a mesh keeps off; one row of zeros of what has no shadows."""
         if self.shadows is None:
             return np.zeros((1, (self.l_max + 1) ** 2), np.float32)
-        parts = blocks(self.field, _RAYS_AT_A_TIME)
+        parts = blocks(self.sky, _RAYS_AT_A_TIME)
         hidden = [self.shadows.hidden_rows(part, self.l_max).astype(np.float32) for _, part in parts]
         return np.concatenate(hidden)
 
@@ -221,12 +233,12 @@ class LightingDesign:
         size = (l_max + 1) ** 2
         both = zip(weights, nodes, strict=True)
         rows = np.asarray(sum(np.tensordot(own, node[:, :, :size], 1) for own, node in both))
-        rows *= normalised_fresnel(state.mu, self.cos)[:, None].astype(np.float32)
-        return np.asarray(self.field.mean_over_rays(rows))
+        rows *= normalised_fresnel(state.mu, self._sky_cos)[:, None].astype(np.float32)
+        return np.asarray(self.sky.mean_over_rays(rows))
 
     def _between(self, state: BlindState) -> bool:
         """Whether rows are interpolated between two roughnesses, which takes four of each ray."""
-        large = 4 * len(self.cos) * (self.l_max + 1) ** 2 > _MOST_NUMBERS
+        large = 4 * len(self.sky.ray_sample) * (self.l_max + 1) ** 2 > _MOST_NUMBERS
         return state.form is RH01_FORM and not ((self.settled or large) and self.transfer == "exact")
 
     def lobe_slopes(self, state: BlindState, light: Floats) -> tuple[Floats, Floats]:
@@ -242,8 +254,8 @@ class LightingDesign:
         nodes, *weights = self._printed(state.roughness)
         parts = [node[:, :, : len(light)] @ single for node in nodes]
         seen, widened = (np.einsum("nj,njmc->mc", w, parts).astype(float) for w in weights)
-        fresnel, change = fresnel_with_slope(state.mu, self.cos)
-        mean = self.field.mean_over_rays
+        fresnel, change = fresnel_with_slope(state.mu, self._sky_cos)
+        mean = self.sky.mean_over_rays
         return np.asarray(mean(fresnel[:, None] * widened)), np.asarray(mean(change[:, None] * seen))
 
     def number_slope(self, state: BlindState, light: Floats, name: str) -> tuple[Floats, Floats]:
@@ -269,7 +281,7 @@ class LightingDesign:
 
         sources : (k, 3) or (k, 4), as a state has them.
         """
-        steady = np.ones(len(self.cos), bool)
+        steady = np.ones(len(self.field.ray_sample), bool)
         if self.shadows is not None:
             towards = np.moveaxis(self.towards(sources)[0], -2, 0)
             for direction, sees in zip(towards, self.free(sources).T, strict=True):
@@ -279,7 +291,7 @@ class LightingDesign:
 
     def off_edges(self, sigma: float) -> Mask:
         """Which samples (n,) have none of the mesh's edges in the lobe, where one ray can't stand for all of it."""
-        clear = np.ones(len(self.cos), bool)
+        clear = np.ones(len(self.field.ray_sample), bool)
         if self.shadows is not None:
             for width in np.minimum(_LOBE, _WIDEST / sigma):
                 for seen, rises in self.shadows.around(self.field, self.field.mirrored, width * sigma):
@@ -308,11 +320,11 @@ class LightingDesign:
             del self._last[next(iter(self._last))]
         self._nodes.clear()
         lobe = state.form.lobe
-        seen = np.ones(1) if self.shadows is None else self.field.reflected_visible
+        seen = np.ones(1) if self.shadows is None else self.sky.reflected_visible
         if lobe is RH01_FORM:
             lobes = self._printed_near(l_max, state.mu, width, seen)
         else:
-            lobes = mean_form_rows(self.field, l_max, lobe, state.mu, width, seen)
+            lobes = mean_form_rows(self.sky, l_max, lobe, state.mu, width, seen)
         self._last[lobe, l_max, state.mu, width] = lobes
         return lobes, 0.0, 0.0
 
@@ -321,10 +333,10 @@ class LightingDesign:
     ) -> Singles:
         """`mean_form_rows` of RH01's lobe; Fresnel's factor, which goes by the ray alone, is each ray's own."""
         at_angles = lobe_table(l_max).at_angles(sigma)
-        fresnel, change = fresnel_with_slope(mu, self.cos)
+        fresnel, change = fresnel_with_slope(mu, self._sky_cos)
         # Fresnel's factor changes rows alone.
         factors = [(0, fresnel * seen), (1, fresnel * seen), *([] if mu is None else [(0, change * seen)])]
-        rows = mean_lobe_rows(self.field, at_angles, factors)
+        rows = mean_lobe_rows(self.sky, at_angles, factors)
         return rows if mu is not None else np.concatenate([rows, np.zeros_like(rows[:1])])
 
     def _printed(self, sigma: float) -> tuple[list[Singles], Singles, Singles]:
@@ -352,9 +364,9 @@ class LightingDesign:
     def _node(self, node: int) -> Singles:
         """Rows and slopes (2, m, k) at a roughness, zero where a mesh stands in the mirror direction of the view."""
         if node not in self._nodes:
-            rows = specular_rows(self.field, self.l_max, float(np.exp(node * _SPACING)), self.transfer)
+            rows = specular_rows(self.sky, self.l_max, float(np.exp(node * _SPACING)), self.transfer)
             if self.shadows is not None:
-                rows *= self.field.reflected_visible[:, None]
+                rows *= self.sky.reflected_visible[:, None]
             self._nodes[node] = rows
         return self._nodes[node]
 
@@ -372,6 +384,11 @@ def pooled(
         for pool in together
     ]
     return together, designs
+
+
+def _cosines(field: LightField) -> Floats:
+    """Exitant, (m,), of rays."""
+    return np.einsum("nk,nk->n", field.normals, field.views)
 
 
 def _irradiance(field: LightField, l_max: int, shadows: Shadows | None) -> Singles:
