@@ -73,9 +73,7 @@ def solve_known_light(
     def explained(under: Mapping[str, Lighting], causes: bool = True) -> ExplainedSet:
         return explain_set(photoset, geometry, under, samples, clock, track, find_causes and causes)
 
-    def concluded(
-        known: ExplainedSet, said: Sequence[str] = (), turns: NDArray[np.float64] | None = None
-    ) -> Run:
+    def concluded(known: ExplainedSet, said: Sequence[str] = (), turns: Floats | None = None) -> Run:
         return _concluded(photoset, geometry, known, clock, said, turns)
 
     def under_turned(turned: FoundDirections) -> Run:
@@ -109,7 +107,7 @@ def _concluded(
     explained: ExplainedSet,
     clock: Clock,
     said: Sequence[str],
-    turns: NDArray[np.float64] | None,
+    turns: Floats | None,
 ) -> Run:
     """What an explanation amounts to. said : sentences on the lightings. turns : as of `calibration_scores`."""
     lightings, elements, known = explained.lightings, explained.elements, explained.known
@@ -135,17 +133,19 @@ def _concluded(
             weighed, geometry.body, found_of_sphere(photoset), photoset.errors, lights, turns
         )
         solution = solution_of(known, explained.used, doubts, instead, scores)
-    scored = []
-    for name in [name for name in lightings if name not in lights]:
-        label = next(photo.label for photo in photoset.photos if photo.lighting == name)
-        scored.append(scored_lighting(lightings[name], elements[name], strengths[label]))
+    first = {photo.lighting: photo.label for photo in reversed(photoset.photos)}
+    scored = [
+        scored_lighting(own, elements[name], strengths[first[name]])
+        for name, own in lightings.items()
+        if name not in lights
+    ]
     warnings = [
         *explained.left_out,
         *said,
         *find_warnings(photoset, solution, geometry, lightings, causes),
         *explained.remarks,
+        *([explained.elsewhere] if explained.elsewhere else []),
     ]
-    warnings += [explained.elsewhere] if explained.elsewhere else []
     found = None if bounces is None else bounces.found
     result = factorization(
         photoset,
@@ -159,11 +159,11 @@ def _concluded(
         scored=scored,
     )
 
-    def with_bounces(photo: Photo, field: LightField, shown: NDArray[np.float64]) -> NDArray[np.float64]:
+    def with_bounces(photo: Photo, field: LightField, shown: Floats) -> Floats:
         sent = explained.sent
         return shown if sent is None else shown + sent.radiance(photo.lighting, field)
 
-    def radiance(photo: Photo, field: LightField) -> NDArray[np.float64]:
+    def radiance(photo: Photo, field: LightField) -> Floats:
         light = elements[photo.lighting], strengths[photo.label]
         return with_bounces(photo, field, predict(result.brdf, *light, field, geometry.shadows))
 
@@ -178,7 +178,7 @@ def _concluded(
         PICTURES_OFF * (result.rms(held_out=False) or 0.0),
     )
 
-    def pictured(photo: Photo, field: LightField, binning: int) -> NDArray[np.float64]:
+    def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
         shown = many.radiance(photo.lighting, strengths[photo.label], field)
         return with_bounces(photo, field, shown)
 
@@ -203,7 +203,7 @@ def _doubts(
 
 def _of_place(
     body: Body, known: Explanation, elements: Mapping[str, Sequence[LightElement]]
-) -> list[list[NDArray[np.float64]]]:
+) -> list[list[Floats]]:
     """What a sphere's place and radius leave in doubt of each photograph's radiance, where that is notable."""
     if not isinstance(body, SphereBody):
         return []
@@ -212,7 +212,7 @@ def _of_place(
         return []
     estimate, photos = known.best.estimate, known.photos
 
-    def radiance(k: int, field: LightField) -> NDArray[np.float64]:
+    def radiance(k: int, field: LightField) -> Floats:
         name = photos[k].lighting
         return predict(estimate.brdf, elements[name], estimate.strengths[name], field)
 
