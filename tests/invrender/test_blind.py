@@ -212,6 +212,27 @@ def test_the_ladder_needs_fresnel_light_and_source_and_no_more(
     )
 
 
+def test_models_that_leave_much_are_judged_on_a_part_and_nothing_else_changes(
+    bench: SimpleNamespace, rng: np.random.Generator, few_forms: None, monkeypatch: pytest.MonkeyPatch
+):
+    photos = noisy(photographs(bench, TEFLON, 9, 9000), rng)
+    looked = factorize_blind(photos, orders=[4, 8])
+    monkeypatch.setattr("invrender.estimate.unknown_light.ladder._Glance.of", lambda *_: None)
+    whole = factorize_blind(photos, orders=[4, 8])
+    assert looked.model == whole.model
+    assert [candidate.name for candidate in looked.candidates] == [each.name for each in whole.candidates]
+    best = whole.candidates[whole.chosen].error
+    for part, all_of_them in zip(looked.candidates, whole.candidates, strict=True):
+        if all_of_them.error > 4 * best:
+            # A quarter of the samples, of which highlights keep more.
+            assert part.error > 3 * best
+        else:
+            assert part.error == pytest.approx(all_of_them.error, rel=0.01)
+    numbers = [np.array([*each.brdf_share, each.mu, each.sigma]) for each in (looked, whole)]
+    # Steps of fits end at a part of a standard deviation.
+    assert (np.abs(numbers[1] - numbers[0]) < 0.05 * np.sqrt(np.diag(whole.covariance))[:5]).all()
+
+
 def test_sources_are_told_apart_down_to_the_width_of_the_lobe(
     bench: SimpleNamespace, rng: np.random.Generator
 ):

@@ -16,20 +16,25 @@ from recon.sampling.lightfield import LightField
 OF_RAYS = ("positions", "normals", "views", "reflected_visible", "sources_visible")
 
 
-def with_rays(field: LightField, count: int) -> LightField:
-    """The same samples, each of so many times the same rays."""
+def with_rays(field: LightField, side: int) -> LightField:
+    """The same samples, each ray as a square of so many times so many."""
     assert {entry.name for entry in fields(field)} > set(OF_RAYS)
-    repeated = {name: getattr(field, name).repeat(count, axis=0) for name in ("ray_sample", *OF_RAYS)}
-    return replace(field, **repeated)
+    counts = np.bincount(field.ray_sample)
+    grids = [np.arange(count).reshape(2 * (round(count**0.5),)) for count in counts]
+    finer = [np.kron(grid, np.ones((side, side), int)).ravel() for grid in grids]
+    which = np.concatenate(
+        [first + own for first, own in zip(np.cumsum(counts) - counts, finer, strict=True)]
+    )
+    return replace(field, **{name: getattr(field, name)[which] for name in ("ray_sample", *OF_RAYS)})
 
 
 def test_rows_take_no_more_memory_for_more_rays(bench) -> None:
     # A mesh's pixel has ten rays or more: rows of each took 3.4 GB for three views of a bunny.
-    field, l_max = bench.sphere_field(40.0, samples=1500), 12
+    field, l_max = bench.sphere_field(40.0, samples=1500).thinned(1), 12
     state = replace(NOTHING, specular_share=np.full(3, 0.2), mu=1.6, sigma=0.1234)
     found, kept = [], []
-    for rays in (1, 16):
-        fine = with_rays(field, rays)
+    for side in (1, 4):
+        fine = with_rays(field, side)
         tracemalloc.start()
         design = LightingDesign.of([fine], l_max)
         found.append(rows_of(design, state, l_max))

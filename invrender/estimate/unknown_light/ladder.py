@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from invrender.estimate.unknown_light.cross_validation import BlindCandidate, cross_validate, simplest
+import numpy as np
+
+from invrender.estimate.unknown_light.cross_validation import (
+    BlindCandidate,
+    cross_validate,
+    left_out_whole,
+    simplest,
+)
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_evidence import bright
 from invrender.estimate.unknown_light.sources import SourceStarts, find_sources, sources_of_diffuse
-from invrender.estimate.unknown_light.start import Search, forget_rows, of_degree
+from invrender.estimate.unknown_light.start import Search, forget_rows, of_degree, thinned
 from invrender.estimate.unknown_light.state import FIRST_MU, BlindState
 
+# One in so many samples on which models are looked at first, and their numbers at least; how many times as much as the
+# first candidate leaves makes a model hopeless.
+_GLANCE, _FEWEST, _HOPELESS = 4, 6000, 3.0
 # Iterations by which a model that is any good has arrived, from the best of another.
 _ENOUGH = 8
 
@@ -32,9 +42,17 @@ def climb(
     """
     candidates, fit = [first], first.fit
     prepared = {0: of_degree(search, 0), fit.l_max: search}
+    glance = _Glance.of(search, fit)
 
     def add(state: BlindState, l_max: int, fitted: bool = False) -> None:
         degree = max(l_max, fit.l_max) if l_max else 0
+        if glance is not None:
+            looked, hopeless = glance.at(state, l_max, degree, fitted)
+            if hopeless is not None:
+                candidates.append(hopeless)
+                on_step()
+                return
+            state = looked.state
         if degree not in prepared:
             prepared[degree] = of_degree(search, degree)
         own = prepared[degree]
@@ -76,6 +94,44 @@ def climb(
         if len(candidates) == glossy or _takes_the_highest(candidates[glossy:]):
             add(diffuse, order)
     return candidates
+
+
+@dataclass(frozen=True, eq=False)
+class _Glance:
+    """A part of the samples, on which models are looked at before they are fitted to the others.
+
+    few : by degree of the light that they are prepared for. least : RMS of what the first candidate leaves there, in
+    deviations of the noise.
+    """
+
+    few: dict[int, Search]
+    least: float
+
+    @classmethod
+    def of(cls, search: Search, fit: BlindFit) -> _Glance | None:
+        """None where a part has too few samples, or where photographs are left out in parts."""
+        few = thinned(search, fit.l_max, search.numbers // (3 * _GLANCE), 0)
+        if few is search or few.numbers < _FEWEST or not left_out_whole(search.designs):
+            return None
+        return cls({fit.l_max: few}, _left(few, few.at(fit.state, fit.l_max)))
+
+    def at(
+        self, state: BlindState, l_max: int, degree: int, fitted: bool
+    ) -> tuple[BlindFit, BlindCandidate | None]:
+        """The fit of a model from a state; its evidence, too, where it leaves so much that it needs no more samples."""
+        if degree not in self.few:
+            self.few[degree] = of_degree(next(iter(self.few.values())), degree)
+        few = self.few[degree]
+        found = few.at(state, l_max) if fitted else few.fit(state, l_max, _ENOUGH)
+        hopeless = None
+        if _left(few, found) > _HOPELESS * self.least:
+            hopeless = without_rows(cross_validate(model_name(found), few, found))
+        forget_rows(few)
+        return found, hopeless
+
+
+def _left(search: Search, fit: BlindFit) -> float:
+    return float(np.sqrt(sum(fit.costs.values()) / search.numbers))
 
 
 def climb_again(
