@@ -45,13 +45,13 @@ def main(count: int) -> None:
 
 
 def _table(light: str, photos: list[PhotoColumns], weights: list[Floats]) -> None:
-    statistics = by_lighting(weighted_statistics(photos, weights))
+    statistics = by_lighting(weighted_statistics(zip(photos, weights, strict=True)))
     model = LADDER[-1]
     best, subsets = fit(model, statistics), Subsets(statistics)
     seconds = _medians(
         {
             "product": lambda: _bare(photos, weights),
-            "pass": lambda: by_lighting(weighted_statistics(photos, weights)),
+            "pass": lambda: by_lighting(weighted_statistics(zip(photos, weights, strict=True))),
             "cost": lambda: estimate_at(model, statistics, coordinates(best.model, best.brdf)),
             "step": lambda: newton_steps(
                 model, subsets, coordinates(best.model, best.brdf)[None], *bounds_of(model)

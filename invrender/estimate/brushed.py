@@ -22,9 +22,8 @@ from invrender.estimate.models import Estimate
 from invrender.estimate.noise import Weights
 from invrender.estimate.search import fit, models_of
 from invrender.estimate.statistics import total_statistics
-from invrender.transport.columns import Elements, PhotoColumns, columns_of, sample_count, together
+from invrender.transport.columns import Elements, PhotoColumns, columns_of, pooled_columns, sample_count
 from invrender.transport.predict import predict, predict_photos
-from recon.sampling.lightfield import pools
 
 Floats = NDArray[np.float64]
 
@@ -201,9 +200,8 @@ def _thinned(
     thin = [photo.where(own) for photo, own in zip(photos, kept, strict=True)]
     weighed = [weight.weight[own] for weight, own in zip(weights, kept, strict=True)]
     # Each photograph has few: a map's integral takes as long for a few rays as for many.
-    found = pools([photo.field for photo in thin], [photo.lighting for photo in thin])
-    pooled = [together([thin[k] for k in pool]) for pool in found]
-    return pooled, [np.concatenate([weighed[k] for k in pool]) for pool in found]
+    found = list(pooled_columns(thin, weighed))
+    return [photo for photo, _ in found], [weight for _, weight in found]
 
 
 def _widths(brdf: Microfacet) -> tuple[float, float]:

@@ -129,7 +129,7 @@ def climb_ladder(
     parts = _parts(photos, weights, known)
     # Kept per fold and lighting, not per photograph: memory then doesn't grow with the set.
     left_out: list[tuple[Statistics, ...]] = [()] * min(len(photos), MAX_FOLDS)
-    found = weighted_statistics([part.photo for part in parts], [part.weights.weight for part in parts])
+    found = weighted_statistics((part.photo, part.weights.weight) for part in parts)
     for part, entry in zip(parts, found, strict=True):
         left_out[part.fold] = with_known_as_one(by_lighting([*left_out[part.fold], entry]))
     subsets = Subsets(by_lighting(chain.from_iterable(left_out)), tuple(left_out))

@@ -38,7 +38,7 @@ _SAMPLES = 15000
 _ROUNDS, _HOPEFUL = 3, 0.99
 # Of a lobe's width, the largest turn of a round.
 _MOST_OF_WIDTH = 1.0
-# Of the error that is left with directions as given, what turned ones may leave at most to be believed.
+# Of the error that is left with sources as given, what sources put elsewhere may leave at most to be believed.
 FEWER = 0.98
 # Turns (RMS, radians) that are worth a solve, and that are no chance: squares over variances, less 1, in deviations.
 _NOTABLE, _NO_CHANCE = np.radians(0.05), 3.0

@@ -96,7 +96,7 @@ def gauss_newton(
 ) -> list[Estimate]:
     """The estimate of least cost near each of the starts (f, n), one for each subset of the photographs, its
     coordinates within bounds, to a small part of their standard deviations or after so many steps."""
-    # Not `capture.gaussnewton`: many searches step side by side here, each by its own share of its step.
+    # Not `capture.gaussnewton`: many searches step side by side here, each with its own curvature.
     best = newton_steps(model, subsets, np.clip(starts, lower, upper), lower, upper)
     going, beside = list(range(len(best))), [np.zeros_like(place.matrix) for place in best]
     for _ in range(most_steps):

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from invrender.transport.columns import PhotoColumns, together
-from recon.sampling.lightfield import pools
+from invrender.transport.columns import PhotoColumns, pooled_columns
 
 Floats = NDArray[np.float64]
 
@@ -101,18 +100,14 @@ class Subsets:
         return {name for name, count in counts.items() if count}
 
 
-def weighted_statistics(photos: Iterable[PhotoColumns], weights: Iterable[Floats]) -> Iterator[Statistics]:
-    """Statistics of each photograph in turn, computed on all cores; weights (n, 3) each."""
-    return parallel_map(lambda pair: photo_statistics(*pair), zip(photos, weights, strict=True))
+def weighted_statistics(photos: Iterable[tuple[PhotoColumns, Floats]]) -> Iterator[Statistics]:
+    """Statistics of each photograph with its weights (n, 3) in turn, computed on all cores."""
+    return parallel_map(lambda pair: photo_statistics(*pair), photos)
 
 
 def total_statistics(photos: Sequence[PhotoColumns], weights: Sequence[Floats]) -> tuple[Statistics, ...]:
     """Statistics of all photographs, one per lighting; those with few samples are worked on together."""
-    found = pools([photo.field for photo in photos], [photo.lighting for photo in photos])
-    pooled = (together([photos[k] for k in pool]) for pool in found)
-    return by_lighting(
-        weighted_statistics(pooled, (np.concatenate([weights[k] for k in pool]) for pool in found))
-    )
+    return by_lighting(weighted_statistics(pooled_columns(photos, weights)))
 
 
 def by_lighting(statistics: Iterable[Statistics]) -> tuple[Statistics, ...]:

@@ -117,7 +117,7 @@ def _of_photo(field: LightField, source: Source, centre: Floats, closeness: floa
     square = (towards**2).sum(axis=1)
     incident = towards / np.sqrt(square)[:, None]
     angles = half_angles(field.normals, incident, field.views)
-    cos_exitant = (field.normals * field.views).sum(axis=1)
+    cos_exitant = field.ray_cosines
     cos_incident = np.maximum((field.normals * incident).sum(axis=1), 0)
     # Across a grazing pixel light and view turn; the surface receives the mean, and radiance goes with 1 / cos theta_o.
     rays = np.column_stack([cos_incident, 1 / cos_exitant, angles.theta_h])

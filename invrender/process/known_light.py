@@ -47,8 +47,6 @@ Floats = NDArray[np.float64]
 
 # Of what photographs differ from the model, the share (RMS) by which pictures of it may be off: they differ 3% more.
 PICTURES_OFF = 0.25
-# Of the error on unseen photographs, what sources at a found distance may leave at most to be believed.
-_FEWER = 0.98
 # Deviation of a sphere's place, of its radius, below which normals are known well enough: a twentieth of a degree.
 _PLACED_WELL = 8e-4
 
@@ -96,7 +94,7 @@ def solve_known_light(
         return concluded(given)
     near = with_found_distances(near, explained(near, causes=False).known, geometry.shadows)
     found = explained(near)
-    if found.error >= _FEWER * given.error:
+    if found.error >= FEWER * given.error:
         return concluded(given)
     return concluded(found, [distance_sentence(near, given.error)])
 

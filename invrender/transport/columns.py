@@ -12,7 +12,7 @@ interface transmits is a short sum in i.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as defaulted
 from itertools import chain
@@ -81,6 +81,14 @@ def together(photos: Sequence[PhotoColumns]) -> PhotoColumns:
         return photos[0]
     columns = np.concatenate([photo.columns for photo in photos], axis=1)
     return replace(photos[0], columns=columns, field=joined([photo.field for photo in photos]))
+
+
+def pooled_columns(
+    photos: Sequence[PhotoColumns], weights: Sequence[Floats]
+) -> Iterator[tuple[PhotoColumns, Floats]]:
+    """Photographs with weights (n, ...) of their samples, those under one lighting with few samples as one."""
+    for pool in pools([photo.field for photo in photos], [photo.lighting for photo in photos]):
+        yield together([photos[k] for k in pool]), np.concatenate([weights[k] for k in pool])
 
 
 def photo_columns(

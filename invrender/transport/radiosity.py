@@ -111,7 +111,7 @@ class Bounced:
 
     def reflected(self, field: LightField, brdf: Microfacet) -> tuple[Floats, Floats]:
         """What rays (m, 3) reflect of it per unit of Kd, and of Ks: zero where `brdf` has no specular part."""
-        cos = np.clip((field.normals * field.views).sum(axis=1), 0, 1)
+        cos = np.clip(field.ray_cosines, 0, 1)
         diffuse = (
             self.shadows.at_rays(self.irradiance, field)
             * interface_transmittance(brdf.form, brdf.mu, cos)[:, None]

@@ -249,7 +249,7 @@ def facing(field: LightField) -> LightField:
     The lobe as printed grows as 1 / cos theta_o: beyond 88 degrees a normal is taken to lie at 88, as of a sphere only
     the outermost 0.05% do.
     """
-    cos = (field.normals * field.views).sum(axis=1)
+    cos = field.ray_cosines
     turned = np.flatnonzero(cos < _MIN_COS)
     if not len(turned):
         return field

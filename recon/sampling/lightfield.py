@@ -174,15 +174,20 @@ class LightField:
         kept["ray_sample"] = (np.cumsum(keep) - 1)[kept["ray_sample"]]
         return LightField(**kept)
 
+    @cached_property
+    def ray_cosines(self) -> Floats:
+        """Cosine of the exitant angle of each ray, (m,)."""
+        return np.asarray((self.normals * self.views).sum(axis=1))
+
     @property
     def cos_exitant(self) -> Floats:
         """Cosine of the exitant angle, (n,), mean over the pixel."""
-        return np.asarray(self.mean_over_rays((self.normals * self.views).sum(axis=1)))
+        return np.asarray(self.mean_over_rays(self.ray_cosines))
 
     @property
     def mirrored(self) -> Floats:
         """Mirror direction of each ray's view, (m, 3) unit."""
-        return np.asarray(2 * (self.normals * self.views).sum(axis=1)[:, None] * self.normals - self.views)
+        return np.asarray(2 * self.ray_cosines[:, None] * self.normals - self.views)
 
     @property
     def sample_normals(self) -> Floats:

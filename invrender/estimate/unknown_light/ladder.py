@@ -53,9 +53,7 @@ def climb(
                 on_step()
                 return
             state = looked.state
-        if degree not in prepared:
-            prepared[degree] = of_degree(search, degree)
-        own = prepared[degree]
+        own = _of_degree(prepared, degree)
         for other in prepared.values():
             if other is not own:
                 # Rows that are kept for the next step of a search take up more than all else.
@@ -119,9 +117,7 @@ class _Glance:
         self, state: BlindState, l_max: int, degree: int, fitted: bool
     ) -> tuple[BlindFit, BlindCandidate | None]:
         """The fit of a model from a state; its evidence, too, where it leaves so much that it needs no more samples."""
-        if degree not in self.few:
-            self.few[degree] = of_degree(next(iter(self.few.values())), degree)
-        few = self.few[degree]
+        few = _of_degree(self.few, degree)
         found = few.at(state, l_max) if fitted else few.fit(state, l_max, _ENOUGH)
         hopeless = None
         if _left(few, found) > _HOPELESS * self.least:
@@ -131,7 +127,15 @@ class _Glance:
 
 
 def _left(search: Search, fit: BlindFit) -> float:
-    return float(np.sqrt(sum(fit.costs.values()) / search.numbers))
+    """RMS of what a fit to a search leaves, in deviations of the noise."""
+    return float(np.sqrt(fit.cost / search.numbers))
+
+
+def _of_degree(prepared: dict[int, Search], degree: int) -> Search:
+    """The same samples for lighting of a degree, kept with those of other degrees."""
+    if degree not in prepared:
+        prepared[degree] = of_degree(next(iter(prepared.values())), degree)
+    return prepared[degree]
 
 
 def climb_again(

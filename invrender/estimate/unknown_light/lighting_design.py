@@ -197,16 +197,12 @@ class LightingDesign:
     @cached_property
     def exitant(self) -> Floats:
         """Cosines (m,) of the field's rays, none below the horizon."""
-        return np.clip(_cosines(self.field), 0, 1)
+        return np.clip(self.field.ray_cosines, 0, 1)
 
     @cached_property
     def _sky_exitant(self) -> Floats:
         """The same of the sky's rays."""
-        return np.clip(self._sky_cos, 0, 1)
-
-    @cached_property
-    def _sky_cos(self) -> Floats:
-        return _cosines(self.sky)
+        return np.clip(self.sky.ray_cosines, 0, 1)
 
     @cached_property
     def _harmonics(self) -> Singles:
@@ -233,7 +229,7 @@ class LightingDesign:
         size = (l_max + 1) ** 2
         both = zip(weights, nodes, strict=True)
         rows = np.asarray(sum(np.tensordot(own, node[:, :, :size], 1) for own, node in both))
-        rows *= normalised_fresnel(state.mu, self._sky_cos)[:, None].astype(np.float32)
+        rows *= normalised_fresnel(state.mu, self.sky.ray_cosines)[:, None].astype(np.float32)
         return np.asarray(self.sky.mean_over_rays(rows))
 
     def _between(self, state: BlindState) -> bool:
@@ -254,7 +250,7 @@ class LightingDesign:
         nodes, *weights = self._printed(state.roughness)
         parts = [node[:, :, : len(light)] @ single for node in nodes]
         seen, widened = (np.einsum("nj,njmc->mc", w, parts).astype(float) for w in weights)
-        fresnel, change = fresnel_with_slope(state.mu, self._sky_cos)
+        fresnel, change = fresnel_with_slope(state.mu, self.sky.ray_cosines)
         mean = self.sky.mean_over_rays
         return np.asarray(mean(fresnel[:, None] * widened)), np.asarray(mean(change[:, None] * seen))
 
@@ -333,7 +329,7 @@ class LightingDesign:
     ) -> Singles:
         """`mean_form_rows` of RH01's lobe; Fresnel's factor, which goes by the ray alone, is each ray's own."""
         at_angles = lobe_table(l_max).at_angles(sigma)
-        fresnel, change = fresnel_with_slope(mu, self._sky_cos)
+        fresnel, change = fresnel_with_slope(mu, self.sky.ray_cosines)
         # Fresnel's factor changes rows alone.
         factors = [(0, fresnel * seen), (1, fresnel * seen), *([] if mu is None else [(0, change * seen)])]
         rows = mean_lobe_rows(self.sky, at_angles, factors)
@@ -384,11 +380,6 @@ def pooled(
         for pool in together
     ]
     return together, designs
-
-
-def _cosines(field: LightField) -> Floats:
-    """Exitant, (m,), of rays."""
-    return np.einsum("nk,nk->n", field.normals, field.views)
 
 
 def _irradiance(field: LightField, l_max: int, shadows: Shadows | None) -> Singles:

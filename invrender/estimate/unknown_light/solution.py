@@ -240,7 +240,7 @@ def sky_parts(
     brdf: Microfacet, lighting: Floats, field: LightField, shadows: Shadows | None, transfer: Transfer
 ) -> tuple[Floats, Floats]:
     """What rays (m, 3) reflect of harmonic light ((l_max + 1)^2, 3) per unit of Kd, and of Ks."""
-    exitant, l_max = np.clip((field.normals * field.views).sum(axis=1), 0, 1), degree_of(len(lighting))
+    exitant, l_max = np.clip(field.ray_cosines, 0, 1), degree_of(len(lighting))
     passed = sky_factors(brdf.form, brdf.mu, l_max)
     base = evaluate_harmonics(field.normals, l_max) @ (passed[:, None] * lighting)
     if shadows is not None:
