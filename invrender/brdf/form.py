@@ -40,6 +40,11 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.einsum("...k,...k->...", a, b))
 
 
+def _product(a: Sequence[Floats] | Floats, b: Sequence[Floats] | Floats) -> Floats:
+    """Scalar products of vectors by their three coordinates."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 @dataclass(frozen=True, eq=False)
 class Angles:
     """Pairs of directions above the surface, arrays of one shape: theta_h, radians, of the half vector to the normal;
@@ -57,17 +62,22 @@ class Angles:
     @classmethod
     def between(cls, normals: Floats, wi: Floats, wo: Floats, axis: Axis | None = None) -> Angles:
         """Angles of unit vectors (..., 3), broadcast; axis : that the surface is brushed about, if it is."""
-        half = wi + wo
-        along = _dot(half, normals)
+        # Coordinate by coordinate: numpy takes twice as long over vectors of three.
+        normal, light, viewer = (np.ascontiguousarray(np.moveaxis(of, -1, 0)) for of in (normals, wi, wo))
+        cos_i, cos_o = _product(normal, light), _product(normal, viewer)
+        half, along = [i + o for i, o in zip(light, viewer, strict=True)], cos_i + cos_o
         # Not by arccos, which loses half the digits where the lobe peaks.
-        beside = half - along[..., None] * normals
-        theta_h = np.arctan2(np.sqrt(_dot(beside, beside)), along)
+        beside = [h - along * n for h, n in zip(half, normal, strict=True)]
+        theta_h, cos_d = (
+            np.arctan2(np.sqrt(_product(beside, beside)), along),
+            np.sqrt(_product(half, half)) / 2,
+        )
         turns = None
         if axis is not None:
             tangent = brushed_tangents(normals, axis)
             across = np.cross(normals, tangent)
-            turns = _turn(tangent, across, half), _turn(tangent, across, wi), _turn(tangent, across, wo)
-        return cls(theta_h, _dot(normals, wi), _dot(normals, wo), np.sqrt(_dot(half, half)) / 2, turns)
+            turns = _turn(tangent, across, wi + wo), _turn(tangent, across, wi), _turn(tangent, across, wo)
+        return cls(theta_h, cos_i, cos_o, cos_d, turns)
 
     @property
     def widened(self) -> Angles:

@@ -119,11 +119,12 @@ def climb_ladder(
     on_step: Callable[[], None] = lambda: None,
     models: Sequence[Model] = LADDER,
     patches: NDArray[np.int64] | None = None,
+    near: Estimate | None = None,
 ) -> tuple[Candidate, ...]:
     """Fit and cross-validate models, all of the columns' form or without a specular part.
 
-    patches : of the surface, those of all photographs and maybe more; of these alone if None. `on_step` is called after
-    each model.
+    patches : of the surface, those of all photographs and maybe more; of these alone if None. near : of one of the
+    models, an estimate that saves its search. `on_step` is called after each model.
     """
     known = patches_of(photos) if patches is None else patches
     parts = _parts(photos, weights, known)
@@ -135,7 +136,8 @@ def climb_ladder(
     subsets = Subsets(by_lighting(chain.from_iterable(left_out)), tuple(left_out))
     candidates = []
     for model in models:
-        candidates.append(_evaluate(model, len(photos), parts, subsets, len(known)))
+        start = near if near is not None and near.model == model else None
+        candidates.append(_evaluate(model, start, len(photos), parts, subsets, len(known)))
         on_step()
     return tuple(candidates)
 
@@ -251,8 +253,10 @@ def unseen_on(
     return replace(candidate, photo_errors=errors, patch_energy=energy)
 
 
-def _evaluate(model: Model, photos: int, parts: Sequence[_Part], subsets: Subsets, patches: int) -> Candidate:
-    full = fit(model, subsets.everything)
+def _evaluate(
+    model: Model, start: Estimate | None, photos: int, parts: Sequence[_Part], subsets: Subsets, patches: int
+) -> Candidate:
+    full = fit(model, subsets.everything, start)
     trained = tuple(fit_subsets(model, subsets, full, _NEAR_ENOUGH))
     errors, energy = _unseen(trained, photos, parts, patches)
     free = {(part.photo.lighting, name) for part in parts for name in part.photo.elements if name != "known"}

@@ -60,9 +60,10 @@ class FormTrial:
         photos: Sequence[PhotoColumns],
         weights: Sequence[Weights],
         patches: NDArray[np.int64],
+        near: Estimate | None = None,
     ) -> FormTrial:
-        """A form's models, fitted to columns of it."""
-        ladder = climb_ladder(photos, weights, models=models_of(form), patches=patches)
+        """A form's models, fitted to columns of it; near : the richest, with nearly the same weights."""
+        ladder = climb_ladder(photos, weights, models=models_of(form), patches=patches, near=near)
         return cls(ladder, tuple(photos), tuple(weights), patches)
 
     def judged(self, candidate: Candidate) -> Candidate:
@@ -111,26 +112,30 @@ def try_forms(
     def fits_of(forms: Iterable[LobeForm]) -> dict[LobeForm, Estimate]:
         return {form: _fitted(models_of(form)[-1], columns[form], weighed) for form in forms}
 
-    def costs_of(forms: Iterable[LobeForm]) -> dict[LobeForm, float]:
-        return {form: found.cost for form, found in fits_of(forms).items()}
+    found = fits_of((RH01_FORM, *OTHER_FORMS))
 
-    isotropic = fits_of((RH01_FORM, *OTHER_FORMS))
-    costs = {form: found.cost for form, found in isotropic.items()}
-    facets = min(single, key=lambda form: costs[form])
-    decisive = min(costs.values()) * (1 - _DECISIVE / (3 * sample_count(share)))
-    costs |= {form: cost for form, cost in costs_of(richer[facets]).items() if cost < decisive}
-    if costs[facets] < _NEAR * min(costs.values()):
+    def cost(form: LobeForm) -> float:
+        return found[form].cost
+
+    facets, isotropic = min(single, key=cost), dict(found)
+    decisive = min(map(cost, found)) * (1 - _DECISIVE / (3 * sample_count(share)))
+    found |= {form: fitted for form, fitted in fits_of(richer[facets]).items() if fitted.cost < decisive}
+    if cost(facets) < _NEAR * min(map(cost, found)):
         apart = UNCORRELATED[facets]
         columns |= columns_of((apart,), share, elements)
-        costs |= costs_of((apart,))
+        found |= fits_of((apart,))
     if axis is not None:
         more = try_brushed(share, weighed, elements, isotropic, columns, axis)
         columns |= more
-        costs |= costs_of(more)
-    best = min(costs, key=lambda form: costs[form])
+        found |= fits_of(more)
+    best = min(found, key=cost)
     own = weigh(columns[best], models_of(best)[-1], weighed)[1]
     patches = patches_of(photos)
-    return {form: FormTrial.of(form, part, own, patches) for form, part in columns.items() if form in costs}
+    return {
+        form: FormTrial.of(form, columns[form], own, patches, found[form])
+        for form in columns
+        if form in found
+    }
 
 
 def _fitted(model: Model, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> Estimate:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from invrender.estimate.evidence import (
 from invrender.estimate.explanation import Explanation, explain, refitted
 from invrender.estimate.identifiability import lighting_degree
 from invrender.estimate.jacobian import pack
-from invrender.estimate.models import Estimate
+from invrender.estimate.models import Estimate, Model
 from invrender.estimate.noise import NoiseModel, Weights
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.reported import Report
@@ -218,6 +219,12 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
     """
     model = known.best.estimate.model
     apart = np.zeros(len(chosen.values))
+
+    @cache
+    def on_share(model: Model) -> _Measured:
+        trial = known.trials[model.form]
+        return _measure(trial.candidate_like(model), trial.photos, trial.weights)
+
     rivals = list(zip(known.candidates, rivalry(known.candidates), strict=True))[known.chosen + 1 :]
     for candidate, weight in rivals:
         other = candidate.estimate.model
@@ -228,11 +235,9 @@ def _disagreement(chosen: _Measured, known: Explanation) -> Floats:
             there = _measure(candidate, known.photos, known.weights)
         else:
             # Both on the share of samples that the other form was tried on, so that noise is in both alike.
-            trial = known.trials[other.form]
-            there = _measure(trial.candidate_like(other), trial.photos, trial.weights)
-            own = known.trials[model.form]
-            here = _measure(own.candidate_like(model), own.photos, own.weights)
-            doubt = float(np.sqrt(sample_count(own.photos) / sample_count(known.photos)))
+            here, there = on_share(model), on_share(other)
+            share = known.trials[model.form].photos
+            doubt = float(np.sqrt(sample_count(share) / sample_count(known.photos)))
         std = doubt * np.sqrt(np.diag(there.covariance))
         for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
             theirs = there.report.places[name]

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
 from invrender.brdf.richer import NUMBER_RANGE
@@ -125,7 +126,8 @@ def solve_unknown_light(
             shown = predict_blind(blind, field, blind.lights[photo.lighting], geometry.shadows)
             return shown if sent is None else shown + sent.radiance(photo.lighting, field)
 
-        left = [field.radiance - recovered(photo, field) for photo, field in zip(fitted, seen, strict=True)]
+        shown = parallel_map(lambda of: recovered(*of), zip(fitted, seen, strict=True))
+        left = [field.radiance - own for field, own in zip(seen, shown, strict=True)]
         solution = _solution(blind, seen, left)
         brdf = solution.estimate.brdf
         under = {

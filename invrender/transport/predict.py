@@ -133,7 +133,11 @@ def _weights_of(mu: float | None, sigma: float, form: LobeForm, basis: ColumnBas
 
 def _combined(photo: PhotoColumns, weights: Floats) -> tuple[Floats, Floats]:
     """Diffuse and specular combinations (channels, n, elements) of a photograph's columns; weights : (q, 2)."""
-    both = photo.columns @ weights.astype(np.float32)
+    columns = photo.columns
+    # As one matrix: of many axes numpy makes a product for each sample.
+    both = (columns.reshape(-1, columns.shape[-1]) @ weights.astype(np.float32)).reshape(
+        *columns.shape[:-1], 2
+    )
     return both[..., 0].astype(float), both[..., 1].astype(float)
 
 

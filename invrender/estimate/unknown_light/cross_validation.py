@@ -99,21 +99,24 @@ def cross_validate(name: str, search: Search, fit: BlindFit) -> BlindCandidate:
     """The evidence for a fitted model."""
     joint = joint_equations(search, fit)
     free = ~fit.state.stuck(reduced(joint.whole).right)
-    residuals = [np.empty_like(design.field.radiance) for design in search.designs]
     steps = {}
     for fold, parts in joint.folds.items():
         rest = reduced({k: arrow - parts[k] if k in parts else arrow for k, arrow in joint.whole.items()})
         step = rest.step(free)
         light_steps = {k: rest.alone[k] - np.einsum("cpt,t->cp", rest.leverage[k], step) for k in joint.whole}
         steps[fold] = (light_steps, step)
-    for design, rows, of, residual in zip(search.designs, fit.rows, joint.fold_of, residuals, strict=True):
-        lit, shared = joint_rows(design, fit, rows)
-        left = design.radiance - predicted(design, fit, rows)
+
+    def foretold(item: tuple[LightingDesign, LightingRows, Floats, Ints]) -> Floats:
+        design, rows, shared, of = item
+        residual = design.radiance - predicted(design, fit, rows)
         for fold in np.unique(of):
             chosen, (light_steps, step) = of == fold, steps[int(fold)]
-            own = light_steps[design.lighting]
-            change = (lit[:, chosen] @ own[:, :, None])[:, :, 0] + shared[:, chosen] @ step
-            residual[chosen] = left[chosen] - change.T
+            change = rows.where(chosen).radiance(fit.state.specular_share, light_steps[design.lighting].T)
+            residual[chosen] -= change + (shared[:, chosen] @ step).T
+        return residual
+
+    by_design = zip(search.designs, fit.rows, joint.shared, joint.fold_of, strict=True)
+    residuals = list(parallel_map(foretold, by_design))
     errors = [
         relative_rms(*of_photo)
         for residual, design, trust in zip(residuals, search.designs, search.trust, strict=True)
@@ -135,31 +138,34 @@ def cross_validate(name: str, search: Search, fit: BlindFit) -> BlindCandidate:
 class Joint:
     """Joint normal equations at a fit by lighting: of all samples with the prior, and of each fold.
 
-    fold_of : (n,) per design.
+    fold_of : (n,) per design. shared : (3, n, t) per design, Jacobian over the shared parameters.
     """
 
     whole: dict[int, Arrow]
     folds: dict[int, dict[int, Arrow]]
     fold_of: tuple[Ints, ...]
+    shared: tuple[Floats, ...]
 
 
 def joint_equations(search: Search, fit: BlindFit) -> Joint:
     """Equations at a fit, fold by fold."""
     fold_of = _folds(search.designs)
 
-    def of_design(item: tuple[LightingDesign, Floats, LightingRows, Ints]) -> dict[int, Arrow]:
+    def of_design(item: tuple[LightingDesign, Floats, LightingRows, Ints]) -> tuple[dict[int, Arrow], Floats]:
         design, weight, rows, fold = item
         lit, shared = joint_rows(design, fit, rows)
         residual = design.radiance - predicted(design, fit, rows)
-        return {
+        arrows = {
             int(k): arrow_of(lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k])
             for k in np.unique(fold)
         }
+        return arrows, shared
 
     folds: dict[int, dict[int, Arrow]] = {}
     sums: dict[int, Arrow] = {}
     found = parallel_map(of_design, zip(search.designs, search.weights, fit.rows, fold_of, strict=True))
-    for design, parts in zip(search.designs, found, strict=True):
+    by_design, slopes = zip(*found, strict=True)
+    for design, parts in zip(search.designs, by_design, strict=True):
         for fold, part in parts.items():
             _add(folds.setdefault(fold, {}), design.lighting, part)
             _add(sums, design.lighting, part)
@@ -167,7 +173,7 @@ def joint_equations(search: Search, fit: BlindFit) -> Joint:
     whole = {
         k: replace(arrow, gram=fit.grams[k], right=np.zeros_like(arrow.right)) for k, arrow in sums.items()
     }
-    return Joint(whole, folds, fold_of)
+    return Joint(whole, folds, fold_of, slopes)
 
 
 def _add(arrows: dict[int, Arrow], lighting: int, part: Arrow) -> None:

@@ -31,7 +31,7 @@ from invrender.estimate.unknown_light.robust_start import judged, noise_and_weig
 from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSolution, sources_of
 from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity, likelier_sides
 from invrender.estimate.unknown_light.source_count import needed_sources
-from invrender.estimate.unknown_light.sources import FoundSources, examined
+from invrender.estimate.unknown_light.sources import with_seconds
 from invrender.estimate.unknown_light.start import Region, Search, of_degree, thinned
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty, blind_uncertainty
@@ -93,7 +93,7 @@ def factorize_blind(
             climbed = _ladder(search, assumed, orders, ladder, transfer, on_step)
         else:
             climbed = _ladder_again(search, assumed, near, on_step)
-        few, candidates, found = climbed.search, climbed.candidates, climbed.found
+        few, thin, candidates = climbed.search, climbed.thin, climbed.candidates
         noise, weights = climbed.noise, climbed.weights
         chosen = simplest(candidates)
         error = candidates[chosen].error
@@ -111,7 +111,8 @@ def factorize_blind(
         sides = likelier_sides(search, candidates[chosen].fit)
         if sides is not None and sides.fit is not candidates[chosen].fit:
             candidates[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
-        certainty = blind_uncertainty(search, candidates[chosen].fit, found.split, sides)
+        split = _seconds(thin, candidates[chosen].fit)
+        certainty = blind_uncertainty(search, candidates[chosen].fit, split, sides)
         rivals = alternatives_of(search, candidates[chosen], candidates, error)
         certainty = with_alternatives(certainty, candidates[chosen].fit, rivals)
     # As they were given.
@@ -119,18 +120,21 @@ def factorize_blind(
     candidates = [replace(candidate, photo_errors=candidate.photo_errors[back]) for candidate in candidates]
     by_photo = [of for design, own in zip(search.designs, weights, strict=True) for of in _split(design, own)]
     weights = tuple(by_photo[k] for k in back)
-    return _solution(search, candidates, chosen, certainty, noise, weights, found, sides, names, transfer)
+    return _solution(search, candidates, chosen, certainty, noise, weights, split, sides, names, transfer)
 
 
 @dataclass(frozen=True, eq=False)
 class _Climbed:
-    """The ladder of models: some samples, weighed by the noise that a fit leaves, and the evidence there."""
+    """The ladder of models: some samples, weighed by the noise that a fit leaves, and the evidence there.
+
+    thin : fewer samples, on which sources are looked for.
+    """
 
     search: Search
+    thin: Search
     noise: NoiseModel
     weights: tuple[Weights, ...]
     candidates: list[BlindCandidate]
-    found: FoundSources
 
 
 def _ladder(
@@ -152,12 +156,11 @@ def _ladder(
     formed = Formed(found, ())
     if any_form:
         formed = choose_form(thin if degree else of_degree(thin, 0), found, degree)
-    found = formed.found
     # Which model it takes shows in part of the samples; all of them have the last word between neighbours.
     few = thinned(search, degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)
     if outliers:
-        few = judged(few, found.fit, assumed)
-    fit = few.fit(found.fit.state, degree)
+        few = judged(few, formed.found, assumed)
+    fit = few.fit(formed.found.state, degree)
     few, noise, weights = _weighed(few, fit)
     # What a lamp in the dark explains is judged again by the noise that was found.
     state = fit.state if degree else needed_sources(few, fit)
@@ -167,7 +170,7 @@ def _ladder(
     if ladder:
         candidates = climb(few, thin, lamps, candidates[0], orders, formed.others, on_step)
     candidates[0] = without_rows(candidates[0])
-    return _Climbed(few, noise, weights, candidates, found)
+    return _Climbed(few, thin, noise, weights, candidates)
 
 
 def _ladder_again(
@@ -181,9 +184,13 @@ def _ladder_again(
     on_step()
     candidates = climb_again(few, near.candidates, on_step)
     thin = thinned(few, degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
-    fit = thin.fit(candidates[near.chosen].fit.state, chosen.l_max)
-    found = examined(thin, fit) if chosen.l_max else FoundSources(fit, None)
-    return _Climbed(few, noise, weights, candidates, found)
+    return _Climbed(few, thin, noise, weights, candidates)
+
+
+def _seconds(thin: Search, fit: BlindFit) -> BlindFit | None:
+    """The best fit to some samples with a source as two where they ask for that; fit : of all samples."""
+    thin = of_degree(thin, fit.l_max)
+    return with_seconds(thin, thin.fit(fit.state, fit.l_max))
 
 
 def blind_steps(orders: Sequence[int] = ORDERS) -> int:
@@ -298,7 +305,7 @@ def _solution(
     certainty: BlindUncertainty,
     noise: NoiseModel,
     weights: tuple[Weights, ...],
-    found: FoundSources,
+    split: BlindFit | None,
     sides: SourceAmbiguity | None,
     names: Sequence[str],
     transfer: Transfer,
@@ -321,7 +328,7 @@ def _solution(
         noise=noise,
         weights=weights,
         gauge=GAUGE,
-        warnings=remarks(search, fit, found, certainty, sides, names),
+        warnings=remarks(search, fit, split, certainty, sides, names),
         certainty=certainty,
         transfer=transfer,
     )

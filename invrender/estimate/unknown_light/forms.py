@@ -21,7 +21,7 @@ from invrender.estimate.unknown_light.cross_validation import (
 )
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_count import brightest_each, is_endless
-from invrender.estimate.unknown_light.sources import FoundSources, examined, find_sources, off_borders
+from invrender.estimate.unknown_light.sources import find_sources, off_borders
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import BlindState
 
@@ -38,18 +38,18 @@ _NEAR = 3.0
 class Formed:
     """The best fit with its sources, and what lobes of the other forms came to."""
 
-    found: FoundSources
+    found: BlindFit
     others: tuple[BlindState, ...]
 
 
-def choose_form(search: Search, found: FoundSources, l_max: int) -> Formed:
+def choose_form(search: Search, found: BlindFit, l_max: int) -> Formed:
     """The form that predicts samples best; RH01's unless that is worse by a standard error, as on the ladder.
 
     One with numbers of its own is chosen only where all simpler ones are clearly worse: of several, one will be a
     little better by chance.
     """
-    whole, search = search, off_borders(search, found.fit.state)
-    own = found.fit if search is whole else search.fit(found.fit.state, l_max)
+    whole, search = search, off_borders(search, found.state)
+    own = found if search is whole else search.fit(found.state, l_max)
     candidates: dict[LobeForm, BlindCandidate] = {}
 
     def trying(forms: Iterable[LobeForm], start: BlindFit) -> None:
@@ -83,9 +83,9 @@ def choose_form(search: Search, found: FoundSources, l_max: int) -> Formed:
     others = tuple(candidate.fit.state for form, candidate in candidates.items() if form is not chosen)
     if chosen is not own.state.form.family and not l_max:
         # Lamps in the dark were counted whatever the form is: those that were found stay.
-        found = FoundSources(whole.fit(candidates[chosen].fit.state, l_max, _FEW), None)
+        found = whole.fit(candidates[chosen].fit.state, l_max, _FEW)
     elif chosen is not own.state.form.family:
-        found = examined(whole, find_sources(whole, brightest_each(candidates[chosen].fit), l_max))
+        found = find_sources(whole, brightest_each(candidates[chosen].fit), l_max)
     return Formed(found, others)
 
 

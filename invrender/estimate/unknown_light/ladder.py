@@ -21,7 +21,7 @@ from invrender.estimate.unknown_light.state import FIRST_MU, BlindState
 
 # One in so many samples on which models are looked at first, and their numbers at least; how many times as much as the
 # first candidate leaves makes a model hopeless.
-_GLANCE, _FEWEST, _HOPELESS = 4, 6000, 3.0
+_GLANCE, _FEWEST, _HOPELESS = 4, 6000, 2.0
 # Iterations by which a model that is any good has arrived, from the best of another.
 _ENOUGH = 8
 

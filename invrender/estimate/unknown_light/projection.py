@@ -8,7 +8,7 @@ out and the covariance.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -108,7 +108,7 @@ def solve_lighting(
         gram, right = [], []
         for c in range(3):
             root = np.sqrt(weight[:, c])
-            whitened = rows.of_channel(state.specular_share[c]) * root[:, None]
+            whitened = rows.of_channel(state.specular_share[c], root)
             gram.append(whitened.T @ whitened)
             right.append(whitened.T @ (root * design.radiance[:, c]))
         return rows, np.array(gram), np.array(right), float((weight * design.radiance**2).sum())
@@ -205,10 +205,11 @@ class SharedEquations:
 def joint_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> tuple[Floats, Floats]:
     """Jacobian of a design's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
     lit = np.stack([rows.of_channel(specular_share) for specular_share in fit.state.specular_share])
-    return lit, _shared_rows(design, fit, rows)
+    return lit, shared_rows(design, fit, rows)
 
 
-def _shared_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
+def shared_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
+    """Jacobian (3, n, t) of a design's samples at a fit over the shared parameters."""
     state = fit.state
     slopes = slopes_of(design, state.under(design.lighting), rows, fit.light[design.lighting])
     shared = np.zeros((3, len(design.field), len(state.names)))
@@ -226,11 +227,21 @@ def shared_equations(
     designs: Sequence[LightingDesign], weights: Sequence[Floats], fit: BlindFit
 ) -> SharedEquations:
     """Kaufman's equations at a fit whose lightings are optimal."""
+    return reduced(arrows_at(designs, weights, fit, shared_rows))
+
+
+def arrows_at(
+    designs: Sequence[LightingDesign],
+    weights: Sequence[Floats],
+    fit: BlindFit,
+    jacobian: Callable[[LightingDesign, BlindFit, LightingRows], Floats],
+) -> dict[int, Arrow]:
+    """Joint equations of each lighting at a fit whose lightings are optimal; jacobian : as `shared_rows`."""
 
     def equations(item: tuple[LightingDesign, Floats, LightingRows]) -> tuple[Floats, Floats, Floats]:
         design, weight, rows = item
         residual = design.radiance - predicted(design, fit, rows)
-        shared = _shared_rows(design, fit, rows)
+        shared = jacobian(design, fit, rows)
         weighted = shared * weight.T[:, :, None]
         return (
             rows.sums(fit.state.specular_share, weighted),
@@ -245,7 +256,7 @@ def shared_equations(
         borders, corners, rights = zip(*mine, strict=True)
         none = np.zeros(fit.light[lighting].T.shape)
         arrows[lighting] = Arrow(gram, sum(borders), sum(corners), none, sum(rights))
-    return reduced(arrows)
+    return arrows
 
 
 def refine(

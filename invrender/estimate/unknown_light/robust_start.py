@@ -22,7 +22,7 @@ from invrender.estimate.noise import NoiseModel, Weights, fit_noise, photo_weigh
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import BlindFit, predicted
 from invrender.estimate.unknown_light.rows import rows_of, source_rows
-from invrender.estimate.unknown_light.sources import FoundSources, SourceStarts, find_starts, likelier
+from invrender.estimate.unknown_light.sources import SourceStarts, find_starts, likelier
 from invrender.estimate.unknown_light.start import NOTHING, Search
 from invrender.estimate.weighing import FLANKS
 
@@ -51,14 +51,14 @@ def robust_start(
     in_the_dark: bool,
     noise: NoiseModel,
     form: LobeForm = RH01_FORM,
-) -> tuple[Search, FoundSources, SourceStarts | None]:
+) -> tuple[Search, BlindFit, SourceStarts | None]:
     """`sources.find_starts` with the samples that it was left with: the same, unless there are outliers; these count
     for little, and the rest is weighed by an assumed noise."""
     first, trust = _middling(search, l_max or search.designs[0].l_max)
     if _distrusted(trust, _GROSS) < _FEW:
         return search, *find_starts(search, l_max, in_the_dark, form)
     search = _by_own_noise(search, first)
-    fit = find_starts(search, l_max, in_the_dark, form)[0].fit
+    fit = find_starts(search, l_max, in_the_dark, form)[0]
     for _ in range(_MOST_JUDGEMENTS):
         before, search = _distrusted(search.trust, _HALF), _by_own_noise(search, fit)
         if abs(_distrusted(search.trust, _HALF) - before) < _FEW / 3:

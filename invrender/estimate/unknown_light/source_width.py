@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
-from invrender.estimate.unknown_light.projection import Arrow, BlindFit, joint_rows, predicted, reduced
-from invrender.estimate.unknown_light.rows import rows_of
+from invrender.estimate.unknown_light.projection import BlindFit, arrows_at, reduced, shared_rows
+from invrender.estimate.unknown_light.rows import LightingRows, source_rows
 from invrender.estimate.unknown_light.source_evidence import design_effect
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import turn
@@ -49,7 +49,7 @@ def source_widths(search: Search, fit: BlindFit, precision: Floats, noise: float
     t, count = len(fit.state.names), len(fit.state.directions)
     radii, moved = np.zeros(count), np.zeros(t)
     light_moved = {lighting: np.zeros_like(light) for lighting, light in fit.light.items()}
-    equations = reduced(_equations(search, fit)) if count else None
+    equations = reduced(arrows_at(search.designs, search.weights, fit, _rows)) if count else None
     # What a model of the light or of the material lacks looks like a width, too.
     witnesses = design_effect(search, fit, search.lightings)
     wide = np.arange(count)
@@ -71,24 +71,9 @@ def source_widths(search: Search, fit: BlindFit, precision: Floats, noise: float
     return SourceWidths(radii, moved * fit.state.scales(), light_moved)
 
 
-def _equations(search: Search, fit: BlindFit) -> dict[int, Arrow]:
-    """Joint normal equations, the squared radii after all other shared parameters."""
-    arrows: dict[int, Arrow] = {}
-    for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
-        lit, shared = joint_rows(design, fit, rows)
-        shared = np.concatenate([shared, _columns(design, fit)], axis=-1)
-        weighted = shared * weight.T[:, :, None]
-        residual = design.radiance - predicted(design, fit, rows)
-        arrow = Arrow(
-            fit.grams[design.lighting],
-            lit.transpose(0, 2, 1) @ weighted,
-            np.einsum("cnt,cnu->tu", shared, weighted, optimize=True),
-            np.zeros(fit.light[design.lighting].T.shape),
-            np.einsum("cnt,nc->t", weighted, residual),
-        )
-        known = arrows.get(design.lighting)
-        arrows[design.lighting] = arrow if known is None else replace(known + arrow, gram=known.gram)
-    return arrows
+def _rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
+    """Jacobian (3, n, t + j) of a design's samples: the squared radii after all other shared parameters."""
+    return np.concatenate([shared_rows(design, fit, rows), _columns(design, fit)], axis=-1)
 
 
 def _columns(design: LightingDesign, fit: BlindFit) -> Floats:
@@ -100,8 +85,8 @@ def _columns(design: LightingDesign, fit: BlindFit) -> Floats:
 
     def lit(way: Floats) -> Floats:
         directions = np.array([turn(direction, *way) for direction in state.directions])
-        rows = rows_of(design, replace(state, directions=directions), 0)
-        return np.stack([rows.of_channel(specular_share)[:, 1:] for specular_share in state.specular_share])
+        rows = source_rows(design, replace(state, directions=directions))
+        return np.stack([rows.of_channel(specular_share) for specular_share in state.specular_share])
 
     around = [lit(_STEP * way) for way in (*np.eye(2), *-np.eye(2))]
     laplacian = (np.sum(around, axis=0) - 4 * lit(np.zeros(2))) / _STEP**2

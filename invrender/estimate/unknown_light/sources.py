@@ -33,18 +33,6 @@ _MOST_SOURCES = 6
 _NOT_DARK = 30
 
 
-@dataclass(frozen=True, eq=False)
-class FoundSources:
-    """The best fit with as many sources as are worth their parameters.
-
-    split : a fit that explains more with one of a lighting's as two, nearer to each other than the lobe is wide; None
-    if no such does.
-    """
-
-    fit: BlindFit
-    split: BlindFit | None
-
-
 def find_sources(search: Search, start: BlindState, l_max: int, peaks_at: int | None = None) -> BlindFit:
     """Sources entered one at a time in each lighting, refined with all else and kept where photographs ask for them.
 
@@ -117,14 +105,12 @@ def _without_needless(search: Search, fit: BlindFit, start: BlindState) -> Blind
     return search.fit(fit.state.without_source(np.array(needless)), fit.l_max, _FEW) if needless else fit
 
 
-def examined(search: Search, fit: BlindFit) -> FoundSources:
-    """A fit, and what explains more with one of its sources as two."""
-    return FoundSources(fit, _with_seconds(search, fit))
+def with_seconds(search: Search, fit: BlindFit) -> BlindFit | None:
+    """The best fit with a source as two, nearer to each other than the lobe is wide, where that is worth it.
 
-
-def _with_seconds(search: Search, fit: BlindFit) -> BlindFit | None:
-    """The best fit with a source as two, in each lighting in which that is worth it."""
-    if fit.state.sigma is None:
+    None if it is in no lighting; nor in the dark, where nothing separates two such sources.
+    """
+    if fit.state.sigma is None or not fit.l_max:
         return None
     search, state = off_borders(search, fit.state), fit.state
     for lighting in search.lightings:
@@ -168,14 +154,9 @@ def _worth_it(search: Search, fit: BlindFit, simpler: BlindFit, lighting: int) -
     return bool(saves and inside and (fit.irradiances[own].sum(axis=1) > 0).all())
 
 
-def likelier(search: Search, found: FoundSources, state: BlindState) -> FoundSources:
-    """What was found, or the best near another state if that explains more for its sources' price."""
-    fit = _likelier(search, found.fit, search.fit(state, found.fit.l_max))
-    return found if fit is found.fit else examined(search, fit)
-
-
-def _likelier(search: Search, first: BlindFit, second: BlindFit) -> BlindFit:
-    """The one of two fits of one degree that explains more for its sources' price."""
+def likelier(search: Search, first: BlindFit, state: BlindState) -> BlindFit:
+    """A fit, or the best near another state if that explains more for its sources' price."""
+    second = search.fit(state, first.l_max)
     best = min(first, second, key=lambda fit: fit.cost)
     prices = {lighting: source_penalty(search, best, lighting) for lighting in search.lightings}
     return min(first, second, key=lambda fit: fit.cost + sum(prices[k] for k in fit.state.owners.tolist()))
@@ -205,7 +186,7 @@ class SourceStarts:
 
 def find_starts(
     search: Search, l_max: int, in_the_dark: bool, form: LobeForm = RH01_FORM
-) -> tuple[FoundSources, SourceStarts | None]:
+) -> tuple[BlindFit, SourceStarts | None]:
     """Sources beside light of degree l_max, as a body with a lobe shows them, and lamps in the dark if that may be it.
 
     Lamps alone are fitted to the search as prepared for degree 0: lobes take time with the degree that they are for.
@@ -215,10 +196,9 @@ def find_starts(
     if not l_max:
         dark = of_degree(search, 0)
         alone = fewest_sources(dark, _diffuse_lamps(search), form)
-        # In the dark nothing separates two sources that are nearer to each other than the lobe is wide.
-        return FoundSources(alone, None), SourceStarts(alone, dark.fit(alone.state.without_lobe(), 0))
-    found = examined(search, find_sources(search, first_state(search, l_max), l_max))
-    lamps = _lamps_alone(search, found.fit) if in_the_dark else None
+        return alone, SourceStarts(alone, dark.fit(alone.state.without_lobe(), 0))
+    found = find_sources(search, first_state(search, l_max), l_max)
+    lamps = _lamps_alone(search, found) if in_the_dark else None
     if lamps is None:
         return found, None
     return likelier(search, found, lamps.glossy.state), lamps
@@ -247,6 +227,4 @@ def sources_of_diffuse(search: Search, l_max: int, lamps: SourceStarts | None) -
     if lamps is not None and not l_max:
         return lamps.diffuse.state
     found = find_sources(search, NOTHING, l_max)
-    return (
-        found if lamps is None else _likelier(search, found, search.fit(lamps.diffuse.state, l_max))
-    ).state
+    return (found if lamps is None else likelier(search, found, lamps.diffuse.state)).state

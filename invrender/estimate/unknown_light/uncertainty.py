@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.parallel import parallel_map
 from invrender.estimate.clusters import (
     beyond_chance,
     finest_tiles,
@@ -22,14 +23,15 @@ from invrender.estimate.clusters import (
     tiles_of,
 )
 from invrender.estimate.uncertainty import NUMERICAL, PRIOR_STD
-from invrender.estimate.unknown_light.cross_validation import joint_equations
+from invrender.estimate.unknown_light.cross_validation import Joint, joint_equations
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import (
     BlindFit,
-    joint_rows,
     predicted,
     prior_precision,
     reduced,
 )
+from invrender.estimate.unknown_light.rows import LightingRows
 from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity
 from invrender.estimate.unknown_light.source_width import source_widths
 from invrender.estimate.unknown_light.start import Search
@@ -182,7 +184,7 @@ def _of_noise(search: Search, fit: BlindFit) -> BlindUncertainty:
     scales, noise = fit.state.scales(), _noise(search, fit)
     prior_std = np.array([_prior_std(name) for name in fit.state.names]) / scales
     inverse = np.asarray(np.linalg.inv(equations.corner / noise + np.diag(1 / prior_std**2)), float)
-    ratio, fragility = _sandwich(search, fit, equations.leverage, inverse / noise, np.diag(inverse))
+    ratio, fragility = _sandwich(search, fit, joint, equations.leverage, inverse / noise, np.diag(inverse))
     root = np.sqrt(ratio)
     covariance = inverse * np.outer(root, root)
     light_std, shares = {}, {}
@@ -240,20 +242,34 @@ def _prior_std(name: str) -> float:
 
 
 def _sandwich(
-    search: Search, fit: BlindFit, leverage: Mapping[int, Floats], gain: Floats, independent: Floats
+    search: Search,
+    fit: BlindFit,
+    joint: Joint,
+    leverage: Mapping[int, Floats],
+    gain: Floats,
+    independent: Floats,
 ) -> tuple[Floats, Floats]:
     """Variances from clustered residuals over independent ones, at least 1, and fragility, (t,) each."""
     t = len(independent)
     by_tile: list[Floats] = []
     by_patch: dict[int, Floats] = {}
     by_photo: list[Floats] = []
-    for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
+
+    def scores_of(item: tuple[LightingDesign, Floats, LightingRows, Floats]) -> Floats:
+        design, weight, rows, shared = item
         radiance = predicted(design, fit, rows)
-        residual = design.radiance - radiance
-        lit, shared = joint_rows(design, fit, rows)
-        # What of a parameter's effect the lighting can't undo.
-        own = (shared - lit @ leverage[design.lighting]) * weight.T[:, :, None]
-        scores = np.hstack([np.einsum("cnt,nc->nt", own, part) for part in (residual, radiance)])
+        both = [np.zeros((len(radiance), t)) for _ in range(2)]
+        for c, (share, by) in enumerate(
+            zip(fit.state.specular_share, leverage[design.lighting], strict=True)
+        ):
+            # What of a parameter's effect the lighting can't undo.
+            own = (shared[c] - rows.radiance(share, by)) * weight[:, c, None]
+            both[0] += own * (design.radiance - radiance)[:, c, None]
+            both[1] += own * radiance[:, c, None]
+        return np.hstack(both)
+
+    items = zip(search.designs, search.weights, fit.rows, joint.shared, strict=True)
+    for design, scores in zip(search.designs, parallel_map(scores_of, items), strict=True):
         by_tile += list(sums_by(tiles_of(design.photos), scores).values())
         by_photo += [of.sum(axis=0) for of in design.split(scores)]
         for patch, score in sums_by(patch_of(design.field), scores).items():
@@ -278,14 +294,19 @@ def _wider_light(search: Search, fit: BlindFit, noise: float) -> dict[int, Float
     inverses = {lighting: np.linalg.inv(gram) for lighting, gram in fit.grams.items()}
     by_tile: dict[int, list[Floats]] = {lighting: [] for lighting in inverses}
     by_patch: dict[int, dict[int, Floats]] = {lighting: {} for lighting in inverses}
-    for design, weight, rows in zip(search.designs, search.weights, fit.rows, strict=True):
+
+    def scores_of(item: tuple[LightingDesign, Floats, LightingRows]) -> Floats:
+        design, weight, rows = item
         left = weight * (design.radiance - predicted(design, fit, rows))
-        scores = np.hstack(
+        return np.hstack(
             [
-                (rows.of_channel(specular_share) * left[:, c, None]) @ inverses[design.lighting][c]
+                rows.of_channel(specular_share, left[:, c]) @ inverses[design.lighting][c]
                 for c, specular_share in enumerate(fit.state.specular_share)
             ]
         )
+
+    items = zip(search.designs, search.weights, fit.rows, strict=True)
+    for design, scores in zip(search.designs, parallel_map(scores_of, items), strict=True):
         by_tile[design.lighting] += list(sums_by(tiles_of(design.photos), scores).values())
         patches = by_patch[design.lighting]
         for patch, score in sums_by(patch_of(design.field), scores).items():

@@ -13,7 +13,6 @@ from capture.wording import some_of
 from invrender.estimate.unknown_light.cross_validation import photo_counts
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity
-from invrender.estimate.unknown_light.sources import FoundSources
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
 
@@ -26,14 +25,14 @@ _FEW = 3
 def remarks(
     search: Search,
     fit: BlindFit,
-    found: FoundSources,
+    split: BlindFit | None,
     certainty: BlindUncertainty,
     sides: SourceAmbiguity | None,
     names: Sequence[str],
 ) -> tuple[str, ...]:
-    """Warnings, each of them with what would help; names : of the lightings."""
+    """Warnings, each of them with what would help; split : as of `with_seconds`. names : of the lightings."""
     return (
-        *(_of_split(found, names) if fit.state.sigma is not None else ()),
+        *_of_split(split, fit, names),
         *_of_sides(sides, names),
         *_of_widths(certainty, fit, names),
         *_of_rivals(certainty, fit),
@@ -41,13 +40,13 @@ def remarks(
     )
 
 
-def _of_split(found: FoundSources, names: Sequence[str]) -> tuple[str, ...]:
-    if found.split is None:
+def _of_split(split: BlindFit | None, fit: BlindFit, names: Sequence[str]) -> tuple[str, ...]:
+    if split is None:
         return ()
-    state, warnings = found.split.state, []
+    state, warnings = split.state, []
     for number in range(len(names)):
         ways = state.under(number).directions
-        if len(ways) > len(found.fit.state.under(number).directions):
+        if len(ways) > len(fit.state.under(number).directions):
             near = ", ".join(f"{x:.2f}" for x in ways[-1])
             where = f" in lighting {names[number]!r}" if len(names) > 1 else ""
             warnings.append(
