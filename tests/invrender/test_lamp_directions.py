@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ from invrender.process.held_out_light import used_lightings
 from invrender.process.pipeline import process
 from invrender.process.run import Run
 
-from .faultysets import LAMPS, change_manifest, write_set
+from .faultysets import LAMPS, change_manifest, change_pixels, write_set
 
 pytestmark = pytest.mark.usefixtures("few_forms")
 
@@ -109,3 +110,30 @@ def test_lamps_of_held_out_photographs_follow_the_others(tmp_path: Path) -> None
     assert off[-1] < min(3 * std[-1], np.radians(0.3))
     # With directions as given it is 7%.
     assert run.result.rms(held_out=True) < 0.013
+
+
+@pytest.mark.sweep
+def test_bars_of_found_directions_hold(tmp_path: Path) -> None:
+    clean = write_set(tmp_path / "clean", GLOSSY, noise=0.0)
+    true = np.concatenate([own.directions for own in used_lightings(load_photoset(clean)).values()])
+    off, errors = [], []
+    for draw in range(8):
+        rng, folder = np.random.default_rng(draw), tmp_path / f"{draw}"
+        shutil.copytree(clean, folder)
+        change_pixels(folder, lambda _, pixels, rng=rng: pixels * (1 + 0.01 * rng.normal(size=pixels.shape)))
+        turns = Rotation.from_rotvec(rng.normal(0, np.radians(OFF), (len(true), 3)))
+        given_directions(folder, turns.apply(true))
+        run = process(load_photoset(folder), 4000)
+        found, std = found_directions(run)
+        off.append(np.linalg.norm(found - true, axis=1) / std)
+        own = run.result.quantities
+        truths = {"kd": 0.16, "ks": 0.04, "mu": 1.6, "sigma": 0.06}
+        errors.append(
+            [(own[name].value.mean() - truth) / own[name].std.mean() for name, truth in truths.items()]
+        )
+    # Either way across of 64 lamps; bars are the worse way's, so that the RMS is below 1.
+    assert 0.6 < np.sqrt(np.mean(np.square(off)) / 2) < 1.2
+    # 95% of a round normal distribution lie within 2.45 deviations; chance leaves 90 to 100% of 64.
+    assert (np.array(off) < 2.45).mean() > 0.9
+    # Eight draws of four numbers that are not independent.
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.4

@@ -32,7 +32,7 @@ from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSo
 from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity, likelier_sides
 from invrender.estimate.unknown_light.source_count import needed_sources
 from invrender.estimate.unknown_light.sources import with_seconds
-from invrender.estimate.unknown_light.start import Region, Search, of_degree, thinned
+from invrender.estimate.unknown_light.start import Region, Search, forget_rows, of_degree, thinned
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty, blind_uncertainty
 from invrender.estimate.unknown_light.warnings import remarks
@@ -104,6 +104,7 @@ def factorize_blind(
         else:
             # What all samples take up shall not come on top of what parts of them did.
             del few, climbed
+            forget_rows(thin)
             search = of_degree(search, degree, settled=True)
             search, noise, weights = _weighed(search, search.at(own.state, own.l_max))
         chosen = confirm(search, candidates, pair)
