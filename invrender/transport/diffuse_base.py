@@ -71,7 +71,8 @@ class OneCoat:
 
     def __call__(self, cos: Floats) -> Floats:
         """(..., 1)."""
-        return coat_functions(cos) @ coat_coefficients(self.coat)[:, None]
+        even, grazing = coat_coefficients(self.coat)
+        return (even + grazing * (1 - np.clip(cos, 0, 1)) ** 5)[..., None]
 
 
 def coat_functions(cos: Floats) -> Floats:

@@ -146,14 +146,12 @@ def slopes_of(design: LightingDesign, state: BlindState, rows: LightingRows, lig
         for name in state.form.numbers:
             base, lobe = design.number_slope(state, coefficients, name)
             more = replace(state, form=further(state.form, name))
-            lit = (lamps.falling(more) - falling) / STEP * free
-            shown = (lamps.highlights(more) - highlights) / STEP * free
-            of_lobe = lobe + mean(shown @ irradiances)
-            columns.append(
-                design.within(
-                    specular_share * of_lobe + (1 - specular_share) * (base + mean(lit) @ irradiances)
-                )
-            )
+            # A coat changes the base alone, all else the lobe.
+            if name == "coat":
+                base = base + mean((lamps.falling(more) - falling) / STEP * free) @ irradiances
+            else:
+                lobe = lobe + mean(((lamps.highlights(more) - highlights) / STEP * free) @ irradiances)
+            columns.append(design.within(specular_share * lobe + (1 - specular_share) * base))
     else:
         highlights = np.zeros((1, 1))
 
