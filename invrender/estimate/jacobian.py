@@ -1,7 +1,7 @@
 """The Jacobian under known light: derivatives of predicted radiance in an estimate's numbers, as one vector.
 
 Fits state their standard deviations by it, and `plan` what photographs will determine before they are taken.
-`unknown_light.projection.joint_rows` is the Jacobian under unknown light.
+`unknown_light.projection.shared_rows` is the Jacobian under unknown light.
 """
 
 from __future__ import annotations

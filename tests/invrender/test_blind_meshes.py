@@ -92,8 +92,8 @@ def test_a_source_lights_what_no_ball_stands_before(plane: tuple[Shadows, LightF
     dark, lit = away < 0.93, away > 1.07
     assert dark.sum() > 20
     for own, free in (
-        (rows.per_diffuse, unshadowed.per_diffuse),
-        (rows.per_specular, unshadowed.per_specular),
+        (rows.of_channel(0.0), unshadowed.of_channel(0.0)),
+        (rows.of_channel(1.0), unshadowed.of_channel(1.0)),
     ):
         assert not own[dark, -1].any()
         assert_array_equal(own[lit, -1], free[lit, -1])
@@ -119,7 +119,7 @@ def test_the_lobe_sees_light_where_the_mirrored_ray_is_free(plane: tuple[Shadows
     free = field.reflected_visible
     for state in (BRDF, BRDF.with_form(BECKMANN)):
         own, clear = (
-            rows_of(LightingDesign.of([field], 4, shadows=known), state, 4).per_specular
+            rows_of(LightingDesign.of([field], 4, shadows=known), state, 4).of_channel(1.0)
             for known in (shadows, None)
         )
         assert_array_equal(own[free], clear[free])
@@ -138,7 +138,7 @@ def test_a_ball_keeps_its_share_of_a_uniform_sky_off_the_plane(plane: tuple[Shad
     shadows, field = plane
     uniform = (
         np.sqrt(4 * np.pi)
-        * rows_of(LightingDesign.of([field], 8, shadows=shadows), NOTHING, 8).per_diffuse[:, 0]
+        * rows_of(LightingDesign.of([field], 8, shadows=shadows), NOTHING, 8).of_channel(0.0)[:, 0]
     )
     distance = np.linalg.norm(field.positions - CENTRE, axis=1)
     # Of a ball that is wholly above the horizon: its solid angle's projection on the plane.
@@ -166,7 +166,7 @@ def test_a_window_lights_the_plane_as_the_usual_table_of_shadows_has_it(
     light = 4 * np.pi / len(grid) * harmonics.T @ window.radiance_from(grid)[:, :1]
     shadows = Shadows.of(body, transfer_vectors(body.mesh, USUAL_DEGREE, USUAL_RAYS))
     rows = rows_of(LightingDesign.of([field], USUAL_DEGREE, shadows=shadows), NOTHING, USUAL_DEGREE)
-    error = (rows.per_diffuse @ light - expected) / expected.max()
+    error = (rows.of_channel(0.0) @ light - expected) / expected.max()
     # 0.0061; with half as many rays 0.0109, and up to degree 8 alone 0.0074.
     assert np.sqrt(np.mean(error**2)) < 0.0067
 
@@ -184,5 +184,8 @@ def test_a_convex_mesh_is_seen_as_what_has_no_shadows() -> None:
     )
     # Flat faces set by up to 2 degrees before or after the smooth surface.
     off = np.abs(field.normals @ towards) > 0.04
-    for one, other in ((own.per_diffuse, clear.per_diffuse), (own.per_specular, clear.per_specular)):
+    for one, other in (
+        (own.of_channel(0.0), clear.of_channel(0.0)),
+        (own.of_channel(1.0), clear.of_channel(1.0)),
+    ):
         assert_allclose(one[off], other[off], atol=1e-6)

@@ -65,9 +65,9 @@ def test_rows_near_those_that_were_computed_are_what_they_would_be(
     near = state.moved(np.array([8e-4 if name in ("mu", "sigma") else 0.0 for name in state.names]))
     design = _design(field)
     rows_of(design, state, DEGREE)
-    found = rows_of(design, near, DEGREE).per_specular
-    fresh = rows_of(_design(field), near, DEGREE).per_specular
-    far = rows_of(_design(field), state, DEGREE).per_specular
+    found = rows_of(design, near, DEGREE).of_channel(1.0)
+    fresh = rows_of(_design(field), near, DEGREE).of_channel(1.0)
+    far = rows_of(_design(field), state, DEGREE).of_channel(1.0)
     # Half of the step's square, and single precision's sums.
     assert_allclose(found, fresh, atol=3e-6 * np.abs(fresh).max())
     assert np.abs(far - fresh).max() > 1e-4 * np.abs(fresh).max()

@@ -15,7 +15,7 @@ from invrender.estimate.calibration import WeighedPhoto, calibration_scores, som
 from invrender.estimate.unknown_light.cross_validation import joint_equations
 from invrender.estimate.unknown_light.lamp_frame import LampFrame
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
-from invrender.estimate.unknown_light.projection import joint_rows, light_scale, reduced
+from invrender.estimate.unknown_light.projection import light_scale, reduced
 from invrender.estimate.unknown_light.solution import BlindSolution, sky_parts, with_certainty
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty
@@ -55,11 +55,12 @@ def with_calibration(
     fit = search.at(solution.candidates[solution.chosen].fit.state, solution.l_max)
     sizes = {number: 3 * len(light) for number, light in fit.light.items()}
     starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
-    equations = reduced(joint_equations(search, fit).whole)
+    joint = joint_equations(search, fit)
+    equations = reduced(joint.whole)
     weighed = []
     for k, (design, weight) in enumerate(zip(search.designs, search.weights, strict=True)):
-        lit, shared = joint_rows(design, fit, fit.rows[k])
-        own = (shared - lit @ equations.leverage[design.lighting]) * weight.T[:, :, None]
+        lit = fit.rows[k].of_channels(fit.state.specular_share)
+        own = (joint.shared[k] - lit @ equations.leverage[design.lighting]) * weight.T[:, :, None]
         light = solution.lights[lighting_of[k]]
         sky = partial(_sky, solution, light.coefficients, shadows)
         lamps = Light(light_elements(light.sources.lighting), light.sources.irradiances)

@@ -23,9 +23,9 @@ from invrender.estimate.unknown_light.projection import (
     Arrow,
     BlindFit,
     arrow_of,
-    joint_rows,
     predicted,
     reduced,
+    shared_rows,
 )
 from invrender.estimate.unknown_light.rows import LightingRows
 from invrender.estimate.unknown_light.start import Search
@@ -153,7 +153,7 @@ def joint_equations(search: Search, fit: BlindFit) -> Joint:
 
     def of_design(item: tuple[LightingDesign, Floats, LightingRows, Ints]) -> tuple[dict[int, Arrow], Floats]:
         design, weight, rows, fold = item
-        lit, shared = joint_rows(design, fit, rows)
+        lit, shared = rows.of_channels(fit.state.specular_share), shared_rows(design, fit, rows)
         residual = design.radiance - predicted(design, fit, rows)
         arrows = {
             int(k): arrow_of(lit[:, fold == k], shared[:, fold == k], weight[fold == k], residual[fold == k])

@@ -112,7 +112,7 @@ def factorize_blind(
         sides = likelier_sides(search, candidates[chosen].fit)
         if sides is not None and sides.fit is not candidates[chosen].fit:
             candidates[chosen] = cross_validate(model_name(sides.fit), search, sides.fit)
-        split = _seconds(thin, candidates[chosen].fit)
+        split = with_seconds(thin, candidates[chosen].fit)
         certainty = blind_uncertainty(search, candidates[chosen].fit, split, sides)
         rivals = alternatives_of(search, candidates[chosen], candidates, error)
         certainty = with_alternatives(certainty, candidates[chosen].fit, rivals)
@@ -186,12 +186,6 @@ def _ladder_again(
     candidates = climb_again(few, near.candidates, on_step)
     thin = thinned(few, degree, _SEARCH_SAMPLES, _SEARCH_PER_LIGHTING)
     return _Climbed(few, thin, noise, weights, candidates)
-
-
-def _seconds(thin: Search, fit: BlindFit) -> BlindFit | None:
-    """The best fit to some samples with a source as two where they ask for that; fit : of all samples."""
-    thin = of_degree(thin, fit.l_max)
-    return with_seconds(thin, thin.fit(fit.state, fit.l_max))
 
 
 def blind_steps(orders: Sequence[int] = ORDERS) -> int:

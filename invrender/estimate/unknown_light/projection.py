@@ -202,12 +202,6 @@ class SharedEquations:
         return result
 
 
-def joint_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> tuple[Floats, Floats]:
-    """Jacobian of a design's samples at a fit: over its lighting (3, n, p), over the shared parameters (3, n, t)."""
-    lit = np.stack([rows.of_channel(specular_share) for specular_share in fit.state.specular_share])
-    return lit, shared_rows(design, fit, rows)
-
-
 def shared_rows(design: LightingDesign, fit: BlindFit, rows: LightingRows) -> Floats:
     """Jacobian (3, n, t) of a design's samples at a fit over the shared parameters."""
     state = fit.state

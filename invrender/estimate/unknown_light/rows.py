@@ -35,16 +35,6 @@ class LightingRows:
     lamps_diffuse: Floats
     lamps_specular: Floats
 
-    @property
-    def per_diffuse(self) -> Floats:
-        """Rows (n, k + j) of the base per unit of Kd, which take up twice what is kept."""
-        return np.hstack([self.sky_diffuse, self.lamps_diffuse])
-
-    @property
-    def per_specular(self) -> Floats:
-        """Rows (n, k + j) of the specular part per unit of Ks; (1, k + j) zeros without a lobe."""
-        return np.hstack([self.sky_specular, self.lamps_specular])
-
     def of_channel(self, specular_share: float, times: Floats | None = None) -> Floats:
         """Rows (n, k + j) of one channel, each times its own factor, (n,), if there are any."""
         times = np.ones(1) if times is None else times
@@ -53,6 +43,10 @@ class LightingRows:
         base, lobe = (share.astype(np.float32) for share in shares)
         sky = base * self.sky_diffuse + lobe * self.sky_specular
         return np.hstack([sky, shares[0] * self.lamps_diffuse + shares[1] * self.lamps_specular])
+
+    def of_channels(self, specular_share: Floats) -> Floats:
+        """Rows (3, n, k + j) of all channels."""
+        return np.stack([self.of_channel(share) for share in specular_share])
 
     def where(self, chosen: NDArray[np.bool_]) -> LightingRows:
         """Rows of some samples (n,)."""

@@ -86,7 +86,7 @@ def _columns(design: LightingDesign, fit: BlindFit) -> Floats:
     def lit(way: Floats) -> Floats:
         directions = np.array([turn(direction, *way) for direction in state.directions])
         rows = source_rows(design, replace(state, directions=directions))
-        return np.stack([rows.of_channel(specular_share) for specular_share in state.specular_share])
+        return rows.of_channels(state.specular_share)
 
     around = [lit(_STEP * way) for way in (*np.eye(2), *-np.eye(2))]
     laplacian = (np.sum(around, axis=0) - 4 * lit(np.zeros(2))) / _STEP**2

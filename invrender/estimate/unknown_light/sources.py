@@ -106,12 +106,15 @@ def _without_needless(search: Search, fit: BlindFit, start: BlindState) -> Blind
 
 
 def with_seconds(search: Search, fit: BlindFit) -> BlindFit | None:
-    """The best fit with a source as two, nearer to each other than the lobe is wide, where that is worth it.
+    """The best fit to some samples with a source as two, nearer to each other than the lobe is wide.
 
-    None if it is in no lighting; nor in the dark, where nothing separates two such sources.
+    fit : of the same or more samples. None where no lighting's samples ask for it; nor in the dark, where nothing
+    separates two such sources.
     """
     if fit.state.sigma is None or not fit.l_max:
         return None
+    search = of_degree(search, fit.l_max)
+    fit = search.fit(fit.state, fit.l_max)
     search, state = off_borders(search, fit.state), fit.state
     for lighting in search.lightings:
         second = _second(search, fit, lighting)
