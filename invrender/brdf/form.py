@@ -28,7 +28,8 @@ Axis = tuple[float, float, float]
 # A form's own, by name, one or (f,) each.
 Numbers = Mapping[str, float | Floats]
 
-_WIDEST_HAZE = 0.3
+# Width from which on a lobe looks like the base, radians.
+WIDEST_HAZE = 0.3
 # Below, the half-angle's tangent and the secants of grazing light lose all digits.
 LEAST_COS = 1e-6
 # Distance from a pole, radians, within which a brushed surface has no tangent, and squares without an azimuth.
@@ -174,7 +175,7 @@ class LobeForm:
 def part_width(factor: float | Floats, sigma: float | Floats) -> Floats:
     """The width of a part of a form that is so many times as wide as sigma, radians; a haze ends at 0.3.
 
-    Wider ones look like the base, and would pass for it.
+    Wider ones would pass for the base.
     """
     sigma = np.asarray(sigma, float)
-    return np.minimum(factor * sigma, np.maximum(_WIDEST_HAZE, sigma))
+    return np.minimum(factor * sigma, np.maximum(WIDEST_HAZE, sigma))

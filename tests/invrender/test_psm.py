@@ -101,6 +101,19 @@ def test_the_sphere_needs_no_specular_term(psm: Run) -> None:
     assert 0 <= lambertian.error - best.error < 0.006
 
 
+def test_a_lobe_that_looks_like_the_base_leaves_kd_determined(psm: Run) -> None:
+    best = min(psm.result.candidates, key=lambda candidate: candidate.error).estimate.brdf
+    kd = psm.result.quantities["kd"]
+    assert kd.value is not None
+    assert kd.std is not None
+    # GGX's widest lobe takes a sixth of the base's place, and explains no less: what is shared out differs, not how
+    # much is reflected.
+    assert best.sigma is not None
+    assert best.sigma > 0.5
+    assert (best.kd < 0.9 * kd.value).all()
+    assert (kd.std < 0.025 * kd.value).all()
+
+
 def test_the_scale_is_stated_as_a_gauge(psm: Run) -> None:
     irradiances = np.array([entry.lighting.irradiances[0] for entry in psm.result.lightings])
     assert psm.result.gauge.startswith("relative")

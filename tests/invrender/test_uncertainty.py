@@ -10,7 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting
-from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.lobes import GGX_FORM
+from invrender.brdf.microfacet import SIGMA_RANGE, Microfacet
 from invrender.estimate.jacobian import Parameters, pack
 from invrender.estimate.models import Estimate
 from invrender.estimate.noise import fit_noise, photo_weights
@@ -22,6 +23,8 @@ from invrender.transport.columns import PhotoColumns
 from invrender.transport.predict import predict_columns
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
+
+from .fewforms import few_forms_tried
 
 TEFLON = radiometric(RH01_MATERIALS["teflon"])
 ANGLES = np.linspace(0, 180, 10)
@@ -152,6 +155,24 @@ def test_stains_of_the_surface_widen_the_intervals(bench, rng, few_forms):
     # 95% of 4 draws is 3.8 +- 0.4, of four such 15.2 +- 0.9: over two deviations below. Channels stray together.
     assert min(shares.values()) >= 0.6, shares
     assert np.mean(list(shares.values())) >= 0.84, shares
+
+
+def test_a_lobe_as_wide_as_can_be_is_not_told_from_the_base(bench, rng):
+    lamps = [replace(bench.source, direction=bench.direction(angle, 20)) for angle in (20, 60, 100, 140)]
+    told = bench.known_lighting([], lamps)
+    brdf = Microfacet(TEFLON.kd, np.full(3, 0.5), None, SIGMA_RANGE[1], GGX_FORM)
+    photos = bench.predicted_photographs(brdf, ANGLES[::2], told, 150)
+    with few_forms_tried(GGX_FORM):
+        quantities = factorize(bench.with_noise(photos, rng), [told]).quantities
+    kd, ks = quantities["kd"], quantities["ks"]
+    assert quantities["sigma"].value is None
+    assert kd.std is not None
+    assert ks.std is not None
+    # A base of another form may be all of it: Ks is off by all that it is, or by nothing, each as likely.
+    assert_allclose(ks.std, np.sqrt(0.5) * 0.5, rtol=0.02)
+    # And Kd by what a base in its place would add.
+    assert (kd.std > 0.1 * TEFLON.kd).all()
+    assert kd.status == "weak"
 
 
 def test_a_maps_coarse_pixels_are_part_of_sigmas_uncertainty(bench, rng, few_forms):
