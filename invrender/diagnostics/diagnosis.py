@@ -31,7 +31,7 @@ _NOTABLE, _OF_NOISE = 0.005, 0.5
 # Logarithm of the ratio of widths from which on highlights are drawn out.
 _LEAST_STRETCH = 0.15
 # Causes that are no property of the surface, and move what is found of it.
-_FAULTS = ("near lamp", "curve", "offset", "place", "direction", "pose")
+_FAULTS = frozenset({"near lamp", "curve", "offset", "place", "brightness", "direction", "pose"})
 # Causes that are named one after the other, each for what those before leave.
 _MOST = 2
 
@@ -55,21 +55,23 @@ class Finding:
         """What a BRDF that was fitted without a fault of the photographs would be with it.
 
         The same where the cause is the surface's own: its forms and patches are in the error bars already. Photographs
-        that differ in brightness don't determine which of them is right.
+        that differ in brightness don't determine which of them is right. Where the surface explains as much as a fault,
+        each is as likely, and the BRDF moves by the RMS of both.
         """
         name, (within, without) = self.fit.cause.name, (self.fit.best, self.without)
+        part = 1.0 if _FAULTS.issuperset(self.alike) else np.sqrt(0.5)
         if name == "brightness":
-            scale = 1 + float(np.std(self.fit.numbers))
+            scale = 1 + part * float(np.std(self.fit.numbers))
             return replace(brdf, kd=scale * brdf.kd, ks=scale * brdf.ks)
         if name not in _FAULTS:
             return brdf
-        kd = np.maximum(brdf.kd + within.kd - without.kd, 0)
-        ks = np.maximum(brdf.ks + within.ks - without.ks, 0)
+        kd = np.maximum(brdf.kd + part * (within.kd - without.kd), 0)
+        ks = np.maximum(brdf.ks + part * (within.ks - without.ks), 0)
         moved = replace(brdf, kd=kd, ks=ks)
         if brdf.sigma is not None and within.sigma is not None and without.sigma is not None:
-            moved = replace(moved, sigma=brdf.sigma * within.sigma / without.sigma)
+            moved = replace(moved, sigma=brdf.sigma * (within.sigma / without.sigma) ** part)
         if brdf.mu is not None and within.mu is not None and without.mu is not None:
-            moved = replace(moved, mu=1 + (brdf.mu - 1) * (within.mu - 1) / (without.mu - 1))
+            moved = replace(moved, mu=1 + (brdf.mu - 1) * ((within.mu - 1) / (without.mu - 1)) ** part)
         return moved
 
 
