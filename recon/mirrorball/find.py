@@ -29,6 +29,8 @@ _BY_EDGES, _BY_LEVEL = 0.15, 0.0
 # Share of an outline that must show within a pixel, and pixels of it, in the small picture, where nothing else shows it
 # the ball: of one in a room 0.89 to 0.92 show, of what else seems round 0.84 at most.
 _LEAST_AROUND, _LEAST_LENGTH_PX = 0.86, 100.0
+# How many times as coarse as 480 pixels pictures are in which circles are looked for: edges that vote differ in each.
+_COARSER = (1.0, 1.25, 1.5)
 # Share of the best outline's score at which another is as good, in a picture and in a difference that was cut off.
 _AS_GOOD, _BEST = 0.95, 1.0
 # Relative differences from the empty room at which the ball may part from noise, moved edges and shadows.
@@ -84,30 +86,24 @@ def _contrast(image: RadianceImage) -> NDArray[np.float32]:
 
 
 def _roundest(image: RadianceImage, camera: Camera, name: str) -> Sphere:
-    """The largest sphere whose outline shows nearly all around, found in a small picture and refined in finer ones."""
-    factor = max(1, -(-max(image.saturated.shape) // SEARCHED_PX))
-    small, eye = image.binned(factor), camera.binned(factor)
-    picture = _contrast(small)
+    """The largest sphere whose outline shows nearly all around, found in small pictures and refined in finer ones."""
+    smallest = -(-max(image.saturated.shape) // SEARCHED_PX)
     found: list[tuple[float, Disk, bool]] = []
-    for disk in likely_circles(small.radiance):
-        try:
-            sphere = refined(picture, eye, disk, _BY_EDGES, _AS_GOOD, name)[0]
-        except ValueError:
-            continue
-        share, at = shown_share(picture, eye, sphere), _outline(sphere, eye)
-        length = 2 * np.pi * at.radius * share
-        found.append((length, at, share > _LEAST_AROUND and length > _LEAST_LENGTH_PX))
+    for factor in dict.fromkeys(round(smallest * coarser) for coarser in _COARSER):
+        found += _round_ones(image, camera, factor, name)
     found.sort(key=lambda entry: -entry[0])
     best = next((at for _, at, clear in found if clear), None)
     if best is None:
-        guesses = [
-            ",".join(f"{factor * value:.0f}" for value in (at.x, at.y, at.radius)) for _, at, _ in found
-        ]
+        guesses = [",".join(f"{value:.0f}" for value in (at.x, at.y, at.radius)) for at in _apart(found)]
         seen = f" (the likeliest circles are {' and '.join(guesses[:3])})" if guesses else ""
         raise ValueError(
             f"{name}: no mask is given and no ball stands out from the background{seen}; {_REMEDY}"
         )
-    sphere = refined(picture, eye, best, _BY_HAND, _AS_GOOD, name)[0]
+    factor = smallest
+    eye = camera.binned(factor)
+    sphere = refined(_contrast(image.binned(factor)), eye, best.scaled(1 / factor), _BY_HAND, _AS_GOOD, name)[
+        0
+    ]
     while factor > 1:
         factor = -(-factor // 3)
         eye = camera.binned(factor)
@@ -118,6 +114,37 @@ def _roundest(image: RadianceImage, camera: Camera, name: str) -> Sphere:
         except ValueError:
             break  # A large photograph may be blurred over many of its pixels.
     return sphere
+
+
+def _round_ones(
+    image: RadianceImage, camera: Camera, factor: int, name: str
+) -> list[tuple[float, Disk, bool]]:
+    """Outlines that show in a photograph binned by a factor: the length that shows, the circle, whether it is clear.
+
+    Both in pixels of the photograph.
+    """
+    small, eye = image.binned(factor), camera.binned(factor)
+    picture = _contrast(small)
+    found = []
+    for disk in likely_circles(small.radiance):
+        try:
+            sphere = refined(picture, eye, disk, _BY_EDGES, _AS_GOOD, name)[0]
+        except ValueError:
+            continue
+        share, at = shown_share(picture, eye, sphere), _outline(sphere, eye)
+        length = 2 * np.pi * at.radius * share
+        clear = share > _LEAST_AROUND and length > _LEAST_LENGTH_PX
+        found.append((factor * length, at.scaled(factor), clear))
+    return found
+
+
+def _apart(found: list[tuple[float, Disk, bool]]) -> list[Disk]:
+    """Circles without those that others before them are nearly the same as."""
+    kept: list[Disk] = []
+    for _, at, _ in found:
+        if all(np.hypot(at.x - old.x, at.y - old.y) > 0.2 * old.radius for old in kept):
+            kept.append(at)
+    return kept
 
 
 def _outline(sphere: Sphere, camera: Camera) -> Disk:

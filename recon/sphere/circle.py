@@ -21,6 +21,10 @@ class Disk:
     y: float
     radius: float
 
+    def scaled(self, factor: float) -> Disk:
+        """The circle in the image at another size, so many times as large."""
+        return Disk(factor * self.x, factor * self.y, factor * self.radius)
+
 
 def circles_through(triples: Floats) -> Floats:
     """Circles (x, y, radius), (n, 3), through three points each, (n, 3, 2); NaN where they lie on a line."""

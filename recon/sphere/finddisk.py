@@ -80,9 +80,7 @@ def find_rim(camera: Camera, image: RadianceImage) -> SphereRim | None:
     coarse, *finer = _levels(image)
     rims = []
     for disk in likely_circles(coarse.picture):
-        sphere = disk_sphere(
-            camera, Disk(*(value / coarse.factor for value in (disk.x, disk.y, disk.radius)))
-        )
+        sphere = disk_sphere(camera, disk.scaled(1 / coarse.factor))
         found = None if sphere is None else _refined(camera, coarse, sphere, _LEAST_SEEN)
         if found is not None and found.length * coarse.factor >= _LEAST_LENGTH_PX:
             rims.append(found)
