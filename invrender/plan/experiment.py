@@ -112,11 +112,6 @@ class Experiment:
         return np.asarray(offset / np.linalg.norm(offset))
 
     @property
-    def counts_errors(self) -> bool:
-        """Whether a plan counts errors of calibration: not where light is to be found."""
-        return all(light.known for light in self.lights)
-
-    @property
     def gauge_light(self) -> int | None:
         """The light whose total fixes the scale where the set gives no light at all; None where it gives some."""
         used = sorted({view.light for view in self.views})

@@ -93,11 +93,6 @@ def experiment_of(staging: Staging) -> Experiment:
         height_correlation=stated.height_correlation or 0.0,
         stated=any(stated.model_dump().values()),
     )
-    if errors.stated and any(light.given == "nothing" for light in used):
-        notes.append(
-            "what [uncertainty] states is planned under known light only; `process` carries it in unknown light too, so"
-            " its error bars will be wider than these"
-        )
     index = {id(light): k for k, light in enumerate(used)}
     sensor = staging.sensor
     return Experiment(

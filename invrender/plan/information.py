@@ -128,11 +128,28 @@ class Spread:
     fragility: Floats
     causes: Mapping[str, Floats] = field(default_factory=dict)
 
+    def of(self, place: slice) -> Spread:
+        """Some of the numbers."""
+        causes = {cause: variances[place] for cause, variances in self.causes.items()}
+        return Spread(self.std[place], self.fragility[place], causes)
+
+    def times(self, factor: Floats) -> Spread:
+        """Of the numbers (r,) times factors above 0."""
+        causes = {cause: factor**2 * variances for cause, variances in self.causes.items()}
+        return Spread(factor * self.std, factor * self.fragility, causes)
+
+    @property
+    def together(self) -> Spread:
+        """All numbers as one, (1,): the root of the summed squares."""
+        std, fragility = (np.sqrt((each**2).sum(keepdims=True)) for each in (self.std, self.fragility))
+        return Spread(std, fragility, {cause: own.sum(keepdims=True) for cause, own in self.causes.items()})
+
 
 class Posterior:
     """What all photographs together leave uncertain. marginals : one per lighting; they share some numbers.
 
-    scores : (t, q) by cause, of errors of calibration in the shared numbers, in units of the prior.
+    scores : (t + l, q) by cause, of errors of calibration in the shared numbers, then in each lighting's, channel by
+    channel, in units of the prior.
     """
 
     def __init__(self, marginals: Sequence[Marginal], scores: Mapping[str, Floats] | None = None) -> None:
@@ -146,14 +163,24 @@ class Posterior:
         for marginal in marginals:
             for patch, score in marginal.patches.items():
                 self._patches[self._places[patch]] += score
+        *starts, _ = np.cumsum([len(precision), *(3 * own.light.size for own in self.marginals)]).tolist()
+        self._own = [slice(k, k + 3 * own.light.size) for k, own in zip(starts, self.marginals, strict=True)]
+        self._scores = {cause: self._shared_score(columns) for cause, columns in self.scores.items()}
 
     def of_shared(self, rows: Floats) -> Spread:
         """Of linear functions (r, t) of the shared numbers, in units of the prior."""
         gain = rows @ self.covariance
         patches = ((self._patches @ gain.T) ** 2).sum(axis=0)
         spread = _spread(_along(gain, rows), _along(gain @ self._pull, gain), patches)
-        moved = {cause: gain @ columns for cause, columns in self.scores.items()}
+        moved = {cause: gain @ columns for cause, columns in self._scores.items()}
         return replace(spread, causes={cause: _along(each, each) for cause, each in moved.items()})
+
+    def _shared_score(self, columns: Floats) -> Floats:
+        """Scores (t, q) in the shared numbers, where those of each lighting are as they may be."""
+        shared = columns[: len(self.covariance)]
+        for marginal, own in zip(self.marginals, self._own, strict=True):
+            shared = shared + marginal.reduction[:, : own.stop - own.start] @ columns[own]
+        return shared
 
     def of_lighting(self, index: int) -> Spread:
         """Of the rows of a marginal."""
@@ -168,7 +195,13 @@ class Posterior:
         for patch, score in marginal.information.patches.items():
             patches[self._places[patch]] += marginal.solved @ score
         variance = _along(marginal.solved, marginal.rows) + _along(gain, given)
-        return _spread(variance, pull, (patches**2).sum(axis=0))
+        spread = _spread(variance, pull, (patches**2).sum(axis=0))
+        own = self._own[index]
+        by_error = {
+            cause: marginal.solved[:, : own.stop - own.start] @ columns[own] + gain @ self._scores[cause]
+            for cause, columns in self.scores.items()
+        }
+        return replace(spread, causes={cause: _along(each, each) for cause, each in by_error.items()})
 
     def with_information(self, index: int, added: Tally) -> Posterior:
         """With more photographs under the lighting of one marginal."""

@@ -141,9 +141,10 @@ def make_plan(
             shown = next(seen[view.light])
             weights = bench.weights(one, shown, bright, exposure_s)
             found[view.light] += bench.information(view.light, one, shown, weights)
-            weighted.append(shown.shared * bench.unknowns.std * weights.T[..., None])
+            if experiment.errors.stated:
+                weighted.append(bench.weighted(view.light, shown, weights))
         scores: Mapping[str, Floats] = {}
-        if experiment.counts_errors:
+        if experiment.errors.stated:
             scores = planned_scores(experiment, bench.object, [one.field for one in draws], weighted)
         return Plan(bench, tuple(found), tuple(draws), scores)
 

@@ -82,6 +82,12 @@ class Bench:
         """The information in a photograph; weights : of `weights`."""
         return photograph_tally(self.unknowns, light, drawn.field, seen, weights)
 
+    def weighted(self, light: int, seen: ShownSamples, weights: Floats) -> tuple[Floats, Floats]:
+        """Derivatives (3, n, p) and (3, n, t), as `ShownSamples` has them, in units of the prior, times weights."""
+        of_channels = weights.T[..., None]
+        lit = seen.lit * self.unknowns.lights[light].std[:, None] * of_channels
+        return lit, seen.shared * self.unknowns.std * of_channels
+
     def nothing(self, light: int) -> Tally:
         """The information of no photograph under a light."""
         return Tally.none(self.unknowns.lights[light].size, len(self.unknowns.std))

@@ -265,7 +265,9 @@ def _outcome(one: Expected) -> str:
 
 
 def _bar(one: Expected, std: Floats) -> str:
-    """The largest of a quantity's standard deviations (k,), as a number and as a share."""
+    """The largest of a quantity's standard deviations (k,), as a number and as a share; of a direction in degrees."""
+    if one.is_direction:
+        return f"± {np.degrees(std[0]):.2g} degrees"
     worst = int(np.argmax(std / one.size))
     return f"± {std[worst]:.2g} ({_share(float(std[worst] / one.size[worst]))})"
 

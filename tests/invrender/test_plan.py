@@ -154,6 +154,30 @@ def test_a_plan_counts_what_a_scene_states_of_calibration_as_process_does(tmp_pa
     assert gain == max(float(np.max(one.std / one.improved(cause))) for one in plan.expected) > 1
 
 
+def test_in_unknown_light_a_plan_counts_calibration_as_process_does(tmp_path: Path, few_forms: None):
+    path = tmp_path / "stated.toml"
+    paint = "kd = [0.2, 0.15, 0.1]\nks = [0.05, 0.06, 0.07]\nmu = 1.5\nsigma = 0.15"
+    stated = "[uncertainty]\nrotation_deg = 0.5\n"
+    text = scene(f'{LAMP}\ngiven = "nothing"', GANTRY, material=paint, more=QUICK)
+    path.write_text(text)
+    write_photoset(read_staging(path), tmp_path / "set")
+    manifest = tmp_path / "set" / "photoset.toml"
+    manifest.write_text(manifest.read_text() + stated)
+    path.write_text(text + stated)
+    plan = make_plan(experiment_of(read_staging(path)), 0, 40_000)
+    result = process(load_photoset(tmp_path / "set")).result
+    for name in ("ks_normalised", "sigma", "mu"):
+        expected, found = named(plan.expected, name), result.quantities[name]
+        assert expected.shares["poses"] > 0.9
+        reported = np.mean(found.std**2) * found.shares["poses"]
+        # By the same slopes: at the truth, from samples of its own.
+        assert np.mean(expected.causes["poses"]) == pytest.approx(reported, rel=0.5), name
+    # The lamp's direction follows seven poses, each half a degree off about either axis across it.
+    direction = named(plan.expected, "lab/source 1 direction")
+    assert direction.std == pytest.approx(np.radians(0.5) * np.sqrt(2 / 7), rel=0.3)
+    assert direction.shares["poses"] > 0.99
+
+
 # --- what theory says
 
 

@@ -134,7 +134,6 @@ def test_the_calibration_that_is_worth_improving_is_named(plan: Run, tiny: Path,
     assert code == 0
     # A degree of the one light is a hundred times what poses are off.
     assert "Worth improving first: light directions. Twice as sure, they leave Kd (1/sr) ±" in text
-    assert "Note: what [uncertainty]" not in text
     # mu stays undetermined in so few grazing pixels: no bar of it is promised.
     assert "mu ±" not in text[text.index("Worth improving") :]
     found = json.loads((out / "plan.json").read_text())
@@ -145,8 +144,13 @@ def test_the_calibration_that_is_worth_improving_is_named(plan: Run, tiny: Path,
     improved = found["calibration"][0]["quantities"][0]
     assert improved["name"] == "kd"
     np.testing.assert_allclose(improved["std"], np.array(kd["std"]) / 2, rtol=0.1)
-    _, unknown, _ = plan(tiny, "--light", "nothing", "--degree", 3, "--samples", 1000)
-    assert "Note: what [uncertainty] states is planned under known light only" in unknown
+    # Of light that is to be found no direction is given; poses limit what is found of it.
+    tiny.write_text(SCENE + "[uncertainty]\nrotation_deg = 1.0\n")
+    _, text, _ = plan(tiny, "-o", out, "--light", "nothing", "--degree", 0, "--samples", 1000)
+    assert re.search(r"source 1 of '\w+', direction ± [\d.]+ degrees in place of ± [\d.]+ degrees", text)
+    unknown = json.loads((out / "plan.json").read_text())
+    assert [one["cause"] for one in unknown["calibration"]] == ["poses"]
+    assert all("poses" in one["variance_shares"] for one in unknown["quantities"] if one["std"])
 
 
 @pytest.mark.usefixtures("few_directions")

@@ -111,13 +111,20 @@ def test_marginals_add_up_to_the_inverse_of_the_whole(bench, rng):
             total[places] += score
     covariance = np.linalg.inv(whole)
     asked = rng.normal(size=(4, s))
-    posterior = Posterior([Marginal(u, t, asked) for u, t in zip(unknowns.lights, tallies, strict=True)])
+    errors = {"poses": rng.normal(size=(whole_size, 5)), "lenses": rng.normal(size=(whole_size, 1))}
+    # Those of the shared numbers come first there, and last in the matrix.
+    scores = {cause: np.roll(columns, t, axis=0) for cause, columns in errors.items()}
+    marginals = [Marginal(u, tally, asked) for u, tally in zip(unknowns.lights, tallies, strict=True)]
+    posterior = Posterior(marginals, scores)
     patches = np.array(list(patch_scores.values()))
 
     def check(spread, rows: np.ndarray) -> None:
         assert_allclose(spread.std**2, np.diag(rows @ covariance @ rows.T), rtol=1e-9)
         pulls = [((rows @ covariance @ scores.T) ** 2).sum(axis=1) for scores in (tile_scores, patches)]
         assert_allclose(spread.fragility**2, np.maximum(*pulls), rtol=1e-9)
+        for cause, columns in errors.items():
+            moved = rows @ covariance @ columns
+            assert_allclose(spread.causes[cause], (moved**2).sum(axis=1), rtol=1e-9)
 
     of_shared, none = rng.normal(size=(3, t)), np.zeros((4, 3 * p))
     check(posterior.of_shared(of_shared), np.hstack([np.zeros((3, 6 * p)), of_shared]))

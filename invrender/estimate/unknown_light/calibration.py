@@ -65,7 +65,7 @@ def with_calibration(
         sky = partial(_sky, solution, light.coefficients, shadows)
         lamps = Light(light_elements(light.sources.lighting), light.sources.irradiances)
         weighed.append(
-            _WeighedPhoto(
+            WeighedLitPhoto(
                 labels[k],
                 lighting_of[k],
                 SeenBody(cameras[k], body),
@@ -117,7 +117,7 @@ def _beyond(certainty: BlindUncertainty, stated: Mapping[str, Floats]) -> BlindU
 
 
 @dataclass(frozen=True, eq=False)
-class _WeighedPhoto(WeighedPhoto):
+class WeighedLitPhoto(WeighedPhoto):
     """Some of a photograph's samples, and how much each counts in the shared numbers, then in all lights' (l).
 
     lit : per channel (n, k + j), derivatives of their radiance by their lighting times weights. first : where these
