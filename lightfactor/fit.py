@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from capture.files.outfolder import result_folder
 from invrender.estimate.quantities import PhotoScore
-from invrender.output.render.light import chosen_lighting, distant_source, own_lighting
+from invrender.output.gradients.figure import gradients_figure
+from invrender.output.gradients.photograph import PhotoGradients, photo_gradients
+from invrender.output.render.light import chosen_lighting, distant_source, light_element, own_lighting
 from invrender.output.render.options import check_preview, check_tolerance
 from invrender.output.render.photographer import photographer
 from invrender.output.render.picture import Picture, interpolation_note
@@ -210,6 +212,28 @@ class Fit:
             picture = studio.take(camera, rotate_light, std, tolerance)
             notes += interpolation_note([picture.interpolated])
         return replace(picture, notes=tuple(map(with_arguments, notes)))
+
+    @naming_arguments
+    def gradients(
+        self, photo: str, *, pixels: int = 20_000, assume: Mapping[str, float] | None = None
+    ) -> PhotoGradients:
+        """Split the gradient of a predicted photograph into what makes it, as `lightfactor gradients` does.
+
+        photo : by its file's name. pixels : about so many around the object, 100 or more. assume : as of `render`.
+        `terms` and `difference` are radiance per pixel of the photograph, to the right and down, (n, 2, 3);
+        `picture(values)` lays values (n, ...) of the pixels out. [RMB07, eq. 25.] ValueError says what was left open.
+        """
+        if pixels < 100:
+            raise ValueError(f"--pixels is {pixels}; gradients need 100 pixels or more")
+        own = own_lighting(self._saved, None, photo, True)
+        lighting = self._saved.read_lighting(self._saved.lighting(own))
+        studio = photographer(self._saved, lighting, self._photoset, assume)
+        camera = studio.photo_camera(photo)
+        return photo_gradients(studio.subject, camera, studio.material, light_element(lighting), pixels)
+
+    def plot_gradients(self, photo: str) -> Figure:
+        """What `gradients` of a photograph finds: prediction, gradient, terms, and where light counts as near."""
+        return gradients_figure(photo, self.gradients(photo))
 
     def plot_lighting(self) -> Figure:
         """The lightings as lat-long maps with their sources, as the report has them."""

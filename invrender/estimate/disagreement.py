@@ -124,7 +124,7 @@ def disagreement(chosen: StatedNumbers, known: Explanation) -> Floats:
             ours, theirs = here.values_of(name), there.values_of(name) * alike
             if name == "kd" and not model.specular and _looks_like_base(candidate.estimate):
                 ours = chosen.values_of(name)
-                theirs = theirs + there.values_of("ks") * as_base(candidate.estimate, *share)
+                theirs = theirs + there.values_of("ks") * _as_base(candidate.estimate, *share)
             difference = np.abs(ours - theirs) - 2 * std[there.report.places[name]]
             mine = chosen.report.places[name]
             apart[mine] = np.maximum(apart[mine], of_rival(weight) * difference)
@@ -137,7 +137,7 @@ def _add_wide_lobe(apart: Floats, chosen: StatedNumbers, known: Explanation) -> 
     """The doubt that a lobe as wide as a search allows is the base's, and none of Ks a lobe's."""
     ks = chosen.values_of("ks")
     of_base = {
-        "kd": ks * as_base(known.best.estimate, known.photos, known.weights),
+        "kd": ks * _as_base(known.best.estimate, known.photos, known.weights),
         "ks": ks,
         "kd_normalised": chosen.values_of("ks_normalised"),
         "ks_normalised": chosen.values_of("ks_normalised"),
@@ -151,7 +151,7 @@ def _looks_like_base(estimate: Estimate) -> bool:
     return estimate.brdf.sigma is not None and estimate.brdf.sigma > WIDEST_HAZE
 
 
-def as_base(estimate: Estimate, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> Floats:
+def _as_base(estimate: Estimate, photos: Sequence[PhotoColumns], weights: Sequence[Weights]) -> Floats:
     """By how much Kd (3,) would grow per unit of Ks if the base took the lobe's place: its share by least squares."""
     both, base = np.zeros((2, 3))
     for photo, own in zip(photos, weights, strict=True):

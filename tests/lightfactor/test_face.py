@@ -226,6 +226,22 @@ def test_a_picture_under_other_light(fit: lf.Fit) -> None:
     assert np.abs(as_taken - predicted)[both].mean() < 0.01 * predicted[both].mean()
 
 
+def test_gradients_are_those_of_the_predicted_picture(fit: lf.Fit) -> None:
+    found = fit.gradients("003.exr", pixels=100_000)
+    assert found.stride == 1
+    radiance = fit.render(photo="003.exr").radiance
+    columns, rows = np.floor(found.middles).astype(int).T
+    # Of three pixels the middle one's slope is half of the outer two's difference, but for what bends between them.
+    across = (radiance[rows, columns + 1] - radiance[rows, columns - 1]) / 2
+    down = (radiance[rows + 1, columns] - radiance[rows - 1, columns]) / 2
+    whole = found.terms.whole
+    for axis, by_pixels in enumerate((across, down)):
+        off = np.abs(whole[:, axis] - by_pixels)
+        assert np.median(off) < 0.03 * np.sqrt(np.mean(by_pixels**2))
+    titles = [axes.get_title() for axes in fit.plot_gradients("003.exr").axes]
+    assert any("curvature" in title for title in titles), titles
+
+
 def test_figures_show_the_fit(fit: lf.Fit) -> None:
     assert [axes.get_title() for axes in fit.plot_lighting().axes] == ["lamps"]
     bars = fit.plot_errors().axes[0].patches
@@ -247,6 +263,8 @@ WRONG: list[tuple[Callable[[lf.Fit, Path], Any], str]] = [
     (lambda fit, here: fit.render((0, 120)), "^view 0,120: the elevation.*must be -90 to 90"),
     (lambda fit, here: fit.render((0,)), "^view 0: cannot be read; give AZIMUTH,ELEVATION"),
     (lambda fit, here: fit.render(photo="03.exr"), r"no photo '03\.exr'; did you mean '003\.exr'"),
+    (lambda fit, here: fit.gradients("03.exr"), r"no photo '03\.exr'; did you mean '003\.exr'"),
+    (lambda fit, here: fit.gradients("003.exr", pixels=9), "^pixels is 9; gradients need 100"),
     (lambda fit, here: fit.render((0, 0), photo="003.exr"), "^photo is a whole camera: it excludes view"),
     (lambda fit, here: fit.render(size=(0, 9)), "^size 0x9: cannot be used; give width and height"),
     (lambda fit, here: fit.render(std=True, preview=True), "^preview knows no standard deviations"),
