@@ -14,6 +14,7 @@ from invrender.diagnostics.causefit import fit_cause, glance
 from invrender.diagnostics.causes import candidates, no_cause
 from invrender.diagnostics.linearised import light_columns
 from invrender.diagnostics.remainder import Remainders, noise_energy
+from invrender.estimate.evidence import of_rival
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ class Finding:
         each is as likely, and the BRDF moves by the RMS of both.
         """
         name, (within, without) = self.fit.cause.name, (self.fit.best, self.without)
-        part = 1.0 if _FAULTS.issuperset(self.alike) else np.sqrt(0.5)
+        part = 1.0 if _FAULTS.issuperset(self.alike) else of_rival(1.0)
         if name == "brightness":
             scale = 1 + part * float(np.std(self.fit.numbers))
             return replace(brdf, kd=scale * brdf.kd, ks=scale * brdf.ks)

@@ -83,7 +83,7 @@ def _between_photographs(candidate: Candidate, report: Report, photos: Sequence[
 
     A fold that lacks a lighting altogether has no strength of it, and says nothing.
     """
-    free = {photo.lighting: photo.elements for photo in photos if photo.elements != ("known",)}
+    free = {p.lighting: p.elements for p in photos if any(element != "known" for element in p.elements)}
     whole = [fold for fold in candidate.folds if free.keys() <= fold.strengths.keys()]
     if len(whole) < 2:
         return np.zeros(len(report(report.parameters.vector)))

@@ -57,11 +57,16 @@ class Tally:
         return Tally(self.equations.times(count), count**2 * self.pull, patches)
 
 
+def in_prior_units(unknowns: Unknowns, light: int, seen: ShownSamples) -> tuple[Floats, Floats]:
+    """The Jacobian of samples, (3, n, p) and (3, n, t) as `ShownSamples` has it, per unit of the prior."""
+    return seen.lit * unknowns.lights[light].std[:, None], seen.shared * unknowns.std
+
+
 def photograph_tally(
     unknowns: Unknowns, light: int, field: LightField, seen: ShownSamples, weights: Floats
 ) -> Tally:
     """Tally of one photograph's samples under one of the lights; weights : (n, 3), inverse variances."""
-    lit, shared = seen.lit * unknowns.lights[light].std[:, None], seen.shared * unknowns.std
+    lit, shared = in_prior_units(unknowns, light, seen)
     equations = arrow_of(lit, shared, weights, seen.radiance)
     if not len(field):
         return Tally.none(lit.shape[2], shared.shape[2])
@@ -172,8 +177,7 @@ class Posterior:
         gain = rows @ self.covariance
         patches = ((self._patches @ gain.T) ** 2).sum(axis=0)
         spread = _spread(_along(gain, rows), _along(gain @ self._pull, gain), patches)
-        moved = {cause: gain @ columns for cause, columns in self._scores.items()}
-        return replace(spread, causes={cause: _along(each, each) for cause, each in moved.items()})
+        return _with_causes(spread, {cause: gain @ columns for cause, columns in self._scores.items()})
 
     def _shared_score(self, columns: Floats) -> Floats:
         """Scores (t, q) in the shared numbers, where those of each lighting are as they may be."""
@@ -201,7 +205,7 @@ class Posterior:
             cause: marginal.solved[:, : own.stop - own.start] @ columns[own] + gain @ self._scores[cause]
             for cause, columns in self.scores.items()
         }
-        return replace(spread, causes={cause: _along(each, each) for cause, each in by_error.items()})
+        return _with_causes(spread, by_error)
 
     def with_information(self, index: int, added: Tally) -> Posterior:
         """With more photographs under the lighting of one marginal."""
@@ -221,6 +225,11 @@ class Posterior:
 def _along(left: Floats, right: Floats) -> Floats:
     """Products (r,) of rows (r, k) with each other's."""
     return np.asarray((left * right).sum(axis=1))
+
+
+def _with_causes(spread: Spread, moved: Mapping[str, Floats]) -> Spread:
+    """A spread with what errors of calibration move, (r, q) of one standard deviation each, by cause."""
+    return replace(spread, causes={cause: _along(each, each) for cause, each in moved.items()})
 
 
 def _spread(variance: Floats, pull: Floats, patches: Floats) -> Spread:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
 from invrender.plan.experiment import Experiment, PlannedView
-from invrender.plan.information import Tally, photograph_tally
+from invrender.plan.information import Tally, in_prior_units, photograph_tally
 from invrender.plan.light_prospect import UnknownLight
 from invrender.plan.photographs import Draw, draw, picture
 from invrender.plan.prospect import AskedBrdf
@@ -84,9 +84,8 @@ class Bench:
 
     def weighted(self, light: int, seen: ShownSamples, weights: Floats) -> tuple[Floats, Floats]:
         """Derivatives (3, n, p) and (3, n, t), as `ShownSamples` has them, in units of the prior, times weights."""
-        of_channels = weights.T[..., None]
-        lit = seen.lit * self.unknowns.lights[light].std[:, None] * of_channels
-        return lit, seen.shared * self.unknowns.std * of_channels
+        lit, shared = in_prior_units(self.unknowns, light, seen)
+        return lit * weights.T[..., None], shared * weights.T[..., None]
 
     def nothing(self, light: int) -> Tally:
         """The information of no photograph under a light."""

@@ -87,10 +87,10 @@ def _contrast(image: RadianceImage) -> NDArray[np.float32]:
 
 def _roundest(image: RadianceImage, camera: Camera, name: str) -> Sphere:
     """The largest sphere whose outline shows nearly all around, found in small pictures and refined in finer ones."""
-    smallest = -(-max(image.saturated.shape) // SEARCHED_PX)
+    factor = -(-max(image.saturated.shape) // SEARCHED_PX)
     found: list[tuple[float, Disk, bool]] = []
-    for factor in dict.fromkeys(round(smallest * coarser) for coarser in _COARSER):
-        found += _round_ones(image, camera, factor, name)
+    for coarse in dict.fromkeys(round(factor * coarser) for coarser in _COARSER):
+        found += _round_ones(image, camera, coarse, name)
     found.sort(key=lambda entry: -entry[0])
     best = next((at for _, at, clear in found if clear), None)
     if best is None:
@@ -99,11 +99,8 @@ def _roundest(image: RadianceImage, camera: Camera, name: str) -> Sphere:
         raise ValueError(
             f"{name}: no mask is given and no ball stands out from the background{seen}; {_REMEDY}"
         )
-    factor = smallest
-    eye = camera.binned(factor)
-    sphere = refined(_contrast(image.binned(factor)), eye, best.scaled(1 / factor), _BY_HAND, _AS_GOOD, name)[
-        0
-    ]
+    picture, eye = _contrast(image.binned(factor)), camera.binned(factor)
+    sphere = refined(picture, eye, best.scaled(1 / factor), _BY_HAND, _AS_GOOD, name)[0]
     while factor > 1:
         factor = -(-factor // 3)
         eye = camera.binned(factor)
