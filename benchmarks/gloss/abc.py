@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 
 # Radius and side of pictures, pixels; points per pixel's side; noise, relative; elevation of the lowest lamp, degrees.
 _RADIUS, _SIDE, _POINTS, _NOISE, _LOWEST = 48, 112, 10, 0.01, 15
+_FITS = "merl_abc_low2012.json"
 _TOWARDS_VIEWER = np.array([0.0, 0.0, 1.0])
 
 
@@ -41,7 +42,7 @@ class AbcSphere:
     """A sphere of a published material, seen from far away; x right, y up, z to the camera, pixels its unit."""
 
     def __init__(self, source: Path, name: str) -> None:
-        self._material: dict[str, Any] = json.loads((source / "merl_abc_low2012.json").read_text())[name]
+        self._material: dict[str, Any] = json.loads((source / _FITS).read_text())[name]
         places = ((np.arange(_SIDE * _POINTS) + 0.5) / _POINTS - _SIDE / 2) / _RADIUS
         x, y = np.meshgrid(places, -places)
         self._inside = x**2 + y**2 < 1
@@ -75,6 +76,12 @@ class AbcSphere:
         lobe = np.array(material["A"]) / (1 + material["B"] * (1 - cos_h[:, None])) ** material["C"]
         matte = np.array(material["kD"]) * cos_i[:, None]
         return np.asarray(np.where(lit, (matte + (fresnel * seen / cos_o)[:, None] * lobe) / np.pi, 0))
+
+
+def published_kd(source: Path, name: str) -> Floats:
+    """Kd (3,), 1/sr, of a material as published."""
+    material: dict[str, Any] = json.loads((source / _FITS).read_text())[name]
+    return np.array(material["kD"]) / np.pi
 
 
 def write_spheres(source: Path, name: str, folder: Path, lamps: int, parts: int) -> Sequence[Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -94,17 +94,63 @@ def _between_photographs(candidate: Candidate, report: Report, photos: Sequence[
 def disagreement(chosen: StatedNumbers, known: Explanation) -> Floats:
     """By how much other models put each number elsewhere, beyond their own doubts of it, as far as they are rivals.
 
-    What a model says that the photographs don't speak against belongs into the error bar. Where none is needed, a lobe
-    that looks like the base counts as part of it.
+    What a model says that the photographs don't speak against belongs into the error bar. So does what other forms say
+    of numbers that no form explains without misfit (`_moved_by_misfit`).
     """
-    model = known.best.estimate.model
-    apart = np.zeros(len(chosen.values))
 
     @cache
     def on_share(model: Model) -> StatedNumbers:
         trial = known.trials[model.form]
         return stated_numbers(trial.candidate_like(model), trial.photos, trial.weights)
 
+    return np.maximum(_from_rivals(chosen, known, on_share), _moved_by_misfit(chosen, known, on_share))
+
+
+def _moved_by_misfit(
+    chosen: StatedNumbers, known: Explanation, on_share: Callable[[Model], StatedNumbers]
+) -> Floats:
+    """By how much what the chosen form misses may move each number, as forms that miss something else show.
+
+    What a form misses is taken to move a number in proportion, and independently of what another misses. Of the
+    square of what two forms differ by, the chosen one then has its share of both misfits' squares. The RMS over forms
+    is taken, in which forms that miss much count little.
+    """
+    model = known.best.estimate.model
+    moved, total = np.zeros(len(chosen.values)), 0.0
+    if not model.specular or model.form not in known.trials:
+        return moved
+    here = on_share(model)
+    if not here.structured:
+        return moved
+    for form, trial in known.trials.items():
+        if form is model.form:
+            continue
+        there = on_share(trial.candidate_like(model).estimate.model)
+        share = here.structured**2 / (here.structured**2 + there.structured**2)
+        total += share**2
+        for name, place in _common_places(chosen, here, there).items():
+            alike = _as_width(there, here) if name == "sigma" else 1.0
+            difference = here.values_of(name) - there.values_of(name) * alike
+            by_noise = there.noise[there.report.places[name]]
+            moved[place] += share**3 * np.maximum(difference**2 - by_noise, 0)
+    return np.sqrt(moved / max(total, 1e-300))
+
+
+def _common_places(chosen: StatedNumbers, *others: StatedNumbers) -> dict[str, slice]:
+    """Places among the chosen model's numbers of the blocks that others have, too."""
+    return {
+        name: place
+        for name, place in chosen.report.places.items()
+        if all(name in other.report.places for other in others)
+    }
+
+
+def _from_rivals(
+    chosen: StatedNumbers, known: Explanation, on_share: Callable[[Model], StatedNumbers]
+) -> Floats:
+    """What rivals differ by. Where no lobe is needed, one that looks like the base counts as part of it."""
+    model = known.best.estimate.model
+    apart = np.zeros(len(chosen.values))
     rivals = list(zip(known.candidates, rivalry(known.candidates), strict=True))[known.chosen + 1 :]
     for candidate, weight in rivals:
         other = candidate.estimate.model
@@ -119,14 +165,13 @@ def disagreement(chosen: StatedNumbers, known: Explanation) -> Floats:
             share = known.trials[other.form].photos, known.trials[other.form].weights
             doubt = float(np.sqrt(sample_count(share[0]) / sample_count(known.photos)))
         std = doubt * np.sqrt(np.diag(there.covariance))
-        for name in chosen.report.places.keys() & there.report.places.keys() & here.report.places.keys():
+        for name, mine in _common_places(chosen, here, there).items():
             alike = _as_width(there, here) if name == "sigma" else 1.0
             ours, theirs = here.values_of(name), there.values_of(name) * alike
             if name == "kd" and not model.specular and _looks_like_base(candidate.estimate):
                 ours = chosen.values_of(name)
                 theirs = theirs + there.values_of("ks") * _as_base(candidate.estimate, *share)
             difference = np.abs(ours - theirs) - 2 * std[there.report.places[name]]
-            mine = chosen.report.places[name]
             apart[mine] = np.maximum(apart[mine], of_rival(weight) * difference)
     if (known.best.estimate.brdf.sigma or 0.0) > _AT_THE_END * SIGMA_RANGE[1]:
         _add_wide_lobe(apart, chosen, known)
