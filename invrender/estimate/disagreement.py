@@ -120,13 +120,15 @@ def _moved_by_misfit(
     if not model.specular or model.form not in known.trials:
         return moved
     here = on_share(model)
-    if not here.structured:
+    # Of few samples, chance may hide what all show.
+    missed = max(chosen.structured, here.structured)
+    if not missed:
         return moved
     for form, trial in known.trials.items():
         if form is model.form:
             continue
         there = on_share(trial.candidate_like(model).estimate.model)
-        share = here.structured**2 / (here.structured**2 + there.structured**2)
+        share = missed**2 / (missed**2 + there.structured**2)
         total += share**2
         for name, place in _common_places(chosen, here, there).items():
             alike = _as_width(there, here) if name == "sigma" else 1.0
