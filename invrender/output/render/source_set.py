@@ -40,8 +40,8 @@ def photo_camera(result: SavedResult, photoset: PhotoSet | None, label: str) -> 
     """The camera of a photograph by its name; ValueError where there is none."""
     if photoset is None:
         raise ValueError(
-            f"--photo {label}: the photo set that {result.path} was made from is not beside it; give its folder"
-            " with --set, or a --view"
+            f"photo {label!r}: the photo set that {result.path} was made from is not beside it; give its folder with"
+            " --set"
         )
     cameras = {photo.label: photo.camera for photo in photoset.photos}
     if label not in cameras:
