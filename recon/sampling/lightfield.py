@@ -205,6 +205,9 @@ def joined(photos: Sequence[LightField]) -> LightField:
         values = [getattr(photo, name) for photo in photos]
         if name == "ray_sample":
             values = [own + first for own, first in zip(values, before, strict=True)]
+        if name == "stands_for" and any(own is not None for own in values):
+            # A photograph of which every pixel is taken needs none.
+            values = [photo.shares for photo in photos]
         together[name] = None if values[0] is None else np.concatenate(values)
     return LightField(**together)
 

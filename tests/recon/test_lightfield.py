@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,7 +11,7 @@ from capture.camera import ORTHOGRAPHIC, Camera
 from capture.radiance import RadianceImage
 from recon.mesh.bodies import SphereBody, body_coverage, body_pixels
 from recon.sampling.draw import MIN_COS_EXITANT, NO_SOURCES, sample_body, samples_at
-from recon.sampling.lightfield import LightField
+from recon.sampling.lightfield import LightField, joined
 from recon.sphere.sphere import Sphere
 
 WIDTH, HEIGHT = 64, 48
@@ -244,6 +246,18 @@ def test_lengths_must_agree():
         LightField(**(good | {"radiance": np.zeros((3, 3))}))
     with pytest.raises(ValueError, match="normals has 1 entries for 2 rays"):
         LightField(**(good | {"normals": np.zeros((1, 3))}))
+
+
+def test_photographs_of_which_all_pixels_are_taken_join_those_that_were_drawn_from(flat_ball):
+    whole = sample_sphere(flat_ball, FLAT, picture(), None, None, rng())
+    drawn = replace(whole, stands_for=np.linspace(0.5, 1.5, len(whole)))
+    for first, second in ((whole, drawn), (drawn, whole)):
+        together = joined([first, second])
+        assert_array_equal(together.shares, np.concatenate([first.shares, second.shares]))
+        assert_array_equal(
+            together.sample_normals, np.concatenate([first.sample_normals, second.sample_normals])
+        )
+    assert joined([whole, whole]).stands_for is None
 
 
 def test_merged_rays_are_means_over_squares_that_turn_little(flat_ball):
