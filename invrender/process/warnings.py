@@ -73,7 +73,7 @@ def find_warnings(
         warnings.append(
             f"What is left unexplained is not only noise: {solution.structured:.1%} of the radiance (RMS) is"
             f" correlated over parts of the photographs.{unknown} The error bars hold what it moves between"
-            " photographs, and between forms that explain as well."
+            " photographs, and between forms of the lobe."
         )
     outliers = np.mean([np.mean(weights.trust < 1) for weights in solution.weights])
     if outliers > _OUTLIERS:

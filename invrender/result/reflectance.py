@@ -71,7 +71,9 @@ def reflectance(result: SavedResult, assumed: Mapping[str, float], means: bool =
         else:
             values[name] = np.array(quantity.value)
             if quantity.status == "weak":
-                notes.append(f"{_WORDS[name]} is only weakly determined; --std shows what that does.")
+                notes.append(
+                    f"{_WORDS[name]} is only weakly determined; `lightfactor render --std` shows what that does."
+                )
     if not result.is_absolute:
         notes.append(
             f"The result is in a relative gauge ({result.content.gauge}): only ratios of radiance within a colour"

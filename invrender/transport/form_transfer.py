@@ -134,7 +134,7 @@ def _of_parts(
     shares, factors = np.transpose(form.parts)
     widths = part_width(factors[:, None], sigmas).ravel()
     found = forms_transfer((form.lobe,), element, normals, views, widths, fresnel)
-    apart = found.reshape(*found.shape[:3], len(factors), len(sigmas), -1)
+    apart = found.reshape(*found.shape[:3], len(factors), len(sigmas), found.shape[-1])
     return np.asarray(np.einsum("p,mfkpsc->mfksc", shares, apart))
 
 

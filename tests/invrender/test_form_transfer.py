@@ -10,6 +10,7 @@ from capture.lighting import latlong_directions, latlong_solid_angles
 from invrender.brdf.form import Angles, LobeForm
 from invrender.brdf.lobes import BECKMANN, FORMS, GGX_FORM, UNCORRELATED
 from invrender.brdf.microfacet import Microfacet
+from invrender.brdf.richer import RICHER
 from invrender.transport.columns import all_columns, columns_of_forms, photo_columns
 from invrender.transport.form_transfer import OneIndex, form_transfer
 from invrender.transport.predict import predict, predict_columns
@@ -49,6 +50,14 @@ def test_a_map_is_summed_over_its_directions(form: LobeForm, sigma: float, bench
     # The quadrature over rings and the map's own pixels: 0.1% RMS measured, 0.25% of GGX's tail at 0.25.
     assert np.sqrt(np.mean((found - expected) ** 2)) < 3e-3 * np.sqrt(np.mean(expected**2))
     assert np.abs(found - expected).max() < 4e-3 * expected.max()
+
+
+@pytest.mark.parametrize("form", [*FORMS.values(), *RICHER.values()], ids=[*FORMS, *RICHER])
+def test_no_rays_reflect_nothing(form: LobeForm, bench):
+    # A picture without grazing rays has none that are integrated one by one.
+    (element,) = light_elements(bench.known_lighting())
+    none = np.zeros((0, 3))
+    assert form_transfer(form, element, none, none, np.array([0.1, 0.2]), OneIndex(1.5)).shape == (0, 1, 2, 3)
 
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
