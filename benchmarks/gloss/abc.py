@@ -25,7 +25,6 @@ Floats = NDArray[np.float64]
 
 # Radius and side of pictures, pixels; points per pixel's side; noise, relative; elevation of the lowest lamp, degrees.
 _RADIUS, _SIDE, _POINTS, _NOISE, _LOWEST = 48, 112, 10, 0.01, 15
-_FITS = "merl_abc_low2012.json"
 _TOWARDS_VIEWER = np.array([0.0, 0.0, 1.0])
 
 
@@ -42,7 +41,7 @@ class AbcSphere:
     """A sphere of a published material, seen from far away; x right, y up, z to the camera, pixels its unit."""
 
     def __init__(self, source: Path, name: str) -> None:
-        self._material: dict[str, Any] = json.loads((source / _FITS).read_text())[name]
+        self._material = _published(source, name)
         places = ((np.arange(_SIDE * _POINTS) + 0.5) / _POINTS - _SIDE / 2) / _RADIUS
         x, y = np.meshgrid(places, -places)
         self._inside = x**2 + y**2 < 1
@@ -78,10 +77,14 @@ class AbcSphere:
         return np.asarray(np.where(lit, (matte + (fresnel * seen / cos_o)[:, None] * lobe) / np.pi, 0))
 
 
+def _published(source: Path, name: str) -> dict[str, Any]:
+    fits: dict[str, dict[str, Any]] = json.loads((source / "merl_abc_low2012.json").read_text())
+    return fits[name]
+
+
 def published_kd(source: Path, name: str) -> Floats:
     """Kd (3,), 1/sr, of a material as published."""
-    material: dict[str, Any] = json.loads((source / _FITS).read_text())[name]
-    return np.array(material["kD"]) / np.pi
+    return np.array(_published(source, name)["kD"]) / np.pi
 
 
 def write_spheres(source: Path, name: str, folder: Path, lamps: int, parts: int) -> Sequence[Path]:

@@ -96,10 +96,10 @@ def repeats(runs: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
     return found
 
 
-def off_over_bar(runs: Sequence[dict[str, Any]], truth: Sequence[float]) -> float:
+def off_over_bar(runs: Sequence[dict[str, Any]], truth: Floats) -> float:
     """How far Kd is off from the true one (3,), over its stated deviation: RMS over runs and channels."""
     values, std = (np.array([numbers["kd"][place] for numbers in runs if numbers["kd"]]) for place in (0, 1))
-    return float(np.sqrt(np.mean(((values - np.array(truth)) / std) ** 2)))
+    return float(np.sqrt(np.mean(((values - truth) / std) ** 2)))
 
 
 def lamps_found(run: Run, lamps: Lamps, fitted: Sequence[int]) -> dict[str, Any]:

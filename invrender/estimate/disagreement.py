@@ -111,9 +111,9 @@ def _moved_by_misfit(
 ) -> Floats:
     """By how much what the chosen form misses may move each number, as forms that miss something else show.
 
-    What a form misses is taken to move a number in proportion, and independently of what another misses. Of the
-    square of what two forms differ by, the chosen one then has its share of both misfits' squares. The RMS over forms
-    is taken, in which forms that miss much count little.
+    What a form misses is taken to move a number in proportion to its size, whatever another form misses. The chosen
+    form's part of a squared difference is then its share of both squared misfits. The RMS over forms is taken, and
+    those that miss much count little.
     """
     model = known.best.estimate.model
     moved, total = np.zeros(len(chosen.values)), 0.0
@@ -131,8 +131,7 @@ def _moved_by_misfit(
         share = missed**2 / (missed**2 + there.structured**2)
         total += share**2
         for name, place in _common_places(chosen, here, there).items():
-            alike = _as_width(there, here) if name == "sigma" else 1.0
-            difference = here.values_of(name) - there.values_of(name) * alike
+            difference = here.values_of(name) - _in_terms_of(here, there, name)
             by_noise = there.noise[there.report.places[name]]
             moved[place] += share**3 * np.maximum(difference**2 - by_noise, 0)
     return np.sqrt(moved / max(total, 1e-300))
@@ -168,8 +167,7 @@ def _from_rivals(
             doubt = float(np.sqrt(sample_count(share[0]) / sample_count(known.photos)))
         std = doubt * np.sqrt(np.diag(there.covariance))
         for name, mine in _common_places(chosen, here, there).items():
-            alike = _as_width(there, here) if name == "sigma" else 1.0
-            ours, theirs = here.values_of(name), there.values_of(name) * alike
+            ours, theirs = here.values_of(name), _in_terms_of(here, there, name)
             if name == "kd" and not model.specular and _looks_like_base(candidate.estimate):
                 ours = chosen.values_of(name)
                 theirs = theirs + there.values_of("ks") * _as_base(candidate.estimate, *share)
@@ -210,6 +208,12 @@ def _as_base(estimate: Estimate, photos: Sequence[PhotoColumns], weights: Sequen
         both += (own.weight * diffuse * specular).sum(axis=0)
         base += (own.weight * diffuse**2).sum(axis=0)
     return np.asarray(both / base)
+
+
+def _in_terms_of(here: StatedNumbers, there: StatedNumbers, name: str) -> Floats:
+    """A block of another form's numbers as this form would have them."""
+    values = there.values_of(name)
+    return values * _as_width(there, here) if name == "sigma" else values
 
 
 def _as_width(there: StatedNumbers, here: StatedNumbers) -> float:
