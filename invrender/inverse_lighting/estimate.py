@@ -46,7 +46,8 @@ class LightResult:
     """What was found of one lighting.
 
     direct : coefficients [RH01, eq. 25]. dual : map and nine coefficients; None where a channel has no specular part.
-    photos, held_out : (label, relative RMS of the direct answer's prediction) of the photographs fitted, and of others.
+    photos, held_out : (label, relative RMS of the direct answer's prediction) of the photographs fitted, and of others;
+    None for a black one.
     truth : the light, where it is given. brdf : by which it was seen.
     """
 
@@ -54,16 +55,16 @@ class LightResult:
     direct: LightCoefficients
     dual: DualLight | None
     samples: int
-    photos: tuple[tuple[str, float], ...]
-    held_out: tuple[tuple[str, float], ...]
+    photos: tuple[tuple[str, float | None], ...]
+    held_out: tuple[tuple[str, float | None], ...]
     truth: TrueLight | None
     brdf: Microfacet
     warnings: tuple[str, ...]
 
     @property
     def rms(self) -> float:
-        """Relative RMS over the photographs that were fitted."""
-        return float(np.sqrt(np.mean([rms**2 for _, rms in self.photos])))
+        """Relative RMS over the photographs that were fitted, black ones aside."""
+        return float(np.sqrt(np.mean([rms**2 for _, rms in self.photos if rms is not None])))
 
     @property
     def statuses(self) -> list[str]:
@@ -117,6 +118,11 @@ def estimate_light(
         ]
         other = [k for k, photo in enumerate(photoset.photos) if photo.lighting == name and photo.held_out]
         mine = [rows[k] for k in fitted]
+        if not any(photo.field.radiance.any() for photo in mine):
+            raise ValueError(
+                f"{photoset.manifest}: the object is black in every photograph under {name or 'its light'}; expose"
+                " longer"
+            )
         with one_blas_thread():
             direct = estimate_coefficients(mine, brdf, choices.degree)
             dual = estimate_dual(mine, brdf, direct, choices.transfer) if brdf.ks.all() else None
@@ -159,15 +165,19 @@ def _scores(
     which: Sequence[int],
     brdf: Microfacet,
     direct: LightCoefficients,
-) -> tuple[tuple[str, float], ...]:
-    """Relative RMS of the samples of some photographs, each counting by how much of its variance is noise."""
+) -> tuple[tuple[str, float | None], ...]:
+    """Relative RMS of the samples of some photographs, each counting by how much of its variance is noise.
+
+    None of a black photograph, of which nothing is a share.
+    """
     scores = []
     for k in which:
         seen, predicted = rows[k].field.radiance, rows[k].predict(brdf, direct.values)
         noise = direct.noise.variance(predicted)
         hidden = direct.hidden_power * rows[k].power_beyond(brdf, direct.degree)
         trust = rows[k].field.weight[:, None] * noise / (noise + hidden)
-        scores.append((photoset.photos[k].label, relative_rms(seen - predicted, seen, trust)))
+        error = relative_rms(seen - predicted, seen, trust) if seen.any() else None
+        scores.append((photoset.photos[k].label, error))
     return tuple(scores)
 
 
@@ -198,11 +208,11 @@ def _warnings(brdf: Microfacet, direct: LightCoefficients, dual: DualLight | Non
 
 
 def _held_out_warnings(
-    fitted: Sequence[tuple[str, float]], held_out: Sequence[tuple[str, float]]
+    fitted: Sequence[tuple[str, float | None]], held_out: Sequence[tuple[str, float | None]]
 ) -> list[str]:
     """A sentence on the photographs that were held out and are explained far worse than those fitted."""
-    usual = float(np.median([error for _, error in fitted]))
-    worse = [(label, error) for label, error in held_out if error > _FAR_WORSE * usual]
+    usual = float(np.median([error for _, error in fitted if error is not None]))
+    worse = [(label, error) for label, error in held_out if error is not None and error > _FAR_WORSE * usual]
     if not worse:
         return []
     worse.sort(key=lambda entry: -entry[1])

@@ -145,9 +145,9 @@ def _report(result: LightResult, given_by: str) -> None:
         table.add_row(*row)
     console.print(table)
     said = f"RMS residual {result.rms:.2%} of the radiance"
-    if result.held_out:
-        worst = max(rms for _, rms in result.held_out)
-        said += f", up to {worst:.2%} on {len(result.held_out)} held-out photographs"
+    unseen = [rms for _, rms in result.held_out if rms is not None]
+    if unseen:
+        said += f", up to {max(unseen):.2%} on {len(unseen)} held-out photographs"
     if dual is not None:
         said += f"; reflections reach {dual.coverage:.0%} of all directions"
     console.print(f"{said}.", soft_wrap=True)

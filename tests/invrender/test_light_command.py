@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from capture.files.imagefile import read_pixels
+from capture.files.imagefile import read_pixels, write_exr
 from invrender.inverse_lighting.known_brdf import read_brdf
 from lightfactor.cli import app
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric
@@ -67,6 +67,23 @@ def test_the_document_tells_what_is_determined_and_what_is_off(result: Path):
     held_out = [photo for photo in found["photos"] if photo["held_out"]]
     assert len(held_out) == 1
     assert held_out[0]["rms_relative"] < 0.2
+
+
+def test_a_black_photograph_has_no_relative_error_and_black_ones_alone_no_light(
+    small_set: Path, tmp_path: Path
+):
+    photos = sorted(small_set.glob("0*.exr"))
+    for every, photo in enumerate(photos):
+        write_exr(photo, np.zeros_like(read_pixels(photo)))
+        done = light(small_set, tmp_path / "out", *BRDF, "--samples", "2000", "--degree", "4")
+        if every == 0:
+            assert done.exit_code == 0, done.output
+            found = json.loads((tmp_path / "out" / "lighting.json").read_text())["lighting"][0]
+            errors = {photo["file"]: photo["rms_relative"] for photo in found["photos"]}
+            assert errors.pop(photo.name) is None
+            assert max(*errors.values(), found["fit"]["rms_relative"]) < 10
+    assert done.exit_code == 1
+    assert "black in every photograph" in str(done.exception)
 
 
 def test_a_diffuse_object_yields_nulls_for_odd_degrees_and_no_dual_map(small_set: Path, tmp_path: Path):
