@@ -109,7 +109,7 @@ def _errors(staging: Staging, folder: Path, samples: int) -> dict[str, float | N
     radiometry: dict[str, Any] = {"encoding": "linear", "exposure": "equal"}
     written = WrittenSet({}, {}, given_poses(staging), place, radiometry, photographs)
     (folder / MANIFEST_NAME).write_text(manifest_text(staging, written, MESH_NAME))
-    quantities = process(load_photoset(folder), samples, causes=False).result.quantities
+    quantities = process(load_photoset(folder), samples, causes=False).solution.quantities
     errors: dict[str, float | None] = {}
     for name, truth in _TRUTH.items():
         one = quantities.get(name)

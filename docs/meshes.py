@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from capture.photoset import load_photoset
 from capture.srgb import linear_to_srgb
 from invrender.process.pipeline import process
-from invrender.process.run import Prediction
+from invrender.result.run import Prediction
 from synthetic.run import run_synth
 
 SCENE = "rh01-cat"

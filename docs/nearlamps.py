@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from capture.photoset import load_photoset
 from capture.srgb import linear_to_srgb
 from invrender.process.pipeline import process
-from invrender.process.run import Prediction, Run
+from invrender.result.run import Prediction, Run
 from invrender.wording import with_error
 from synthetic.run import run_synth
 
@@ -34,7 +34,7 @@ def numbers_of(run: Run, predictions: list[Prediction]) -> list[str]:
     """What a run says: the share that is left, Kd in green, Ks, mu, sigma, and the lamp's distance in centimetres."""
     said = [f"{np.mean([prediction.error.rms for prediction in predictions]):.1%}"]
     for name in ("kd", "ks", "mu", "sigma"):
-        one = run.result.quantities.get(name)
+        one = run.solution.quantities.get(name)
         if one is None:
             said.append("not needed")
         elif one.value is None or one.std is None:
@@ -42,7 +42,7 @@ def numbers_of(run: Run, predictions: list[Prediction]) -> list[str]:
         else:
             green = min(1, len(one.value) - 1)
             said.append(with_error(one.value[green], one.std[green]))
-    light = run.result.lightings[0].lighting
+    light = run.solution.lightings[0].lighting
     if light.closeness is None or light.closeness_std is None:
         return [*said, "far away, as told"]
     (near,), (std,) = light.closeness, light.closeness_std

@@ -27,4 +27,4 @@ def processed(stage: Stage, lamps: Sequence[PointSource], number: int) -> dict[s
     scene = Scene("atlas", Ball(SPHERE.centre, SPHERE.radius), stage.material, shots, seed=number)
     with TemporaryDirectory() as folder:
         write_photoset(Staging(scene, stage.noise, stated=True), Path(folder) / "set")
-        return known_findings(stage, process(load_photoset(Path(folder) / "set"), stage.samples).result)
+        return known_findings(stage, process(load_photoset(Path(folder) / "set"), stage.samples).solution)

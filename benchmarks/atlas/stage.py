@@ -22,7 +22,6 @@ from invrender.plan.information import Marginal, Posterior
 from invrender.plan.photographs import Draw, unexposed
 from invrender.plan.prepared import Bench
 from invrender.plan.prospect import AskedBrdf
-from invrender.result.factorization import Factorization
 from invrender.transport.columns import all_columns
 from invrender.transport.transfer import light_elements
 from recon.mesh.bodies import SphereBody
@@ -186,8 +185,8 @@ def blind(stage: Stage, photos: Sequence[LightField]) -> BlindSolution:
     return factorize_blind(photos, orders=[stage.l_max], ladder=False)
 
 
-def known_findings(stage: Stage, solution: Solution | Factorization) -> dict[str, Finding]:
-    brdf = solution.brdf if isinstance(solution, Factorization) else solution.estimate.brdf
+def known_findings(stage: Stage, solution: Solution) -> dict[str, Finding]:
+    brdf = solution.brdf
     share = float(brdf.ks[_GREEN] / max(brdf.kd[_GREEN] + brdf.ks[_GREEN], 1e-300))
     std = _deviations(solution, "ks_normalised.g")
     return _findings(stage, (share, brdf.mu, brdf.sigma), std, solution.quantities)
@@ -199,7 +198,7 @@ def blind_findings(stage: Stage, solution: BlindSolution) -> dict[str, Finding]:
     return _findings(stage, (share, solution.mu, solution.sigma), std, solution.quantities)
 
 
-def _deviations(solution: Solution | Factorization | BlindSolution, share: str) -> dict[str, float]:
+def _deviations(solution: Solution | BlindSolution, share: str) -> dict[str, float]:
     std = np.sqrt(np.diag(solution.covariance))
     by_name = dict(zip(solution.covariance_names, std.tolist(), strict=True))
     return {

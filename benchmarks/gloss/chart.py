@@ -32,7 +32,7 @@ from benchmarks.kept import Kept
 from capture.photoset import load_photoset
 from capture.radiance import CHANNELS
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
-from invrender.process.run import Run
+from invrender.result.run import Run
 
 Floats = NDArray[np.float64]
 
@@ -64,9 +64,9 @@ def draw_gloss(out: Path, quick: bool) -> None:
     kept["ball"] = {
         "stated": stated,
         "seen": seen_errors(run, source),
-        "model": run.result.model.estimate.model.name,
+        "model": run.solution.model.estimate.model.name,
         "numbers": numbers_of(run),
-        "radius": [run.result.object["radius"], run.result.object["std"][3]],
+        "radius": [run.geometry.description["radius"], run.geometry.description["std"][3]],
     }
     if "peers" not in kept:
         peers = Peers(source, lamps)
@@ -88,7 +88,7 @@ def draw_gloss(out: Path, quick: bool) -> None:
         if "repeats" not in kept:
             kept["repeats"] = _repeated(Path(data), grey, samples)
         errors, highlight = measured_run(grey)
-        unseen = [photo.cross_validated for photo in grey.result.photos]
+        unseen = [photo.cross_validated for photo in grey.scores]
         kept["grey"] = {**errors, "unseen (samples)": float(np.mean([u for u in unseen if u is not None]))}
         shown.append(highlight)
     published = {_title(name): published_kd(Path(data) / "brdf", name) for name in _ABC}

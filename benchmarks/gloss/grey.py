@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.gloss.measure import numbers_of
 from capture.photoset import load_photoset
 from invrender.process.pipeline import process
-from invrender.process.run import Run
+from invrender.result.run import Run
 
 # Side of the squares that parts of the surface are made of, pixels.
 _SQUARE = 45
@@ -23,7 +23,7 @@ def by_photographs(
 ) -> list[dict[str, Any]]:
     """Numbers of every so many of the photographs, Kd in the gauge of the lamps of all of them."""
     head, *tables = re.split(r"(?m)^(?=\[\[)", manifest.read_text())
-    lightings = whole.result.lightings
+    lightings = whole.solution.lightings
     found = []
     for part in range(parts):
         own = {entry.lighting.name for entry in lightings[part::parts]}
@@ -38,7 +38,7 @@ def by_photographs(
 def by_surface(manifest: Path, whole: Run, folder: Path, parts: int, samples: int) -> list[dict[str, Any]]:
     """Numbers of squares of all photographs, by turns, under the lamps that all of the surface shows."""
     text = manifest.read_text()
-    for entry in whole.result.lightings:
+    for entry in whole.solution.lightings:
         lamp = entry.lighting
         given = f"direction = {lamp.directions[0].tolist()}, irradiance = {lamp.irradiances[0].tolist()}"
         text = re.sub(

@@ -16,7 +16,7 @@ from benchmarks.gloss.photosets import Lamps, write_photoset
 from capture.photoset import load_photoset
 from invrender.estimate.evidence import picture_error
 from invrender.process.pipeline import process
-from invrender.process.run import Run
+from invrender.result.run import Run
 
 Floats = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def numbers_of(run: Run) -> dict[str, Any]:
         name: None
         if quantity.value is None or quantity.std is None
         else [quantity.value.tolist(), quantity.std.tolist()]
-        for name, quantity in run.result.quantities.items()
+        for name, quantity in run.solution.quantities.items()
     }
 
 
@@ -106,7 +106,7 @@ def lamps_found(run: Run, lamps: Lamps, fitted: Sequence[int]) -> dict[str, Any]
     """How many lamps unknown light has, and how far the nearest in each lighting is from the true one, degrees."""
     off, count = [], 0
     truth = {f"lamp {lamps.names[k]}": lamps.directions[k] for k in fitted}
-    for entry in run.result.lightings:
+    for entry in run.solution.lightings:
         directions = entry.lighting.directions
         if entry.lighting.name not in truth:
             continue

@@ -105,10 +105,10 @@ def parameters(place: Workplace) -> Outcome:
     """Fig. 7: what complex light yields beside a fit to the table, and the truth."""
     measured = _measured(photographed("rh01-marschner", place))
     samples = _FEW_SAMPLES if place.quick else DEFAULT_SAMPLES
-    result = process(load_photoset(photographed("rh01-teflon", place)), samples).result
+    result = process(load_photoset(photographed("rh01-teflon", place)), samples)
     truth = radiometric(RH01_MATERIALS["teflon"])
     found = {
-        "complex light": result.brdf,
+        "complex light": result.solution.brdf,
         "fit to the table": measured.fit.brdf,
         "truth": Microfacet(truth.kd, truth.ks, truth.mu, truth.sigma),
     }

@@ -22,9 +22,8 @@ from invrender.factor.choices import FactorChoices
 from invrender.factor.solve import factor
 from invrender.output.compare.lightings import first_coefficients
 from invrender.process.pipeline import process
-from invrender.process.run import Run
 from invrender.result.document import result_document
-from invrender.result.factorization import Factorization
+from invrender.result.run import Run
 from invrender.result.truth import truth_side
 
 Floats = NDArray[np.float64]
@@ -96,7 +95,7 @@ def pictures(place: Workplace) -> Outcome:
 
 def parameters(place: Workplace) -> Outcome:
     """Fig. 14: BRDF and the light's first nine coefficients, known and unknown, beside the truth; drawn with bars."""
-    results = {kind: _run(kind, place).result for kind in _KINDS}
+    results = {kind: _run(kind, place) for kind in _KINDS}
     truth = truth_side(photographed(_SCENE, place) / "truth.json")
     true_light = _scaled(first_coefficients(truth.lightings[0].lighting))
     lights = {kind: _scaled(_nine(results[kind])[0]) for kind in ("unknown", "published unknown")}
@@ -149,10 +148,10 @@ def _run(kind: str, place: Workplace) -> Run:
     return factor(alone, FactorChoices((_DEGREE,), published=True, samples=_SAMPLES))
 
 
-def _nine(result: Factorization) -> tuple[Floats, Floats]:
+def _nine(result: Run) -> tuple[Floats, Floats]:
     """The light's first coefficients (9, 3), and their standard deviations, of the whole light, sources included."""
-    files = {light.lighting.name: "" for light in result.lightings}
-    entry = result_document(result, files, {}, {})["lighting"][0]["sh"]
+    files = {light.lighting.name: "" for light in result.solution.lightings}
+    entry = result_document(result, files, {})["lighting"][0]["sh"]
     value, std = (np.array(entry[key], float)[:9] for key in ("value", "std"))
     return value, std
 
@@ -162,15 +161,15 @@ def _scaled(coefficients: Floats) -> Floats:
     return np.asarray(_PRINTED_LIGHT[0][0] * coefficients / coefficients[0])
 
 
-def _number(result: Factorization, key: str) -> str:
-    value = result.quantities[key].value
+def _number(result: Run, key: str) -> str:
+    value = result.solution.quantities[key].value
     return "" if value is None else f"{value[len(value) // 2]:.3f}"
 
 
-def _draw_number(axes: Axes, key: str, title: str, truth: Floats, results: Sequence[Factorization]) -> None:
+def _draw_number(axes: Axes, key: str, title: str, truth: Floats, results: Sequence[Run]) -> None:
     """A number of the BRDF: the truth as a line, estimates with two standard deviations."""
     for place, result in enumerate(results):
-        quantity = result.quantities[key]
+        quantity = result.solution.quantities[key]
         assert quantity.value is not None
         assert quantity.std is not None
         several = len(quantity.value) > 1

@@ -185,7 +185,7 @@ def _joint(folder: Path, samples: int) -> Lighting:
     """The light of the set as `process` recovers it together with the BRDF, in the truth's scale."""
     photoset = load_photoset(folder)
     unknown = tuple(LightingTable(name=table.name, unknown=True) for table in photoset.lightings)
-    found = process(replace(photoset, lightings=unknown), samples).result.lightings[0].lighting
+    found = process(replace(photoset, lightings=unknown), samples).solution.lightings[0].lighting
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["brdf"]
     # Its own is free: there Kd + Ks is 1.
     scale = 1 / (np.array(truth["kd"]) + np.array(truth["ks"]))

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from capture.srgb import linear_to_srgb
-from invrender.process.run import Prediction
+from invrender.result.run import Prediction
 
 Floats = NDArray[np.floating]
 

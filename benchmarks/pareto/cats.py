@@ -26,8 +26,8 @@ from invrender.observation.geometry import SceneGeometry, find_geometry
 from invrender.observation.samples import read_samples
 from invrender.process.known_light import solve_known_light
 from invrender.process.pipeline import DEFAULT_SAMPLES
-from invrender.process.run import Run
 from invrender.process.unknown_light import solve_unknown_light
+from invrender.result.run import Run
 from invrender.transport.lobe_table import TRANSFERS, Transfer
 from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
@@ -137,7 +137,7 @@ def untold(
 
 
 def _found(cat: CatPhotos, run: Run) -> Found:
-    brdf = run.result.brdf
+    brdf = run.solution.brdf
     return Found(_share(brdf), brdf.mu, brdf.sigma, lambda field: run.radiance(cat.unseen, field))
 
 

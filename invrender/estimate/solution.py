@@ -29,10 +29,16 @@ _SHOWN = ("misfit", "sphere_place")
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What the solve adds to what is known of a set; see `Factorization` for the fields.
+    """The numbers that a solve found, their uncertainty, and the evidence for them.
 
-    weights : of each photograph's samples, as they entered the fit. photos : columns of the chosen form; none where
-    the light was unknown.
+    estimate : the chosen model's values, also those too uncertain to report: predictions use them.
+    candidates, chosen : the ladder of models and the index of the chosen one.
+    noise : what the residuals look like. weights : of each photograph's samples, as they entered the fit.
+    structured : the part of the residuals that isn't noise, relative RMS.
+    quantities : by name, "kd", "ks", "mu", "sigma", "exponent" (Phong's), "albedo", "kd_normalised", "ks_normalised";
+        a name that the chosen model doesn't have is missing, and so is the albedo in a relative gauge.
+    covariance, covariance_names : of the BRDF's numbers, in the order named.
+    gauge : which scale the numbers are in, in words; `is_absolute` if the lighting fixes it.
     """
 
     estimate: Estimate
@@ -46,7 +52,26 @@ class Solution:
     covariance: Floats
     covariance_names: tuple[str, ...]
     gauge: str
-    photos: tuple[PhotoColumns, ...] = ()
+
+    @property
+    def brdf(self) -> Microfacet:
+        """The BRDF of the estimate."""
+        return self.estimate.brdf
+
+    @property
+    def model(self) -> Candidate:
+        """The chosen candidate."""
+        return self.candidates[self.chosen]
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether Kd and Ks are in the lighting's own scale, not up to a factor per channel."""
+        return "albedo" in self.quantities
+
+    @property
+    def misfits(self) -> bool:
+        """Whether even the best model explains so little that no number is given."""
+        return any(quantity.remedy == MISFIT_REMEDY for quantity in self.quantities.values())
 
 
 def factorize(
@@ -120,7 +145,6 @@ def solution_of(
         covariance=covariance[:brdf_size, :brdf_size],
         covariance_names=report.names,
         gauge=_gauge(report),
-        photos=photos,
     )
 
 

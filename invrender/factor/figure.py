@@ -14,13 +14,13 @@ from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import CHANNELS
 from invrender.estimate.quantities import FittedLighting, Quantity
+from invrender.estimate.solution import Solution
 from invrender.factor.given import Given
 from invrender.inverse_lighting.figure import draw_map, white_level
 from invrender.inverse_lighting.maps import coefficient_map, true_light
 from invrender.output.report.pictures import difference_picture, tone_mapped
 from invrender.output.report.pictures import white_level as white_of_photo
-from invrender.process.run import Prediction
-from invrender.result.factorization import Factorization
+from invrender.result.run import Prediction, Run
 from recon.harmonics.basis import degree_of, to_degree
 
 if TYPE_CHECKING:
@@ -78,16 +78,16 @@ def pictured(photoset: PhotoSet, scores: Sequence[Mapping[str, Any]]) -> list[Ph
     return list({photo.label: photo for photo in chosen}.values())
 
 
-def factor_figure(result: Factorization, given: Given, photos: Sequence[ShownPhoto]) -> Figure:
+def factor_figure(run: Run, given: Given, photos: Sequence[ShownPhoto]) -> Figure:
     """Maps and numbers in the first row, then a row per photograph; what is given is drawn beside what was found."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(14, 3.7 + 2.9 * len(photos)), dpi=90, layout="constrained")
-    figure.suptitle(printable(f"{result.name}: light and BRDF from the same photographs"))
+    figure.suptitle(printable(f"{run.photoset.name}: light and BRDF from the same photographs"))
     top, *rows = figure.subfigures(
         1 + len(photos), 1, squeeze=False, height_ratios=[3.4] + [2.9] * len(photos)
     )[:, 0]
-    (entry,) = result.lightings
+    (entry,) = run.solution.lightings
     panels = top.subplots(1, 3 if given.light is None else 4)
     assert entry.harmonics is not None
     slow = coefficient_map(entry.harmonics.coefficients)
@@ -99,8 +99,8 @@ def factor_figure(result: Factorization, given: Given, photos: Sequence[ShownPho
         _draw_given(panels[1], given, entry, degree)
     for axes in panels[:-2]:
         axes.set(xlabel="azimuth from +X (degrees)", ylabel="polar angle from +Z (degrees)")
-    _draw_shares(panels[-2], result, given)
-    _draw_scalars(panels[-1], result, given)
+    _draw_shares(panels[-2], run.solution, given)
+    _draw_scalars(panels[-1], run.solution, given)
     limit = max(_DEVIATIONS * min(shown.error for shown in photos), 1e-6)
     for row, shown in zip(rows, photos, strict=True):
         _draw_photo(row.subplots(1, 3), shown, limit)
@@ -127,21 +127,21 @@ def _draw_given(axes: Axes, given: Given, entry: FittedLighting, degree: int) ->
     _draw_sources(axes, given.light)
 
 
-def _draw_shares(axes: Axes, result: Factorization, given: Given) -> None:
+def _draw_shares(axes: Axes, solution: Solution, given: Given) -> None:
     """Ks / (Kd + Ks) per channel."""
-    quantity = result.quantities.get("ks_normalised")
+    quantity = solution.quantities.get("ks_normalised")
     truth = given.numbers.get("ks_normalised")
     axes.set_title("Ks / (Kd + Ks)")
     _draw_number(axes, quantity, truth)
     axes.set(xticks=range(3), xticklabels=CHANNELS, xlim=(-0.6, 2.6))
 
 
-def _draw_scalars(axes: Axes, result: Factorization, given: Given) -> None:
+def _draw_scalars(axes: Axes, solution: Solution, given: Given) -> None:
     """mu on the left scale, sigma on the right."""
     axes.set_title("μ and σ (radians)")
     right = axes.twinx()
     for place, (name, own) in enumerate((("mu", axes), ("sigma", right))):
-        _draw_number(own, result.quantities.get(name), given.numbers.get(name), place)
+        _draw_number(own, solution.quantities.get(name), given.numbers.get(name), place)
     axes.set(xticks=(0, 1), xticklabels=["μ (left)", "σ (right)"], xlim=(-0.6, 1.6))
 
 

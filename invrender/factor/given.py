@@ -13,9 +13,9 @@ from capture.files.documents import numbers
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.estimate.quantities import FittedLighting
+from invrender.estimate.solution import Solution
 from invrender.inverse_lighting.given import given_lights
 from invrender.output.compare.lightings import first_coefficients
-from invrender.result.factorization import Factorization
 from invrender.result.truth import TRUTH_NAME, truth_side
 from recon.harmonics.basis import to_degree
 from recon.harmonics.complex import project_sources
@@ -68,11 +68,11 @@ def read_given(photoset: PhotoSet) -> Given:
     )
 
 
-def light_error(given: Given, result: Factorization) -> LightError | None:
-    """How far a result's light is from the given one, each over its mean; None where none is given."""
+def light_error(given: Given, solution: Solution) -> LightError | None:
+    """How far recovered light is from the given one, each over its mean; None where none is given."""
     if given.light is None:
         return None
-    (entry,) = result.lightings
+    (entry,) = solution.lightings
     true, found = first_coefficients(given.light), recovered_coefficients(entry)
     directions = entry.lighting.directions
     angles = np.full(len(directions), np.nan)

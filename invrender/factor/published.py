@@ -28,8 +28,9 @@ from invrender.process.published import (
     unseen_errors,
     without_std,
 )
-from invrender.process.run import Run, factorization, pixel_by_pixel
 from invrender.process.warnings import find_warnings
+from invrender.result.run import Run, pixel_by_pixel
+from invrender.result.scores import photo_scores
 from recon.harmonics.latlong import synthesise_latlong
 from recon.sampling.lightfield import LightField
 
@@ -77,12 +78,13 @@ def solve_as_published(
         quantities = unless_misfit(_quantities(found), found.rms)
         solution = published_solution(candidate, quantities, lighting, GAUGE, seen, made)
     warnings = (*left_out, *find_warnings(photoset, solution, geometry, {}, published=True))
-    result = factorization(photoset, geometry, solution, fields, residuals, warnings)
+    scores = photo_scores(photoset, solution, fields, residuals)
 
     def radiance(_: Photo, field: LightField) -> Floats:
         return found.radiance(field, geometry.shadows)
 
-    return Run(photoset, geometry, result, fields, residuals, radiance, pixel_by_pixel(radiance))
+    pictured = pixel_by_pixel(radiance)
+    return Run(photoset, geometry, solution, fields, residuals, scores, warnings, radiance, pictured)
 
 
 def _candidate(found: PublishedFactors, unseen: Floats) -> Candidate:

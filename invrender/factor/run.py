@@ -14,14 +14,14 @@ from capture.photoset import load_photoset
 from capture.radiance import CHANNELS
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity
+from invrender.estimate.solution import Solution
 from invrender.factor.choices import FactorChoices
 from invrender.factor.figure import ShownPhoto, factor_figure, pictured
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
 from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
-from invrender.process.run import Run
 from invrender.result.document import errors_in_words, identifiability
-from invrender.result.factorization import Factorization
+from invrender.result.run import Run
 from invrender.wording import with_error
 
 OWN_FILES = (*RESULT_FILES, "factor.png")
@@ -40,7 +40,7 @@ def run_factor(source: Path, out: Path, choices: FactorChoices) -> Run:
     given = read_given(photoset)
     with result_folder(out, OWN_FILES) as folder:
         run = factor(photoset, choices, track)
-        error = light_error(given, run.result)
+        error = light_error(given, run.solution)
         more = {"choices": choices.document(), "given": given_document(given, error)}
         document = write_fit(run, folder, more)
     with added_files(out, PICTURES) as folder:
@@ -49,26 +49,27 @@ def run_factor(source: Path, out: Path, choices: FactorChoices) -> Run:
             ShownPhoto.of(prediction)
             for prediction in run.predictions(pictured(photoset, document["photos"]))
         ]
-        factor_figure(run.result, given, shown).savefig(folder / "factor.png")
-    _print_numbers(run.result, given)
-    _print_light(run.result, given, error)
+        factor_figure(run, given, shown).savefig(folder / "factor.png")
+    _print_numbers(run, given)
+    _print_light(run.solution, given, error)
     console.print(errors_in_words(document["fit"]), soft_wrap=True)
-    _print_rest(run.result)
+    _print_rest(run)
     console.print(f"Results: {out / 'result.json'}   Look at it: {out / 'factor.png'}", soft_wrap=True)
     return run
 
 
-def _print_numbers(result: Factorization, given: Given) -> None:
+def _print_numbers(run: Run, given: Given) -> None:
+    solution = run.solution
     headings = ["parameter", "value ± std", "status"]
     if given.numbers:
         headings += ["given", "off", "off / std"]
-    title = f"{result.name}: {result.model.estimate.model.name}; Kd + Ks = 1"
+    title = f"{run.photoset.name}: {solution.model.estimate.model.name}; Kd + Ks = 1"
     table = Table(*headings, title=escape(title), title_justify="left")
     for name, label in _LABELS.items():
-        quantity, truth = result.quantities.get(name), given.numbers.get(name)
+        quantity, truth = solution.quantities.get(name), given.numbers.get(name)
         count = 3 if name.endswith("normalised") else 1
         for k in range(count):
-            row = [f"{label} {CHANNELS[k]}" if count == 3 else label, *_found(quantity, k, result.misfits)]
+            row = [f"{label} {CHANNELS[k]}" if count == 3 else label, *_found(quantity, k, solution.misfits)]
             if given.numbers:
                 row += _against(quantity, truth, k)
             table.add_row(*row)
@@ -95,8 +96,8 @@ def _against(quantity: Quantity | None, truth: np.ndarray | None, k: int) -> tup
     return f"{truth[k]:.5g}", f"{off:+.2g}", f"{off / std:+.1f}" if std > 0 else ""
 
 
-def _print_light(result: Factorization, given: Given, error: LightError | None) -> None:
-    (entry,) = result.lightings
+def _print_light(solution: Solution, given: Given, error: LightError | None) -> None:
+    (entry,) = solution.lightings
     lighting, harmonics = entry.lighting, entry.harmonics
     assert harmonics is not None
     if len(lighting.directions):
@@ -133,13 +134,13 @@ def _print_light(result: Factorization, given: Given, error: LightError | None) 
         console.print(f"Light: {harmonics.reason}. To settle it: {harmonics.remedy}.", soft_wrap=True)
 
 
-def _print_rest(result: Factorization) -> None:
-    console.print(f"Scale: {result.gauge}.", soft_wrap=True)
-    rows = identifiability(result)
+def _print_rest(run: Run) -> None:
+    console.print(f"Scale: {run.solution.gauge}.", soft_wrap=True)
+    rows = identifiability(run.solution)
     for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
         names = ", ".join(row["parameter"] for row in rows if row["reason"] == reason)
         console.print(f"{names}: {reason}. To settle it: {remedy}.", soft_wrap=True)
-    for warning in result.warnings:
+    for warning in run.warnings:
         console.print(f"Warning: {escape(warning)}", style="yellow", soft_wrap=True)
 
 

@@ -14,8 +14,8 @@ from invrender.factor.choices import FactorChoices
 from invrender.factor.published import solve_as_published
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
-from invrender.process.run import Run
 from invrender.process.unknown_light import solve_unknown_light
+from invrender.result.run import Run
 
 
 def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) -> Run:

@@ -24,7 +24,8 @@ from capture.reflectance.merl import read_merl
 from capture.reflectance.samples import ReflectanceSamples
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.evidence import Candidate, relative_rms
-from invrender.estimate.solution import Solution, factorize
+from invrender.estimate.explanation import explain
+from invrender.estimate.solution import Solution, solution_of
 from invrender.inverse_brdf.halfangles import directions
 from invrender.inverse_brdf.table import bin_centres
 from invrender.transport.centred_lobes import centred_microfacet
@@ -66,26 +67,27 @@ class MeasuredFit:
     @property
     def model(self) -> Candidate:
         """The chosen candidate."""
-        return self.solution.candidates[self.solution.chosen]
+        return self.solution.model
+
+    @cached_property
+    def _left(self) -> tuple[Floats, Floats]:
+        """What is left of each sample's reflected radiance under a distant light, and that, (n, 3)."""
+        cos = self.samples.wi[:, 2:]
+        return (self.samples.rgb - self.predicted) * cos, self.samples.rgb * cos
 
     @property
     def errors(self) -> Floats:
         """Relative RMS of radiance at each angle of incidence, (k,)."""
-        cos = self.samples.wi[:, 2:]
-        left, radiance = (self.predicted - self.samples.rgb) * cos, self.samples.rgb * cos
+        left, radiance = self._left
         return np.array([relative_rms(left[group], radiance[group]) for group in self.groups])
 
     @property
     def unseen_errors(self) -> Floats:
         """The same, (k,), by fits without that angle: evidence leaves outliers out, which are added again."""
+        left, radiance = self._left
         trusted = [
-            relative_rms(photo.radiance - predicted, photo.radiance, weights.trust)
-            for photo, predicted, weights in zip(
-                self.solution.photos,
-                [self.predicted[group] * self.samples.wi[group, 2:] for group in self.groups],
-                self.solution.weights,
-                strict=True,
-            )
+            relative_rms(left[group], radiance[group], weights.trust)
+            for group, weights in zip(self.groups, self.solution.weights, strict=True)
         ]
         return np.sqrt(
             np.maximum(self.errors**2 + self.model.photo_errors**2 - np.square(trusted), self.errors**2)
@@ -98,7 +100,7 @@ class MeasuredFit:
         None where a lobe is too narrow for maps.
         """
         found: dict[str, tuple[int, int] | None] = {}
-        for lobe in centred_microfacet(self.solution.estimate.brdf, self.model.estimate.model.name).lobes:
+        for lobe in centred_microfacet(self.solution.brdf, self.model.estimate.model.name).lobes:
             try:
                 found[lobe.name] = lobe.orders(ENERGY_LEFT)
             except ValueError:
@@ -167,12 +169,11 @@ def fit_measured(
         )
     elements = light_elements(_LIGHT)
     photos = [photo_columns(_LIGHT.name, elements, _as_light_field(samples, group)) for group in groups]
-    solution = factorize(photos, [_LIGHT], on_step)
+    known = explain(photos, [_LIGHT], on_step)
+    solution = solution_of(known, [_LIGHT])
     predicted = np.empty_like(samples.rgb)
-    for group, photo in zip(groups, solution.photos, strict=True):
-        predicted[group] = (
-            predict_columns(photo, solution.estimate.brdf, np.ones((1, 3))) / samples.wi[group, 2:]
-        )
+    for group, photo in zip(groups, known.photos, strict=True):
+        predicted[group] = predict_columns(photo, solution.brdf, np.ones((1, 3))) / samples.wi[group, 2:]
     return MeasuredFit(samples, groups, solution, predicted)
 
 

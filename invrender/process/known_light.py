@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,9 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.observation.sphere_place import found_of_sphere, place_changes
 from invrender.process.explained import ExplainedSet, explain_set
 from invrender.process.held_out_light import scored_lighting, used_lightings
-from invrender.process.run import Run, factorization
 from invrender.process.warnings import find_warnings
+from invrender.result.run import Run
+from invrender.result.scores import mean_rms, photo_scores
 from invrender.transport.cached_shader import CachedShader
 from invrender.transport.predict import predict
 from invrender.transport.transfer import LightElement
@@ -127,34 +129,24 @@ def _concluded(
             lights,
             geometry.shadows,
         )
-        scores = calibration_scores(
+        errors = calibration_scores(
             weighed, geometry.body, found_of_sphere(photoset), photoset.errors, lights, turns
         )
-        solution = solution_of(known, explained.used, doubts, instead, scores)
+        solution = solution_of(known, explained.used, doubts, instead, errors)
     first = {photo.lighting: photo.label for photo in reversed(photoset.photos)}
     scored = [
         scored_lighting(own, elements[name], strengths[first[name]])
         for name, own in lightings.items()
         if name not in lights
     ]
-    warnings = [
+    solution = replace(solution, lightings=(*solution.lightings, *scored))
+    scores = photo_scores(photoset, solution, fields, explained.residuals)
+    warnings = (
         *explained.left_out,
         *said,
         *find_warnings(photoset, solution, geometry, lightings, causes),
         *explained.remarks,
         *([explained.elsewhere] if explained.elsewhere else []),
-    ]
-    found = None if bounces is None else bounces.found
-    result = factorization(
-        photoset,
-        geometry,
-        solution,
-        fields,
-        explained.residuals,
-        warnings,
-        found,
-        causes=causes,
-        scored=scored,
     )
 
     def with_bounces(photo: Photo, field: LightField, shown: Floats) -> Floats:
@@ -163,24 +155,36 @@ def _concluded(
 
     def radiance(photo: Photo, field: LightField) -> Floats:
         light = elements[photo.lighting], strengths[photo.label]
-        return with_bounces(photo, field, predict(result.brdf, *light, field, geometry.shadows))
+        return with_bounces(photo, field, predict(solution.brdf, *light, field, geometry.shadows))
 
     by_samples = sorted(photoset.photos, key=lambda photo: len(fields[photo.label]))
     many = CachedShader(
-        result.brdf,
+        solution.brdf,
         elements,
         # The last is kept, which is the photograph with the most samples.
         {photo.lighting: fields[photo.label] for photo in by_samples},
         Counter(photo.lighting for photo in photoset.photos),
         geometry.shadows,
-        PICTURES_OFF * (result.rms(held_out=False) or 0.0),
+        PICTURES_OFF * (mean_rms(scores, held_out=False) or 0.0),
     )
 
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
         shown = many.radiance(photo.lighting, strengths[photo.label], field)
         return with_bounces(photo, field, shown)
 
-    return Run(photoset, geometry, result, fields, explained.residuals, radiance, pictured)
+    return Run(
+        photoset,
+        geometry,
+        solution,
+        fields,
+        explained.residuals,
+        scores,
+        warnings,
+        radiance,
+        pictured,
+        interreflection=None if bounces is None else bounces.found,
+        causes=causes,
+    )
 
 
 def _doubts(

@@ -13,10 +13,10 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
 from invrender.process.known_light import solve_known_light
 from invrender.process.published import solve_known_light_as_published
-from invrender.process.run import Run
 from invrender.process.textured import solve_textured
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.process.unknown_texture import solve_unknown_texture
+from invrender.result.run import Run
 
 DEFAULT_SAMPLES = 60_000
 

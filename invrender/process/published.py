@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,9 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
 from invrender.process.held_out_light import scored_lighting, used_lightings
 from invrender.process.known_light import PICTURES_OFF
-from invrender.process.run import Run, factorization
 from invrender.process.warnings import find_warnings
+from invrender.result.run import Run
+from invrender.result.scores import mean_rms, photo_scores
 from invrender.transport.cached_shader import CachedShader
 from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
@@ -98,8 +100,8 @@ def solve_known_light_as_published(
         quantities = unless_misfit(_quantities(brdf), error)
         solution = published_solution(candidate, quantities, given[names[0]], _ABSOLUTE, seen, made)
     warnings = (*left_out, *find_warnings(photoset, solution, geometry, lightings, published=True))
-    scored = [entry for name, entry in given.items() if name != names[0]]
-    result = factorization(photoset, geometry, solution, fields, residuals, warnings, scored=scored)
+    scores = photo_scores(photoset, solution, fields, residuals)
+    others = [entry for name, entry in given.items() if name != names[0]]
 
     def radiance(photo: Photo, field: LightField) -> Floats:
         return shown(brdf, photo.lighting, field)
@@ -110,13 +112,14 @@ def solve_known_light_as_published(
         {photo.lighting: fields[photo.label] for photo in photoset.photos},
         Counter(photo.lighting for photo in photoset.photos),
         geometry.shadows,
-        PICTURES_OFF * (result.rms(held_out=False) or 0.0),
+        PICTURES_OFF * (mean_rms(scores, held_out=False) or 0.0),
     )
 
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
         return many.radiance(photo.lighting, np.ones((len(elements[photo.lighting]), 3)), field)
 
-    return Run(photoset, geometry, result, fields, residuals, radiance, pictured)
+    solution = replace(solution, lightings=(*solution.lightings, *others))
+    return Run(photoset, geometry, solution, fields, residuals, scores, warnings, radiance, pictured)
 
 
 def unseen_errors(

@@ -38,8 +38,9 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import usable_pixels
 from invrender.process.held_out_light import used_lightings
-from invrender.process.run import TexturedRun, factorization
 from invrender.process.warnings import find_warnings
+from invrender.result.run import TexturedRun
+from invrender.result.scores import photo_scores
 from invrender.transport.predict import predict
 from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.reflected import ReflectedMap, prepared_map
@@ -174,15 +175,24 @@ def solve_textured(
     solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure)
     if recovered is not None:
         solution = recovered.in_gauge(solution)
-    warnings = [
+    warnings = (
         *find_warnings(photoset, solution, geometry, lightings),
         *_remarks([*faults, *dark], textures),
-    ]
-    found = None if accounted is None else accounted.found
-    result = factorization(photoset, geometry, solution, fields, residuals, warnings, found)
-    result = replace(result, textures=textures)
+    )
     return TexturedRun(
-        photoset, geometry, result, fields, residuals, radiance, pictured, transfers=transfers, shaded=shaded
+        photoset,
+        geometry,
+        solution,
+        fields,
+        residuals,
+        photo_scores(photoset, solution, fields, residuals),
+        warnings,
+        radiance,
+        pictured,
+        interreflection=None if accounted is None else accounted.found,
+        textures=textures,
+        transfers=transfers,
+        shaded=shaded,
     )
 
 

@@ -45,8 +45,9 @@ from invrender.process.held_out_light import (
     scored_lighting,
     used_tables,
 )
-from invrender.process.run import Run, factorization, pixel_by_pixel
 from invrender.process.warnings import find_warnings
+from invrender.result.run import Run, pixel_by_pixel
+from invrender.result.scores import photo_scores
 from invrender.transport.predict import predict
 from invrender.transport.radiosity import ConcaveMesh
 from invrender.transport.visibility import Shadows
@@ -129,7 +130,7 @@ def solve_unknown_light(
         shown = parallel_map(lambda of: recovered(*of), zip(fitted, seen, strict=True))
         left = [field.radiance - own for field, own in zip(seen, shown, strict=True)]
         solution = _solution(blind, seen, left)
-        brdf = solution.estimate.brdf
+        brdf = solution.brdf
         under = {
             photo.label: _under(others[photo.lighting], solution, fields[photo.label], geometry.shadows, sent)
             for photo in photoset.photos
@@ -149,7 +150,7 @@ def solve_unknown_light(
             field = fields[photo.label]
             residuals[photo.label] = field.radiance - radiance(photo, field)
         given = [(photo.label, photo.lighting, fields[photo.label]) for photo in fitted]
-        scene = unknown_light_remainders(blind, solution.estimate.brdf, geometry, given, left)
+        scene = unknown_light_remainders(blind, solution.brdf, geometry, given, left)
         causes = named_causes(diagnose(scene), photoset.radiometry.exposure)
     warnings = [*left_out, *sentences(blind.warnings)]
     distances = distances_in_words({own.lighting.name: own.lighting for own in solution.lightings})
@@ -166,11 +167,19 @@ def solve_unknown_light(
         if photo.label in strengths
     }
     scored = [scored_lighting(others[name].lighting, others[name].elements, firsts[name]) for name in others]
-    found = None if bounces is None else bounces.found
-    result = factorization(
-        photoset, geometry, solution, fields, residuals, warnings, found, causes=causes, scored=scored
+    return Run(
+        photoset,
+        geometry,
+        replace(solution, lightings=(*solution.lightings, *scored)),
+        fields,
+        residuals,
+        photo_scores(photoset, solution, fields, residuals),
+        tuple(warnings),
+        radiance,
+        pixel_by_pixel(radiance),
+        interreflection=None if bounces is None else bounces.found,
+        causes=causes,
     )
-    return Run(photoset, geometry, result, fields, residuals, radiance, pixel_by_pixel(radiance))
 
 
 def _under(

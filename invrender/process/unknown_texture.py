@@ -31,9 +31,9 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import usable_pixels
 from invrender.process.held_out_light import used_tables
-from invrender.process.run import TexturedRun
 from invrender.process.textured import Recovered, solve_textured
 from invrender.process.unknown_light import orders_of, recovered_lighting
+from invrender.result.run import TexturedRun
 from invrender.theory.operator import irradiance_operator
 from invrender.wording import sentences
 from recon.harmonics.basis import degree_of
@@ -91,8 +91,7 @@ def solve_unknown_texture(
     unsure = _unsure(blind, list(lights.values()), found)
     recovered = Recovered(given, unsure, lambda solution: _in_gauge(solution, blind, found))
     run = solve_textured(photoset, geometry, samples, clock, track, recovered)
-    warnings = (*sentences(blind.warnings), *run.result.warnings)
-    return replace(run, result=replace(run.result, warnings=warnings))
+    return replace(run, warnings=(*sentences(blind.warnings), *run.warnings))
 
 
 def _check_unknown(photoset: PhotoSet) -> None:

@@ -49,7 +49,7 @@ def find_warnings(
         warnings.append(
             "Error bars don't hold what [uncertainty] states: only `process` of an object of one BRDF carries it."
         )
-    candidate = solution.candidates[solution.chosen]
+    candidate = solution.model
     if candidate.error > POOR and published:
         warnings.append(
             f"The published procedure leaves {candidate.error:.0%} of the radiance (RMS) on photographs that it has not"

@@ -22,12 +22,12 @@ from capture.radiance import RadianceImage
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.process.pipeline import process
-from invrender.process.run import Run, TexturedRun
 from invrender.refine.photometric import PoseTarget, RefinedPose, refine_pose
 from invrender.refine.posechange import LoosePose
 from invrender.refine.rim import outline_in
 from invrender.refine.shared import refine_together
 from invrender.refine.surface_tracking import Followed, Lobe, followed_in
+from invrender.result.run import Run, TexturedRun
 from recon.mesh.bodies import Body, MeshBody, body_coverage, larger_pixels
 from recon.sampling.draw import NO_SOURCES, sample_body
 from recon.sampling.lightfield import LightField
@@ -82,7 +82,7 @@ def refine_poses(
         moved = photoset if best is None else _moved(photoset, best.given, poses)
         # Causes of what is left over would be looked for in every round, and nobody reads them.
         run = process(moved, samples, track, causes=False)
-        error = run.result.model.error
+        error = run.solution.model.error
         if best is not None and error > _STALLS * best.errors[-1]:
             break
         centre = _middle(run.geometry.body)
@@ -114,7 +114,7 @@ def _seen(
     photoset: PhotoSet, run: Run, given: Sequence[LoosePose]
 ) -> list[tuple[PoseTarget, Followed | None]]:
     """Photographs at the poses as given, and how a run predicts them at those that they now have."""
-    points, textures = None, run.result.textures
+    points, textures = None, run.textures
     if textures is not None:
         known = np.flatnonzero(textures.known)
         points = textures.layout.points.where(np.sort(np.random.default_rng(0).permutation(known)[:_POINTS]))
@@ -135,7 +135,7 @@ def _looked_at(
     if not followed:
         image = _in_patches(image, body, now, rng)
     field = sample_body(body, now, image, mask, NO_SOURCES, None, rng)
-    chosen = _patches(field, rng)
+    chosen, noise = _patches(field, rng), run.solution.noise
     target = PoseTarget(
         camera=camera,
         centre=given[index].centre,
@@ -145,15 +145,14 @@ def _looked_at(
         columns=field.columns[chosen],
         observed=field.radiance[chosen],
         radiance=lambda field: run.radiance(photo, field),
-        noise=NoiseModel(run.result.noise_floor / binning, run.result.noise_relative / binning),
+        noise=NoiseModel(noise.floor / binning, noise.relative / binning),
         outline=outline_in(camera, mask),
     )
     if points is None or not followed:
         return target, None
     assert isinstance(run, TexturedRun)
-    textures = run.result.textures
-    assert textures is not None
-    lobe = Lobe(run.result.brdf.ks, textures.ks_varies)
+    assert run.textures is not None
+    lobe = Lobe(run.solution.brdf.ks, run.textures.ks_varies)
     return target, followed_in(target, image, now, field, points, partial(run.transfers, photo), lobe)
 
 

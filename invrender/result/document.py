@@ -15,6 +15,7 @@ from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import Candidate, PictureError
 from invrender.estimate.interreflection.statement import Interreflection
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
+from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import TexelLayout
 from invrender.estimate.textured.textures import (
     KD_NAME,
@@ -24,7 +25,7 @@ from invrender.estimate.textured.textures import (
     MESH_NAME,
     FittedTextures,
 )
-from invrender.result.factorization import Factorization
+from invrender.result.run import Run
 from recon.harmonics.basis import to_degree
 from recon.harmonics.complex import project_sources
 from recon.harmonics.latlong import map_coefficients
@@ -36,55 +37,55 @@ _DARK_MAP_HEIGHT = 16
 
 
 def result_document(
-    result: Factorization,
+    run: Run,
     lighting_files: Mapping[str, str],
     inputs: Mapping[str, str],
-    seconds: Mapping[str, float],
 ) -> dict[str, Any]:
-    """The result as JSON-ready data; numbers are finite or null.
+    """What a run found as JSON-ready data; numbers are finite or null.
 
     lighting_files : lighting's name -> file in the result folder. inputs : path -> "sha256:...".
     """
-    quantities = result.quantities
-    model = result.model.estimate.model
+    solution = run.solution
+    quantities = solution.quantities
+    model = solution.model.estimate.model
     scalars = {
         name: quantity_entry(quantities.get(name), scalar=True) for name in ("mu", "sigma", "exponent")
     }
-    fitted = [photo for photo in result.photos if not photo.held_out]
+    fitted = [photo for photo in run.scores if not photo.held_out]
     return {
         "format": FORMAT,
-        "name": result.name,
-        "gauge": result.gauge,
+        "name": run.photoset.name,
+        "gauge": solution.gauge,
         "brdf": {
-            "model": result.brdf.form.name if model.specular else "lambertian",
-            "specular": specular_colour(result),
+            "model": solution.brdf.form.name if model.specular else "lambertian",
+            "specular": specular_colour(solution),
             "kd": quantity_entry(quantities["kd"]),
             "ks": quantity_entry(quantities.get("ks")),
             **scalars,
             "form_numbers": {
                 name: quantity_entry(quantities[name], scalar=True)
-                for name in own_numbers(result.brdf)
+                for name in own_numbers(solution.brdf)
                 if name in quantities
             },
-            "brushed_about": result.brdf.form.axis,
+            "brushed_about": solution.brdf.form.axis,
             "albedo": quantity_entry(quantities.get("albedo")),
             "normalised": {
                 "kd": quantity_entry(quantities.get("kd_normalised")),
                 "ks": quantity_entry(quantities.get("ks_normalised")),
             },
-            "covariance": {"names": list(result.covariance_names), "values": numbers(result.covariance)},
+            "covariance": {"names": list(solution.covariance_names), "values": numbers(solution.covariance)},
         },
-        "object": dict(result.object),
-        "texture": None if result.textures is None else _texture(result.textures),
-        "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in result.lightings],
+        "object": dict(run.geometry.description),
+        "texture": None if run.textures is None else _texture(run.textures),
+        "lighting": [_lighting(entry, lighting_files[entry.lighting.name]) for entry in solution.lightings],
         "fit": {
-            "rms_relative": result.rms(held_out=False),
-            "cross_validated_rms_relative": result.model.error,
-            "held_out_rms_relative": result.rms(held_out=True),
+            "rms_relative": run.rms(held_out=False),
+            "cross_validated_rms_relative": solution.model.error,
+            "held_out_rms_relative": run.rms(held_out=True),
             "samples": sum(photo.samples for photo in fitted),
             "photos": len(fitted),
-            "structured_rms_relative": result.structured,
-            "noise": {"floor": result.noise_floor, "relative": result.noise_relative},
+            "structured_rms_relative": solution.structured,
+            "noise": {"floor": solution.noise.floor, "relative": solution.noise.relative},
         },
         "photos": [
             {
@@ -95,14 +96,14 @@ def result_document(
                 "rms_relative": photo.rms,
                 "cross_validated_rms_relative": photo.cross_validated,
             }
-            for photo in result.photos
+            for photo in run.scores
         ],
-        "interreflection": None if result.interreflection is None else _bounces(result.interreflection),
-        "causes": [_cause(cause) for cause in result.causes],
-        "identifiability": identifiability(result),
-        "models": model_entries(result.candidates, result.chosen),
-        "warnings": list(result.warnings),
-        "timing_s": {stage: round(value, 3) for stage, value in seconds.items()},
+        "interreflection": None if run.interreflection is None else _bounces(run.interreflection),
+        "causes": [_cause(cause) for cause in run.causes],
+        "identifiability": identifiability(solution),
+        "models": model_entries(solution.candidates, solution.chosen),
+        "warnings": list(run.warnings),
+        "timing_s": {stage: round(value, 3) for stage, value in run.seconds.items()},
         "inputs": dict(inputs),
         "software": software(),
     }
@@ -202,10 +203,10 @@ def _bounces(found: Interreflection) -> dict[str, Any]:
     }
 
 
-def specular_colour(result: Factorization) -> str | None:
+def specular_colour(solution: Solution) -> str | None:
     """ "neutral" if one Ks for all channels explains as much as three, "coloured" if not; None where undetermined."""
-    model = result.model.estimate.model
-    if not any(candidate.estimate.model.neutral for candidate in result.candidates) or not model.specular:
+    model = solution.model.estimate.model
+    if not any(candidate.estimate.model.neutral for candidate in solution.candidates) or not model.specular:
         return None
     return "neutral" if model.neutral else "coloured"
 
@@ -215,13 +216,13 @@ def own_numbers(brdf: Microfacet) -> tuple[str, ...]:
     return (*brdf.form.numbers, *(() if brdf.sigma is None else brdf.form.derived(brdf.sigma)))
 
 
-def identifiability(result: Factorization) -> list[dict[str, str]]:
+def identifiability(solution: Solution) -> list[dict[str, str]]:
     """One entry per BRDF parameter: status, and where it is not determined the reason and the remedy."""
     rows = []
     for name in ("kd", "ks", "mu", "sigma"):
-        quantity = result.quantities.get(name)
+        quantity = solution.quantities.get(name)
         if quantity is None:
-            quantity = Quantity(None, None, "undetermined", *absence(result, name))
+            quantity = Quantity(None, None, "undetermined", *absence(solution, name))
         rows.append(
             {
                 "parameter": name,
@@ -233,12 +234,12 @@ def identifiability(result: Factorization) -> list[dict[str, str]]:
     return rows
 
 
-def absence(result: Factorization, name: str) -> tuple[str, str]:
+def absence(solution: Solution, name: str) -> tuple[str, str]:
     """Why the chosen model lacks a parameter, and what would show whether the object needs it."""
-    chosen, best = result.model, min(result.candidates, key=lambda candidate: candidate.error)
+    chosen, best = solution.model, min(solution.candidates, key=lambda candidate: candidate.error)
     what = "Fresnel factor" if name == "mu" and chosen.estimate.model.specular else "specular term"
-    if result.misfits:
-        withheld = next(iter(result.quantities.values()))
+    if solution.misfits:
+        withheld = next(iter(solution.quantities.values()))
         return withheld.reason, withheld.remedy
     form = chosen.estimate.model.form
     if what == "Fresnel factor" and not form.has_fresnel:

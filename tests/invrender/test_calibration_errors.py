@@ -332,6 +332,6 @@ def test_a_set_in_unknown_light_states_how_sure_poses_are(lamp_set: Path) -> Non
     manifest.write_text(
         text[:start] + light + text[text.index("[[photo]]") :] + "\n[uncertainty]\nrotation_deg = 0.3\n"
     )
-    result = process(load_photoset(lamp_set), samples=2000).result
-    assert result.quantities["sigma"].shares["poses"] > 0
+    result = process(load_photoset(lamp_set), samples=2000)
+    assert result.solution.quantities["sigma"].shares["poses"] > 0
     assert not any("[uncertainty]" in warning for warning in result.warnings)

@@ -17,7 +17,7 @@ from invrender.diagnostics.altered import turned
 from invrender.diagnostics.named import NamedCause
 from invrender.output.report.run import run_process
 from invrender.process.pipeline import process
-from invrender.result.factorization import Factorization
+from invrender.result.run import Run
 
 from .faultysets import (
     BRUSHED,
@@ -43,8 +43,8 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
-def result_of(folder: Path, samples: int = SAMPLES) -> Factorization:
-    return process(load_photoset(folder), samples=samples).result
+def result_of(folder: Path, samples: int = SAMPLES) -> Run:
+    return process(load_photoset(folder), samples=samples)
 
 
 def cause_of(folder: Path, samples: int = SAMPLES) -> NamedCause:
@@ -142,12 +142,12 @@ def test_a_sound_set_has_no_cause(sound: dict[str, Path], surface: str) -> None:
 def test_lamps_that_are_near_are_found_each_at_its_distance(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set", distance=25 * RADIUS)
     # Nearly all pixels: of fewer, scores would go by which are drawn.
-    result = process(load_photoset(folder), samples=3000).result
+    result = process(load_photoset(folder), samples=3000)
     # The lamps are no cause any more of what is left.
     assert result.causes == ()
     assert "The lamps were given as distant, but are near" in result.warnings[0]
     scores = []
-    for entry in result.lightings:
+    for entry in result.solution.lightings:
         lighting = entry.lighting
         assert lighting.closeness is not None
         assert lighting.closeness_std is not None
@@ -191,7 +191,7 @@ def test_a_curve_is_named_where_the_light_is_unknown(sound: dict[str, Path], tmp
     folder = Path(shutil.copytree(sound["glossy"], tmp_path / "set"))
     change_pixels(folder, lambda _, pixels: np.abs(pixels) ** 1.15)
     change_manifest(folder, r"directional = .*", lambda _: "unknown = true\ndark = true")
-    cause = process(load_photoset(folder), samples=600).result.causes[0]
+    cause = process(load_photoset(folder), samples=600).causes[0]
     # Where light is looked for, a coat on the base may bend what a curve bends; the rest of it is one or the other.
     assert cause.name in ("curve", "shading")
     assert cause.name == "shading" or cause.numbers[0] == pytest.approx(0.15, abs=0.03)
@@ -206,6 +206,6 @@ def test_report_and_result_show_the_cause(sound: dict[str, Path], tmp_path: Path
     assert cause["numbers"] == pytest.approx([0.01] * 3, rel=0.05)
     page = (tmp_path / "result" / "report.html").read_text()
     assert f'alt="Cause of the difference in {cause["photo"]}"' in page
-    shown = run.result.causes[0]
+    shown = run.causes[0]
     # What the cause doesn't explain of the picture is noise.
     assert np.std(shown.difference - shown.explained) < 0.3 * np.std(shown.difference)

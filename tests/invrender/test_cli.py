@@ -310,7 +310,7 @@ def test_a_finished_fit_outlives_its_predictions(
 ) -> None:
     out = tmp_path / "out"
     code = (
-        "import os, signal, time\nfrom lightfactor.cli import main\nfrom invrender.process.run import Run\n"
+        "import os, signal, time\nfrom lightfactor.cli import main\nfrom invrender.result.run import Run\n"
         f"def _predict(run, photo): {fate}\nRun._predict = _predict\nmain()"
     )
     command = [sys.executable, "-c", code, "process", str(lamp_set), "-o", str(out), "--samples", "1000"]

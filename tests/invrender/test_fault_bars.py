@@ -33,10 +33,10 @@ def test_the_truth_lies_within_what_a_named_fault_moves(
     sound: Path, tmp_path: Path, few_forms: None, fault: str
 ) -> None:
     folder = change_pixels(Path(shutil.copytree(sound, tmp_path / "set")), FAULTS[fault])
-    result = process(load_photoset(folder), samples=2000).result
+    result = process(load_photoset(folder), samples=2000)
     assert result.causes[0].name == fault
     for name, truth in TRUTH.items():
-        quantity = result.quantities[name]
+        quantity = result.solution.quantities[name]
         assert quantity.value is not None
         assert quantity.std is not None
         assert (np.abs(quantity.value - truth) < 3 * quantity.std).all(), (name, quantity)

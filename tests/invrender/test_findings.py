@@ -14,9 +14,8 @@ import pytest
 from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import load_photoset
 from invrender.process.pipeline import process
-from invrender.process.run import Run
 from invrender.result.document import identifiability
-from invrender.result.factorization import Factorization
+from invrender.result.run import Run
 from synthetic.scenes.build import read_staging
 from synthetic.scenes.builtin import scene_path
 from synthetic.writer import write_photoset
@@ -77,13 +76,13 @@ def lamps(lamps_original: Path, tmp_path: Path, few_forms: None) -> Path:
     return Path(shutil.copytree(lamps_original, tmp_path / "set"))
 
 
-def run(folder: Path) -> Factorization:
-    return process(load_photoset(folder), samples=SAMPLES).result
+def run(folder: Path) -> Run:
+    return process(load_photoset(folder), samples=SAMPLES)
 
 
-def assert_truth_is_covered(result: Factorization) -> None:
+def assert_truth_is_covered(result: Run) -> None:
     for name, truth in TRUTH.items():
-        quantity = result.quantities[name]
+        quantity = result.solution.quantities[name]
         assert quantity.value is not None
         assert quantity.std is not None
         # Four standard deviations: eight numbers a run, a dozen runs.
@@ -112,7 +111,7 @@ def test_the_demo_recovers_the_truth(
 ) -> None:
     # What is promised of the demo at 1% noise; the error bars claim far less, and must hold as well.
     run, truth = demo
-    quantity = run.result.quantities[name]
+    quantity = run.solution.quantities[name]
     assert quantity.value is not None
     assert quantity.std is not None
     expected = np.broadcast_to(np.ravel(truth[name]), quantity.value.shape)
@@ -124,18 +123,18 @@ def test_the_demo_recovers_the_truth(
 def test_the_demo_needs_the_whole_model_and_is_predicted_to_the_noise(
     demo: tuple[Run, dict[str, object]],
 ) -> None:
-    result = demo[0].result
-    assert result.model.estimate.model.name == "neutral microfacet"
+    result = demo[0]
+    assert result.solution.model.estimate.model.name == "neutral microfacet"
     # 1% of radiance and a floor of 0.1% of its mean.
-    assert result.model.error == pytest.approx(0.01, rel=0.05)
+    assert result.solution.model.error == pytest.approx(0.01, rel=0.05)
     assert result.rms(held_out=True) == pytest.approx(0.01, rel=0.05)
-    assert result.noise_relative == pytest.approx(0.01, rel=0.05)
+    assert result.solution.noise.relative == pytest.approx(0.01, rel=0.05)
 
 
 def test_good_photographs_need_no_words(demo: tuple[Run, dict[str, object]]) -> None:
-    result = demo[0].result
+    result = demo[0]
     assert result.warnings == ()
-    assert result.structured < 1e-3  # 1% noise, and nothing else
+    assert result.solution.structured < 1e-3  # 1% noise, and nothing else
     assert_truth_is_covered(result)
 
 
@@ -145,7 +144,7 @@ def test_a_wrong_photograph_is_named_and_does_little_harm(lamps: Path) -> None:
     (warning,) = [text for text in result.warnings if "far worse than the others" in text]
     assert warning.startswith("005.exr")
     assert not any("is brightness" in text for text in result.warnings)
-    assert result.model.estimate.model.name == "neutral microfacet"
+    assert result.solution.model.estimate.model.name == "neutral microfacet"
     assert_truth_is_covered(result)
 
 
@@ -184,12 +183,12 @@ def test_a_light_from_the_wrong_side_gives_no_numbers(mapped: Path) -> None:
     x, y, z = re.search(r"direction = \[([^,]*), ([^,]*), ([^\]]*)\]", path.read_text()).groups()  # type: ignore[union-attr]
     flipped = f"direction = [{-float(x)}, {-float(y)}, {-float(z)}]"
     path.write_text(re.sub(r"direction = \[[^\]]*\]", flipped, path.read_text()))
-    result = process(load_photoset(mapped), samples=600).result
-    assert result.misfits
-    assert all(quantity.value is None for quantity in result.quantities.values())
+    result = process(load_photoset(mapped), samples=600)
+    assert result.solution.misfits
+    assert all(quantity.value is None for quantity in result.solution.quantities.values())
     assert any("No model explains" in text for text in result.warnings)
     assert any("if its lamps were pointing the other way" in text for text in result.warnings)
-    for row in identifiability(result):
+    for row in identifiability(result.solution):
         assert row["status"] == "undetermined"
         assert "need no" not in row["reason"]
         assert "direction" in row["remedy"]
@@ -211,7 +210,7 @@ def test_a_map_in_other_axes_is_named(
 ) -> None:
     path = mapped / "lighting.exr"
     write_exr(path, np.ascontiguousarray(change(read_pixels(path).astype(np.float32))))
-    assert any(said in text for text in process(load_photoset(mapped), samples=600).result.warnings)
+    assert any(said in text for text in process(load_photoset(mapped), samples=600).warnings)
 
 
 def test_floats_that_were_cut_off_are_left_out_and_told(lamps: Path) -> None:

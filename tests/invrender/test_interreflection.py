@@ -192,7 +192,7 @@ def test_without_light_of_known_strength_its_size_is_told(cup: Path, tmp_path: P
     manifest = folder / "photoset.toml"
     text = manifest.read_text()
     manifest.write_text(text.replace("[[lighting]]", '[[lighting]]\nrecover = ["irradiance"]'))
-    result = process(load_photoset(folder), 450).result
+    result = process(load_photoset(folder), 450)
     assert result.interreflection is None
     (warning,) = [text for text in result.warnings if "bounces" in text]
     # Of albedo 0.5, which is about the mean of the three channels' 0.88, 0.63 and 0.31, and 4.4% at these.
@@ -219,26 +219,26 @@ def test_light_that_mostly_bounces_is_taken_off_too(tmp_path: Path) -> None:
     scene = CUP.replace("[0.28, 0.2, 0.1]", "[0.25, 0.22, 0.15]").replace("bounces = 2", "bounces = 12")
     for low, high in ((15, 35), (20, 45), (25, 60), (30, 60)):
         scene = scene.replace(f"elevation_deg = {low}", f"elevation_deg = {high}")
-    result = process(load_photoset(write_cup_set(tmp_path, scene, write_bowl)), 1500).result
+    result = process(load_photoset(write_cup_set(tmp_path, scene, write_bowl)), 1500)
     assert result.interreflection is not None
     assert result.interreflection.relative > 0.25
     # 1% is noise; taking turns left 18%, and Kd half as large again. Rays between the parts are good to half a percent.
-    assert result.model.error < 0.0105
-    assert_allclose(result.brdf.kd, [0.25, 0.22, 0.15], rtol=0.01)
+    assert result.solution.model.error < 0.0105
+    assert_allclose(result.solution.brdf.kd, [0.25, 0.22, 0.15], rtol=0.01)
 
 
 def test_where_nothing_bounces_its_size_is_that_of_the_accepted_fit(tmp_path: Path) -> None:
     # Of refits with ever more taken off 18% was stated; the fit to the photographs as they are is right, and says 28%.
     scene = CUP.replace("bounces = 2", "bounces = 0")
     run = process(load_photoset(write_cup_set(tmp_path, scene, write_bowl)), 1500)
-    found, shadows = run.result.interreflection, run.geometry.shadows
+    found, shadows = run.interreflection, run.geometry.shadows
     assert found is not None
     assert shadows is not None
     assert not found.taken_off
-    assert_allclose(run.result.brdf.kd, KD, rtol=0.003)
+    assert_allclose(run.solution.brdf.kd, KD, rtol=0.003)
     parts = ConcaveMesh.of(shadows)
     assert parts is not None
-    (elements,) = (light_elements(light.lighting) for light in run.result.lightings)
+    (elements,) = (light_elements(light.lighting) for light in run.solution.lightings)
     truth = Microfacet(np.array(KD), np.zeros(3), None, None, RH01_FORM)
     bounced = parts.bounced(elements, np.ones((len(elements), 3)), truth)
     fields = [run.fields[photo.label] for photo in run.photoset.photos if not photo.held_out]
@@ -305,7 +305,7 @@ def test_in_unknown_light_it_is_taken_off_at_the_albedo_that_explains_most(tmp_p
     photoset = load_photoset(write_cup_set(tmp_path, GLOSSY_CUP))
     lab = replace(photoset, lightings=(LightingTable(name=photoset.lightings[0].name, unknown=True),))
     factorize = partial(factorize_blind, orders=[4], ladder=False)
-    result = solve_unknown_light(lab, find_geometry(lab), 400, Clock(), silent, factorize).result
+    result = solve_unknown_light(lab, find_geometry(lab), 400, Clock(), silent, factorize)
     found = result.interreflection
     assert found is not None
     assert found.taken_off
@@ -318,7 +318,7 @@ def test_in_unknown_light_it_is_taken_off_at_the_albedo_that_explains_most(tmp_p
     assert_allclose(found.albedo, albedo, atol=0.1)
     share = 0.025 / (np.array([0.22, 0.18, 0.12]) + 0.025)
     for name, truth, allowed in (("ks", share, 0.008), ("sigma", 0.15, 0.006)):
-        quantity = result.quantities[name]
+        quantity = result.solution.quantities[name]
         assert quantity.value is not None
         assert quantity.std is not None
         # Left in, the red share is off by 0.015, and sigma by 0.010.
@@ -330,5 +330,5 @@ def test_in_unknown_light_it_is_taken_off_at_the_albedo_that_explains_most(tmp_p
     assert held_out is not None
     # 1% is noise. Left in, it is 4.9%.
     assert held_out < 0.0155
-    document = result_document(result, {lab.lightings[0].name: "lab.exr"}, {}, {})
+    document = result_document(result, {lab.lightings[0].name: "lab.exr"}, {})
     assert_allclose(document["interreflection"]["albedo"], found.albedo)

@@ -16,7 +16,7 @@ from capture.photoset import load_photoset
 from invrender.output.report.files import write_fit, write_pictures
 from invrender.process.held_out_light import used_lightings
 from invrender.process.pipeline import process
-from invrender.process.run import Run
+from invrender.result.run import Run
 
 from .faultysets import LAMPS, change_manifest, change_pixels, write_set
 
@@ -49,7 +49,7 @@ def misdirected(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 
 def found_directions(run: Run) -> tuple[Floats, Floats]:
     """Directions (k, 3) of a run's lamps and their deviations (k,), radians."""
-    lightings = [entry.lighting for entry in run.result.lightings]
+    lightings = [entry.lighting for entry in run.solution.lightings]
     return (
         np.concatenate([own.directions for own in lightings]),
         np.radians(np.concatenate([own.direction_std_deg for own in lightings])),
@@ -62,10 +62,8 @@ def test_lamps_are_found_where_highlights_lie_with_bars_that_hold(misdirected: S
     assert np.sqrt((off**2).mean()) < 0.2 * np.radians(OFF) * np.sqrt(2)
     # Of eight lamps either way across, chance leaves 0.65 to 1.35 in 95% of the draws; bars are the worse way's.
     assert 0.4 < np.sqrt((off**2 / std**2).mean() / 2) < 1.4
-    assert (
-        "Highlights don't lie where the given light directions put them" in misdirected.run.result.warnings[0]
-    )
-    assert misdirected.run.result.causes == ()
+    assert "Highlights don't lie where the given light directions put them" in misdirected.run.warnings[0]
+    assert misdirected.run.causes == ()
 
 
 def test_results_say_which_directions_were_found(misdirected: SimpleNamespace, tmp_path: Path) -> None:
@@ -76,22 +74,22 @@ def test_results_say_which_directions_were_found(misdirected: SimpleNamespace, t
 
 
 def test_what_directions_hid_is_found(misdirected: SimpleNamespace) -> None:
-    quantities = misdirected.run.result.quantities
+    quantities = misdirected.run.solution.quantities
     for name, truth in {"sigma": [0.06], "ks": [0.04] * 3, "kd": [0.2, 0.16, 0.12], "mu": [1.6]}.items():
         found = quantities[name]
         assert (np.abs(found.value - truth) < 3 * found.std).all(), name
     # Taken as given, directions leave sigma 1.2% and Ks 2.9% off, and no mu.
     assert quantities["sigma"].value[0] == pytest.approx(0.06, rel=0.005)
     # The photographs have 1% of noise.
-    assert misdirected.run.result.rms(held_out=False) < 0.012
+    assert misdirected.run.rms(held_out=False) < 0.012
     assert 0 < quantities["sigma"].shares["light_directions"] < 1
 
 
 def test_directions_that_are_right_stay_as_they_are(misdirected: SimpleNamespace, tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set", GLOSSY)
     run = process(load_photoset(folder), 4000)
-    assert run.result.warnings == ()
-    for entry, true in zip(run.result.lightings, misdirected.true, strict=True):
+    assert run.warnings == ()
+    for entry, true in zip(run.solution.lightings, misdirected.true, strict=True):
         assert entry.lighting.direction_std_deg is None
         np.testing.assert_allclose(entry.lighting.directions[0], true, atol=1e-9)
 
@@ -109,7 +107,7 @@ def test_lamps_of_held_out_photographs_follow_the_others(tmp_path: Path) -> None
     off = np.linalg.norm(found - true, axis=1)
     assert off[-1] < min(3 * std[-1], np.radians(0.3))
     # With directions as given it is 7%.
-    assert run.result.rms(held_out=True) < 0.013
+    assert run.rms(held_out=True) < 0.013
 
 
 @pytest.mark.sweep
@@ -126,7 +124,7 @@ def test_bars_of_found_directions_hold(tmp_path: Path) -> None:
         run = process(load_photoset(folder), 4000)
         found, std = found_directions(run)
         off.append(np.linalg.norm(found - true, axis=1) / std)
-        own = run.result.quantities
+        own = run.solution.quantities
         truths = {"kd": 0.16, "ks": 0.04, "mu": 1.6, "sigma": 0.06}
         errors.append(
             [(own[name].value.mean() - truth) / own[name].std.mean() for name, truth in truths.items()]

@@ -30,7 +30,7 @@ from invrender.output.report.run import run_process
 from invrender.process.pipeline import process
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.result.document import result_document
-from invrender.result.factorization import Factorization
+from invrender.result.run import Run
 from invrender.transport.transfer import diffuse_transfer, light_elements
 from invrender.transport.visibility import Shadows, seen_diffuse
 from recon.harmonics.complex import project_sources
@@ -113,21 +113,19 @@ def known_cat(
 
 
 @pytest.fixture(scope="module")
-def processed(known_cat: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Factorization, Path]:
+def processed(known_cat: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Path]:
     """What `process` finds of the cat in known light, and where it wrote it."""
     out = tmp_path_factory.mktemp("processed") / "out"
     with few_forms_tried():
-        return run_process(known_cat, out, 2500).result, out
+        return run_process(known_cat, out, 2500), out
 
 
 @pytest.fixture(scope="module")
-def result(processed: tuple[Factorization, Path]) -> Factorization:
+def result(processed: tuple[Run, Path]) -> Run:
     return processed[0]
 
 
-def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
-    result: Factorization, known_cat: Path
-) -> None:
+def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(result: Run, known_cat: Path) -> None:
     scene = json.loads((known_cat / "truth.json").read_text())
     truth = scene["brdf"]
     # 1% noise. In units of RH01's own deviations (0.02, 0.07, 0.01) these are a tenth and less.
@@ -135,7 +133,7 @@ def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
     in_room = any(lighting["map"] for lighting in scene["lighting"])
     mu = 0.08 if in_room else 0.5
     for name, allowed in (("kd", 0.001), ("ks", 0.0012), ("mu", mu), ("sigma", 0.002)):
-        quantity = result.quantities[name]
+        quantity = result.solution.quantities[name]
         assert quantity.value is not None
         assert quantity.std is not None
         off = np.abs(quantity.value - truth[name])
@@ -155,16 +153,16 @@ def test_kd_ks_mu_and_sigma_of_a_concave_mesh_from_three_photographs(
 
 # Lamps alone show it: their shadows are the sharpest.
 @pytest.mark.parametrize("known_cat", ["lamps"], indirect=True)
-def test_without_visibility_errors_are_several_times_larger(result: Factorization, known_cat: Path) -> None:
+def test_without_visibility_errors_are_several_times_larger(result: Run, known_cat: Path) -> None:
     with few_forms_tried():
-        blind = process(load_photoset(known_cat), 1000, shadowing=False).result
-    assert blind.model.error > 4 * result.model.error
-    off = [np.abs(each.brdf.kd / [0.24, 0.2, 0.16] - 1).max() for each in (result, blind)]
+        blind = process(load_photoset(known_cat), 1000, shadowing=False)
+    assert blind.solution.model.error > 4 * result.solution.model.error
+    off = [np.abs(each.solution.brdf.kd / [0.24, 0.2, 0.16] - 1).max() for each in (result, blind)]
     assert off[1] > 8 * off[0]
     assert any("not only noise" in warning for warning in blind.warnings)
 
 
-def test_a_mesh_is_written_and_predicted(processed: tuple[Factorization, Path], known_cat: Path) -> None:
+def test_a_mesh_is_written_and_predicted(processed: tuple[Run, Path], known_cat: Path) -> None:
     out = processed[1]
     result = json.loads((out / "result.json").read_text())
     assert result["object"]["shape"] == "mesh"
@@ -258,24 +256,22 @@ def test_the_border_of_a_shadow_lights_a_part_of_a_pixel() -> None:
     assert_array_equal(lit[middle & ~border], np.round(expected[middle & ~border]))
 
 
-def under_unknown_light(folder: Path, shadowing: bool = True) -> Factorization:
+def under_unknown_light(folder: Path, shadowing: bool = True) -> Run:
     """A result from few samples at one degree of light; the ladder above it is as for spheres."""
     photoset = load_photoset(folder)
     lab, lamp = photoset.lightings
     photoset = replace(photoset, lightings=(LightingTable(name=lab.name, unknown=True), lamp))
     factorize = partial(factorize_blind, orders=[6], ladder=False)
     geometry = find_geometry(photoset, shadowing=shadowing)
-    return solve_unknown_light(photoset, geometry, 2000, Clock(), silent, factorize).result
+    return solve_unknown_light(photoset, geometry, 2000, Clock(), silent, factorize)
 
 
 @pytest.fixture(scope="module")
-def blind(cat_original: Path) -> Factorization:
+def blind(cat_original: Path) -> Run:
     return under_unknown_light(cat_original)
 
 
-def test_light_and_brdf_of_a_concave_mesh_from_three_photographs(
-    blind: Factorization, cat_original: Path
-) -> None:
+def test_light_and_brdf_of_a_concave_mesh_from_three_photographs(blind: Run, cat_original: Path) -> None:
     truth = json.loads((cat_original / "truth.json").read_text())
     brdf, (lab, _) = truth["brdf"], truth["lighting"]
     share = np.array(brdf["ks"]) / (np.array(brdf["kd"]) + brdf["ks"])
@@ -285,12 +281,12 @@ def test_light_and_brdf_of_a_concave_mesh_from_three_photographs(
         ("mu", brdf["mu"], 0.15),
         ("sigma", brdf["sigma"], 0.002),
     ):
-        quantity = blind.quantities[name]
+        quantity = blind.solution.quantities[name]
         assert quantity.value is not None
         assert quantity.std is not None
         off = np.abs(quantity.value - expected)
         assert (off < np.minimum(3 * quantity.std, allowed)).all(), (name, quantity.value, quantity.std)
-    (light, lamp) = blind.lightings
+    (light, lamp) = blind.solution.lightings
     for source in lab["directional"]:
         assert np.degrees(np.arccos((light.lighting.directions @ source["direction"]).max())) < 0.3
     told = Lighting(
@@ -310,7 +306,7 @@ def test_light_and_brdf_of_a_concave_mesh_from_three_photographs(
     strength = lamp.lighting.irradiances[0] / [2.0, 1.0, 0.5]
     assert_allclose(strength, np.array(brdf["kd"]) + brdf["ks"], rtol=0.01)
     assert np.isnan(lamp.irradiance_std).all()
-    document = result_document(blind, {"lab": "a.exr", "lamp": "b.exr"}, {}, {})
+    document = result_document(blind, {"lab": "a.exr", "lamp": "b.exr"}, {})
     assert [entry["recovered"] for entry in document["lighting"]] == [["all"], ["scale"]]
     assert blind.warnings == ()
     # No light bounces in these photographs, of whatever albedo.
@@ -321,8 +317,10 @@ def test_light_and_brdf_of_a_concave_mesh_from_three_photographs(
 
 
 def test_light_of_a_mesh_whose_shadows_are_ignored_is_several_times_as_wrong(
-    blind: Factorization, cat_original: Path, no_causes: None
+    blind: Run, cat_original: Path, no_causes: None
 ) -> None:
     careless = under_unknown_light(cat_original, shadowing=False)
-    assert careless.model.error > 5 * blind.model.error
-    assert abs(float(careless.brdf.sigma or 0) - 0.12) > 5 * abs(float(blind.brdf.sigma or 0) - 0.12)
+    assert careless.solution.model.error > 5 * blind.solution.model.error
+    assert abs(float(careless.solution.brdf.sigma or 0) - 0.12) > 5 * abs(
+        float(blind.solution.brdf.sigma or 0) - 0.12
+    )

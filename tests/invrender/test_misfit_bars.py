@@ -14,7 +14,7 @@ from invrender.process.pipeline import process
 def test_published_kd_lies_within_what_other_forms_move(data_dir: Path, tmp_path: Path) -> None:
     brdfs = data_dir / "brdf"
     photoset = load_photoset(write_spheres(brdfs, "delrin", tmp_path, lamps=8, parts=1)[0])
-    kd = process(photoset, samples=8000).result.quantities["kd"]
+    kd = process(photoset, samples=8000).solution.quantities["kd"]
     assert kd.value is not None
     assert kd.std is not None
     off = np.abs(kd.value - published_kd(brdfs, "delrin"))

@@ -53,7 +53,7 @@ photos = {photos}
 def test_a_lobe_is_not_widened_by_pixels_across_which_it_changes(tmp_path: Path) -> None:
     # Across a pixel in the sphere's middle the normal turns by a third of sigma.
     photoset = glossy_set(tmp_path, LAMP, 220, 2900, 3, "per_side = 8")
-    found = process(photoset, 5000).result.quantities
+    found = process(photoset, 5000).solution.quantities
     # One ray to a pixel of the highlight's flanks leaves sigma and Ks 0.8% too large, mu 1%; the rest of that is left.
     for name, truth, most in (("sigma", SIGMA, 0.002), ("mu", MU, 0.004), ("ks", KS, 0.003)):
         value, std = found[name].value, found[name].std
@@ -73,7 +73,7 @@ def test_narrow_highlights_of_a_room_s_lamp_are_sampled_in_full(tmp_path: Path) 
         highlight = brightness > 0.5 * brightness.max()
         # Two to six pixels, of which an even draw of 100 has none.
         assert highlight[field.rows, field.columns].sum() >= 0.6 * highlight.sum()
-    sigma = run.result.quantities["sigma"]
+    sigma = run.solution.quantities["sigma"]
     assert sigma.value is not None
     assert sigma.std is not None
     # Even samples leave a bar of 0.002.

@@ -102,13 +102,13 @@ def test_a_plan_states_what_process_then_reports(tmp_path: Path, few_forms: None
     write_photoset(staging, tmp_path / "set")
     plan = make_plan(experiment_of(staging))
     few = make_plan(experiment_of(staging), samples=400)
-    result = process(load_photoset(tmp_path / "set")).result
+    result = process(load_photoset(tmp_path / "set"))
     # `process` keeps a pixel away from the masks' border: a fifteenth of a disc of 30 px.
-    assert plan.fit_samples == pytest.approx(sum(photo.samples for photo in result.photos), rel=0.1)
+    assert plan.fit_samples == pytest.approx(sum(photo.samples for photo in result.scores), rel=0.1)
     # However few of them are looked at: on a grid of a tenth of the pixels the outline is met by chance.
     assert few.fit_samples == pytest.approx(plan.fit_samples, rel=0.1)
     for name in ("kd", "ks", "sigma", "mu"):
-        expected, found = named(plan.expected, name), result.quantities[name]
+        expected, found = named(plan.expected, name), result.solution.quantities[name]
         # The largest of three answers is stated, 10% more than noise implies on average. Three channels that turn out
         # to have one Ks tell it by up to the root of three better than a plan for a coloured one says.
         ratio = found.std / expected.std
@@ -128,10 +128,10 @@ def test_a_plan_counts_what_a_scene_states_of_calibration_as_process_does(tmp_pa
     manifest.write_text(manifest.read_text() + stated)
     path.write_text(text + stated)
     plan = make_plan(experiment_of(read_staging(path)), samples=40_000)
-    result = process(load_photoset(tmp_path / "set")).result
+    result = process(load_photoset(tmp_path / "set"))
     compared = 0
     for name in ("kd", "ks", "sigma", "mu"):
-        expected, found = named(plan.expected, name), result.quantities[name]
+        expected, found = named(plan.expected, name), result.solution.quantities[name]
         assert sum(expected.shares.values()) == pytest.approx(1)
         for cause in ("poses", "light_directions"):
             if expected.shares[cause] > 0.15:
@@ -165,9 +165,9 @@ def test_in_unknown_light_a_plan_counts_calibration_as_process_does(tmp_path: Pa
     manifest.write_text(manifest.read_text() + stated)
     path.write_text(text + stated)
     plan = make_plan(experiment_of(read_staging(path)), 0, 40_000)
-    result = process(load_photoset(tmp_path / "set")).result
+    result = process(load_photoset(tmp_path / "set"))
     for name in ("ks_normalised", "sigma", "mu"):
-        expected, found = named(plan.expected, name), result.quantities[name]
+        expected, found = named(plan.expected, name), result.solution.quantities[name]
         assert expected.shares["poses"] > 0.9
         reported = np.mean(found.std**2) * found.shares["poses"]
         # By the same slopes: at the truth, from samples of its own.

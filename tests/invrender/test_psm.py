@@ -16,7 +16,7 @@ from invrender.estimate.evidence import fit_strengths, relative_rms
 from invrender.estimate.search import fit
 from invrender.estimate.statistics import by_lighting, photo_statistics
 from invrender.process.pipeline import process
-from invrender.process.run import Run
+from invrender.result.run import Run
 from invrender.transport.columns import PhotoColumns, photo_columns
 from invrender.transport.predict import predict_columns
 from invrender.transport.transfer import light_elements
@@ -57,7 +57,7 @@ def shading_direction(field: LightField, start: NDArray[np.float64]) -> NDArray[
 
 def test_the_spheres_shading_agrees_with_the_balls_highlight(psm: Run) -> None:
     angles = []
-    for entry, field in zip(psm.result.lightings, psm.fields.values(), strict=True):
+    for entry, field in zip(psm.solution.lightings, psm.fields.values(), strict=True):
         (direction,) = entry.lighting.directions
         shading = shading_direction(field, direction)
         angles.append(np.degrees(np.arccos(np.clip(shading @ direction, -1, 1))))
@@ -74,15 +74,15 @@ def lit_part(photo: PhotoColumns, direction: NDArray[np.float64]) -> PhotoColumn
 def test_a_photograph_left_out_is_predicted_within_five_percent(psm: Run) -> None:
     photos = [
         photo_columns(entry.lighting.name, light_elements(entry.lighting), field)
-        for entry, field in zip(psm.result.lightings, psm.fields.values(), strict=True)
+        for entry, field in zip(psm.solution.lightings, psm.fields.values(), strict=True)
     ]
-    directions = [entry.lighting.directions[0] for entry in psm.result.lightings]
+    directions = [entry.lighting.directions[0] for entry in psm.solution.lightings]
     even = [np.ones_like(photo.radiance) for photo in photos]
     statistics = [photo_statistics(*pair) for pair in zip(photos, even, strict=True)]
     errors = []
     for k, photo in enumerate(photos):
         rest = by_lighting(entry for j, entry in enumerate(statistics) if j != k)
-        trained = fit(psm.result.model.estimate.model, rest)
+        trained = fit(psm.solution.model.estimate.model, rest)
         lit = lit_part(photo, directions[k])
         # The photograph's own irradiance and ambient are fitted to it: no other photograph has its light.
         strengths = fit_strengths(lit, np.ones_like(lit.radiance), trained)
@@ -93,17 +93,17 @@ def test_a_photograph_left_out_is_predicted_within_five_percent(psm: Run) -> Non
 
 def test_the_sphere_needs_no_specular_term(psm: Run) -> None:
     lambertian, best = (
-        psm.result.candidates[0],
-        min(psm.result.candidates, key=lambda candidate: candidate.error),
+        psm.solution.candidates[0],
+        min(psm.solution.candidates, key=lambda candidate: candidate.error),
     )
-    assert psm.result.model is lambertian
+    assert psm.solution.model is lambertian
     # What any lobe explains, GGX's tails most of all, is half a percent of the radiance; stains leave five.
     assert 0 <= lambertian.error - best.error < 0.006
 
 
 def test_a_lobe_that_looks_like_the_base_leaves_kd_determined(psm: Run) -> None:
-    best = min(psm.result.candidates, key=lambda candidate: candidate.error).estimate.brdf
-    kd = psm.result.quantities["kd"]
+    best = min(psm.solution.candidates, key=lambda candidate: candidate.error).estimate.brdf
+    kd = psm.solution.quantities["kd"]
     assert kd.value is not None
     assert kd.std is not None
     # GGX's widest lobe takes a sixth of the base's place, and explains no less: what is shared out differs, not how
@@ -115,9 +115,9 @@ def test_a_lobe_that_looks_like_the_base_leaves_kd_determined(psm: Run) -> None:
 
 
 def test_the_scale_is_stated_as_a_gauge(psm: Run) -> None:
-    irradiances = np.array([entry.lighting.irradiances[0] for entry in psm.result.lightings])
-    assert psm.result.gauge.startswith("relative")
-    assert "albedo" not in psm.result.quantities
+    irradiances = np.array([entry.lighting.irradiances[0] for entry in psm.solution.lightings])
+    assert psm.solution.gauge.startswith("relative")
+    assert "albedo" not in psm.solution.quantities
     np.testing.assert_allclose(irradiances.mean(axis=0), 1, rtol=1e-9, equal_nan=False)
     # The lamp was carried around the sphere at about one distance: its irradiance varies by a quarter at most.
     assert np.ptp(irradiances) < 0.3
@@ -136,7 +136,7 @@ def in_the_dark(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run
 
 def test_lamps_that_nobody_measured_are_found_on_the_grey_sphere(psm: Run, in_the_dark: Run) -> None:
     angles, strengths = [], []
-    for known, found in zip(psm.result.lightings, in_the_dark.result.lightings, strict=True):
+    for known, found in zip(psm.solution.lightings, in_the_dark.solution.lightings, strict=True):
         brightest = found.lighting.irradiances.sum(axis=1).argmax()
         between = found.lighting.directions[brightest] @ known.lighting.directions[0]
         angles.append(np.degrees(np.arccos(np.clip(between, -1, 1))))
@@ -150,15 +150,15 @@ def test_lamps_that_nobody_measured_are_found_on_the_grey_sphere(psm: Run, in_th
 
 
 def test_without_the_lights_the_grey_sphere_is_as_matte(psm: Run, in_the_dark: Run) -> None:
-    share = in_the_dark.result.quantities.get("ks")
+    share = in_the_dark.solution.quantities.get("ks")
     if share is None:
-        assert not in_the_dark.result.model.estimate.model.specular
+        assert not in_the_dark.solution.model.estimate.model.specular
         return
     # The known-light ladder needs no lobe; the one it tries has a share of 0.02 to 0.04, and so has this one's.
     assert share.value is not None
     assert share.std is not None
     assert share.status == "weak"
     assert (np.abs(share.value) < 3 * share.std).all()
-    assert in_the_dark.result.quantities["kd"].status == "determined"
-    assert in_the_dark.result.gauge.startswith("no light is known")
-    assert any("not only noise" in warning for warning in in_the_dark.result.warnings)
+    assert in_the_dark.solution.quantities["kd"].status == "determined"
+    assert in_the_dark.solution.gauge.startswith("no light is known")
+    assert any("not only noise" in warning for warning in in_the_dark.warnings)

@@ -94,6 +94,6 @@ def test_the_real_balls_highlights_are_predicted_and_its_stated_error_is_seen(
     kd, std = (np.array(part) for part in numbers["kd"])
     # Disjoint sets of lamps repeat Kd to 1%.
     assert (std < 0.03 * kd).all()
-    assert run.result.quantities["kd"].status == "determined"
+    assert run.solution.quantities["kd"].status == "determined"
     # Least squares over all pixels has 0.028 to 0.031.
     assert 0.02 < numbers["sigma"][0][0] < 0.045

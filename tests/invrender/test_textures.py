@@ -26,8 +26,8 @@ from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.output.export.shape import tessellated
 from invrender.output.report.run import run_process
-from invrender.process import run as solved
-from invrender.process.run import Run, TexturedRun
+from invrender.result import run as solved
+from invrender.result.run import Run, TexturedRun
 from invrender.transport.column_basis import whole_range
 from recon.mesh import atlas
 from recon.mesh.bodies import MeshBody

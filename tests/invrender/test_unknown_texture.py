@@ -123,16 +123,16 @@ def check_paint_and_light(
     folder: Path, samples: int, paint: np.ndarray, truth: dict[str, float], off_by: float
 ) -> None:
     """Recover all of a set and compare it with the truth; paint (h, w, 3), Kd over u and v, to that share (RMS)."""
-    result = process(load_photoset(folder), samples=samples).result
+    result = process(load_photoset(folder), samples=samples)
     assert result.textures is not None
     for name in ("mu", "sigma"):
-        found = result.quantities[name]
+        found = result.solution.quantities[name]
         assert found.value is not None
         assert found.std is not None
         assert abs(found.value[0] - truth[name]) < 2.5 * found.std[0]
     # The lamp, to two degrees; nobody told that there is one.
     lamp = [np.cos(np.radians(30)) * np.cos(np.radians(30)), -0.5 * np.cos(np.radians(30)), 0.5]
-    assert (result.lightings[0].lighting.directions @ lamp).max() > np.cos(np.radians(2))
+    assert (result.solution.lightings[0].lighting.directions @ lamp).max() > np.cos(np.radians(2))
     # Paint, up to the scale of each channel that no photograph tells.
     textures = result.textures
     layout = textures.layout
@@ -144,8 +144,8 @@ def check_paint_and_light(
     assert (np.sqrt((off**2).sum(axis=0) / (truth_kd**2).sum(axis=0)) < off_by).all()
     assert 0.2 < textures.share_known < 0.7
     # Only light tells how bright an object is.
-    assert "albedo" not in result.quantities
-    assert not result.is_absolute
+    assert "albedo" not in result.solution.quantities
+    assert not result.solution.is_absolute
 
 
 @pytest.mark.sweep

@@ -46,9 +46,9 @@ def test_three_photographs_tell_brdf_and_light(small_set: Path, tmp_path: Path, 
     ratio = np.array(source["irradiance"]) / told["irradiance"]
     np.testing.assert_allclose(ratio / ratio.mean(), 1, atol=0.01)
     assert result["gauge"].startswith("no light is known")
-    assert "albedo" not in run.result.quantities
+    assert "albedo" not in run.solution.quantities
     # The photograph that was held out is predicted to its noise of 1%.
-    assert run.result.rms(held_out=True) < 0.0115
+    assert run.rms(held_out=True) < 0.0115
     assert "lighting" in (tmp_path / "out" / "report.html").read_text()
 
 
@@ -56,9 +56,12 @@ def test_of_a_matte_object_without_lamps_light_is_all_that_is_told(
     matte_set: Path, tmp_path: Path, few_forms: None
 ):
     without_light(matte_set)
-    result = run_process(matte_set, tmp_path / "out", samples=900).result
-    assert result.model.estimate.model.name.startswith("lambertian")
-    assert (result.quantities["kd"].status, result.covariance.shape) == ("undetermined", (0, 0))
+    result = run_process(matte_set, tmp_path / "out", samples=900)
+    assert result.solution.model.estimate.model.name.startswith("lambertian")
+    assert (result.solution.quantities["kd"].status, result.solution.covariance.shape) == (
+        "undetermined",
+        (0, 0),
+    )
     assert (tmp_path / "out" / "result.json").exists()
 
 

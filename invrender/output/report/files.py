@@ -13,8 +13,8 @@ from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.estimate.textured.textures import TEXTURE_FILES
 from invrender.output.report.page import ReportWriter
-from invrender.process.run import Prediction, Run
 from invrender.result.document import lighting_map, result_document, with_picture_errors
+from invrender.result.run import Prediction, Run
 
 RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEXTURE_FILES)
 PICTURES = "predicted photographs and report"
@@ -25,17 +25,16 @@ def write_fit(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> 
 
     more : further keys of it.
     """
-    result = run.result
     files = {}
-    several = len(result.lightings) > 1
-    for entry in result.lightings:
+    several = len(run.solution.lightings) > 1
+    for entry in run.solution.lightings:
         name = entry.lighting.name
         files[name] = f"lighting-{name.replace('/', '_')}.exr" if several else "lighting.exr"
         write_exr(folder / files[name], lighting_map(entry))
-    if result.textures is not None:
+    if run.textures is not None:
         assert run.photoset.mesh_to_world is not None
-        result.textures.write(folder, run.photoset.mesh_to_world)
-    document = result_document(result, files, _input_hashes(run.photoset), run.seconds)
+        run.textures.write(folder, run.photoset.mesh_to_world)
+    document = result_document(run, files, _input_hashes(run.photoset))
     document |= {"predicted_binning": None, **(more or {})}
     write_json(folder / "result.json", document)
     return document

@@ -11,6 +11,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from invrender.estimate.quantities import FittedLighting, Quantity, limits
+from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import TexelLayout
 from invrender.output.report.causefigure import cause_figure
 from invrender.output.report.pictures import (
@@ -26,8 +27,8 @@ from invrender.output.report.pictures import (
     tone_mapped,
     white_level,
 )
-from invrender.process.run import Prediction, Run
 from invrender.result.document import errors_in_words, identifiability
+from invrender.result.run import Prediction, Run
 from invrender.wording import with_error
 
 # Photographs beyond this many are listed with their errors, without pictures: the page stays small.
@@ -69,7 +70,7 @@ class ReportWriter:
         self._run = run
         self._rows: list[dict[str, Any]] = []
         # One colour scale for all differences, wide enough for three times the usual residual.
-        rms = run.result.rms(held_out=False) or 0.0
+        rms = run.rms(held_out=False) or 0.0
         self._limit = next((limit for limit in _LIMITS if limit >= 3 * rms), _LIMITS[-1])
         photos = run.photoset.photos
         chosen = np.unique(np.linspace(0, len(photos) - 1, min(len(photos), _MAX_PICTURES)).astype(int))
@@ -93,7 +94,7 @@ class ReportWriter:
 
     def write(self, path: Path, document: Mapping[str, Any]) -> None:
         """Write the page as one self-contained file; document : result.json, whose errors are those of the pictures."""
-        result = self._run.result
+        run, solution = self._run, self._run.solution
         errors = {photo["file"]: photo for photo in document["photos"]}
         scores = [
             replace(
@@ -101,13 +102,13 @@ class ReportWriter:
                 rms=errors[score.label]["rms_relative"],
                 cross_validated=errors[score.label]["cross_validated_rms_relative"],
             )
-            for score in result.photos
+            for score in run.scores
         ]
         of_label = {score.label: score for score in scores}
         rows = [{**row, "score": of_label[row["label"]]} for row in self._rows]
         worst = max(row["highlight"] for row in rows)
         rows.sort(key=lambda row: row["highlight"] < worst)
-        textures = result.textures
+        textures = run.textures
         # Values at vertices make no picture.
         mapped = textures is not None and isinstance(textures.layout, TexelLayout)
         environment = Environment(
@@ -117,27 +118,28 @@ class ReportWriter:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        normals = normals_figure(result.candidates, result.chosen)
+        normals = normals_figure(solution.candidates, solution.chosen)
         page = environment.get_template("report.html.jinja").render(
             document=document,
-            result=result,
-            model=result.model.estimate.model,
-            form=result.brdf.form.description,
-            best=min(result.candidates, key=lambda candidate: candidate.error),
-            parameters=_parameters(self._run),
+            misfits=solution.misfits,
+            interreflection=run.interreflection,
+            model=solution.model.estimate.model,
+            form=solution.brdf.form.description,
+            best=min(solution.candidates, key=lambda candidate: candidate.error),
+            parameters=_parameters(solution),
             rows=rows,
             limit=self._limit,
             mapped=[
-                entry.lighting.name for entry in result.lightings if entry.lighting.radiance_map is not None
+                entry.lighting.name for entry in solution.lightings if entry.lighting.radiance_map is not None
             ],
             with_error=with_error,
-            many_lightings=_many_lightings(result.lightings),
+            many_lightings=_many_lightings(solution.lightings),
             errors=errors_in_words(document["fit"]),
-            causes=[(cause, figure_url(cause_figure(cause))) for cause in result.causes],
+            causes=[(cause, figure_url(cause_figure(cause))) for cause in run.causes],
             figures={
                 "residual": figure_url(residual_figure(self._run.fields, self._run.residuals)),
                 "photos": figure_url(photo_error_figure(scores)),
-                "lighting": figure_url(lighting_figure(result.lightings)),
+                "lighting": figure_url(lighting_figure(solution.lightings)),
                 "normals": None if normals is None else figure_url(normals),
                 "texture": figure_url(texture_figure(textures)) if textures and mapped else None,
             },
@@ -186,18 +188,17 @@ def _many_lightings(entries: Sequence[FittedLighting]) -> str | None:
     )
 
 
-def _parameters(run: Run) -> list[dict[str, Any]]:
+def _parameters(solution: Solution) -> list[dict[str, Any]]:
     """Rows of the parameter table: symbol, unit, values with errors, status, reason, remedy."""
-    result = run.result
-    reasons = {row["parameter"]: row for row in identifiability(result)}
+    reasons = {row["parameter"]: row for row in identifiability(solution)}
     table: list[dict[str, Any]] = []
     said: dict[str, str] = {}
-    absent = "undetermined" if result.misfits else "not needed"
+    absent = "undetermined" if solution.misfits else "not needed"
     for name, (symbol, unit) in _NAMES.items():
-        quantity = result.quantities.get(name)
+        quantity = solution.quantities.get(name)
         if quantity is None and name not in reasons:
             continue
-        if not result.is_absolute and name in ("kd", "ks"):
+        if not solution.is_absolute and name in ("kd", "ks"):
             unit = "relative"
         row = reasons.get(name, {"reason": "", "remedy": ""})
         repeated = said.get(row["reason"], "") if row["reason"] else ""

@@ -11,11 +11,11 @@ from capture.files.outfolder import added_files, result_folder
 from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity, limits
+from invrender.estimate.solution import Solution
 from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
-from invrender.process.run import Run
 from invrender.result.document import errors_in_words, identifiability, own_numbers
-from invrender.result.factorization import Factorization
+from invrender.result.run import Run
 from invrender.wording import PARAMETER_LABELS, parameter_lines
 
 # Models whose errors are printed; the report has all of them.
@@ -29,7 +29,7 @@ def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES, publish
     with result_folder(out, RESULT_FILES) as folder:
         run = process(photoset, samples, track, published=published)
         document = write_fit(run, folder)
-    _print_summary(run.result)
+    _print_summary(run)
     # What was found is safe now, whatever becomes of the pictures.
     with added_files(out, PICTURES) as folder:
         document = write_pictures(run, folder, document, track)
@@ -55,7 +55,7 @@ def run_demo(out: Path) -> None:
     for heading in ("parameter", "truth", "estimate ± std", "off by"):
         table.add_column(heading)
     for name in ("kd", "ks", "mu", "sigma"):
-        quantity = run.result.quantities.get(name)
+        quantity = run.solution.quantities.get(name)
         expected = truth[name] if isinstance(truth[name], list) else [truth[name]]
         lines = _lines(name, quantity)
         for k, (label, text) in enumerate(lines):
@@ -69,29 +69,30 @@ def run_demo(out: Path) -> None:
     console.print(f"Photo set: {photos}", soft_wrap=True)
 
 
-def _print_summary(result: Factorization) -> None:
-    table = Table(title=f"{result.name}: {result.model.estimate.model.name}", title_justify="left")
+def _print_summary(run: Run) -> None:
+    solution, textures = run.solution, run.textures
+    table = Table(title=f"{run.photoset.name}: {solution.model.estimate.model.name}", title_justify="left")
     for heading in ("parameter", "value ± std", "status", "limited most by"):
         table.add_column(heading)
-    rows = identifiability(result)
+    rows = identifiability(solution)
     for row in rows:
-        quantity = result.quantities.get(row["parameter"])
-        status = row["status"] if quantity or result.misfits else "not needed"
-        for label, text in _lines(row["parameter"], quantity, result.is_absolute):
+        quantity = solution.quantities.get(row["parameter"])
+        status = row["status"] if quantity or solution.misfits else "not needed"
+        for label, text in _lines(row["parameter"], quantity, solution.is_absolute):
             table.add_row(label, text, status, limits(quantity.shares, 1) if quantity else "")
-    for name in ("exponent", *own_numbers(result.brdf)):
-        if quantity := result.quantities.get(name):
+    for name in ("exponent", *own_numbers(solution.brdf)):
+        if quantity := solution.quantities.get(name):
             table.add_row(*_lines(name, quantity)[0], quantity.status, limits(quantity.shares, 1))
     console.print(table)
-    if result.textures is not None:
+    if textures is not None:
         console.print(
-            f"Kd{' and Ks vary' if result.textures.ks_varies else ' varies'} over the surface: these are means over the"
-            f" {result.textures.share_known:.0%} of it that the photographs determine; the maps lie beside the report."
+            f"Kd{' and Ks vary' if textures.ks_varies else ' varies'} over the surface: these are means over the"
+            f" {textures.share_known:.0%} of it that the photographs determine; the maps lie beside the report."
         )
-    console.print(f"Scale: {result.gauge}.")
-    console.print(_ladder(result))
-    if result.interreflection is not None:
-        console.print(str(result.interreflection))
+    console.print(f"Scale: {solution.gauge}.")
+    console.print(_ladder(solution))
+    if run.interreflection is not None:
+        console.print(str(run.interreflection))
     for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
         names = [
             PARAMETER_LABELS.get(row["parameter"], row["parameter"])
@@ -99,16 +100,16 @@ def _print_summary(result: Factorization) -> None:
             if row["reason"] == reason
         ]
         console.print(f"{', '.join(names)}: {reason}. To settle it: {remedy}.")
-    for warning in result.warnings:
+    for warning in run.warnings:
         console.print(f"Warning: {warning}", style="yellow")
 
 
-def _ladder(result: Factorization) -> str:
+def _ladder(solution: Solution) -> str:
     """The models that were tried with their errors; of many those that matter."""
-    shown, rest = list(result.candidates), ""
+    shown, rest = list(solution.candidates), ""
     if len(shown) > _MOST_MODELS:
         shown = sorted(shown, key=lambda candidate: candidate.error)[: _MOST_MODELS - 1]
-        rest = f"; the other {len(result.candidates) - len(shown)} are in the report"
+        rest = f"; the other {len(solution.candidates) - len(shown)} are in the report"
     ladder = ", ".join(f"{candidate.estimate.model.name} {candidate.error:.2%}" for candidate in shown)
     return (
         f"Error of {'each model' if not rest else 'the best models'} on unseen photographs: {ladder}{rest}."

@@ -15,12 +15,13 @@ from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import RadianceImage
 from invrender.diagnostics.named import NamedCause
-from invrender.estimate.evidence import PictureError, picture_error, relative_rms
+from invrender.estimate.evidence import PictureError, picture_error
 from invrender.estimate.interreflection.statement import Interreflection
-from invrender.estimate.quantities import FittedLighting, PhotoScore
+from invrender.estimate.quantities import PhotoScore
 from invrender.estimate.solution import Solution
+from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.geometry import SceneGeometry
-from invrender.result.factorization import Factorization
+from invrender.result.scores import mean_rms
 from invrender.transport.visibility import facing
 from recon.mesh.bodies import body_pixels, larger_pixels
 from recon.sampling.candidates import WHOLE
@@ -64,22 +65,35 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A photo set that was solved: the result, and what predictions and reports need beside it.
+    """A photo set that was solved: what was found, and the pictures that it predicts.
 
-    fields : samples of each photograph, by label. residuals : (n, 3) each, photograph less prediction. radiance : of
-    samples (n, 3) in a photograph, as predicted. pictured : the same of many samples in pixels so many times as large
-    as the photograph's, off by less than shows. seconds : per package, added up over threads, and "total", by the clock
-    on the wall; empty while it runs.
+    solution : the numbers; its lightings are all that photographs are under. fields : samples of each photograph, by
+    label. residuals : (n, 3) each, photograph less prediction. scores : how well each photograph is explained, in the
+    set's order. radiance : of samples (n, 3) in a photograph, as predicted. pictured : the same of many samples in
+    pixels so many times as large as the photograph's, off by less than shows. interreflection : light that bounces
+    between the object's parts; None where there is none that matters. causes : of what the model leaves beyond noise,
+    the best supported first; none where nothing stands out. textures : Kd and Ks over the surface, where they vary;
+    those of the solution are then means. seconds : per package, added up over threads, and "total", by the clock on the
+    wall; empty while it runs.
     """
 
     photoset: PhotoSet
     geometry: SceneGeometry
-    result: Factorization
+    solution: Solution
     fields: Mapping[str, LightField]
     residuals: Mapping[str, Floats]
+    scores: tuple[PhotoScore, ...]
+    warnings: tuple[str, ...]
     radiance: Radiance
     pictured: Pictured
+    interreflection: Interreflection | None = None
+    causes: tuple[NamedCause, ...] = ()
+    textures: FittedTextures | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
+
+    def rms(self, held_out: bool) -> float | None:
+        """Mean over photographs of their relative RMS, or None where there are none of the kind."""
+        return mean_rms(self.scores, held_out)
 
     @cached_property
     def binning(self) -> int:
@@ -90,7 +104,7 @@ class Run:
     @cached_property
     def _sources(self) -> dict[str, NDArray[np.float64]]:
         """Each lighting's sources, (k, 3) or (k, 4), by its name."""
-        return {entry.lighting.name: entry.lighting.sources for entry in self.result.lightings}
+        return {entry.lighting.name: entry.lighting.sources for entry in self.solution.lightings}
 
     def predictions(self, photos: Sequence[Photo] | None = None) -> Iterator[Prediction]:
         """Predicted photographs, all in the set's order if none are named, a few at a time in memory."""
@@ -119,7 +133,7 @@ class Run:
         if mask is not None:
             own = (mask if self.binning == 1 else block_means(mask[..., None], self.binning)[..., 0]) >= WHOLE
             shown = inside & own
-            if self.result.textures is None:
+            if self.textures is None:
                 rows, columns = body_pixels(body, photo.camera, outline=True)
                 rows, columns = rows[own[rows, columns]], columns[own[rows, columns]]
                 for part in np.array_split(
@@ -161,62 +175,3 @@ class TexturedRun(Run):
 def pixel_by_pixel(radiance: Radiance) -> Pictured:
     """Pictures made of the radiance itself, where that takes no longer for many samples."""
     return lambda photo, field, binning: radiance(photo, field)
-
-
-def factorization(
-    photoset: PhotoSet,
-    geometry: SceneGeometry,
-    solution: Solution,
-    fields: Mapping[str, LightField],
-    residuals: Mapping[str, Floats],
-    warnings: Sequence[str],
-    interreflection: Interreflection | None = None,
-    causes: Sequence[NamedCause] = (),
-    scored: Sequence[FittedLighting] = (),
-) -> Factorization:
-    """The result of a set from the solution of its fitted photographs; scored : lightings of held-out ones only."""
-    return Factorization(
-        name=photoset.name,
-        gauge=solution.gauge,
-        object=geometry.description,
-        brdf=solution.estimate.brdf,
-        quantities=solution.quantities,
-        lightings=(*solution.lightings, *scored),
-        candidates=solution.candidates,
-        chosen=solution.chosen,
-        photos=_scores(photoset, solution, fields, residuals),
-        noise_floor=solution.noise.floor,
-        noise_relative=solution.noise.relative,
-        structured=solution.structured,
-        covariance=solution.covariance,
-        covariance_names=solution.covariance_names,
-        warnings=tuple(warnings),
-        interreflection=interreflection,
-        causes=tuple(causes),
-    )
-
-
-def _scores(
-    photoset: PhotoSet,
-    solution: Solution,
-    fields: Mapping[str, LightField],
-    residuals: Mapping[str, Floats],
-) -> tuple[PhotoScore, ...]:
-    """How well each photograph of a set is explained."""
-    scores = []
-    unseen = iter(solution.candidates[solution.chosen].photo_errors)
-    weights = iter(solution.weights)
-    for photo in photoset.photos:
-        field, residual = fields[photo.label], residuals[photo.label]
-        trust = field.shares[:, None] * (1.0 if photo.held_out else next(weights).trust)
-        scores.append(
-            PhotoScore(
-                label=photo.label,
-                lighting=photo.lighting,
-                held_out=photo.held_out,
-                samples=len(field),
-                rms=relative_rms(residual, field.radiance, trust),
-                cross_validated=None if photo.held_out else float(next(unseen)),
-            )
-        )
-    return tuple(scores)
