@@ -38,11 +38,13 @@ def near_photographs(
     return photos
 
 
-def lamp_at(bench: SimpleNamespace, radii: float, irradiance: float = 1.0) -> PointSource:
+def lamp_at(
+    bench: SimpleNamespace, radii: float, irradiance: float = 1.0, towards: np.ndarray = TOWARDS
+) -> PointSource:
     """A lamp so many radii from the sphere's centre, and its irradiance there."""
     frame = LampFrame.of([bench.sphere_field(0.0, 50)])
     distance = radii * frame.radius
-    return PointSource(frame.centre + distance * TOWARDS, np.full(3, irradiance * distance**2))
+    return PointSource(frame.centre + distance * towards, np.full(3, irradiance * distance**2))
 
 
 def distance_scores(found: BlindSolution, lamp: PointSource) -> np.ndarray:
@@ -102,6 +104,22 @@ def test_lamps_of_several_lightings_have_distances_of_their_own(
     for lamp, sources in ((lamps[0], a), (lamps[2], c)):
         true = 1 / np.linalg.norm(lamp.position - sources.centre)
         assert abs(sources.closeness[0] - true) < 4 * sources.closeness_std[0] < 0.1 * true
+
+
+@pytest.mark.parametrize("lit", [False, True])
+def test_light_of_a_high_degree_hides_no_near_lamps(
+    bench: SimpleNamespace, lit: bool, rng: np.random.Generator
+) -> None:
+    """Light of degree 10 takes up what two near lamps do: no distance was found, and much was left."""
+    lamps = [lamp_at(bench, 5.0, 4.0), lamp_at(bench, 6.0, 3.0, np.array([0.6, -0.64, 0.48]))]
+    photos = noisy(near_photographs(bench, lamps, lit, range(-60, 61, 20)), rng)
+    found = factorize_blind(photos, orders=[0, 10])
+    assert found.model.endswith("2 sources (near)")
+    sources = found.light.sources
+    true = sorted(1 / np.linalg.norm(lamp.position - sources.centre) for lamp in lamps)
+    order = np.argsort(sources.closeness)
+    assert (np.abs(sources.closeness[order] - true) < 4 * sources.closeness_std[order]).all()
+    assert (sources.closeness_std < 0.005 * sources.closeness).all()
 
 
 @pytest.mark.slow

@@ -29,6 +29,9 @@ Floats = NDArray[np.float64]
 # Iterations until a source has shown its worth.
 _FEW = 6
 _MOST_SOURCES = 6
+# Light of a high degree takes up lamps that are near, which look like several distant ones. As long as so many
+# deviations are left (RMS), lamps are looked for beside light of lower degrees, too.
+_LEAVES_MUCH, _COARSER = 2.0, (4, 2, 0)
 # Lamps alone that leave squared residuals so many times as large are no explanation worth a thought.
 _NOT_DARK = 30
 
@@ -197,14 +200,24 @@ def find_starts(
     alone are counted with.
     """
     if not l_max:
-        dark = of_degree(search, 0)
-        alone = fewest_sources(dark, _diffuse_lamps(search), form)
-        return alone, SourceStarts(alone, dark.fit(alone.state.without_lobe(), 0))
+        alone = _beside_coarser(search, 0, form)
+        return alone, SourceStarts(alone, of_degree(search, 0).fit(alone.state.without_lobe(), 0))
     found = find_sources(search, first_state(search, l_max), l_max)
+    for degree in (each for each in _COARSER if each < l_max and (each or in_the_dark)):
+        if found.cost > _LEAVES_MUCH**2 * search.numbers:
+            found = likelier(search, found, _beside_coarser(search, degree, form).state)
     lamps = _lamps_alone(search, found) if in_the_dark else None
     if lamps is None:
         return found, None
     return likelier(search, found, lamps.glossy.state), lamps
+
+
+def _beside_coarser(search: Search, degree: int, form: LobeForm) -> BlindFit:
+    """Sources beside light of a lower degree than the search is prepared for; of 0, lamps in the dark."""
+    coarser = of_degree(search, degree)
+    if not degree:
+        return fewest_sources(coarser, _diffuse_lamps(search), form)
+    return find_sources(coarser, first_state(coarser, degree), degree)
 
 
 def _lamps_alone(search: Search, beside: BlindFit) -> SourceStarts | None:
