@@ -57,7 +57,7 @@ def measure_under(fields: Sequence[LightField], sources: Sequence[Source], centr
     centre : (3,) of the object, where irradiances are stated. The sources count as far unless samples say clearly that
     they are all at one finite distance. ValueError as of `measure_table` and `fit_table`.
     """
-    lit = lit_fields(fields, sources)
+    lit = lit_fields(fields, sources, centre)
     samples = lit_samples(lit, sources, centre)
     first = fit_table(measure_table(samples)).parameters
     shape = fitting_bins(samples.angles, first[7])
@@ -67,6 +67,8 @@ def measure_under(fields: Sequence[LightField], sources: Sequence[Source], centr
     closeness, std = _closeness(lit, sources, centre, fit)
     if closeness < _CLEARLY * std:
         return far
+    # What a source that is far would light may be dark.
+    lit = lit_fields(lit, sources, centre, closeness)
     table = measure_table(lit_samples(lit, sources, centre, closeness), shape)
     near = Measured(table, fit_table(table, fit.parameters), closeness, std, fit.chi2)
     return near if near.fit.chi2 < _STAYS * fit.chi2 else far

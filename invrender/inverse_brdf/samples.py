@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import block_diag, csr_array
 
+from capture.lighting import cosines, seen_from
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.inverse_brdf.halfangles import HalfAngles, half_angles
 from invrender.theory.specialcases import lobe
@@ -34,6 +35,10 @@ class Source:
 
     direction: Floats
     irradiance: Floats
+
+    def at(self, centre: Floats, closeness: float) -> Floats:
+        """The source (1, 4) as `seen_from` has it, so close (1/m) to the object's centre (3,)."""
+        return np.append(self.direction + closeness * centre, closeness)[None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +70,16 @@ class LitSamples:
         return np.asarray(self.means @ (self.falloff * facing))
 
 
-def lit_fields(fields: Sequence[LightField], sources: Sequence[Source]) -> list[LightField]:
-    """Of each photograph the samples that its source lights, none at a terminator."""
+def lit_fields(
+    fields: Sequence[LightField], sources: Sequence[Source], centre: Floats, closeness: float = 0.0
+) -> list[LightField]:
+    """Of each photograph the samples that its source lights, none at a terminator; the rest as of `lit_samples`."""
     lit = []
     for field, source in zip(fields, sources, strict=True):
-        direction = source.direction
-        above = np.asarray(field.mean_over_rays(field.normals @ direction)) > _MIN_COS_INCIDENT
-        lit.append(off_terminators(field.where(above & (field.weight > 0)), direction[None]))
+        place = source.at(centre, closeness)
+        cos = cosines(field.normals, seen_from(place, field.positions)[0])[:, 0]
+        above = np.asarray(field.mean_over_rays(cos)) > _MIN_COS_INCIDENT
+        lit.append(off_terminators(field.where(above & (field.weight > 0)), place))
     return lit
 
 
@@ -112,10 +120,8 @@ def lit_samples(
 
 
 def _of_photo(field: LightField, source: Source, centre: Floats, closeness: float) -> LitSamples:
-    # In units of the source's distance.
-    towards = source.direction - closeness * (field.positions - centre)
-    square = (towards**2).sum(axis=1)
-    incident = towards / np.sqrt(square)[:, None]
+    towards, factors = seen_from(source.at(centre, closeness), field.positions)
+    incident, falloff = towards[:, 0], factors[:, 0]
     angles = half_angles(field.normals, incident, field.views)
     cos_exitant = field.ray_cosines
     cos_incident = np.maximum((field.normals * incident).sum(axis=1), 0)
@@ -126,11 +132,11 @@ def _of_photo(field: LightField, source: Source, centre: Floats, closeness: floa
         angles=HalfAngles(*(means @ angle for angle in angles)),
         radiance=field.radiance,
         irradiance=np.broadcast_to(source.irradiance, field.radiance.shape),
-        received=means @ (cos_incident / square),
+        received=means @ (cos_incident * falloff),
         geometry=means @ rays,
         weight=field.weight,
         means=means,
         theta_h=angles.theta_h,
         cos_exitant=cos_exitant,
-        falloff=1 / square,
+        falloff=falloff,
     )

@@ -70,7 +70,7 @@ def table_of(
     fields: list[LightField], lamp: DirectionalSource, shape: tuple[int, int, int] = SMALL
 ) -> BRDFTable:
     sources = [Source(lamp.direction, lamp.irradiance)] * len(fields)
-    return measure_table(lit_samples(lit_fields(fields, sources), sources, np.zeros(3)), shape)
+    return measure_table(lit_samples(lit_fields(fields, sources, np.zeros(3)), sources, np.zeros(3)), shape)
 
 
 def value_at_centres(material: MicrofacetMaterial, shape: tuple[int, ...]) -> np.ndarray:
@@ -215,13 +215,16 @@ def lit_from(fields: list[LightField], material: Material, place: np.ndarray) ->
     return lit
 
 
-def test_a_lamp_that_is_near_is_found_to_be_so(black: list[LightField], lamp: DirectionalSource) -> None:
-    # 45 radii away, as RH01's.
-    fields = lit_from(black, TEFLON, 0.9 * lamp.direction)
+# 45 radii away, as RH01's, and 5, from where it leaves a fifth of what a far one lights in the dark.
+@pytest.mark.parametrize("distance", [0.9, 0.1])
+def test_a_lamp_that_is_near_is_found_to_be_so(
+    black: list[LightField], lamp: DirectionalSource, distance: float
+) -> None:
+    fields = lit_from(black, TEFLON, distance * lamp.direction)
     sources = [Source(lamp.direction, np.full(3, 2.0))] * len(fields)
     found = measure_under(fields, sources, np.zeros(3))
     assert found.distance is not None
-    assert abs(found.distance[0] - 0.9) < 4 * found.distance[1] < 0.1
+    assert abs(found.distance[0] - distance) < 4 * found.distance[1] < 0.1 * distance
     assert found.fit.chi2 < 1.3
     truth = np.array([*TEFLON.kd, *TEFLON.ks, TEFLON.mu, TEFLON.sigma])
     assert np.abs((found.fit.parameters - truth) / found.fit.std).max() < 4
