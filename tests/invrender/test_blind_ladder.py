@@ -60,3 +60,5 @@ def test_a_lobe_with_more_numbers_must_be_clearly_better() -> None:
 
     # The standard error of the best's own mean is 0.65, that of the paired difference 0.006.
     assert [simplest(candidates(by)) for by in (0.01, 0.5, 0.8)] == [0, 0, 1]
+    # Where only such a one is left, it is taken.
+    assert simplest(candidates(0.8)[1:]) == 0

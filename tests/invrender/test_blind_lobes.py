@@ -11,6 +11,8 @@ from numpy.testing import assert_allclose
 
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.estimate.unknown_light import Region, factorize_blind, predict_blind
+from invrender.estimate.unknown_light.start import NOTHING
+from invrender.estimate.unknown_light.state import FIRST_MU
 from invrender.transport.lobe_table import TRANSFERS
 from recon.harmonics.basis import sphere_directions
 from recon.sampling.lightfield import LightField
@@ -159,3 +161,12 @@ def test_transfers_that_are_none_are_refused(bench: SimpleNamespace):
     photos = photographs(bench, TEFLON, 2, 600, sources=[])
     with pytest.raises(ValueError, match="transfer is 'exakt'; it must be one of exact, filtered, mirror"):
         factorize_blind(photos, transfer="exakt")  # type: ignore[arg-type]
+
+
+def test_an_interface_starts_from_an_index_of_its_own() -> None:
+    """From an index of 2.3 without one a search for a plastic of 1.35 ended at 4: it left twice what it should."""
+    bare = replace(NOTHING, specular_share=np.full(3, 0.2), mu=2.3, sigma=0.26)
+    plastic = bare.with_form(PLASTICS[BECKMANN])
+    assert plastic.mu == FIRST_MU
+    # From one to another it is the same number.
+    assert replace(plastic, mu=1.35).with_form(PLASTICS[GGX_FORM]).mu == 1.35

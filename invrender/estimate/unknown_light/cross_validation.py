@@ -67,11 +67,11 @@ class BlindCandidate:
 def simplest(candidates: Sequence[BlindCandidate]) -> int:
     """The index of the candidate with fewest parameters whose error is within one standard error of the best one's.
 
-    One whose lobe has numbers of its own is only taken where it is needed (`needed`).
+    One whose lobe has numbers of its own is only taken where it is needed (`needed`), or where all have.
     """
-    plain = [candidate for candidate in candidates if not candidate.fit.state.form.numbers]
+    plain = [candidate for candidate in candidates if not candidate.fit.state.form.numbers] or candidates
     place = selection.simplest([own.deviance for own in plain], [own.parameters for own in plain])
-    richer = [candidate for candidate in candidates if candidate.fit.state.form.numbers]
+    richer = [candidate for candidate in candidates if all(candidate is not each for each in plain)]
     return list(candidates).index(needed(plain[place], richer))
 
 

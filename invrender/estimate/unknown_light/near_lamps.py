@@ -34,8 +34,7 @@ def with_near_lamps(search: Search, fit: BlindFit, start: BlindState | None = No
         return fit
     lost = start is not None and len(start.directions) > len(fit.state.directions)
     state = start if start is not None and lost else fit.state
-    settled = {int(fit.state.owners[k]) for k in fit.state.near}
-    sought = ~np.isin(state.owners, list(settled))
+    sought = ~np.isin(np.arange(len(state.directions)), state.near)
     if not sought.any():
         return fit
     known = np.zeros(len(sought)) if state.closeness is None else state.closeness
@@ -43,7 +42,7 @@ def with_near_lamps(search: Search, fit: BlindFit, start: BlindState | None = No
         return fit
     tried = search.fit(state.with_closeness(np.where(sought, _FIRST, known)), fit.l_max, _FEW)
     lightings = set(state.owners[sought].tolist())
-    near = {lighting for lighting in lightings if _worth_it(search, tried, fit, lighting)}
+    near = {k for k in lightings if _worth_it(search, tried, fit, k, int(sought[state.owners == k].sum()))}
     better = tried.state
     for lighting in lightings - near:
         better = better.with_sources_of(fit.state, lighting)
@@ -73,10 +72,10 @@ def _surely_near(search: Search, fit: BlindFit) -> BlindFit:
     return search.fit(fit.state.with_closeness(np.where(sure, closeness, 0)), fit.l_max)
 
 
-def _worth_it(search: Search, near: BlindFit, distant: BlindFit, lighting: int) -> bool:
-    """Whether near lamps of a lighting save what a source costs, each, and stand outside the object."""
+def _worth_it(search: Search, near: BlindFit, distant: BlindFit, lighting: int, count: int) -> bool:
+    """Whether so many more near lamps of a lighting save what a source costs, each; all stand outside the object."""
     own = near.state.owners == lighting
     saved = distant.costs[lighting] - near.costs[lighting]
     outside = (near.state.sources[own, 3] < CLOSENESS_RANGE[1]).all()
     lit = (near.irradiances[own].sum(axis=1) > 0).all()
-    return bool(outside and lit and saved > own.sum() * source_penalty(search, near, lighting))
+    return bool(outside and lit and saved > count * source_penalty(search, near, lighting))

@@ -172,7 +172,8 @@ class BlindState:
         form = form.with_numbers(
             {name: self.form.numbers[name] for name in form.numbers if name in self.form.numbers}
         )
-        mu = FIRST_MU if form.interface and self.mu is None else self.mu
+        # Without an interface an index is another number: far off, it leads to the far end of its range.
+        mu = FIRST_MU if form.interface and not self.form.interface else self.mu
         return replace(self, form=form, mu=mu if form.has_fresnel else None)
 
     def without_fresnel(self) -> BlindState:

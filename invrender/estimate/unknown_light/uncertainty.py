@@ -109,8 +109,13 @@ def blind_uncertainty(
     # As for known light: how misfit is shared among the numbers is unknown, as a share of each, and of a
     # radian: by as much does shading that is wrong by so much of itself turn a source.
     # A lobe that a wrong model has made narrow is not the better known for it.
-    widths = {"mu": fit.state.mu or 0.0, "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"])}
-    own = np.array([structured * widths.get(name, 1.0) for name in fit.state.names])
+    # Light that falls off with the distance squared changes by twice the closeness across a radius.
+    widths = {
+        "mu": fit.state.mu or 0.0,
+        "sigma": max(fit.state.sigma or 0.0, PRIOR_STD["sigma"]),
+        "closeness": 0.5,
+    }
+    own = np.array([structured * widths.get(name.split(" ")[0], 1.0) for name in fit.state.names])
     misfit = _lobe_misfit(search, fit)
     # A lamp's own width, which nobody knows, passes for sigma's.
     of_width = np.array([misfit * (fit.state.sigma or 0) * (name == "sigma") for name in fit.state.names])
