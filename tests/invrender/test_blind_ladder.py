@@ -12,12 +12,15 @@ import pytest
 from invrender.brdf.lobes import GGX_FORM
 from invrender.brdf.richer import extended
 from invrender.estimate.unknown_light import factorize_blind
-from invrender.estimate.unknown_light.cross_validation import BlindCandidate, simplest
-from invrender.estimate.unknown_light.projection import BlindFit
+from invrender.estimate.unknown_light.cross_validation import BlindCandidate, cross_validate, simplest
+from invrender.estimate.unknown_light.ladder import climb, model_name
+from invrender.estimate.unknown_light.lighting_design import LightingDesign
+from invrender.estimate.unknown_light.projection import BlindFit, light_scale
+from invrender.estimate.unknown_light.start import NOTHING, Search
 from synthetic.lights.arealight import AreaLight
 from synthetic.render.lobes import reflected_radiance
 
-from .test_blind import TEFLON, noisy
+from .test_blind import TEFLON, noisy, share
 
 
 @pytest.mark.parametrize(
@@ -62,3 +65,22 @@ def test_a_lobe_with_more_numbers_must_be_clearly_better() -> None:
     assert [simplest(candidates(by)) for by in (0.01, 0.5, 0.8)] == [0, 0, 1]
     # Where only such a one is left, it is taken.
     assert simplest(candidates(0.8)[1:]) == 0
+
+
+def test_other_forms_keep_no_source_that_the_chosen_one_does_without(bench: SimpleNamespace) -> None:
+    """A source stood for what RH01's form lacks; it stayed with all forms but the chosen one, at next to no light."""
+    photos = []
+    for angle in (0, 80, 160, 240):
+        field = bench.sphere_field(angle, 250, 90.0)
+        radiance = reflected_radiance(TEFLON, [bench.area_light], [], field.normals, field.views)
+        photos.append(replace(field, radiance=field.mean_over_rays(radiance)))
+    designs = [LightingDesign.of(noisy(photos, np.random.default_rng(1)), 4)]
+    weights = [1 / (0.01 * design.radiance) ** 2 for design in designs]
+    search = Search(designs, weights, [np.ones_like(weight) for weight in weights], light_scale(designs))
+    found = search.fit(replace(NOTHING, specular_share=share(TEFLON), mu=TEFLON.mu, sigma=TEFLON.sigma), 4)
+    first = cross_validate(model_name(found), search, found)
+    other = found.state.with_form(GGX_FORM).with_source(bench.direction(20, 60))
+    candidates = climb(search, search, None, first, [4], [other], lambda: None)
+    assert [own.name for own in candidates if own.name.startswith("GGX")] == [
+        "GGX, lighting of degree 4, 0 sources"
+    ]

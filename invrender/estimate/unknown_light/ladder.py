@@ -80,9 +80,9 @@ def climb(
         bare = best.state.mu is None
         add(replace(best.state, mu=FIRST_MU) if bare else best.state.without_fresnel(), best.l_max)
     for other in others:
-        if len(best.state.directions) > len(other.directions):
-            other = other.with_sources_of(best.state)
-        add(other, best.l_max, fitted=True)
+        # Sources may have stood for what another form lacks.
+        alike = len(best.state.directions) == len(other.directions)
+        add(other if alike else other.with_sources_of(best.state), best.l_max, fitted=alike)
     if len(best.state.directions):
         weakest = int(best.irradiances.sum(axis=1).argmin())
         add(best.state.without_source(weakest), best.l_max)
