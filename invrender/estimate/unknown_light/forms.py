@@ -21,7 +21,7 @@ from invrender.estimate.unknown_light.cross_validation import (
 )
 from invrender.estimate.unknown_light.projection import BlindFit
 from invrender.estimate.unknown_light.source_count import brightest_each, is_endless
-from invrender.estimate.unknown_light.sources import find_sources, off_borders
+from invrender.estimate.unknown_light.sources import find_beside_light, off_borders
 from invrender.estimate.unknown_light.start import Search
 from invrender.estimate.unknown_light.state import BlindState
 
@@ -85,7 +85,8 @@ def choose_form(search: Search, found: BlindFit, l_max: int) -> Formed:
         # Lamps in the dark were counted whatever the form is: those that were found stay.
         found = whole.fit(candidates[chosen].fit.state, l_max, _FEW)
     elif chosen is not own.state.form.family:
-        found = find_sources(whole, brightest_each(candidates[chosen].fit), l_max)
+        lit = brightest_each(candidates[chosen].fit)
+        found = find_beside_light(whole, lambda *_: lit, l_max)
     return Formed(found, others)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +32,7 @@ _FEW = 6
 _MOST_SOURCES = 6
 # Light of a high degree takes up lamps that are near, which look like several distant ones. As long as so many
 # deviations are left (RMS), lamps are looked for beside light of lower degrees, too.
-_LEAVES_MUCH, _COARSER = 2.0, (4, 2, 0)
+_LEAVES_MUCH, _LOWER = 2.0, (4, 2)
 # Lamps alone that leave squared residuals so many times as large are no explanation worth a thought.
 _NOT_DARK = 30
 
@@ -200,24 +201,34 @@ def find_starts(
     alone are counted with.
     """
     if not l_max:
-        alone = _beside_coarser(search, 0, form)
+        alone = _counted_lamps(search, form)
         return alone, SourceStarts(alone, of_degree(search, 0).fit(alone.state.without_lobe(), 0))
-    found = find_sources(search, first_state(search, l_max), l_max)
-    for degree in (each for each in _COARSER if each < l_max and (each or in_the_dark)):
-        if found.cost > _LEAVES_MUCH**2 * search.numbers:
-            found = likelier(search, found, _beside_coarser(search, degree, form).state)
+    found = find_beside_light(search, first_state, l_max)
+    if in_the_dark and _leaves_much(search, found):
+        found = likelier(search, found, _counted_lamps(search, form).state)
     lamps = _lamps_alone(search, found) if in_the_dark else None
     if lamps is None:
         return found, None
     return likelier(search, found, lamps.glossy.state), lamps
 
 
-def _beside_coarser(search: Search, degree: int, form: LobeForm) -> BlindFit:
-    """Sources beside light of a lower degree than the search is prepared for; of 0, lamps in the dark."""
-    coarser = of_degree(search, degree)
-    if not degree:
-        return fewest_sources(coarser, _diffuse_lamps(search), form)
-    return find_sources(coarser, first_state(coarser, degree), degree)
+def find_beside_light(search: Search, start: Callable[[Search, int], BlindState], l_max: int) -> BlindFit:
+    """`find_sources` beside light of degree l_max, and of lower ones as long as much is left; start : of each."""
+    found = find_sources(search, start(search, l_max), l_max)
+    for degree in _LOWER:
+        if degree < l_max and _leaves_much(search, found):
+            lower = of_degree(search, degree)
+            found = likelier(search, found, find_sources(lower, start(lower, degree), degree).state)
+    return found
+
+
+def _leaves_much(search: Search, fit: BlindFit) -> bool:
+    return fit.cost > _LEAVES_MUCH**2 * search.numbers
+
+
+def _counted_lamps(search: Search, form: LobeForm) -> BlindFit:
+    """Lamps in the dark, no more than are needed whatever the reflectance is; form : that they are counted with."""
+    return fewest_sources(of_degree(search, 0), _diffuse_lamps(search), form)
 
 
 def _lamps_alone(search: Search, beside: BlindFit) -> SourceStarts | None:
