@@ -50,8 +50,11 @@ def candidates(scene: Remainders) -> list[Cause]:
 
 
 def near_lamp(scene: Remainders) -> Cause | None:
-    """All lamps at one distance from the object; its number is the object's radius over that."""
-    if not _has_sources(scene):
+    """All lamps at one distance from the object; its number is the object's radius over that.
+
+    None where the fit has sought each one's distance.
+    """
+    if not _has_sources(scene) or any("distance" in photo.recovered for photo in scene.photos):
         return None
     return Cause(
         "near lamp",

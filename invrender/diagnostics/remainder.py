@@ -71,7 +71,7 @@ class Remainder:
     residual, weight : (n, 3) each, what the fit leaves, and the samples' inverse variance. directions, irradiances :
     (k, 3) each, of its sources. rest : what rays (m, 3) reflect of all other light per unit of Kd, and of Ks; None
     where there is no other. recovered : what of the lighting was found with the BRDF, of "irradiance", "ambient",
-    "direction" and "sky". mapped : whether other light comes from a map, which takes long.
+    "direction", "distance" and "sky". mapped : whether other light comes from a map, which takes long.
     """
 
     label: str

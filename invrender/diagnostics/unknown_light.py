@@ -35,7 +35,7 @@ def unknown_light_remainders(
         distant = slice(None if sources.closeness is None else 0)
         weight = own.weight / np.maximum(own.trust, 1e-12)
         dark = len(blind.lights[lighting].coefficients) == 1
-        recovered = frozenset({"irradiance", "direction", "ambient" if dark else "sky"})
+        recovered = frozenset({"irradiance", "direction", "distance", "ambient" if dark else "sky"})
         found.append(
             Remainder(
                 label,
