@@ -71,7 +71,7 @@ class MeasuredBrdf:
             raise ValueError(
                 "incident and exitant directions must lie above the surface: their z must be positive"
             )
-        return measured.brdf_values(self._fit.solution.estimate.brdf, wi, wo)
+        return measured.brdf_values(self._fit.solution.brdf, wi, wo)
 
     def plot(self) -> Figure:
         """Slices at three angles of incidence, measured and fitted, and errors over the angle."""

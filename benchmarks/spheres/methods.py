@@ -49,7 +49,7 @@ def known(name: str, photos: Sequence[LightField]) -> Entry:
     begun = time.perf_counter()
     elements = light_elements(LIGHT)
     solution = factorize([photo_columns("light", elements, photo) for photo in photos], [LIGHT])
-    return _told(name, solution.estimate.brdf, time.perf_counter() - begun)
+    return _told(name, solution.brdf, time.perf_counter() - begun)
 
 
 def known_as_published(transfer: str) -> Callable[[str, Sequence[LightField]], Entry]:

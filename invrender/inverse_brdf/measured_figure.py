@@ -57,9 +57,7 @@ def _profiles(axes: Axes, fit: MeasuredFit) -> None:
         towards = np.radians(fit.incidence_deg(group))
         light = np.broadcast_to([np.sin(towards), 0.0, np.cos(towards)], pairs.incident.shape)
         # `incident` are directions in the xz plane, negative degrees on the other's side: here those of the sensor.
-        axes.plot(
-            degrees, brdf_values(fit.solution.estimate.brdf, light, pairs.incident)[:, 1], color=f"C{colour}"
-        )
+        axes.plot(degrees, brdf_values(fit.solution.brdf, light, pairs.incident)[:, 1], color=f"C{colour}")
     axes.set_yscale("log")
     axes.set(
         xlabel="angle of the sensor (degrees; positive: on the mirrored side)",

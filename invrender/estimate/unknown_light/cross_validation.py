@@ -69,9 +69,11 @@ def simplest(candidates: Sequence[BlindCandidate]) -> int:
 
     One whose lobe has numbers of its own is only taken where it is needed (`needed`), or where all have.
     """
-    plain = [candidate for candidate in candidates if not candidate.fit.state.form.numbers] or candidates
+    plain = [candidate for candidate in candidates if not candidate.fit.state.form.numbers]
+    richer = [candidate for candidate in candidates if candidate.fit.state.form.numbers]
+    if not plain:
+        plain, richer = richer, []
     place = selection.simplest([own.deviance for own in plain], [own.parameters for own in plain])
-    richer = [candidate for candidate in candidates if all(candidate is not each for each in plain)]
     return list(candidates).index(needed(plain[place], richer))
 
 

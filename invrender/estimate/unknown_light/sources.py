@@ -200,16 +200,18 @@ def find_starts(
     in_the_dark : whether lamps are looked for; they always are at degree 0. form : of the lobe, that lamps
     alone are counted with.
     """
+    dark = of_degree(search, 0)
     if not l_max:
-        alone = _counted_lamps(search, form)
-        return alone, SourceStarts(alone, of_degree(search, 0).fit(alone.state.without_lobe(), 0))
+        alone = fewest_sources(dark, _diffuse_lamps(search), form)
+        return alone, SourceStarts(alone, dark.fit(alone.state.without_lobe(), 0))
     found = find_beside_light(search, first_state, l_max)
-    if in_the_dark and _leaves_much(search, found):
-        found = likelier(search, found, _counted_lamps(search, form).state)
-    lamps = _lamps_alone(search, found) if in_the_dark else None
-    if lamps is None:
+    if not in_the_dark:
         return found, None
-    return likelier(search, found, lamps.glossy.state), lamps
+    diffuse = _diffuse_lamps(search)
+    if _leaves_much(search, found):
+        found = likelier(search, found, fewest_sources(dark, diffuse, form).state)
+    lamps = _lamps_alone(dark, diffuse, found)
+    return (found if lamps is None else likelier(search, found, lamps.glossy.state)), lamps
 
 
 def find_beside_light(search: Search, start: Callable[[Search, int], BlindState], l_max: int) -> BlindFit:
@@ -226,17 +228,12 @@ def _leaves_much(search: Search, fit: BlindFit) -> bool:
     return fit.cost > _LEAVES_MUCH**2 * search.numbers
 
 
-def _counted_lamps(search: Search, form: LobeForm) -> BlindFit:
-    """Lamps in the dark, no more than are needed whatever the reflectance is; form : that they are counted with."""
-    return fewest_sources(of_degree(search, 0), _diffuse_lamps(search), form)
-
-
-def _lamps_alone(search: Search, beside: BlindFit) -> SourceStarts | None:
+def _lamps_alone(dark: Search, diffuse: BlindFit, beside: BlindFit) -> SourceStarts | None:
     """Lamps in a dark room, those that were found beside light among them; None if they are no explanation.
 
-    beside : the fit with light that they are measured against.
+    dark : prepared for light of degree 0. diffuse : lamps as a diffuse body shows them. beside : the fit with light
+    that lamps alone are measured against.
     """
-    diffuse, dark = _diffuse_lamps(search), of_degree(search, 0)
     # Light of many degrees passes for a lamp or two; a lamp that only a lobe shows isn't found without one.
     starts = (first_state(dark, 0, diffuse.state), beside.state)
     glossy = min((dark.fit(start, 0, _FEW) for start in starts), key=lambda fit: fit.cost)
