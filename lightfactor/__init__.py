@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from capture.lens.intrinsics import calibrate_camera
     from capture.sensor.flatrecovery import recover_flat_field as calibrate_flatfield
     from capture.sensor.noiserecovery import recover_noise as calibrate_noise
-    from lightfactor.actions import compare, export, plan, save_picture, synth
+    from lightfactor.actions import compare, export, export_page, plan, save_picture, synth
     from lightfactor.fit import Fit
     from lightfactor.measured import MeasuredBrdf, fit_brdf
     from lightfactor.runs import load_photoset, process, read_fit
@@ -36,6 +36,7 @@ _HOME = {
     "calibrate_response": ("capture.bracket.responserecovery", "recover_response"),
     "compare": ("lightfactor.actions", "compare"),
     "export": ("lightfactor.actions", "export"),
+    "export_page": ("lightfactor.actions", "export_page"),
     "fit_brdf": ("lightfactor.measured", "fit_brdf"),
     "load_photoset": ("lightfactor.runs", "load_photoset"),
     "merge_hdr": ("capture.bracket.hdrfiles", "merge_hdr"),
@@ -55,6 +56,7 @@ __all__ = [
     "calibrate_response",
     "compare",
     "export",
+    "export_page",
     "fit_brdf",
     "load_photoset",
     "merge_hdr",

@@ -13,6 +13,8 @@ from capture.terminal import track as terminal_track
 from invrender.output.compare.page import write_page
 from invrender.output.compare.sides import SideComparison, compare_sides, read_side
 from invrender.output.export.exported import ExportedResult, export_result
+from invrender.output.export.html import ExportedPage
+from invrender.output.export.html import export_page as write_page_of
 from invrender.output.render.files import save_picture as write_picture
 from invrender.output.render.picture import Picture
 from invrender.output.render.view import view_of
@@ -82,6 +84,38 @@ def export(
         assumed=dict(assume or {}),
         view=None if view is None else view_of(view),
         photoset=given,
+    )
+    return replace(found, notes=tuple(map(with_arguments, found.notes)))
+
+
+@naming_arguments
+def export_page(
+    fit: Fit | Path | str,
+    folder: Path | str,
+    *,
+    lighting: str | None = None,
+    assume: Mapping[str, float] | None = None,
+    view: Sequence[float] | None = None,
+    photoset: Path | str | None = None,
+    progress: bool = False,
+) -> ExportedPage:
+    """Write a fit as one page on which a browser shows it under light that can be turned: `files`, `error`, `notes`.
+
+    lighting : one of the fit's, all of them, up to four, if not given. view : where it is first seen from. progress :
+    show it on the terminal. The other arguments are those of `export`. `error` says how far pictures on the page are
+    off from `fit.render`. ValueError says what the photographs left open, or why browsers can't draw it.
+    """
+    given = None if photoset is None else Path(photoset)
+    if isinstance(fit, Fit):
+        given = given or fit.photoset
+    found = write_page_of(
+        fit.result if isinstance(fit, Fit) else read_result(Path(fit)),
+        Path(folder),
+        lighting=lighting,
+        assumed=dict(assume or {}),
+        view=None if view is None else view_of(view),
+        photoset=given,
+        track=terminal_track if progress else silent,
     )
     return replace(found, notes=tuple(map(with_arguments, found.notes)))
 

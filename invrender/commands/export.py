@@ -24,7 +24,9 @@ def export(
     ],
     form: Annotated[
         str,
-        typer.Option("--format", metavar="FORMAT", help="gltf, mitsuba or materialx.", show_default=False),
+        typer.Option(
+            "--format", metavar="FORMAT", help="gltf, mitsuba, materialx or html.", show_default=False
+        ),
     ],
     light: Annotated[
         bool,
@@ -48,7 +50,7 @@ def export(
         str | None,
         typer.Option(
             metavar="AZIMUTH,ELEVATION[,DISTANCE]",
-            help="mitsuba: where the camera is; degrees, and metres from the object's centre.  [default: 0,20]",
+            help="mitsuba, html: where the camera is; degrees, and metres from the object's centre.  [default: 0,20]",
         ),
     ] = None,
     photoset: SourceSet = None,
@@ -59,6 +61,8 @@ def export(
     lost by that is printed, and stands with the numbers in OUT/export.json.
 
     gltf: object.glb, metres, +Y up. mitsuba: scene.xml, with light and camera. materialx: material.mtlx and object.obj.
+    html: object.html, one page that shows the object under light that you turn, without a server or a network. It has
+    the result's own material; how far its pictures are off from `lightfactor render` is printed and stands on it.
     """
     from invrender.output.export.run import ExportOptions, run_export
 

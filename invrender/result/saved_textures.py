@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from capture.files.imagefile import read_exr_layers, read_pixels
 from invrender.result.saved import SavedResult
@@ -113,6 +114,14 @@ def read_textures(result: SavedResult, ks: Floats) -> SavedTextures | None:
         None if known is None else known.astype(float),
         table is not None and table.at == "vertices",
     )
+
+
+def filled(texels: Floats, known: Floats | None) -> Floats:
+    """A map (h, w, 3) with the nearest known texel's values where `known` (h, w) is zero; as it is where none is."""
+    if known is None or not known.any() or texels.shape[:2] != known.shape:
+        return texels
+    rows, columns = distance_transform_edt(known <= 0, return_distances=False, return_indices=True)
+    return np.asarray(texels[rows, columns])
 
 
 def _deviations(folder: Path, name: str) -> Floats:

@@ -16,9 +16,9 @@ from invrender.estimate.textured.layout import TexelLayout, VertexLayout, texel_
 from invrender.output.compare.sides import read_side
 from invrender.output.compare.textured import over_same_part
 from invrender.output.compare.verdicts import number_rows
-from invrender.output.export.shape import tessellated
 from recon.mesh.atlas import with_atlas
 from recon.mesh.bodies import MeshBody
+from recon.mesh.tessellated import tessellated
 from recon.mesh.trianglemesh import read_mesh, write_mesh
 
 from .renders import write_result

@@ -26,8 +26,8 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.directions import direction_pairs
 from invrender.output.export.gltf_target import GLTF
 from invrender.output.export.lights import panorama
-from invrender.output.export.shape import tessellated
 from invrender.output.export.target import Numbers
+from recon.mesh.tessellated import tessellated
 from recon.mesh.trianglemesh import write_mesh
 
 Command = Callable[..., tuple[int, str, str]]

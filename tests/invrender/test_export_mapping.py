@@ -18,8 +18,8 @@ from invrender.output.export.mapping import map_brdf
 from invrender.output.export.materialx_target import STANDARD_SURFACE, StandardSurface
 from invrender.output.export.mitsuba_target import MITSUBA, MitsubaBlend
 from invrender.output.export.rough_interface import passed_and_kept
-from invrender.output.export.shape import tessellated
 from invrender.output.export.target import Numbers
+from recon.mesh.tessellated import tessellated
 from recon.mesh.trianglemesh import is_watertight, volume
 from synthetic.materials.fresnel import fresnel_dielectric
 from synthetic.materials.rh01 import RH01_MATERIALS, radiometric

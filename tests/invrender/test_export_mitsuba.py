@@ -22,12 +22,13 @@ from invrender.output.export.mapping import Mapping, map_brdf
 from invrender.output.export.material import ExportedBRDF
 from invrender.output.export.mitsuba import write_mitsuba
 from invrender.output.export.mitsuba_target import MITSUBA
-from invrender.output.export.shape import Shape, tessellated
+from invrender.output.export.shape import Shape
 from invrender.output.render.light import light_element
 from invrender.output.render.picture import take_picture
 from invrender.output.render.subject import Subject, mesh_subject, sphere_subject
 from invrender.result.reflectance import Reflectance
 from invrender.result.saved_textures import SavedTextures
+from recon.mesh.tessellated import tessellated
 from recon.mesh.trianglemesh import write_mesh
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.illumination import latlong_map

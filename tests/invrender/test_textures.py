@@ -24,13 +24,13 @@ from invrender.estimate.textured.joint import PixelsOfPoints, in_shadow
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, find_layout
 from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.estimate.textured.textures import FittedTextures
-from invrender.output.export.shape import tessellated
 from invrender.output.report.run import run_process
 from invrender.result import run as solved
 from invrender.result.run import Run, TexturedRun
 from invrender.transport.column_basis import whole_range
 from recon.mesh import atlas
 from recon.mesh.bodies import MeshBody
+from recon.mesh.tessellated import tessellated
 from recon.mesh.trianglemesh import TriangleMesh, smooth_normals
 from synthetic.scenes.build import read_staging
 from synthetic.shapes.doll import doll_mesh

@@ -22,7 +22,7 @@ from invrender.output.export.shape import Shape, result_shape
 from invrender.output.export.target import Target
 from invrender.output.export.texels import strongest, texels_of
 from invrender.output.render.source_set import find_photoset
-from invrender.output.render.view import View, new_optics, seen_from
+from invrender.output.render.view import DEFAULT_VIEW, View, new_optics, seen_from
 from invrender.result.document import FORMAT
 from invrender.result.saved import SavedResult, nearest
 
@@ -31,9 +31,10 @@ TARGETS: dict[str, tuple[Target, ...]] = {
     "mitsuba": MITSUBA,
     "materialx": (STANDARD_SURFACE,),
 }
+# The page of `html.export_page`, whose material is the result's own.
+PAGE_FORM = "html"
 # The first is in every export.
-EXPORT_FILES = ("export.json", "*.glb", "*.xml", "*.mtlx", "*.obj", "*.exr")
-_DEFAULT_VIEW = View(0.0, 20.0, None)
+EXPORT_FILES = ("export.json", "*.glb", "*.xml", "*.mtlx", "*.obj", "*.exr", "*.html")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,7 @@ def export_result(
             written = write_gltf(folder, result.content.name, shape, material, mapping, shown)
         elif form == "mitsuba":
             assert shown is not None
-            camera = _camera(shape, view or _DEFAULT_VIEW)
+            camera = _camera(shape, view or DEFAULT_VIEW)
             written = write_mitsuba(folder, shape, material, mapping, shown, camera)
         else:
             written = write_materialx(folder, shape, material, mapping)
@@ -105,7 +106,7 @@ def export_result(
 
 def _check(form: str, light: bool, lighting: str | None, view: View | None) -> None:
     if form not in TARGETS:
-        raise ValueError(f"--format {form}: there is no such format; {nearest(form, TARGETS)}")
+        raise ValueError(f"--format {form}: there is no such format; {nearest(form, [*TARGETS, PAGE_FORM])}")
     if form == "materialx" and (light or lighting):
         raise ValueError("--format materialx: a material has no light; leave out --light and --lighting")
     if form == "gltf" and lighting and not light:

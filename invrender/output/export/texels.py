@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.mapping import Mapping
-from invrender.result.saved_textures import SavedTextures
+from invrender.result.saved_textures import SavedTextures, filled
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +45,7 @@ def texels_of(textures: SavedTextures, ks: Floats) -> Texels:
     Other programs blend neighbours, so that black ones would darken what is known beside them, too. ks : (3,), the mean
     that `Mapping` is of; ValueError if the maps' sizes differ.
     """
-    kd_map, ks_map = (_filled(texels, textures.known) for texels in (textures.kd, textures.ks))
+    kd_map, ks_map = (filled(texels, textures.known) for texels in (textures.kd, textures.ks))
     if ks_map.shape[:2] == (1, 1):
         ks_map = np.broadcast_to(ks_map, kd_map.shape)
     if kd_map.shape != ks_map.shape:
@@ -55,14 +54,6 @@ def texels_of(textures: SavedTextures, ks: Floats) -> Texels:
         )
     strength = np.where(ks > 0, ks_map / np.where(ks > 0, ks, 1), 0.0)
     return Texels(kd_map, ks_map, strength)
-
-
-def _filled(texels: Floats, known: Floats | None) -> Floats:
-    """A map (h, w, 3) with the nearest known texel's values where `known` (h, w) is zero; as it is where none is."""
-    if known is None or not known.any() or texels.shape[:2] != known.shape:
-        return texels
-    rows, columns = distance_transform_edt(known <= 0, return_distances=False, return_indices=True)
-    return texels[rows, columns]
 
 
 def base_texels(texels: Texels, mapping: Mapping, brdf: Microfacet, strength: Floats | float) -> Floats:

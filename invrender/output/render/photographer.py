@@ -91,9 +91,13 @@ class Photographer:
                 else "a brushed lobe is integrated for each ray"
             )
             raise ValueError(f"--tolerance: nothing is interpolated, for {why}; leave it out")
-        bounced = None if self._bounces is None else self._bounces(element)
+        bounced = self.bounced(element)
         allowed = TOLERANCE if percent is None else percent / 100
         return take_picture(self.subject, camera, self.material, element, with_std, bounced, allowed)
+
+    def bounced(self, element: LightElement) -> Bounced | None:
+        """What the subject's parts send each other under an element; None where that isn't to be added."""
+        return None if self._bounces is None else self._bounces(element)
 
     @cached_property
     def _under(self) -> Callable[[float], LightElement]:

@@ -44,6 +44,10 @@ class View:
         return replace(self, azimuth=self.azimuth + degrees)
 
 
+# Where a camera stands if nobody says.
+DEFAULT_VIEW = View(0.0, 20.0, None)
+
+
 def parse_view(text: str) -> View:
     """A view as it is written for `--view`."""
     return view_of(numbers(text, "--view", _VIEW, (2, 3)))

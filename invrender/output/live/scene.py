@@ -1,0 +1,96 @@
+"""All that a live picture is made of: a surface, its reflectance, lights, a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.lighting import Lighting
+from invrender.brdf.microfacet import Microfacet
+from invrender.output.live.live_light import LiveLight, live_light
+from invrender.output.live.live_material import LiveReflectance, live_reflectances
+from invrender.output.live.lobe_volume import LobeVolume, lobe_volume
+from invrender.output.render.photographer import Photographer
+from invrender.output.render.view import DEFAULT_VIEW, View, ViewCamera
+from invrender.transport.diffuse_base import interface_transmittance
+from recon.mesh.bodies import MeshBody
+from recon.mesh.tessellated import tessellated
+from recon.mesh.trianglemesh import TriangleMesh
+
+Floats = NDArray[np.float64]
+
+# Faces that a browser holds and traces with ease.
+_MOST_FACES = 200_000
+# Entries of the table of what the interface transmits, over even cosines.
+_ENTRIES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """A subject that a browser draws.
+
+    mesh : its surface in the world, metres; centre and radius of a sphere that holds it. has_shadows : whether rays are
+    traced. transmitted : (64,), what the interface transmits at even cosines 0 to 1. optics : the camera. first_view :
+    where it stands at the start.
+    """
+
+    name: str
+    mesh: TriangleMesh
+    centre: Floats
+    radius: float
+    has_shadows: bool
+    kd: LiveReflectance
+    ks: LiveReflectance
+    brdf: Microfacet
+    volume: LobeVolume
+    transmitted: NDArray[np.float16]
+    lights: tuple[LiveLight, ...]
+    optics: ViewCamera
+    first_view: View
+
+
+def live_scene(
+    studio: Photographer, lightings: Iterable[Lighting], first_view: View = DEFAULT_VIEW
+) -> LiveScene:
+    """A photographer's subject under lightings, for a browser.
+
+    ValueError for a brushed lobe, a mesh of too many faces, and a lighting that is dark.
+    """
+    brdf = studio.material.brdf
+    if brdf.form.axis is not None:
+        raise ValueError(
+            f"{studio.result.path}: its lobe is brushed, and reflection maps are of lobes that look the same from all"
+            " azimuths; render it with `lightfactor render`"
+        )
+    subject = studio.subject
+    is_mesh = isinstance(subject.body, MeshBody)
+    mesh = (
+        subject.body.mesh
+        if isinstance(subject.body, MeshBody)
+        else tessellated(subject.centre, subject.radius)
+    )
+    if len(mesh.faces) > _MOST_FACES:
+        raise ValueError(
+            f"{studio.result.path}: its mesh has {len(mesh.faces):,} faces, and a browser draws {_MOST_FACES:,} with"
+            " ease; simplify it in another program and run `lightfactor process` again"
+        )
+    kd, ks = live_reflectances(studio.material, len(mesh.vertices))
+    transmitted = interface_transmittance(brdf.form, brdf.mu, np.linspace(0, 1, _ENTRIES))
+    return LiveScene(
+        studio.result.content.name,
+        mesh,
+        subject.centre,
+        subject.radius,
+        is_mesh,
+        kd,
+        ks,
+        brdf,
+        lobe_volume(brdf),
+        transmitted.astype(np.float16),
+        tuple(live_light(replace(studio, lighting=lighting), lighting, mesh) for lighting in lightings),
+        studio.optics(),
+        first_view,
+    )

@@ -1,0 +1,121 @@
+"""The page of `export --format html` in a real browser: its pixels are those of `render`."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from playwright.sync_api import Page
+
+import lightfactor as lf
+from invrender.output.export.html import object_page
+from invrender.output.live.drawn import live_error
+from invrender.output.live.scene import live_scene
+from invrender.output.render import view as views
+from recon.mesh.trianglemesh import TriangleMesh
+from tests.invrender.livescenes import gloss, studio_of
+
+_RADIANCE = """([change, width, height]) => {
+    const { picture, state } = window.lightfactor;
+    const bytes = new Uint8Array(picture.radiance({ ...state, ...change }, width, height).buffer);
+    let text = "";
+    for (let k = 0; k < bytes.length; k += 8192) text += String.fromCharCode(...bytes.subarray(k, k + 8192));
+    return btoa(text);
+}"""
+
+
+def opened(page: Page, file: Path) -> list[str]:
+    """Opens a page and waits for its picture; returns what it asked for, which is the file alone."""
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(file.as_uri())
+    page.wait_for_function("window.lightfactor")
+    return asked
+
+
+def radiance(page: Page, side: int, **change: Any) -> np.ndarray:
+    """Radiance and coverage (side, side, 4) of the state with some changes."""
+    text = page.evaluate(_RADIANCE, [change, side, side])
+    return np.frombuffer(base64.b64decode(text), np.float32).reshape(side, side, 4)
+
+
+def apart(found: np.ndarray, radiance: np.ndarray, coverage: np.ndarray) -> float:
+    """Relative RMS over pixels that both cover whole."""
+    whole = (found[..., 3] > 0.999) & (coverage >= 1)
+    assert whole.sum() > 0.7 * (coverage > 0).sum()
+    return float(np.sqrt(((found[..., :3] - radiance)[whole] ** 2).sum() / (radiance[whole] ** 2).sum()))
+
+
+def test_a_sphere_looks_as_it_renders_under_its_light_turned_and_under_a_lamp(
+    page: Page, tmp_path: Path
+) -> None:
+    folder = gloss(tmp_path / "result")
+    fit = lf.read_fit(folder)
+    exported = lf.export_page(fit, tmp_path / "page", view=(15, 35))
+    asked = opened(page, exported.files[0])
+    assert asked == [exported.files[0].as_uri()]
+    side, stated = 120, exported.error.worst
+    for turn, azimuth, elevation in ((0, 15, 35), (50, -100, 10)):
+        picture = fit.render((azimuth, elevation), size=(side, side), rotate_light=turn)
+        found = radiance(page, side, turn=turn, azimuth=azimuth, elevation=elevation)
+        # Bits of half floats come on top of what is stated.
+        assert apart(found, picture.radiance, picture.coverage) < stated + 0.002
+        np.testing.assert_allclose(found[..., 3], picture.coverage, atol=0.3)  # four samples of a pixel
+    # A lamp of one's own: its irradiance is pi times the light's unit.
+    unit = page.evaluate("window.lightfactor.picture.lights[0].unit")
+    lamp = {"azimuth": 70, "elevation": 30, "strength": 0.5}
+    both = fit.render(
+        (15, 35), size=(side, side), light=folder / "lighting.exr", sources=[(70, 30, 0.5 * np.pi * unit)]
+    )
+    assert apart(radiance(page, side, lamps=[lamp]), both.radiance, both.coverage) < stated + 0.005
+    alone = fit.render((15, 35), size=(side, side), sources=[(70, 30, 0.5 * np.pi * unit)])
+    assert apart(radiance(page, side, lamps=[lamp], room=0), alone.radiance, alone.coverage) < 0.01
+
+
+def test_a_mesh_shadows_itself_as_it_does_when_rendered(
+    page: Page, cat_mesh: TriangleMesh, tmp_path: Path
+) -> None:
+    studio, lighting = studio_of(gloss(tmp_path / "result"), cat_mesh)
+    scene = live_scene(studio, [lighting])
+    error = live_error(scene, studio, [lighting])
+    (tmp_path / "cat.html").write_text(
+        object_page(studio.result, scene, error, studio.notes), encoding="utf-8"
+    )
+    opened(page, tmp_path / "cat.html")
+    side = 120
+    optics = studio.optics((side, side))
+    for turn, azimuth, elevation in ((0, 0, 20), (130, 200, 40)):
+        picture = studio.take(studio.camera(views.View(azimuth, elevation, None), optics), turn)
+        found = radiance(page, side, turn=turn, azimuth=azimuth, elevation=elevation)
+        assert apart(found, picture.radiance, picture.coverage) < error.worst + 0.01
+
+
+def test_keys_and_fields_turn_object_light_and_lamp(page: Page, tmp_path: Path) -> None:
+    exported = lf.export_page(gloss(tmp_path / "result"), tmp_path / "page")
+    opened(page, exported.files[0])
+    canvas = page.locator("canvas")
+    canvas.focus()
+    state = "window.lightfactor.state"
+    before = page.screenshot()
+    for keys in ("ArrowRight", "ArrowUp", "Shift+ArrowLeft", "Alt+ArrowUp"):
+        page.keyboard.press(keys)
+    after = page.evaluate(state)
+    assert (after["azimuth"], after["elevation"], after["turn"]) == (5, 25, -5)
+    assert after["lamps"] == [{"azimuth": 45, "elevation": 45, "strength": 1}]
+    assert page.get_by_label("Lamp of my own").is_checked()
+    page.wait_for_timeout(300)
+    assert page.screenshot() != before
+    page.get_by_label("Turn of the light").fill("120")
+    assert page.evaluate(state)["turn"] == 120
+    assert page.locator("output[for=turn]").inner_text() == "120°"
+    page.mouse.move(450, 360)
+    page.mouse.down()
+    page.mouse.move(500, 360)
+    page.mouse.up()
+    assert page.evaluate(state)["azimuth"] < 0
+    page.mouse.move(452, 360)
+    assert page.locator("#readout").inner_text().startswith("radiance ")
+    page.keyboard.press("0")
+    assert page.evaluate(state)["azimuth"] == 0
