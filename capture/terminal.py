@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -15,9 +16,17 @@ from capture.files.outfolder import discard_unfinished
 
 console = Console(highlight=False)
 
+PROGRESS_VARIABLE = "LIGHTFACTOR_PROGRESS"
+
 
 def track(items: Iterable[Any], description: str) -> Iterator[Any]:
-    """Iterate with a progress bar that vanishes when done; nothing is shown where stdout is no terminal."""
+    """Iterate with a progress bar that vanishes when done; nothing is shown where stdout is no terminal.
+
+    Where `PROGRESS_VARIABLE` names a file, a line of JSON is added to it at each step, for who watches from outside.
+    """
+    if file := os.environ.get(PROGRESS_VARIABLE):
+        yield from _reported(list(items), description, file)
+        return
     if not console.is_terminal:
         yield from items
         return
@@ -30,6 +39,14 @@ def track(items: Iterable[Any], description: str) -> Iterator[Any]:
     )
     with Progress(*columns, console=console, transient=True) as progress:
         yield from progress.track(items, description=description)
+
+
+def _reported(items: list[Any], description: str, file: str) -> Iterator[Any]:
+    for done in range(len(items) + 1):
+        with open(file, "a", encoding="utf-8") as lines:
+            lines.write(json.dumps({"doing": description, "done": done, "of": len(items)}) + "\n")
+        if done < len(items):
+            yield items[done]
 
 
 def leave_cleanly_when_stopped() -> None:

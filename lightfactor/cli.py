@@ -25,6 +25,7 @@ from invrender.commands.prefilter import prefilter
 from invrender.commands.process import process
 from invrender.commands.refine import refine
 from invrender.commands.render import render
+from lightfactor.commands.studio import studio
 from recon.commands.align import align
 from recon.commands.hull import hull
 from recon.commands.mirrorball import mirrorball
@@ -85,6 +86,7 @@ app.command(short_help="Reflection maps of a BRDF under a map of light, with wha
 app.command(short_help="What makes the gradients of a result's photographs, and where light counts as near.")(
     gradients
 )
+app.command(short_help="Look at a capture, fit, judge and relight it in the browser.")(studio)
 app.command(short_help="Two results side by side, or a result beside the truth.")(compare)
 app.command(short_help="A result for other programs: glTF, Mitsuba, MaterialX.")(export)
 app.command(

@@ -13,6 +13,7 @@ import pytest
 import typer
 
 from capture.parallel import one_blas_thread
+from lightfactor.cli import main
 from recon.mesh.trianglemesh import TriangleMesh
 from synthetic.scenes import build
 from synthetic.shapes.cat import REACH, cat_field
@@ -77,3 +78,19 @@ def mesh_once() -> Iterator[Callable[..., TriangleMesh]]:
 def cat_mesh(mesh_once: Callable[..., TriangleMesh]) -> TriangleMesh:
     """RH01's cat (section 6.4) with edges of 2 mm."""
     return mesh_once(cat_field, REACH, 0.002)
+
+
+@pytest.fixture
+def lightfactor(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """Run the command in this process: exit status, standard output in one line, standard error."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["lightfactor", *map(str, arguments)])
+        with pytest.raises(SystemExit) as done:
+            main()
+        out, err = capfd.readouterr()
+        return int(done.value.code or 0), " ".join(out.split()), err
+
+    return run

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,6 @@ from invrender.output.report.run import run_process
 from invrender.transport.columns import PhotoColumns, photo_columns
 from invrender.transport.predict import predict
 from invrender.transport.transfer import light_elements
-from lightfactor.cli import main
 from recon.mesh.bodies import SphereBody
 from recon.sampling.draw import NO_SOURCES, sample_body
 from recon.sampling.lightfield import LightField, off_terminators
@@ -121,22 +119,6 @@ def small_set(small_set_original: Path, tmp_path: Path) -> Path:
 def lamp_set(lamp_set_original: Path, tmp_path: Path) -> Path:
     """A copy of the set under the source alone that a test may damage."""
     return Path(shutil.copytree(lamp_set_original, tmp_path / "set"))
-
-
-@pytest.fixture
-def lightfactor(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    """Run the command in this process: exit status, standard output in one line, standard error."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["lightfactor", *map(str, arguments)])
-        with pytest.raises(SystemExit) as done:
-            main()
-        out, err = capfd.readouterr()
-        return int(done.value.code or 0), " ".join(out.split()), err
-
-    return run
 
 
 @pytest.fixture(scope="session")

@@ -14,6 +14,11 @@ def page_file(name: str) -> str:
     return (_PAGE / name).read_text(encoding="utf-8")
 
 
+def page_files() -> dict[str, str]:
+    """The texts of the page's scripts and style, by name."""
+    return {each.name: each.read_text(encoding="utf-8") for each in _PAGE.iterdir() if each.is_file()}
+
+
 def bundled(entry: str) -> str:
     """A module of the page with all that it imports before it, each once; names are distinct across modules."""
     done: list[str] = []

@@ -62,6 +62,7 @@ def packed_subject(scene: LiveScene) -> bytes:
         "width": scene.volume.width,
         "leastCos": LEAST_COS,
         "leastKnown": LEAST_KNOWN,
+        "hasGaps": scene.kd.has_gaps,
         "kd": scene.kd.scale.tolist(),
         "ks": scene.ks.scale.tolist(),
         "camera": {

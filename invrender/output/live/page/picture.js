@@ -59,21 +59,20 @@ export class Picture {
     return buffer;
   }
 
-  /** Takes an unpacked light; returns its number. */
-  add(light) {
+  /** Takes an unpacked light under a number, the next one if none is given. */
+  add(light, number = this.lights.length) {
     const gl = this.gl, { maps, functions, lamps, irradiances, series } = light.arrays;
     if (light.orders.length > MOST_TERMS) throw new Error(`A light has ${light.orders.length} maps; ${MOST_TERMS} are drawn.`);
     const [terms, rows, columns] = maps.shape, texels = new Uint16Array(4 * terms * rows * columns);
     for (let k = 0; k < texels.length / 4; k++) texels.set(maps.data.subarray(3 * k, 3 * k + 3), 4 * k);
-    this.lights.push({
+    this.lights[number] = {
       ...light,
       maps: halves(gl, gl.TEXTURE_2D_ARRAY, gl.RGBA16F, gl.RGBA, texels, [terms, rows, columns], gl.REPEAT),
       functions: halves(gl, gl.TEXTURE_2D, gl.R16F, gl.RED, functions.data, functions.shape),
       lamps: rowsOfNumbers(lamps),
       irradiances: rowsOfNumbers(irradiances),
       series: { values: singles(series.data), length: series.shape[1] },
-    });
-    return this.lights.length - 1;
+    };
   }
 
   /** Irradiance of vertices by a light, its lamps aside, turned by so many degrees, to the graphics card. */

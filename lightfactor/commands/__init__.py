@@ -1,0 +1,1 @@
+"""Commands on the whole program; `lightfactor.cli` puts them together."""

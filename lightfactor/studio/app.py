@@ -1,0 +1,212 @@
+"""The workbench's routes: what the page asks for, and what is done about it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from functools import cache, partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from capture.files.outfolder import result_files
+from invrender.output.live.bundle import page_files as live_files
+from lightfactor.studio import described, jobs
+from lightfactor.studio.guard import Guard
+from lightfactor.studio.opened import Opened, UnknownIdError
+from lightfactor.studio.pictures import judged, shown_photo, thumbnail
+from lightfactor.studio.relit import Relit
+
+_PAGE = files("lightfactor.studio") / "page"
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+_PACKED, _JPEG = "application/octet-stream", "image/jpeg"
+# Seconds between looks at a fit's progress.
+_LOOK = 0.3
+_MAP_SUFFIXES = (".hdr", ".exr")
+
+# A request's parameters, and the object of its body, to an answer.
+_Handler = Callable[[dict[str, str], dict[str, Any]], Response]
+
+
+def workbench(opened: Opened, token: str) -> ASGIApp:
+    """The application that serves what is open to who has the token."""
+    api: list[tuple[str, str, _Handler]] = [
+        ("GET", "/api/state", partial(_state, opened)),
+        ("GET", "/api/photos/{photo}/thumbnail", partial(_thumbnail, opened)),
+        ("GET", "/api/photos/{photo}", partial(_photo, opened)),
+        ("POST", "/api/fits", partial(_start, opened)),
+        ("POST", "/api/fits/{fit}/cancel", partial(_cancel, opened)),
+        ("GET", "/api/results/{result}", partial(_result, opened)),
+        ("GET", "/api/results/{result}/photos/{photo}", partial(_judged, opened)),
+        ("GET", "/api/results/{result}/subject", partial(_subject, opened)),
+        ("GET", "/api/results/{result}/lights/{number}", partial(_light, opened)),
+        ("GET", "/api/results/{result}/lights/{number}/error", partial(_error, opened)),
+        ("POST", "/api/results/{result}/still", partial(_still, opened)),
+    ]
+    routes = [Route(path, _answering(handler), methods=[method]) for method, path, handler in api]
+    routes += [
+        Route("/api/fits/{fit}/progress", partial(_progress, opened), methods=["GET"]),
+        Route("/api/lights", partial(_add_light, opened), methods=["POST"]),
+        Route("/", _page, methods=["GET"]),
+        Route("/page/{name}", _page, methods=["GET"]),
+    ]
+    return Guard(Starlette(routes=routes), token)
+
+
+def _answering(handler: _Handler) -> Callable[[Request], Any]:
+    """An endpoint that runs a handler beside others, and says what is wrong in a sentence."""
+
+    async def endpoint(request: Request) -> Response:
+        body = await request.body() if request.method == "POST" else b""
+        try:
+            return await run_in_threadpool(handler, dict(request.path_params), _object(body))
+        except (ValueError, OSError, KeyError, TypeError) as error:
+            return _refused(error)
+
+    return endpoint
+
+
+def _object(body: bytes) -> dict[str, Any]:
+    if not body:
+        return {}
+    try:
+        found = json.loads(body)
+    except ValueError as error:
+        raise ValueError(f"the request is no JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise ValueError("the request is no JSON object")
+    return found
+
+
+def _refused(error: Exception) -> Response:
+    said = f"the request lacks {error}" if isinstance(error, KeyError) else str(error)
+    return JSONResponse({"error": said}, 404 if isinstance(error, UnknownIdError) else 400)
+
+
+@cache
+def _pages() -> dict[str, str]:
+    """The texts of the page's files, by name; nothing else is served."""
+    own = {each.name: each.read_text(encoding="utf-8") for each in _PAGE.iterdir() if each.is_file()}
+    form = Environment(loader=PackageLoader("invrender.output.live", "page"), autoescape=True)
+    controls = form.get_template("controls.html.jinja").render(lights=[], has_gaps=True)
+    page = Environment(loader=PackageLoader("lightfactor.studio", "page"), autoescape=True)
+    index = page.get_template("index.html.jinja").render(controls=Markup(controls))
+    found = live_files() | own | {"index.html": index}
+    return {name: text for name, text in found.items() if Path(name).suffix in _TYPES}
+
+
+async def _page(request: Request) -> Response:
+    name = request.path_params.get("name", "index.html")
+    if name not in _pages():
+        return Response("there is no such page\n", 404, media_type="text/plain")
+    return Response(_pages()[name], media_type=_TYPES[Path(name).suffix])
+
+
+def _state(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return JSONResponse(described.state(opened))
+
+
+def _thumbnail(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    photoset, photo = opened.photo(of["photo"])
+    return Response(thumbnail(photoset, photo, opened.own / "thumbnails"), media_type=_JPEG)
+
+
+def _photo(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(shown_photo(*opened.photo(of["photo"])), media_type=_PACKED)
+
+
+def _start(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    samples = body.get("samples")
+    if samples is not None and not (isinstance(samples, int) and samples >= 1000):
+        raise ValueError(f"samples is {samples}; give a number of 1000 or more")
+    started = jobs.start_fit(opened, samples)
+    return JSONResponse({"id": started.key, "name": started.name})
+
+
+def _cancel(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    jobs.cancel(jobs.job(opened, of["fit"]))
+    return JSONResponse({})
+
+
+async def _progress(opened: Opened, request: Request) -> Response:
+    """Lines of JSON as a fit goes on, until it has ended."""
+    try:
+        job = await run_in_threadpool(jobs.job, opened, request.path_params["fit"])
+    except ValueError as error:
+        return _refused(error)
+
+    async def lines() -> AsyncIterator[str]:
+        last = ""
+        while True:
+            now = await run_in_threadpool(described.job, opened, job)
+            if (line := json.dumps(now)) != last:
+                yield line + "\n"
+                last = line
+            if now["state"] != "running":
+                return
+            await asyncio.sleep(_LOOK)
+
+    return StreamingResponse(lines(), media_type="application/x-ndjson")
+
+
+def _result(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return JSONResponse(described.result(opened, opened.result(of["result"])))
+
+
+def _judged(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(judged(opened.result(of["result"]), *opened.photo(of["photo"])), media_type=_PACKED)
+
+
+def _relit(opened: Opened, of: dict[str, str]) -> Relit:
+    return Relit(opened.result(of["result"]), opened.manifest, described.maps(opened))
+
+
+def _subject(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(_relit(opened, of).subject(), media_type=_PACKED)
+
+
+def _light(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(_relit(opened, of).light(int(of["number"])), media_type=_PACKED)
+
+
+def _error(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return JSONResponse({"stated": _relit(opened, of).stated(int(of["number"]))})
+
+
+def _still(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    size = int(body["width"]), int(body["height"])
+    return Response(_relit(opened, of).still(body["state"], size), media_type=_PACKED)
+
+
+async def _add_light(opened: Opened, request: Request) -> Response:
+    """Keep a map of light that the page sends, so that results can be seen under it."""
+    name = request.query_params.get("name", "")
+    body = await request.body()
+    try:
+        await run_in_threadpool(_keep_map, opened, name, body)
+    except (ValueError, OSError) as error:
+        return _refused(error)
+    return JSONResponse({})
+
+
+def _keep_map(opened: Opened, name: str, body: bytes) -> None:
+    from capture.lighting import read_latlong
+
+    path = Path(name)
+    if path.suffix.lower() not in _MAP_SUFFIXES or path.name != name or name.startswith("."):
+        raise ValueError(f"{name!r}: a map of light is a lat-long picture, .hdr or .exr")
+    folder = opened.own / "lights"
+    folder.mkdir(exist_ok=True)
+    with result_files(folder / name) as place:
+        (place / name).write_bytes(body)
+        read_latlong(place / name)

@@ -1,0 +1,148 @@
+"""What the page is told of a set, its fits and results, as JSON-ready data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture.files.documents import numbers
+from capture.photoset import PhotoSet
+from invrender.result.saved import SavedQuantity, SavedResult
+from invrender.wording import parameter_lines
+from lightfactor.studio.jobs import Job, jobs, result_exists
+from lightfactor.studio.opened import Opened, key_of
+
+
+def state(opened: Opened) -> dict[str, Any]:
+    """All that is open."""
+    photoset, problem = None, ""
+    try:
+        photoset = opened.photoset()
+    except (ValueError, OSError) as error:
+        problem = str(error)
+    started = jobs(opened)
+    results = [
+        {"id": key_of(path.name), "name": path.name, "first": path == opened.first}
+        for path in opened.results()
+    ]
+    return {
+        "folder": opened.folder.name,
+        "problem": problem,
+        "set": None if photoset is None else _photoset(photoset),
+        "results": results,
+        "fits": [job(opened, each) for each in started],
+    }
+
+
+def _photoset(photoset: PhotoSet) -> dict[str, Any]:
+    return {
+        "name": photoset.name,
+        "shape": photoset.object.shape,
+        "photos": [
+            {
+                "id": key_of(photo.label),
+                "label": photo.label,
+                "lighting": photo.lighting,
+                "heldOut": photo.held_out,
+                "hasMask": photo.mask is not None,
+                "width": photo.camera.width,
+                "height": photo.camera.height,
+                "missing": not photo.file.is_file(),
+            }
+            for photo in photoset.photos
+        ],
+        "cameras": [
+            {
+                "centre": numbers(photo.camera.camera_to_world[:3, 3]),
+                "axes": numbers(photo.camera.camera_to_world[:3, :3].T),
+                "reach": _reach(photo.camera.width, photo.camera.height, photo.camera.focal_px),
+                "orthographic": photo.camera.is_orthographic,
+            }
+            for photo in photoset.photos
+        ],
+        "lightings": [{"name": table.name, "unknown": table.unknown} for table in photoset.lightings],
+    }
+
+
+def _reach(width: int, height: int, focal: float) -> list[float]:
+    return [width / 2 / focal, height / 2 / focal]
+
+
+def job(opened: Opened, started: Job) -> dict[str, Any]:
+    """A fit: how it stands, what it is doing, and what it said if it failed."""
+    now = started.state()
+    return {
+        "id": started.key,
+        "name": started.name,
+        "state": now,
+        "progress": started.progress() if now == "running" else None,
+        "said": started.said().strip() if now != "running" else "",
+        "hasResult": result_exists(opened, started.name),
+    }
+
+
+def result(opened: Opened, found: SavedResult) -> dict[str, Any]:
+    """A result's numbers, models, photographs and lights."""
+    content = found.content
+    brdf = content.brdf
+    quantities = {name: getattr(brdf, name) for name in ("kd", "ks", "mu", "sigma")} | brdf.form_numbers
+    return {
+        "id": key_of(found.folder.name),
+        "name": found.folder.name,
+        "set": content.name,
+        "gauge": content.gauge,
+        "lobe": brdf.form.description if brdf.ks else "matte: no lobe was needed",
+        "numbers": [line for name, quantity in quantities.items() for line in _lines(found, name, quantity)],
+        "models": [
+            {
+                "name": model.name,
+                "parameters": model.parameters,
+                "unseen": model.unseen,
+                "chosen": model.chosen,
+            }
+            for model in content.models
+        ],
+        "errors": {
+            "fitted": content.fit.fitted,
+            "unseen": content.fit.unseen,
+            "heldOut": content.fit.held_out,
+        },
+        "photos": [
+            {
+                "id": key_of(photo.file),
+                "label": photo.file,
+                "heldOut": photo.held_out,
+                "error": photo.rms_relative,
+            }
+            for photo in content.photos
+        ],
+        "warnings": list(content.warnings),
+        "lights": [entry.name for entry in content.lighting] + [path.stem for path in maps(opened)],
+        "predicted": (found.folder / "predicted").is_dir(),
+    }
+
+
+def _lines(found: SavedResult, name: str, quantity: SavedQuantity | None) -> list[dict[str, str]]:
+    """Label, text, status, and why it isn't determined, of each number of a parameter."""
+    finding = found.finding(name)
+    why = {"reason": finding.reason, "remedy": finding.remedy}
+    if quantity is None:
+        return [{"label": name, "text": "-", "status": "not needed", **why}] if finding.reason else []
+    value, std = (
+        None if of is None else np.atleast_1d(np.array(of, float)) for of in (quantity.value, quantity.std)
+    )
+    if value is not None and std is None:
+        std = np.zeros_like(value)
+    return [
+        {"label": label, "text": text, "status": quantity.status, **why}
+        for label, text in parameter_lines(name, value, std, found.is_absolute)
+    ]
+
+
+def maps(opened: Opened) -> list[Path]:
+    """Maps of light that were added, by name."""
+    return sorted(
+        path for path in (opened.own / "lights").glob("*") if path.suffix.lower() in (".hdr", ".exr")
+    )

@@ -1,0 +1,138 @@
+"""Fits as processes of their own, which outlive the page and the server: all that is known of them lies on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
+from typing import Any, Literal
+
+from capture.terminal import PROGRESS_VARIABLE
+from invrender.result.saved import RESULT_NAME
+from lightfactor.studio.opened import Opened, UnknownIdError, key_of
+from lightfactor.studio.pictures import read_json_lines
+
+State = Literal["running", "done", "failed", "stopped"]
+# Runs a command, and writes its exit status where it is looked for, whoever has gone in the meantime. A signal to
+# both ends the command, which removes its temporary folders, and then the watch.
+_WATCHED = """
+import os, signal, subprocess, sys
+status, *command = sys.argv[1:]
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+stoppable = lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL)
+code = subprocess.run(command, preexec_fn=stoppable).returncode
+with open(status + ".part", "w") as file: file.write(str(code))
+os.replace(status + ".part", status)
+"""
+_PROGRAM = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A fit that was started. name : of its result's folder. process : the group of processes that computes it."""
+
+    name: str
+    process: int
+    folder: Path
+
+    @property
+    def key(self) -> str:
+        return key_of(self.name)
+
+    def state(self) -> State:
+        """How it stands."""
+        status = self.folder / "status"
+        if status.is_file():
+            if int(status.read_text()) == 0:
+                return "done"
+            return "stopped" if (self.folder / "cancelled").is_file() else "failed"
+        return "running" if _is_alive(self.process) else "stopped"
+
+    def progress(self) -> dict[str, Any] | None:
+        """What it is doing: {doing, done, of}."""
+        lines = read_json_lines(self.folder / "progress")
+        return lines[-1] if lines else None
+
+    def said(self) -> str:
+        """What it printed, errors included."""
+        log = self.folder / "log"
+        return log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
+
+
+def start_fit(opened: Opened, samples: int | None) -> Job:
+    """Start `lightfactor process` on what is open; ValueError where a fit of it runs already."""
+    manifest = opened.photoset().manifest
+    if any(job.state() == "running" for job in jobs(opened)):
+        raise ValueError("a fit of this set is running: wait for it, or stop it")
+    name = _free_name(opened)
+    folder = opened.own / "jobs" / name
+    folder.mkdir(parents=True)
+    command = [*_PROGRAM, "process", str(manifest), "-o", str(opened.folder / name)]
+    if samples is not None:
+        command += ["--samples", str(samples)]
+    environment = os.environ | {PROGRESS_VARIABLE: str(folder / "progress"), "COLUMNS": "120"}
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-c", _WATCHED, str(folder / "status"), *command],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+        )
+    # A child that has ended is listed until somebody has waited for it.
+    Thread(target=process.wait, daemon=True).start()
+    (folder / "process").write_text(json.dumps({"process": process.pid}))
+    return Job(name, process.pid, folder)
+
+
+def jobs(opened: Opened) -> list[Job]:
+    """All fits that were started from the workbench, the oldest first."""
+    found = []
+    for path in sorted((opened.own / "jobs").glob("*/process"), key=lambda path: _number(path.parent.name)):
+        found.append(Job(path.parent.name, int(json.loads(path.read_text())["process"]), path.parent))
+    return found
+
+
+def job(opened: Opened, key: str) -> Job:
+    """A fit by its id."""
+    for each in jobs(opened):
+        if each.key == key:
+            return each
+    raise UnknownIdError(f"fit {key}: none of this id was started; load the page again")
+
+
+def cancel(running: Job) -> None:
+    """Stop a fit; one that has ended stays as it is."""
+    if running.state() == "running":
+        (running.folder / "cancelled").touch()
+        os.killpg(running.process, signal.SIGTERM)
+
+
+def _free_name(opened: Opened) -> str:
+    taken = {path.name for path in opened.folder.iterdir()} | {each.name for each in jobs(opened)}
+    return next(name for k in range(1, 10_000) if (name := f"fit-{k}") not in taken)
+
+
+def _number(name: str) -> int:
+    found = re.search(r"\d+$", name)
+    return int(found.group()) if found else 0
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except OSError:
+        return False
+    return True
+
+
+def result_exists(opened: Opened, name: str) -> bool:
+    """Whether a fit has left a result."""
+    return (opened.folder / name / RESULT_NAME).is_file()

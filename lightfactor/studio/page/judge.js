@@ -1,0 +1,88 @@
+// A photograph beside its prediction and the difference, and the errors of all.
+
+import { askedBytes } from "./asking.js";
+import { byId, cleared, shown } from "./building.js";
+import { listPhotos } from "./capture.js";
+import { unpacked } from "./packed.js";
+import { code, exposed, RadianceView, SharedView, whiteLevel } from "./radianceview.js";
+
+const shared = new SharedView();
+const views = ["observed", "predicted", "difference"].map((id) => new RadianceView(byId(id), shared, probe));
+let result = null, current = null;
+
+/** Shows a result's photographs, the worst first. */
+export function judge(described) {
+  result = described;
+  const photos = [...result.photos].sort((a, b) => b.error - a.error);
+  listPhotos(byId("judged"), photos, choose, (photo) => ` ${(100 * photo.error).toFixed(2)}%${photo.heldOut ? ", held out" : ""}`);
+  drawErrors();
+  byId("judged").querySelector("button")?.click();
+}
+
+async function choose(photo) {
+  byId("judge-name").textContent = photo.label;
+  byId("judge-state").textContent = "Reading...";
+  const mine = (current = { photo });
+  try {
+    const found = await unpacked(await askedBytes(`/api/results/${result.id}/photos/${photo.id}`));
+    if (current !== mine) return;
+    const [height, width] = found.arrays.radiance.shape;
+    Object.assign(current, { ...found.arrays, width, height, white: whiteLevel(found.arrays.predicted.data) });
+    byId("judge-state").textContent = "";
+    draw();
+    drawErrors();
+  } catch (error) {
+    if (current === mine) byId("judge-state").textContent = error.message;
+  }
+}
+
+function draw() {
+  if (!current?.radiance) return;
+  const { radiance, predicted, counted, width, height } = current;
+  const white = current.white * 2 ** -Number(byId("judge-exposure").value);
+  const left = exposed(radiance.data, white), right = exposed(predicted.data, white), over = (Number(byId("wipe").value) / 100) * width;
+  for (let row = 0; row < height; row++) {
+    const start = 4 * row * width;
+    left.set(right.subarray(start, start + 4 * Math.round(over)), start);
+  }
+  const limit = (current.white * Number(byId("limit").value)) / 100, codes = new Uint8ClampedArray(4 * width * height);
+  for (let k = 0; k < width * height; k++) {
+    codes[4 * k + 3] = 255;
+    if (!counted.data[k]) {
+      codes.fill(128, 4 * k, 4 * k + 3);
+      continue;
+    }
+    let off = 0;
+    for (let c = 0; c < 3; c++) off += (predicted.data[3 * k + c] - radiance.data[3 * k + c]) / 3 / limit;
+    const size = Math.min(Math.abs(off), 1), faded = code(1 - size);
+    // Red where the prediction is too bright, blue where it is too dark; they differ in lightness from white alike.
+    codes.set(off > 0 ? [255, faded, faded] : [faded, faded, 255], 4 * k);
+  }
+  [left, right, codes].forEach((each, k) => views[k].show(each, width, height));
+  byId("difference-caption").textContent = `difference: red too bright, blue too dark, full at ${byId("limit").value}%`;
+}
+
+function probe(column, row) {
+  if (!current?.radiance) return;
+  const k = row * current.width + column, [observed, std, predicted] = [current.radiance, current.std, current.predicted].map(({ data }) => data.subarray(3 * k, 3 * k + 3));
+  const text = (values) => Array.from(values, (value) => value.toPrecision(3)).join(", ");
+  const off = Math.hypot(...[0, 1, 2].map((c) => (predicted[c] - observed[c]) / Math.max(std[c], 1e-12))) / Math.sqrt(3);
+  byId("probe").textContent = `(${column}, ${row}) photograph ${text(observed)}; noise ${text(std)}; prediction ${text(predicted)}; ${off.toFixed(1)} standard deviations of the noise apart`;
+}
+
+function drawErrors() {
+  if (!result) return;
+  const { context, width, height, ink, muted, ratio } = cleared(byId("errors"));
+  const most = Math.max(1e-6, ...result.photos.map((photo) => photo.error)), base = height - 16 * ratio, top = 18 * ratio;
+  const step = width / Math.max(result.photos.length, 1);
+  result.photos.forEach((photo, k) => {
+    const size = (photo.error / most) * (base - top);
+    context.fillStyle = photo.id === current?.photo.id ? ink : photo.heldOut ? "#D55E00" : "#0072B2";
+    context.fillRect(k * step + 0.1 * step, base - size, Math.max(0.8 * step, 1), size);
+  });
+  context.fillStyle = muted;
+  context.font = `${11 * ratio}px system-ui`;
+  context.fillText(`${(100 * most).toFixed(2)}% at the top; orange: held out`, 4, 12 * ratio);
+}
+
+for (const id of ["judge-exposure", "wipe", "limit"]) shown(byId(id), draw);

@@ -1,0 +1,108 @@
+// The fitted object under light that is turned: live, and exact when the pointer rests.
+
+import { asked, askedBytes, askedJson } from "./asking.js";
+import { byId, element } from "./building.js";
+import { control, goodExposure, initialState } from "./controls.js";
+import { singles, unpacked } from "./packed.js";
+import { Picture } from "./picture.js";
+import { exposed } from "./radianceview.js";
+
+const REST = 700;
+let shownResult = null, picture = null, state = null, resting = 0, asking = null;
+
+/** Shows a result; others that were shown before are let go. */
+export async function relight(result) {
+  if (shownResult?.id === result.id && shownResult.lights.length === result.lights.length) return;
+  shownResult = result;
+  const said = byId("relight-state");
+  said.textContent = "Preparing the object...";
+  try {
+    const subject = await unpacked(await askedBytes(`/api/results/${result.id}/subject`));
+    const first = await unpacked(await askedBytes(`/api/results/${result.id}/lights/0`));
+    if (shownResult !== result) return;
+    const fresh = byId("picture").cloneNode();
+    byId("picture").replaceWith(fresh);
+    picture = new Picture(fresh, subject);
+    picture.add(first);
+    state = initialState(subject.camera);
+    state.exposure = goodExposure(picture, state);
+    const form = byId("controls").cloneNode(true);
+    byId("controls").replaceWith(form);
+    form.elements.namedItem("light").replaceChildren(...result.lights.map((name, k) => element("option", { value: k }, name)));
+    form.elements.namedItem("filled").closest("label").hidden = !subject.hasGaps;
+    form.addEventListener("input", takeLight, { capture: true });
+    control(picture, state, form, byId("readout"), rested);
+    window.lightfactor = { picture, state };
+    said.textContent = "";
+    stated();
+  } catch (error) {
+    said.textContent = `The object can't be shown live: ${error.message}`;
+  }
+}
+
+/** A light is fetched when it is first chosen. */
+async function takeLight(event) {
+  const number = Number(event.target.value);
+  if (event.target.name !== "light" || picture.lights[number]) return;
+  event.stopPropagation();
+  byId("relight-state").textContent = "Preparing the light...";
+  try {
+    picture.add(await unpacked(await askedBytes(`/api/results/${shownResult.id}/lights/${number}`)), number);
+    byId("relight-state").textContent = "";
+    event.target.dispatchEvent(new Event("input", { bubbles: true }));
+    stated();
+  } catch (error) {
+    byId("relight-state").textContent = error.message;
+  }
+}
+
+async function stated() {
+  byId("stated").textContent = "";
+  const light = state.light, { stated: text } = await askedJson(`/api/results/${shownResult.id}/lights/${light}/error`);
+  if (light === state.light) byId("stated").textContent = text;
+}
+
+/** What moves is live; when it rests, an exact picture takes its place. */
+function rested() {
+  byId("still").hidden = true;
+  clearTimeout(resting);
+  asking?.abort();
+  if (byId("relight").hidden) return;
+  resting = setTimeout(takeStill, REST);
+}
+
+async function takeStill() {
+  const canvas = picture.canvas, ratio = canvas.clientWidth / Math.max(canvas.clientWidth, 800);
+  const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio), result = shownResult;
+  if (!width || !height) return;
+  asking = new AbortController();
+  const body = JSON.stringify({ state, width, height });
+  byId("relight-state").textContent = "live; computing the exact picture...";
+  try {
+    const answer = await asked(`/api/results/${result.id}/still`, { method: "POST", body, signal: asking.signal });
+    const { arrays } = await unpacked(await answer.arrayBuffer());
+    const radiance = singles(arrays.radiance.data), coverage = arrays.coverage.data;
+    const seen = radiance.map((value, k) => value / Math.max(coverage[Math.floor(k / 3)], 1e-4));
+    const codes = exposed(seen, 2 ** -state.exposure);
+    coverage.forEach((share, k) => { codes[4 * k + 3] = Math.round(255 * share); });
+    const still = byId("still");
+    Object.assign(still, { width, height, hidden: false });
+    still.getContext("2d").putImageData(new ImageData(codes, width, height), 0, 0);
+    byId("relight-state").textContent = "exact";
+  } catch (error) {
+    if (error.name !== "AbortError") byId("relight-state").textContent = error.message;
+  }
+}
+
+byId("map").addEventListener("change", async () => {
+  const [file] = byId("map").files;
+  if (!file) return;
+  byId("relight-state").textContent = `Reading ${file.name}...`;
+  try {
+    await asked(`/api/lights?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+    byId("relight-state").textContent = "";
+    document.dispatchEvent(new Event("changed"));
+  } catch (error) {
+    byId("relight-state").textContent = error.message;
+  }
+});

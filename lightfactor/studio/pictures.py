@@ -1,0 +1,139 @@
+"""Photographs for the page: thumbnails, made once, and radiance that it can expose, mask and probe."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.decode import decode_photo, photo_mask
+from capture.files.imagefile import read_pixels
+from capture.photoset import Photo, PhotoSet
+from capture.radiance import CHANNELS, RadianceImage
+from capture.srgb import linear_to_srgb
+from invrender.output.live.packed import packed
+from invrender.result.saved import SavedResult
+
+Floats = NDArray[np.float64]
+
+# Pixels of a thumbnail's longer side, and of a picture's on the page.
+_THUMBNAIL, _SHOWN = 240, 1200
+# Octaves of a histogram below white, and its bins per octave.
+_OCTAVES, _PER_OCTAVE = 16, 4
+_WHITE = 99.5
+# These are decoded at an eighth of their size in a fraction of the time.
+_REDUCIBLE = (".jpg", ".jpeg")
+
+
+def thumbnail(photoset: PhotoSet, photo: Photo, kept: Path) -> bytes:
+    """A JPEG of a photograph, from the folder `kept` if it has it; ValueError says why it can't be shown."""
+    state = photo.file.stat()
+    name = hashlib.sha256(f"{photo.file}:{state.st_mtime_ns}:{state.st_size}".encode()).hexdigest()[:24]
+    path = kept / f"{name}.jpg"
+    if path.is_file():
+        return path.read_bytes()
+    _, encoded = cv2.imencode(".jpg", _small(photoset, photo), [cv2.IMWRITE_JPEG_QUALITY, 85])
+    data = encoded.tobytes()
+    kept.mkdir(exist_ok=True)
+    # Whole or absent, whoever else makes it just now.
+    temporary = kept / f".{name}-{os.getpid()}-{id(data)}"
+    temporary.write_bytes(data)
+    temporary.replace(path)
+    return data
+
+
+def _small(photoset: PhotoSet, photo: Photo) -> NDArray[np.uint8]:
+    """Codes (h, w, 3), BGR, of a small picture."""
+    if photo.file.suffix.lower() in _REDUCIBLE:
+        pixels = cv2.imread(str(photo.file), cv2.IMREAD_REDUCED_COLOR_8 | cv2.IMREAD_IGNORE_ORIENTATION)
+        if pixels is not None:
+            return np.asarray(_fitted(pixels, _THUMBNAIL), np.uint8)
+    radiance = _fitted(decode_photo(photoset, photo).radiance, _THUMBNAIL)
+    white = max(float(np.percentile(radiance, _WHITE)), 1e-12)
+    codes = np.round(255 * linear_to_srgb(np.clip(radiance / white, 0, 1)))
+    return np.ascontiguousarray(codes[..., ::-1].astype(np.uint8))
+
+
+def _fitted(image: NDArray[Any], side: int) -> NDArray[Any]:
+    """A picture no larger than a side; where it is, means over pixels."""
+    shrink = max(image.shape[:2]) / side
+    if shrink <= 1:
+        return image
+    size = max(round(image.shape[1] / shrink), 1), max(round(image.shape[0] / shrink), 1)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def shown_photo(photoset: PhotoSet, photo: Photo) -> bytes:
+    """A photograph as the page shows it: radiance, where it is saturated, its mask, and facts about it."""
+    image = decode_photo(photoset, photo)
+    mask = photo_mask(photo)
+    arrays: dict[str, NDArray[Any]] = {
+        "radiance": _fitted(image.radiance, _SHOWN).astype(np.float32),
+        "saturated": _shares(image.saturated),
+    }
+    if mask is not None:
+        arrays["mask"] = _shares(mask > 0.5)
+    exposure = photo.exposure
+    facts = {
+        "label": photo.label,
+        "width": photo.camera.width,
+        "height": photo.camera.height,
+        "saturated": float(image.saturated.mean()),
+        "masked": None if mask is None else float((mask > 0.5).mean()),
+        "exposure": {"seconds": exposure.exposure_s, "iso": exposure.iso, "f_number": exposure.f_number},
+        "histogram": _histogram(image),
+    }
+    return packed(facts, arrays)
+
+
+def _histogram(image: RadianceImage) -> dict[str, Any]:
+    """Counts of pixels by octaves below the brightest, for each channel."""
+    white = max(float(image.radiance.max()), 1e-12)
+    edges = np.linspace(-_OCTAVES, 0, _OCTAVES * _PER_OCTAVE + 1)
+    octaves = np.log2(np.maximum(image.radiance / white, 2.0**-_OCTAVES))
+    counts = {name: np.histogram(octaves[..., c], edges)[0].tolist() for c, name in enumerate(CHANNELS)}
+    return {"white": white, "octaves": _OCTAVES, "counts": counts}
+
+
+def judged(result: SavedResult, photoset: PhotoSet, photo: Photo) -> bytes:
+    """A photograph beside what a result predicts of it: radiance, its standard deviation, and where both count."""
+    file = result.folder / "predicted" / f"{Path(photo.label).stem}.exr"
+    if not file.is_file():
+        raise ValueError(f"{file}: the result has no prediction of {photo.label}")
+    predicted = read_pixels(file).astype(np.float32)
+    observed = decode_photo(photoset, photo)
+    factor = max(round(observed.radiance.shape[0] / predicted.shape[0]), 1)
+    if factor > 1:
+        observed = observed.binned(factor)
+    mask = photo_mask(photo)
+    counted = predicted.any(axis=2) & ~observed.saturated
+    if mask is not None:
+        counted &= _fitted(mask, max(counted.shape))[: counted.shape[0], : counted.shape[1]] > 0.5
+    arrays: dict[str, NDArray[Any]] = {
+        "radiance": observed.radiance.astype(np.float32),
+        "std": np.sqrt(observed.variance).astype(np.float32),
+        "predicted": predicted,
+        "counted": counted.astype(np.uint8),
+    }
+    entry = next((each for each in result.content.photos if each.file == photo.label), None)
+    return packed({"label": photo.label, "error": None if entry is None else entry.rms_relative}, arrays)
+
+
+def _shares(where: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Shares of pixels, 0 to 255, of the size that is shown; what is small isn't lost."""
+    shares = _fitted(where.astype(np.float32), _SHOWN)
+    return np.asarray(np.ceil(255 * np.clip(shares, 0, 1)), np.uint8)
+
+
+def read_json_lines(path: Path) -> list[dict[str, Any]]:
+    """The whole lines of a file that may just be written."""
+    if not path.is_file():
+        return []
+    text = path.read_text(encoding="utf-8")
+    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]

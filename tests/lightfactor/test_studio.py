@@ -1,0 +1,289 @@
+"""The workbench's server: who may ask it, what it answers, and what is left when it is killed."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from invrender.result.saved import RESULT_NAME
+from lightfactor.studio.jobs import jobs
+from lightfactor.studio.opened import key_of, open_path
+from tests.invrender.faultysets import change_manifest, write_set
+from tests.invrender.livescenes import room
+
+from .studios import TOKEN, Served, served
+
+Command = Callable[..., tuple[int, str, str]]
+# Every route, with a photograph and a result that there are.
+PHOTO = key_of("000.exr")
+ROUTES = (
+    ("GET", "/api/state"),
+    ("GET", f"/api/photos/{PHOTO}/thumbnail"),
+    ("GET", f"/api/photos/{PHOTO}"),
+    ("POST", "/api/fits"),
+    ("POST", "/api/fits/x/cancel"),
+    ("GET", "/api/fits/x/progress"),
+    ("GET", "/api/results/x"),
+    ("GET", f"/api/results/x/photos/{PHOTO}"),
+    ("GET", "/api/results/x/subject"),
+    ("GET", "/api/results/x/lights/0"),
+    ("GET", "/api/results/x/lights/0/error"),
+    ("POST", "/api/results/x/still"),
+    ("POST", "/api/lights?name=a.hdr"),
+)
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_set(tmp_path_factory.mktemp("ball") / "set")
+
+
+@pytest.fixture(scope="module")
+def bench(ball: Path) -> Iterator[Served]:
+    with served(ball) as found:
+        yield found
+
+
+def files_of(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def unpacked(data: bytes) -> dict:
+    block = gzip.decompress(data)
+    return json.loads(block[4 : 4 + int.from_bytes(block[:4], "little")])
+
+
+@pytest.mark.parametrize(
+    ("status", "headers"),
+    [
+        (403, {"X-Lightfactor-Token": ""}),
+        (403, {"X-Lightfactor-Token": "of another launch"}),
+        (403, {"Origin": "https://elsewhere.example"}),
+        (403, {"Origin": "http://127.0.0.1:1"}),
+        (403, {"Origin": "null"}),
+        (403, {"Sec-Fetch-Site": "cross-site"}),
+        (421, {"Host": "elsewhere.example"}),
+        (421, {"Host": "127.0.0.1.elsewhere.example"}),
+        (421, {"Host": "elsewhere.example:80@127.0.0.1.example"}),
+        (413, {"Content-Length": str(1 << 40)}),
+    ],
+    ids=lambda value: (
+        None if isinstance(value, int) else " ".join(value.items().__iter__().__next__()).strip()
+    ),
+)
+def test_what_comes_from_elsewhere_is_refused_by_every_route(
+    bench: Served, ball: Path, status, headers
+) -> None:
+    # Those who may ask get through to each of them.
+    from lightfactor.studio.app import workbench
+
+    known = {re.sub(r"\{\w+\}", "x", route.path) for route in workbench(open_path(ball), "")._app.routes}
+    asked = {path.partition("?")[0].replace(PHOTO, "x").replace("/0", "/x") for _, path in ROUTES}
+    assert known == asked | {"/", "/page/x"}
+    before = files_of(ball)
+    for method, path in ROUTES:
+        found, answered, body = bench.ask(method, path, headers)
+        assert found == status, path
+        assert answered["content-type"].startswith("text/plain")
+        assert b"faulty" not in body
+    assert files_of(ball) == before
+
+
+def test_a_body_that_turns_out_longer_than_it_said_is_cut_off(bench: Served, ball: Path) -> None:
+    before = files_of(ball)
+    body = b'{"samples": ' + b" " * (2 << 20) + b"1000}"
+    assert bench.ask("POST", "/api/fits", body=body)[0] == 413
+
+    def pieces() -> Iterator[bytes]:
+        for k in range(0, len(body), 1 << 16):
+            yield body[k : k + (1 << 16)]
+
+    # Without a length, in chunks.
+    assert bench.ask("POST", "/api/fits", body=pieces())[0] == 413  # type: ignore[arg-type]
+    assert files_of(ball) == before
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/page/../app.py",
+        "/page/..%2fapp.py",
+        "/page/%2e%2e/%2e%2e/cli.py",
+        "/page//etc/passwd",
+        "/page/index.html.jinja",
+        "/../photoset.toml",
+        "/api/photos/..%2f..%2fphotoset.toml",
+        "/api/photos/000.exr",
+        "/api/results/..",
+        f"/api/results/x/photos/{PHOTO}",
+    ],
+)
+def test_nothing_is_read_by_its_path(bench: Served, path: str) -> None:
+    status, _, body = bench.ask("GET", path)
+    assert status in (404, 400)
+    assert b"photo]" not in body
+    assert b"import" not in body
+
+
+def test_the_page_loads_nothing_from_elsewhere_and_can_not_be_framed(bench: Served) -> None:
+    status, headers, body = bench.ask("GET", "/", {"X-Lightfactor-Token": ""})
+    assert status == 200
+    policy = headers["content-security-policy"]
+    assert "default-src 'self'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe" not in policy
+    assert headers["x-content-type-options"] == "nosniff"
+    assert not [name for name in headers if name.lower().startswith("access-control")]
+    assert b"://" not in body
+    scripts = re.findall(rb'(?:src|href)="(/page/[^"]+)"', body)
+    assert len(scripts) == 3
+    for script in scripts:
+        status, headers, _ = bench.ask("GET", script.decode())
+        assert status == 200
+        assert headers["content-type"].split(";")[0] in ("text/javascript", "text/css")
+    assert bench.ask("POST", "/", body=b"{}")[0] == 405
+
+
+def test_a_set_is_described_with_its_photographs_and_cameras(bench: Served) -> None:
+    state = json.loads(bench.ask("GET", "/api/state")[2])
+    assert (state["folder"], state["problem"]) == ("set", "")
+    photos = state["set"]["photos"]
+    assert [photo["label"] for photo in photos] == [f"{k:03d}.exr" for k in range(8)]
+    assert photos[0]["id"] == PHOTO
+    # All cameras stand at azimuth 0, 0.6 m away, and look at the sphere.
+    for camera in state["set"]["cameras"]:
+        np.testing.assert_allclose(camera["centre"], [0.6, 0, 0], atol=1e-9)
+        np.testing.assert_allclose(camera["axes"][2], [-1, 0, 0], atol=1e-9)
+
+
+def test_photographs_have_thumbnails_that_are_made_once(bench: Served, ball: Path) -> None:
+    status, headers, data = bench.ask("GET", f"/api/photos/{PHOTO}/thumbnail")
+    assert (status, headers["content-type"]) == (200, "image/jpeg")
+    assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape == (68, 68, 3)
+    (kept,) = (ball / ".studio" / "thumbnails").glob("*.jpg")
+    made = kept.stat().st_mtime_ns
+    assert bench.ask("GET", f"/api/photos/{PHOTO}/thumbnail")[2] == data
+    assert kept.stat().st_mtime_ns == made
+    facts = unpacked(bench.ask("GET", f"/api/photos/{PHOTO}")[2])
+    assert facts["label"] == "000.exr"
+    assert facts["saturated"] == 0
+    assert sum(facts["histogram"]["counts"]["red"]) == 68 * 68
+
+
+def test_a_broken_photograph_is_said_and_the_rest_works(tmp_path: Path) -> None:
+    folder = write_set(tmp_path / "set")
+    whole = (folder / "002.exr").read_bytes()
+    (folder / "002.exr").write_bytes(whole[: len(whole) // 2])
+    with served(folder) as bench:
+        status, _, body = bench.ask("GET", f"/api/photos/{key_of('002.exr')}/thumbnail")
+        assert status == 400
+        assert "002.exr" in json.loads(body)["error"]
+        assert bench.ask("GET", f"/api/photos/{PHOTO}/thumbnail")[0] == 200
+        change_manifest(folder, r"radius = [\d.]+", lambda _: "radius = -1")
+        state = json.loads(bench.ask("GET", "/api/state")[2])
+        assert state["set"] is None
+        assert "radius" in state["problem"]
+        assert "radius" in json.loads(bench.ask("POST", "/api/fits", body=b"{}")[2])["error"]
+
+
+def test_requests_that_make_no_sense_are_answered_with_a_sentence(bench: Served) -> None:
+    for body, said in ((b"[1", "no JSON"), (b"[1]", "no JSON object"), (b'{"samples": 3}', "1000")):
+        status, _, answer = bench.ask("POST", "/api/fits", body=body)
+        assert status == 400
+        assert said in json.loads(answer)["error"]
+    for name in ("room.png", "../room.hdr", ".room.hdr", "a/b.exr", ""):
+        status, _, answer = bench.ask("POST", f"/api/lights?name={name}", body=b"x")
+        assert status == 400
+        assert "map of light" in json.loads(answer)["error"]
+    assert bench.ask("POST", "/api/lights?name=room.hdr", body=b"no picture")[0] == 400
+
+
+def state_when(bench: Served, fit: str, wanted: tuple[str, ...]) -> dict:
+    """The last line of a fit's progress."""
+    status, _, body = bench.ask("GET", f"/api/fits/{fit}/progress")
+    assert status == 200
+    lines = [json.loads(line) for line in body.splitlines()]
+    assert lines[-1]["state"] in wanted
+    return lines[-1]
+
+
+def test_a_fit_goes_on_when_its_server_is_killed_and_ends_when_it_is_stopped(ball: Path) -> None:
+    command = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
+    server = subprocess.Popen(
+        [*command, "studio", str(ball), "--no-browser"], stdout=subprocess.PIPE, text=True
+    )
+    assert server.stdout is not None
+    port, token = re.search(r"127\.0\.0\.1:(\d+)/#(\S+)", server.stdout.readline()).groups()  # type: ignore[union-attr]
+    bench, right = Served(int(port)), {"X-Lightfactor-Token": token}
+    for _ in range(200):
+        try:
+            status, _, body = bench.ask("POST", "/api/fits", right, b'{"samples": 2000}')
+            break
+        except ConnectionRefusedError:
+            time.sleep(0.1)
+    assert status == 200, body
+    started = json.loads(body)
+    assert started["name"] == "fit-1"
+    # Not two at a time.
+    assert "running" in json.loads(bench.ask("POST", "/api/fits", right, b"{}")[2])["error"]
+    server.send_signal(signal.SIGKILL)
+    server.communicate()
+    (job,) = jobs(open_path(ball))
+    assert job.state() == "running"
+    with served(ball) as again:
+        last = state_when(again, started["id"], ("done",))
+        assert last["hasResult"]
+        assert "Results:" in last["said"]
+        result = json.loads(again.ask("GET", f"/api/results/{started['id']}")[2])
+        assert result["name"] == "fit-1"
+        assert {line["status"] for line in result["numbers"]} <= {"determined", "weak"}
+        assert len(result["photos"]) == 8
+        seen = unpacked(again.ask("GET", f"/api/results/{started['id']}/photos/{PHOTO}")[2])
+        assert set(seen["arrays"]) == {"radiance", "std", "predicted", "counted"}
+        # A second one is stopped: nothing of it is left.
+        second = json.loads(again.ask("POST", "/api/fits", body=b"{}")[2])
+        for _ in range(300):
+            if (ball / ".studio" / "jobs" / "fit-2" / "progress").is_file():
+                break
+            time.sleep(0.1)
+        assert again.ask("POST", f"/api/fits/{second['id']}/cancel", body=b"{}")[0] == 200
+        assert state_when(again, second["id"], ("stopped",))["hasResult"] is False
+        names = {path.name for path in ball.iterdir() if path.is_dir()}
+        assert names == {"fit-1", ".studio", "truth"}
+    assert (ball / "fit-1" / RESULT_NAME).is_file()
+    assert not os.path.exists(ball / "fit-2")
+
+
+def test_what_can_not_be_opened_is_said(lightfactor: Command, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    for path, said in ((tmp_path / "nothing", "does not exist"), (tmp_path / "empty", "photoset.toml")):
+        code, _, err = lightfactor("studio", path, "--no-browser")
+        assert code == 1
+        assert said in err
+
+
+def test_a_port_in_use_is_said(lightfactor: Command, bench: Served, ball: Path) -> None:
+    code, _, err = lightfactor("studio", ball, "--no-browser", "--port", bench.port)
+    assert code == 1
+    assert f"--port {bench.port}" in err
+    assert TOKEN not in err
+
+
+def test_maps_of_light_are_kept_with_the_set(tmp_path: Path) -> None:
+    folder = write_set(tmp_path / "set")
+    encoded = cv2.imencode(".hdr", np.ascontiguousarray(room(32)[..., ::-1]))[1].tobytes()
+    with served(folder) as bench:
+        assert bench.ask("POST", "/api/lights?name=room.hdr", body=encoded)[0] == 200
+    assert (folder / ".studio" / "lights" / "room.hdr").read_bytes() == encoded
