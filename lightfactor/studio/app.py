@@ -21,8 +21,9 @@ from starlette.types import ASGIApp
 
 from capture.files.outfolder import result_files
 from invrender.output.live.bundle import page_files as live_files
-from lightfactor.studio import described, jobs
+from lightfactor.studio import described, jobs, picking
 from lightfactor.studio.guard import Guard
+from lightfactor.studio.manifest import hold_out
 from lightfactor.studio.opened import Opened, UnknownIdError
 from lightfactor.studio.pictures import judged, shown_photo, thumbnail
 from lightfactor.studio.relit import Relit
@@ -46,6 +47,13 @@ def workbench(opened: Opened, token: str) -> ASGIApp:
         ("GET", "/api/photos/{photo}", partial(_photo, opened)),
         ("POST", "/api/fits", partial(_start, opened)),
         ("POST", "/api/fits/{fit}/cancel", partial(_cancel, opened)),
+        ("GET", "/api/mesh", partial(_mesh, opened)),
+        ("GET", "/api/mesh/light", partial(_mesh_light, opened)),
+        ("GET", "/api/mesh/place", partial(_mesh_place, opened)),
+        ("GET", "/api/picks", partial(_picks, opened)),
+        ("POST", "/api/picks", partial(_save_picks, opened)),
+        ("POST", "/api/alignments", partial(_align, opened)),
+        ("POST", "/api/photos/{photo}/held-out", partial(_hold_out, opened)),
         ("GET", "/api/results/{result}", partial(_result, opened)),
         ("GET", "/api/results/{result}/photos/{photo}", partial(_judged, opened)),
         ("GET", "/api/results/{result}/subject", partial(_subject, opened)),
@@ -157,6 +165,39 @@ async def _progress(opened: Opened, request: Request) -> Response:
             await asyncio.sleep(_LOOK)
 
     return StreamingResponse(lines(), media_type="application/x-ndjson")
+
+
+def _mesh(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(picking.mesh_to_pick(opened)[0], media_type=_PACKED)
+
+
+def _mesh_light(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(picking.mesh_to_pick(opened)[1], media_type=_PACKED)
+
+
+def _mesh_place(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(picking.place_of_mesh(opened), media_type=_PACKED)
+
+
+def _picks(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return JSONResponse(picking.read_saved(opened))
+
+
+def _save_picks(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return JSONResponse(picking.save(opened, body["picks"]))
+
+
+def _align(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    started = jobs.start_alignment(opened, opened.folder / picking.PICKS_NAME)
+    return JSONResponse({"id": started.key, "name": started.name})
+
+
+def _hold_out(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    if not isinstance(body["heldOut"], bool):
+        raise ValueError(f"heldOut is {body['heldOut']!r}; it is true or false")
+    photoset, photo = opened.photo(of["photo"])
+    hold_out(photoset.manifest, [each.name for each in photoset.photos].index(photo.name), body["heldOut"])
+    return JSONResponse({})
 
 
 def _result(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:

@@ -17,11 +17,7 @@ from lightfactor.studio.opened import Opened, key_of
 
 def state(opened: Opened) -> dict[str, Any]:
     """All that is open."""
-    photoset, problem = None, ""
-    try:
-        photoset = opened.photoset()
-    except (ValueError, OSError) as error:
-        problem = str(error)
+    photoset, problem = opened.as_far_as_it_goes()
     started = jobs(opened)
     results = [
         {"id": key_of(path.name), "name": path.name, "first": path == opened.first}
@@ -55,12 +51,14 @@ def _photoset(photoset: PhotoSet) -> dict[str, Any]:
         ],
         "cameras": [
             {
+                "photo": key_of(photo.label),
                 "centre": numbers(photo.camera.camera_to_world[:3, 3]),
                 "axes": numbers(photo.camera.camera_to_world[:3, :3].T),
                 "reach": _reach(photo.camera.width, photo.camera.height, photo.camera.focal_px),
                 "orthographic": photo.camera.is_orthographic,
             }
             for photo in photoset.photos
+            if photo.posed
         ],
         "lightings": [{"name": table.name, "unknown": table.unknown} for table in photoset.lightings],
     }

@@ -1,10 +1,9 @@
-"""Fits as processes of their own, which outlive the page and the server: all that is known of them lies on disk."""
+"""Fits and alignments as processes of their own, which outlive page and server: what is known of them is on disk."""
 
 from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -35,7 +34,10 @@ _PROGRAM = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
 
 @dataclass(frozen=True)
 class Job:
-    """A fit that was started. name : of its result's folder. process : the group of processes that computes it."""
+    """A fit or an alignment that was started.
+
+    name : a fit's is that of its result's folder. process : the group of processes that computes it.
+    """
 
     name: str
     process: int
@@ -66,16 +68,26 @@ class Job:
 
 
 def start_fit(opened: Opened, samples: int | None) -> Job:
-    """Start `lightfactor process` on what is open; ValueError where a fit of it runs already."""
+    """Start `lightfactor process` on what is open; ValueError where something else runs on it."""
     manifest = opened.photoset().manifest
+    name = _free_name(opened, "fit")
+    more = [] if samples is None else ["--samples", str(samples)]
+    return _start(opened, name, ["process", str(manifest), "-o", str(opened.folder / name), *more])
+
+
+def start_alignment(opened: Opened, picks: Path) -> Job:
+    """Start `lightfactor align` by a file of picks; ValueError where something else runs on the set."""
+    return _start(
+        opened, _free_name(opened, "alignment"), ["align", str(opened.manifest), "--picks", str(picks)]
+    )
+
+
+def _start(opened: Opened, name: str, arguments: list[str]) -> Job:
     if any(job.state() == "running" for job in jobs(opened)):
         raise ValueError("a fit of this set is running: wait for it, or stop it")
-    name = _free_name(opened)
     folder = opened.own / "jobs" / name
     folder.mkdir(parents=True)
-    command = [*_PROGRAM, "process", str(manifest), "-o", str(opened.folder / name)]
-    if samples is not None:
-        command += ["--samples", str(samples)]
+    command = [*_PROGRAM, *arguments]
     environment = os.environ | {PROGRESS_VARIABLE: str(folder / "progress"), "COLUMNS": "120"}
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen(
@@ -95,7 +107,7 @@ def start_fit(opened: Opened, samples: int | None) -> Job:
 def jobs(opened: Opened) -> list[Job]:
     """All fits that were started from the workbench, the oldest first."""
     found = []
-    for path in sorted((opened.own / "jobs").glob("*/process"), key=lambda path: _number(path.parent.name)):
+    for path in sorted((opened.own / "jobs").glob("*/process"), key=lambda path: path.stat().st_mtime_ns):
         found.append(Job(path.parent.name, int(json.loads(path.read_text())["process"]), path.parent))
     return found
 
@@ -115,14 +127,9 @@ def cancel(running: Job) -> None:
         os.killpg(running.process, signal.SIGTERM)
 
 
-def _free_name(opened: Opened) -> str:
+def _free_name(opened: Opened, kind: str) -> str:
     taken = {path.name for path in opened.folder.iterdir()} | {each.name for each in jobs(opened)}
-    return next(name for k in range(1, 10_000) if (name := f"fit-{k}") not in taken)
-
-
-def _number(name: str) -> int:
-    found = re.search(r"\d+$", name)
-    return int(found.group()) if found else 0
+    return next(name for k in range(1, 10_000) if (name := f"{kind}-{k}") not in taken)
 
 
 def _is_alive(process: int) -> bool:

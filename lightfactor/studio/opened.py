@@ -46,9 +46,25 @@ class Opened:
             raise ValueError(self.problem or "there is no photo set")
         return load_photoset(self.manifest)
 
+    def as_far_as_it_goes(self) -> tuple[PhotoSet | None, str]:
+        """The set without what it lacks yet, poses or the mesh's place, and what is wrong with it, or ""."""
+        try:
+            return self.photoset(), ""
+        except (ValueError, OSError) as error:
+            problem = str(error)
+        for missing in ({"find_alignment": True}, {"find_poses": True}):
+            try:
+                if self.manifest is not None:
+                    return load_photoset(self.manifest, **missing), problem
+            except (ValueError, OSError):
+                continue
+        return None, problem
+
     def photo(self, key: str) -> tuple[PhotoSet, Photo]:
         """A photograph of the set by its id."""
-        photoset = self.photoset()
+        photoset, problem = self.as_far_as_it_goes()
+        if photoset is None:
+            raise ValueError(problem)
         for photo in photoset.photos:
             if key_of(photo.label) == key:
                 return photoset, photo

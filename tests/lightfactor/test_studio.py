@@ -19,6 +19,7 @@ import pytest
 
 from invrender.result.saved import RESULT_NAME
 from lightfactor.studio.jobs import jobs
+from lightfactor.studio.manifest import hold_out
 from lightfactor.studio.opened import key_of, open_path
 from tests.invrender.faultysets import change_manifest, write_set
 from tests.invrender.livescenes import room
@@ -32,6 +33,13 @@ ROUTES = (
     ("GET", "/api/state"),
     ("GET", f"/api/photos/{PHOTO}/thumbnail"),
     ("GET", f"/api/photos/{PHOTO}"),
+    ("POST", f"/api/photos/{PHOTO}/held-out"),
+    ("GET", "/api/mesh"),
+    ("GET", "/api/mesh/light"),
+    ("GET", "/api/mesh/place"),
+    ("GET", "/api/picks"),
+    ("POST", "/api/picks"),
+    ("POST", "/api/alignments"),
     ("POST", "/api/fits"),
     ("POST", "/api/fits/x/cancel"),
     ("GET", "/api/fits/x/progress"),
@@ -198,11 +206,46 @@ def test_a_broken_photograph_is_said_and_the_rest_works(tmp_path: Path) -> None:
         assert "radius" in json.loads(bench.ask("POST", "/api/fits", body=b"{}")[2])["error"]
 
 
+MANIFEST = """format = 1
+name = "two"   # as its author wrote it
+
+[[photo]]
+file = "a.png"
+world_to_camera = [
+    [1, 0, 0, 0],
+    [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1],
+]
+held_out = true
+
+[[photo]]
+# The best one.
+file = "b.png"
+"""
+
+
+def test_a_photograph_is_held_out_and_all_else_stays_as_it_was_written(tmp_path: Path) -> None:
+    manifest = tmp_path / "photoset.toml"
+    manifest.write_text(MANIFEST)
+    hold_out(manifest, 1, True)
+    assert manifest.read_text() == MANIFEST.replace("# The best", "held_out = true\n# The best")
+    hold_out(manifest, 1, False)
+    assert manifest.read_text() == MANIFEST
+    hold_out(manifest, 0, False)
+    assert manifest.read_text() == MANIFEST.replace("held_out = true\n", "")
+    manifest.write_text('photo = [{ file = "a.png" }]\n')
+    with pytest.raises(ValueError, match="by hand"):
+        hold_out(manifest, 0, True)
+    assert manifest.read_text() == 'photo = [{ file = "a.png" }]\n'
+
+
 def test_requests_that_make_no_sense_are_answered_with_a_sentence(bench: Served) -> None:
     for body, said in ((b"[1", "no JSON"), (b"[1]", "no JSON object"), (b'{"samples": 3}', "1000")):
         status, _, answer = bench.ask("POST", "/api/fits", body=body)
         assert status == 400
         assert said in json.loads(answer)["error"]
+    for body, said in ((b"{}", "lacks 'heldOut'"), (b'{"heldOut": 1}', "true or false")):
+        assert said in json.loads(bench.ask("POST", f"/api/photos/{PHOTO}/held-out", body=body)[2])["error"]
+    assert "no mesh" in json.loads(bench.ask("GET", "/api/picks")[2])["error"]
     for name in ("room.png", "../room.hdr", ".room.hdr", "a/b.exr", ""):
         status, _, answer = bench.ask("POST", f"/api/lights?name={name}", body=b"x")
         assert status == 400

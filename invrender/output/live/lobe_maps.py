@@ -67,15 +67,18 @@ class LobeMaps:
         return np.maximum(total, 0)
 
 
+def no_maps() -> LobeMaps:
+    """Maps of a lobe that reflects nothing."""
+    return LobeMaps(np.zeros((1, 3, 2, 3), np.float16), np.zeros((2, 1), np.float16), np.zeros(1, np.int64))
+
+
 def lobe_maps(brdf: Microfacet, light: LightElement, unit: float) -> LobeMaps:
     """The maps of a BRDF's isotropic lobe under an element's map, over a unit of radiance; zero without either.
 
     As many terms are kept as fit into 3 MB; `LobeMaps.towards` shows what that leaves out.
     """
     if brdf.sigma is None or not brdf.ks.any() or light.slow_map is None:
-        return LobeMaps(
-            np.zeros((1, 3, 2, 3), np.float16), np.zeros((2, 1), np.float16), np.zeros(1, np.int64)
-        )
+        return no_maps()
     degree = min(int(np.ceil(_REACH / lobe_width(brdf))), _MOST_DEGREE)
     rows = max(int(_ROWS_PER_DEGREE * degree), _LEAST_ROWS)
     lighting = map_lighting(light, degree)

@@ -1,6 +1,6 @@
 // The photographs of a set, one of them large, and where they were taken from.
 
-import { askedBytes, asked } from "./asking.js";
+import { asked, askedBytes, posted } from "./asking.js";
 import { byId, cleared, COLOURS, element, row, shown } from "./building.js";
 import { exposed, RadianceView, SharedView, whiteLevel } from "./radianceview.js";
 import { unpacked } from "./packed.js";
@@ -40,7 +40,7 @@ async function thumbnail(image) {
 }
 
 /** Shows a set. */
-export function openSet(opened) {
+export function openSet(opened, kept) {
   set = opened;
   const unknown = new Set(set.lightings.filter((lighting) => lighting.unknown).map((lighting) => lighting.name));
   const note = (photo) => [
@@ -48,11 +48,13 @@ export function openSet(opened) {
   ].filter(Boolean).join(",");
   listPhotos(byId("photos"), set.photos, choose, note);
   drawCameras();
-  byId("photos").querySelector("button")?.click();
+  const buttons = [...byId("photos").querySelectorAll("button")], number = set.photos.findIndex((photo) => photo.id === kept);
+  buttons[Math.max(number, 0)]?.click();
 }
 
 async function choose(photo) {
   byId("photo-name").textContent = photo.label;
+  byId("held-out").checked = photo.heldOut;
   byId("photo-state").textContent = "Reading...";
   byId("photo-facts").replaceChildren();
   const mine = (current = { photo });
@@ -118,7 +120,7 @@ function histogram({ octaves, counts }) {
 
 /** Frusta of all cameras about the object, in a parallel projection. */
 function drawCameras() {
-  if (!set) return;
+  if (!set?.cameras.length) return;
   const { context, width, height, ink, muted, ratio } = cleared(byId("cameras"));
   const a = (turn.azimuth * Math.PI) / 180, e = (turn.elevation * Math.PI) / 180;
   const right = [-Math.sin(a), Math.cos(a), 0], up = [-Math.sin(e) * Math.cos(a), -Math.sin(e) * Math.sin(a), Math.cos(e)];
@@ -142,8 +144,8 @@ function drawCameras() {
     context.font = `${12 * ratio}px system-ui`;
     context.fillText(name, ...at(tip));
   });
-  set.cameras.forEach(({ centre, axes, reach }, k) => {
-    const chosen = set.photos[k].id === current?.photo.id, depth = 0.22 * far;
+  set.cameras.forEach(({ photo, centre, axes, reach }) => {
+    const chosen = photo === current?.photo.id, depth = 0.22 * far;
     context.strokeStyle = chosen ? ink : muted;
     context.lineWidth = (chosen ? 2.5 : 1) * ratio;
     // Long lenses see slender pyramids: they are drawn wider, all alike.
@@ -182,6 +184,16 @@ function looked(cameras) {
 }
 
 shown(byId("photo-exposure"), draw);
+byId("held-out").addEventListener("change", async () => {
+  const photo = current.photo, heldOut = byId("held-out").checked;
+  try {
+    await posted(`/api/photos/${photo.id}/held-out`, { heldOut });
+    document.dispatchEvent(new CustomEvent("changed", { detail: photo.id }));
+  } catch (error) {
+    byId("held-out").checked = !heldOut;
+    byId("photo-state").textContent = error.message;
+  }
+});
 for (const id of ["show-mask", "show-saturated"]) byId(id).addEventListener("change", draw);
 const cameras = byId("cameras");
 cameras.addEventListener("pointerdown", (event) => cameras.setPointerCapture(event.pointerId));

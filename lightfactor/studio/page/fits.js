@@ -7,12 +7,11 @@ const watched = new Map();
 
 /** Lists the fits that were started; whenDone is called when one ends with a result. */
 export function listFits(fits, whenDone) {
-  const list = byId("fits");
   for (const fit of fits) {
     if (!watched.has(fit.id)) {
       const item = element("li");
       watched.set(fit.id, item);
-      list.prepend(item);
+      byId(fit.name.startsWith("alignment") ? "alignments" : "fits").prepend(item);
       show(item, fit);
       if (fit.state === "running") watch(item, fit, whenDone);
     }

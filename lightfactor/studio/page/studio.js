@@ -5,6 +5,7 @@ import { byId, element } from "./building.js";
 import { openSet } from "./capture.js";
 import { listFits, showResults, startFit } from "./fits.js";
 import { judge } from "./judge.js";
+import { openPicking } from "./pick.js";
 import { relight } from "./relight.js";
 
 const tabs = [...document.querySelectorAll("[role=tab]")];
@@ -28,6 +29,7 @@ function select(tab) {
 async function show() {
   const [tab] = tabs.filter((each) => each.getAttribute("aria-selected") === "true");
   try {
+    if (tab.id === "tab-pick") await openPicking(opened.set);
     if (tab.id === "tab-fit" && result) await showResults(opened.results, result.id);
     if (tab.id === "tab-judge" && result) judge(result);
     if (tab.id === "tab-relight" && result) await relight(result);
@@ -37,8 +39,8 @@ async function show() {
 }
 
 /** Reads what is open anew; chosen : the name of the result to choose, if it is there. */
-async function load(chosen) {
-  const first = opened === null;
+async function load(chosen, photo) {
+  const first = opened === null || photo;
   opened = await askedJson("/api/state");
   document.title = `${opened.set?.name ?? opened.folder} - lightfactor studio`;
   byId("title").textContent = opened.set?.name ?? opened.folder;
@@ -53,7 +55,8 @@ async function load(chosen) {
     result = await askedJson(`/api/results/${found.id}`);
   }
   for (const tab of tabs) if (["tab-judge", "tab-relight"].includes(tab.id)) tab.disabled = !found;
-  if (first && opened.set) openSet(opened.set);
+  byId("tab-pick").hidden = opened.set?.shape !== "mesh";
+  if (first && opened.set) openSet(opened.set, photo);
   byId("start-fit").disabled = !opened.set;
   listFits(opened.fits, (fit) => load(fit.hasResult ? fit.name : undefined));
   await show();
@@ -63,7 +66,7 @@ for (const tab of tabs) tab.addEventListener("click", () => select(tab));
 document.querySelector("[role=tablist]").addEventListener("keydown", (event) => {
   const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
   if (!step) return;
-  const usable = tabs.filter((tab) => !tab.disabled), now = usable.indexOf(document.activeElement);
+  const usable = tabs.filter((tab) => !tab.disabled && !tab.hidden), now = usable.indexOf(document.activeElement);
   const next = usable[(now + step + usable.length) % usable.length];
   next.focus();
   select(next);
@@ -78,5 +81,5 @@ byId("start").addEventListener("submit", async (event) => {
     say(error.message);
   }
 });
-document.addEventListener("changed", () => load().catch((error) => say(error.message)));
+document.addEventListener("changed", ({ detail }) => load(undefined, detail).catch((error) => say(error.message)));
 load().catch((error) => say(error.message));

@@ -1,0 +1,176 @@
+"""Points of a mesh picked in the browser place it, as `align` does."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+from scipy.spatial.transform import Rotation
+
+from capture.photoset import load_photoset
+from recon.mesh.bodies import MeshBody
+from recon.mesh.shape import placed
+from recon.mesh.trianglemesh import read_mesh, write_mesh
+from synthetic.scenes.build import read_staging
+from synthetic.writer import write_photoset
+from tests.lightfactor.studios import served
+
+_SCENE = """format = 1
+name = "small cat"
+[object]
+shape = "cat"
+[material]
+model = "lambertian"
+kd = 0.2
+[[lighting]]
+name = "lamp"
+directional = [{ azimuth_deg = 25, elevation_deg = 35, irradiance = 2.0 }]
+[camera]
+width = 240
+height = 180
+focal_px = 790
+[[view]]
+azimuth_deg = -30
+elevation_deg = 15
+lighting = "lamp"
+[[view]]
+azimuth_deg = 40
+elevation_deg = 25
+lighting = "lamp"
+[[view]]
+azimuth_deg = 90
+elevation_deg = 20
+lighting = "lamp"
+"""
+
+
+@pytest.fixture(scope="module")
+def cat(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cat") / "set"
+    folder.mkdir()
+    (folder / "staged.toml").write_text(_SCENE)
+    write_photoset(read_staging(folder / "staged.toml"), folder)
+    return folder
+
+
+def displaced(folder: Path) -> np.ndarray:
+    """Put the mesh elsewhere in its file, without a word of it in the manifest; where it belongs, (4, 4)."""
+    manifest = folder / "photoset.toml"
+    text, count = re.subn(r"mesh_to_world = .*", 'align = "picks.csv"', manifest.read_text())
+    assert count == 1
+    manifest.write_text(text)
+    truth = np.eye(4)
+    truth[:3, :3] = Rotation.from_euler("xyz", [20, -35, 50], degrees=True).as_matrix()
+    truth[:3, 3] = [0.01, -0.02, 0.03]
+    mesh = read_mesh(folder / "object.obj")
+    write_mesh(folder / "object.obj", placed(mesh, np.linalg.inv(truth)))
+    return truth
+
+
+def points_to_pick(folder: Path, truth: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+    """Three points in each of two photographs: photograph, vertex of the mesh, its normal, its pixel."""
+    photoset = load_photoset(folder, find_alignment=True)
+    mesh = read_mesh(folder / "object.obj")
+    world = placed(mesh, truth)
+    body, found = MeshBody(world), []
+    for number in (0, 1):
+        camera = photoset.photos[number].camera
+        views = camera.views(world.vertices)
+        facing = ((world.normals * views).sum(axis=1) > 0.8) & body.visible(
+            world.vertices, world.normals, views
+        )
+        # They are clicked on the mesh along their normals.
+        facing &= body.visible(world.vertices, world.normals, world.normals) & (
+            np.abs(mesh.normals[:, 2]) < 0.9
+        )
+        # Far apart: the lowest, the highest, and the one farthest to a side.
+        shown = np.flatnonzero(facing)
+        pixels = camera.project(world.vertices[shown])
+        for k in (pixels[:, 1].argmin(), pixels[:, 1].argmax(), pixels[:, 0].argmax()):
+            found.append((number, mesh.vertices[shown[k]], mesh.normals[shown[k]], pixels[k]))
+    return found
+
+
+def test_photographs_are_held_out_without_touching_the_rest_of_the_manifest(page: Page, cat: Path) -> None:
+    manifest = cat / "photoset.toml"
+    before = manifest.read_text()
+    with served(cat) as bench:
+        page.goto(bench.address)
+        page.locator("#photos button").nth(1).click()
+        expect(page.locator("#photo-name")).to_have_text("001.exr")
+        page.get_by_label("Hold it out of the fit").check()
+        expect(page.locator("#photos button").nth(1)).to_contain_text("held out")
+        expect(page.locator("#photo-name")).to_have_text("001.exr")
+        changed = manifest.read_text()
+        assert set(changed.splitlines()) - set(before.splitlines()) == {"held_out = true"}
+        page.get_by_label("Hold it out of the fit").uncheck()
+        expect(page.locator("#photos button").nth(1)).not_to_contain_text("held out")
+        assert manifest.read_text() == before
+
+
+def test_six_picks_place_the_mesh(page: Page, cat: Path) -> None:
+    truth = displaced(cat)
+    picks = points_to_pick(cat, truth)
+    mesh = read_mesh(cat / "object.obj")
+    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+    reach = np.linalg.norm(mesh.vertices - middle, axis=1).max()
+    with served(cat) as bench:
+        page.goto(bench.address)
+        expect(page.locator("#problem")).to_contain_text("has not been aligned yet")
+        page.get_by_role("tab", name="Pick").click()
+        expect(page.locator("#pick-fit")).to_contain_text("0 points are picked")
+        for count, (number, vertex, normal, pixel) in enumerate(picks, start=1):
+            page.locator("#pick-photos button").nth(number).click()
+            page.wait_for_timeout(300)
+            box = page.locator("#pick-photo").bounding_box()
+            assert box is not None
+            # The picture fills its canvas along the shorter side.
+            scale = min(box["width"] / 240, box["height"] / 180)
+            page.mouse.click(
+                box["x"] + box["width"] / 2 + scale * (pixel[0] - 120),
+                box["y"] + box["height"] / 2 + scale * (pixel[1] - 90),
+            )
+            # The mesh is turned until the point faces us.
+            azimuth = float(np.degrees(np.arctan2(normal[1], normal[0])))
+            elevation = float(np.degrees(np.arcsin(np.clip(normal[2], -0.98, 0.98))))
+            x, y = page.evaluate(
+                """async ([azimuth, elevation, point]) => {
+                    const { viewed } = await import("/page/vectors.js");
+                    const { state, turned, subject } = window.lightfactorPicking;
+                    Object.assign(state, { azimuth, elevation });
+                    turned();
+                    const canvas = document.getElementById("pick-mesh");
+                    const m = viewed(subject().camera, state, canvas.width, canvas.height).matrix;
+                    const [x, y, z] = point, box = canvas.getBoundingClientRect();
+                    const at = [0, 1, 3].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]);
+                    const right = (at[0] / at[2] + 1) / 2, down = (1 - at[1] / at[2]) / 2;
+                    return [box.left + right * box.width, box.top + down * box.height];
+                }""",
+                [azimuth, elevation, ((vertex - middle) / reach).tolist()],
+            )
+            page.mouse.click(x, y)
+            expect(page.locator("#picks tr")).to_have_count(count + 1)
+        expect(page.locator("#pick-fit")).to_contain_text("They place the mesh to")
+        rows = (cat / "picks.csv").read_text().splitlines()
+        assert rows[0] == "photo,u,v,x,y,z"
+        for row, (number, vertex, _, pixel) in zip(rows[1:], picks, strict=True):
+            label, *numbers = row.split(",")
+            assert label == f"{number:03d}.exr"
+            # Mice click whole pixels of the screen, which are a quarter of the photograph's and of the mesh's edges.
+            np.testing.assert_allclose([float(x) for x in numbers[:2]], pixel, atol=0.6)
+            np.testing.assert_allclose([float(x) for x in numbers[2:]], vertex, atol=0.02 * reach)
+        page.get_by_role("button", name="Align the mesh by these").click()
+        expect(page.locator("#alignments li")).to_contain_text("done", timeout=60_000)
+        found = np.array(json.loads((cat / "alignment.json").read_text())["mesh_to_world"])
+        assert np.linalg.norm(found[:3, 3] - truth[:3, 3]) < 0.02 * reach
+        turn = np.degrees(np.arccos(np.clip((np.trace(found[:3, :3] @ truth[:3, :3].T) - 1) / 2, -1, 1)))
+        assert turn < 1
+        # What is wrong with the set is gone without loading the page again; a pick can be taken back.
+        expect(page.locator("#problem")).to_be_hidden()
+        page.get_by_role("button", name="Remove pick 6").click()
+        expect(page.locator("#picks tr")).to_have_count(6)
+        assert len((cat / "picks.csv").read_text().splitlines()) == 6
