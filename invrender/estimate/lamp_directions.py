@@ -44,6 +44,8 @@ FEWER = 0.98
 _NOTABLE, _NO_CHANCE = np.radians(0.05), 3.0
 # Sources that tell of a map at least, and of their turns the share that it may leave of each left out (RMS).
 _FEWEST, _EXPLAINED = 6, 0.7
+# Times that a map and the scatter about it are found by turns.
+_MAP_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,20 +277,29 @@ def _follow(
     if not rest or len(measured) < _FEWEST:
         return {}
     turns = seen - measured
-    ridge = 1e-6 * len(measured) * np.eye(3)
-    # Ordinary least squares of turns; each source left out by the leverage of its direction.
-    inverse = np.linalg.inv(measured.T @ measured + ridge)
-    change = inverse @ measured.T @ turns
-    leverage = np.einsum("ki,ij,kj->k", measured, inverse, measured)
-    unseen = (turns - measured @ change) / (1 - leverage)[:, None]
-    left = float(np.sqrt((unseen**2).sum() / 2 / len(turns)))
-    if left > _EXPLAINED * float(np.sqrt((turns**2).sum() / 2 / len(turns))):
+    turned = float(np.sqrt((turns**2).sum() / 2 / len(turns)))
+    likely = float(np.mean([1 / precision for own in given.values() for precision in _prior(own)]))
+    left = turned
+    # How far turns scatter about the map weighs them against what is likely beforehand: that nothing turns. So lamps
+    # away from all that were seen, which these say nothing of, stay where they are given.
+    for _ in range(_MAP_STEPS):
+        inverse = np.linalg.inv(measured.T @ measured + left**2 / likely * np.eye(3))
+        change = inverse @ measured.T @ turns
+        # Each source left out by the leverage of its direction.
+        leverage = np.einsum("ki,ij,kj->k", measured, inverse, measured)
+        unseen = (turns - measured @ change) / (1 - leverage)[:, None]
+        left = float(np.sqrt((unseen**2).sum() / 2 / len(turns)))
+    if left > _EXPLAINED * turned:
         return {}
+
+    def deviations(directions: Floats) -> Floats:
+        return np.degrees(left * np.sqrt(1 + np.einsum("ki,ij,kj->k", directions, inverse, directions)))
+
     return {
         name: replace(
             own,
             directions=own.directions + own.directions @ change,
-            direction_std_deg=np.full(len(own.directions), np.degrees(left)),
+            direction_std_deg=deviations(own.directions),
             directions_found=True,
         )
         for name, own in rest.items()

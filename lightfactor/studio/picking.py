@@ -32,6 +32,8 @@ Floats = NDArray[np.float64]
 
 PICKS_NAME = "picks.csv"
 _GREY = 0.25
+# Nobody clicks better than this, pixels in u and v; a few picks that fit by chance don't show it.
+_CLICK_PX = 0.3
 # Steps of turns (radians) and shifts (of the mesh's radius) by which derivatives are taken.
 _STEP = 1e-5
 
@@ -181,7 +183,7 @@ def _fit(photoset: PhotoSet, picks: Picks, found: PickFit, free_scale: bool) -> 
         columns.append((pixels(place.moved(step, pivot)) - pixels(place.moved(-step, pivot))) / (2 * _STEP))
     kept = np.repeat(found.kept, 2)
     information = np.stack(columns, axis=1)[kept]
-    covariance = found.sigma**2 * np.linalg.pinv(information.T @ information)
+    covariance = max(found.sigma, _CLICK_PX) ** 2 * np.linalg.pinv(information.T @ information)
     std = np.sqrt(np.diag(covariance)) * unit
     exact = 2 * int(found.kept.sum()) <= len(unit)
     return {

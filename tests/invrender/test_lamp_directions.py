@@ -5,14 +5,19 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from capture.lighting import Lighting
 from capture.photoset import load_photoset
+from invrender.estimate.lamp_directions import _follow
 from invrender.output.report.files import write_fit, write_pictures
 from invrender.process.held_out_light import used_lightings
 from invrender.process.pipeline import process
@@ -108,6 +113,30 @@ def test_lamps_of_held_out_photographs_follow_the_others(tmp_path: Path) -> None
     assert off[-1] < min(3 * std[-1], np.radians(0.3))
     # With directions as given it is 7%.
     assert run.rms(held_out=True) < 0.013
+
+
+def test_lamps_that_the_others_say_nothing_of_stay_where_they_are_given() -> None:
+    # Twelve lamps in a plane, as on DiLiGenT's ball; a linear map of them is free in all that leaves the plane.
+    rng = np.random.default_rng(1)
+
+    def lamp(name: str, direction: Sequence[float]) -> Lighting:
+        return Lighting(name, None, np.array([direction]), np.ones((1, 3)))
+
+    given = {f"{k}": lamp(f"{k}", (x, -0.17, 1)) for k, x in enumerate(np.linspace(-0.6, 0.6, 12))}
+    turned = Rotation.from_rotvec(np.radians([0.5, 0, 0]))
+    found = {
+        name: replace(own, directions=turned.apply(own.directions) + rng.normal(0, np.radians(0.2), (1, 3)))
+        for name, own in given.items()
+    }
+    rest = {"beside": lamp("beside", (0.3, -0.17, 1)), "above": lamp("above", (0.1, 0.6, 1))}
+    moved = _follow(given, found, {**given, **rest})
+    beside, above = (moved[name] for name in ("beside", "above"))
+    assert_allclose(beside.directions, turned.apply(rest["beside"].directions), atol=np.radians(0.3))
+    # It went 20 degrees away before; a degree is what directions are off if nobody says how far.
+    assert_allclose(above.directions, rest["above"].directions, atol=np.radians(1))
+    assert beside.direction_std_deg is not None
+    assert above.direction_std_deg is not None
+    assert 0.1 < beside.direction_std_deg[0] < 0.4 < above.direction_std_deg[0] < 1.5
 
 
 @pytest.mark.sweep

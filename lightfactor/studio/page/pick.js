@@ -10,7 +10,7 @@ import { cross, dot, viewed } from "./vectors.js";
 
 const NEAR = 4;
 const shared = new SharedView(), view = new RadianceView(byId("pick-photo"), shared);
-const state = { light: 0, turn: 0, room: 1, exposure: 1.2, filled: true, lamps: [], azimuth: 30, elevation: 20, zoom: 1 };
+const state = { light: 0, turn: 0, room: 1, exposure: -0.1, filled: true, lamps: [], azimuth: 30, elevation: 20, zoom: 1 };
 // For whoever drives the page by a script.
 window.lightfactorPicking = { state, turned: () => drawMesh(), subject: () => picture.subject };
 let set = null, photo = null, picture = null, mesh = null, picks = [], fit = null, pending = null;
@@ -136,7 +136,7 @@ function drawMesh() {
   if (!picture || !picture.canvas.clientWidth) return;
   const canvas = picture.canvas, ratio = Math.min(window.devicePixelRatio || 1, 2);
   Object.assign(canvas, { width: Math.round(canvas.clientWidth * ratio), height: Math.round(canvas.clientHeight * ratio) });
-  state.room = 0.25;
+  state.room = 0.2;
   state.lamps = [{ azimuth: state.azimuth, elevation: state.elevation, strength: 1 }];
   picture.draw(state);
   overlay ??= canvas.parentElement.insertBefore(element("canvas", { className: "marks" }), canvas.nextSibling);
