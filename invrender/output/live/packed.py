@@ -24,8 +24,8 @@ _TYPES = {"float16": "f16", "float32": "f32", "uint32": "u32", "uint8": "u8"}
 _ALIGNED = 8
 
 
-def packed(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """A header and arrays of half or single floats, uint32 or uint8, as one compressed block."""
+def packed(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], level: int = 9) -> bytes:
+    """A header and arrays of half or single floats, uint32 or uint8, as one block; level : of compression, 1 to 9."""
     described, parts, offset = {}, [], 0
     for name, values in arrays.items():
         data = np.ascontiguousarray(values).tobytes()
@@ -37,7 +37,7 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byt
     length = -(-(len(text) + 4) // _ALIGNED) * _ALIGNED - 4
     block = b"".join([length.to_bytes(4, "little"), text.ljust(length), *parts])
     # No clock in what is compressed: the same scene is the same bytes.
-    return gzip.compress(block, mtime=0)
+    return gzip.compress(block, level, mtime=0)
 
 
 def packed_subject(scene: LiveScene) -> bytes:

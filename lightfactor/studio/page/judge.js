@@ -59,7 +59,7 @@ function draw() {
     codes.set(off > 0 ? [255, faded, faded] : [faded, faded, 255], 4 * k);
   }
   [left, right, codes].forEach((each, k) => views[k].show(each, width, height));
-  byId("difference-caption").textContent = `difference: red too bright, blue too dark, full at ${byId("limit").value}%`;
+  byId("difference-caption").textContent = `difference (red: too bright; full at ${byId("limit").value}%)`;
 }
 
 function probe(column, row) {
