@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import tempfile
 from collections.abc import AsyncIterator, Callable
 from functools import cache, partial
 from importlib.resources import files
@@ -20,8 +21,9 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from capture.files.outfolder import result_files
+from invrender.output.export.html import export_page
 from invrender.output.live.bundle import page_files as live_files
-from lightfactor.studio import described, jobs, picking
+from lightfactor.studio import described, jobs, picking, starter
 from lightfactor.studio.guard import Guard
 from lightfactor.studio.manifest import hold_out
 from lightfactor.studio.opened import Opened, UnknownIdError
@@ -43,6 +45,7 @@ def workbench(opened: Opened, token: str) -> ASGIApp:
     """The application that serves what is open to who has the token."""
     api: list[tuple[str, str, _Handler]] = [
         ("GET", "/api/state", partial(_state, opened)),
+        ("POST", "/api/manifest", partial(_write_manifest, opened)),
         ("GET", "/api/photos/{photo}/thumbnail", partial(_thumbnail, opened)),
         ("GET", "/api/photos/{photo}", partial(_photo, opened)),
         ("POST", "/api/fits", partial(_start, opened)),
@@ -60,6 +63,7 @@ def workbench(opened: Opened, token: str) -> ASGIApp:
         ("GET", "/api/results/{result}/lights/{number}", partial(_light, opened)),
         ("GET", "/api/results/{result}/lights/{number}/error", partial(_error, opened)),
         ("POST", "/api/results/{result}/still", partial(_still, opened)),
+        ("GET", "/api/results/{result}/page", partial(_exported, opened)),
     ]
     routes = [Route(path, _answering(handler), methods=[method]) for method, path, handler in api]
     routes += [
@@ -122,6 +126,17 @@ async def _page(request: Request) -> Response:
 
 def _state(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
     return JSONResponse(described.state(opened))
+
+
+def _write_manifest(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    starter.write_manifest(opened.folder, body)
+    return JSONResponse({})
+
+
+def _exported(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    with tempfile.TemporaryDirectory() as folder:
+        page = export_page(opened.result(of["result"]), Path(folder) / "page", photoset=opened.manifest)
+        return Response(page.files[0].read_text(encoding="utf-8"), media_type="text/plain")
 
 
 def _thumbnail(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
@@ -205,7 +220,10 @@ def _result(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Respons
 
 
 def _judged(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
-    return Response(judged(opened.result(of["result"]), *opened.photo(of["photo"])), media_type=_PACKED)
+    body_there = _relit(opened, of).body
+    return Response(
+        judged(opened.result(of["result"]), body_there, *opened.photo(of["photo"])), media_type=_PACKED
+    )
 
 
 def _relit(opened: Opened, of: dict[str, str]) -> Relit:

@@ -11,6 +11,7 @@ from capture.files.documents import numbers
 from capture.photoset import PhotoSet
 from invrender.result.saved import SavedQuantity, SavedResult
 from invrender.wording import parameter_lines
+from lightfactor.studio import starter
 from lightfactor.studio.jobs import Job, jobs, result_exists
 from lightfactor.studio.opened import Opened, key_of
 
@@ -23,9 +24,11 @@ def state(opened: Opened) -> dict[str, Any]:
         {"id": key_of(path.name), "name": path.name, "first": path == opened.first}
         for path in opened.results()
     ]
+    lacks = opened.manifest is not None and not opened.manifest.exists()
     return {
         "folder": opened.folder.name,
-        "problem": problem,
+        "problem": "" if lacks else problem,
+        "starter": starter.found(opened.folder) if lacks else None,
         "set": None if photoset is None else _photoset(photoset),
         "results": results,
         "fits": [job(opened, each) for each in started],

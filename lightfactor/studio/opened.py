@@ -11,6 +11,7 @@ from pathlib import Path
 from capture.photoset import MANIFEST_NAME, Photo, PhotoSet, load_photoset
 from invrender.output.render.source_set import find_photoset
 from invrender.result.saved import RESULT_NAME, SavedResult, read_result
+from lightfactor.studio.starter import photographs
 
 # Beside a set's manifest: what the workbench keeps for itself, and may be deleted.
 OWN_FOLDER = ".studio"
@@ -22,10 +23,11 @@ class UnknownIdError(ValueError):
 
 @dataclass(frozen=True)
 class Opened:
-    """A photo set's folder, or a result without its set.
+    """A photo set's folder, one that may become a set, or a result without its set.
 
-    folder : the set's, in which results are looked for and made; of a result without a set the one above it. problem :
-    why there is no photo set, empty where there is one. first : the result that was asked for, if it was one.
+    folder : the set's, in which results are looked for and made; of a result without a set the one above it.
+    manifest : of the set, or where it would be. problem : why there is no photo set, empty where there may be one.
+    first : the result that was asked for, if it was one.
     """
 
     folder: Path
@@ -100,9 +102,10 @@ def open_path(path: Path) -> Opened:
         return Opened(photoset.folder, photoset.manifest, first=folder)
     if path.is_file():
         return Opened(path.parent, path)
-    if not (path / MANIFEST_NAME).is_file():
+    if not (path / MANIFEST_NAME).is_file() and not photographs(path):
         raise ValueError(
-            f"{path}: holds neither {MANIFEST_NAME} nor {RESULT_NAME}; docs/photosets.md says how to write one"
+            f"{path}: holds neither {MANIFEST_NAME} nor {RESULT_NAME}, nor photographs; docs/photosets.md says how to"
+            " write one"
         )
     return Opened(path, path / MANIFEST_NAME)
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.camera import Camera
 from capture.decode import decode_photo, photo_mask
 from capture.files.imagefile import read_pixels
 from capture.photoset import Photo, PhotoSet
@@ -20,6 +21,7 @@ from capture.radiance import CHANNELS, RadianceImage
 from capture.srgb import linear_to_srgb
 from invrender.output.live.packed import packed
 from invrender.result.saved import SavedResult
+from recon.mesh.bodies import Body
 
 Floats = NDArray[np.float64]
 
@@ -112,8 +114,11 @@ def _histogram(image: RadianceImage) -> dict[str, Any]:
     return {"white": white, "octaves": _OCTAVES, "counts": counts}
 
 
-def judged(result: SavedResult, photoset: PhotoSet, photo: Photo) -> bytes:
-    """A photograph beside what a result predicts of it: radiance, its standard deviation, and where both count."""
+def judged(result: SavedResult, body: Body, photoset: PhotoSet, photo: Photo) -> bytes:
+    """A photograph beside what a result predicts of it: radiance, its deviation, where both count, and the surface.
+
+    body : the result's object in the world.
+    """
     file = result.folder / "predicted" / f"{Path(photo.label).stem}.exr"
     if not file.is_file():
         raise ValueError(f"{file}: the result has no prediction of {photo.label}")
@@ -131,11 +136,22 @@ def judged(result: SavedResult, photoset: PhotoSet, photo: Photo) -> bytes:
         "std": np.sqrt(observed.variance).astype(np.float32),
         "predicted": predicted,
         "counted": counted.astype(np.uint8),
+        "normals": _normals(body, photo.camera.binned(factor), counted),
     }
     entry = next((each for each in result.content.photos if each.file == photo.label), None)
     return packed(
         {"label": photo.label, "error": None if entry is None else entry.rms_relative}, arrays, _QUICKLY
     )
+
+
+def _normals(body: Body, camera: Camera, counted: NDArray[np.bool_]) -> NDArray[np.float16]:
+    """The surface's normal in the middle of each pixel that counts, and its cosine to the view, (h, w, 4)."""
+    found = np.zeros((*counted.shape, 4), np.float16)
+    rows, columns = np.nonzero(counted)
+    hits = body.hits(camera, np.column_stack([columns, rows]).astype(float) + 0.5)
+    found[rows, columns, :3] = hits.normals
+    found[rows, columns, 3] = (hits.normals * hits.views).sum(axis=1) * hits.hit
+    return found
 
 
 def _shares(where: NDArray[np.bool_]) -> NDArray[np.uint8]:

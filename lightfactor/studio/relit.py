@@ -21,6 +21,7 @@ from invrender.output.render.light import distant_source
 from invrender.output.render.photographer import Photographer, photographer
 from invrender.output.render.view import View
 from invrender.result.saved import SavedResult, read_result
+from recon.mesh.bodies import Body
 
 # One picture at a time: each takes all cores.
 _ONE_AT_A_TIME = Lock()
@@ -63,6 +64,12 @@ class Relit:
     def names(self) -> list[str]:
         """What the lights are called."""
         return [Path(light).stem if "/" in light else light for light in self.lights]
+
+    @property
+    def body(self) -> Body:
+        """The object in the world."""
+        with _ONE_AT_A_TIME:
+            return _studio(*self._key).subject.body
 
     def subject(self) -> bytes:
         """Surface, reflectance and camera, packed."""

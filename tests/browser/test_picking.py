@@ -30,9 +30,9 @@ kd = 0.2
 name = "lamp"
 directional = [{ azimuth_deg = 25, elevation_deg = 35, irradiance = 2.0 }]
 [camera]
-width = 240
-height = 180
-focal_px = 790
+width = 160
+height = 120
+focal_px = 527
 [[view]]
 azimuth_deg = -30
 elevation_deg = 15
@@ -125,14 +125,14 @@ def test_six_picks_place_the_mesh(page: Page, cat: Path) -> None:
         expect(page.locator("#pick-fit")).to_contain_text("0 points are picked")
         for count, (number, vertex, normal, pixel) in enumerate(picks, start=1):
             page.locator("#pick-photos button").nth(number).click()
-            page.wait_for_timeout(300)
+            page.wait_for_timeout(150)
             box = page.locator("#pick-photo").bounding_box()
             assert box is not None
             # The picture fills its canvas along the shorter side.
-            scale = min(box["width"] / 240, box["height"] / 180)
+            scale = min(box["width"] / 160, box["height"] / 120)
             page.mouse.click(
-                box["x"] + box["width"] / 2 + scale * (pixel[0] - 120),
-                box["y"] + box["height"] / 2 + scale * (pixel[1] - 90),
+                box["x"] + box["width"] / 2 + scale * (pixel[0] - 80),
+                box["y"] + box["height"] / 2 + scale * (pixel[1] - 60),
             )
             # The mesh is turned until the point faces us.
             azimuth = float(np.degrees(np.arctan2(normal[1], normal[0])))

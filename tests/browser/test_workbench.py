@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
@@ -118,6 +119,43 @@ def test_the_exact_picture_is_the_one_that_is_rendered(page: Page, bench: Served
     )
 
 
+def test_without_webgl_stills_are_shown(page: Page, bench: Served, ball: Path) -> None:
+    if not (ball / "fit-1").is_dir():
+        lf.process(ball, 3000).save(ball / "fit-1")
+    page.add_init_script(
+        "const own = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"
+        " return kind === 'webgl2' ? null : own.call(this, kind, ...more); };"
+    )
+    page.goto(bench.address)
+    page.get_by_role("tab", name="Relight").click()
+    expect(page.locator("#relight-state")).to_have_text(
+        "This browser has no WebGL2, which live pictures need. Stills take its place.", timeout=60_000
+    )
+    expect(page.locator("#still")).to_be_visible(timeout=60_000)
+    page.locator("#picture").focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#still")).to_be_hidden()
+    expect(page.locator("#still")).to_be_visible(timeout=60_000)
+
+
+@pytest.mark.slow
+def test_a_result_is_saved_as_a_page(page: Page, bench: Served, ball: Path, tmp_path: Path) -> None:
+    if not (ball / "fit-1").is_dir():
+        lf.process(ball, 3000).save(ball / "fit-1")
+    page.goto(bench.address)
+    page.get_by_role("tab", name="Relight").click()
+    until(page, "!!window.lightfactor")
+    with page.expect_download(timeout=120_000) as saving:
+        page.get_by_role("button", name="Save as a page to mail").click()
+    saving.value.save_as(tmp_path / "object.html")
+    assert saving.value.suggested_filename == "fit-1.html"
+    text = (tmp_path / "object.html").read_text(encoding="utf-8")
+    assert "Live pictures are off by" in text
+    page.goto((tmp_path / "object.html").as_uri())
+    page.wait_for_function("window.lightfactor")
+
+
 def test_tabs_are_reached_by_keyboard_and_a_wrong_key_is_said(page: Page, bench: Served) -> None:
     page.goto(bench.address)
     expect(page.locator("#photos button")).to_have_count(8)
@@ -135,3 +173,18 @@ def test_without_the_key_the_page_says_what_to_do(browser, bench: Served) -> Non
     page.goto(f"http://127.0.0.1:{bench.port}/")
     expect(page.locator("#problem")).to_contain_text("open the address that was printed")
     page.close()
+
+
+def test_a_folder_of_photographs_becomes_a_set(page: Page, tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(folder / name), np.full((40, 60, 3), 90, np.uint8))
+    with served(folder) as bench:
+        page.goto(bench.address)
+        expect(page.locator("#starter-photos")).to_have_text("2 photographs: a.png, b.png")
+        expect(page.get_by_role("tab", name="Fit")).to_be_disabled()
+        page.locator("#manifest select[name=light]").select_option("dark")
+        page.get_by_role("button", name="Write photoset.toml").click()
+        expect(page.locator("#photos button")).to_have_count(2)
+        expect(page.locator("#problem")).to_contain_text("lightfactor register")

@@ -42,7 +42,7 @@ def studio_of(folder: Path, mesh: TriangleMesh | None = None) -> tuple[Photograp
     result = read_result(folder)
     file = None
     if mesh is not None:
-        file = folder / "mesh.ply"
+        file = folder / "mesh.obj"
         write_mesh(file, mesh)
     lighting = chosen_lighting(result, None, folder / "lighting.exr", [distant_source(*LAMP)], False)
     return photographer(result, lighting, mesh=file), lighting

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
+from capture.photoset import load_photoset
 from invrender.result.saved import RESULT_NAME
 from lightfactor.studio.jobs import jobs
 from lightfactor.studio.manifest import hold_out
@@ -31,6 +32,7 @@ Command = Callable[..., tuple[int, str, str]]
 PHOTO = key_of("000.exr")
 ROUTES = (
     ("GET", "/api/state"),
+    ("POST", "/api/manifest"),
     ("GET", f"/api/photos/{PHOTO}/thumbnail"),
     ("GET", f"/api/photos/{PHOTO}"),
     ("POST", f"/api/photos/{PHOTO}/held-out"),
@@ -49,6 +51,7 @@ ROUTES = (
     ("GET", "/api/results/x/lights/0"),
     ("GET", "/api/results/x/lights/0/error"),
     ("POST", "/api/results/x/still"),
+    ("GET", "/api/results/x/page"),
     ("POST", "/api/lights?name=a.hdr"),
 )
 
@@ -238,6 +241,53 @@ def test_a_photograph_is_held_out_and_all_else_stays_as_it_was_written(tmp_path:
     assert manifest.read_text() == 'photo = [{ file = "a.png" }]\n'
 
 
+SAID = {"mesh": "", "unit": "mm", "encoding": "srgb", "light": "dark", "focal": None}
+
+
+def test_a_folder_of_photographs_gets_a_manifest_and_no_second_one(tmp_path: Path) -> None:
+    folder = tmp_path / 'my "ball"'
+    folder.mkdir()
+    picture = np.random.default_rng(0).integers(0, 200, (40, 60, 3), np.uint8)
+    mask = np.zeros((40, 60), np.uint8)
+    mask[10:30, 20:40] = 255
+    for name, pixels in (("b.jpg", picture), ("a.png", picture), ("a_mask.png", mask)):
+        cv2.imwrite(str(folder / name), pixels)
+    (folder / "notes.txt").write_text("nothing")
+    with served(folder) as bench:
+        state = json.loads(bench.ask("GET", "/api/state")[2])
+        assert state["starter"] == {"photos": ["a.png", "b.jpg"], "meshes": []}
+        assert state["set"] is None
+        for wrong in (
+            {"mesh": "../x.ply"},
+            {"light": "bright"},
+            {"focal": -1},
+            {"encoding": "x"},
+            {"unit": "ft"},
+        ):
+            assert bench.ask("POST", "/api/manifest", body=json.dumps(SAID | wrong).encode())[0] == 400
+            assert not (folder / "photoset.toml").exists()
+        assert bench.ask("POST", "/api/manifest", body=json.dumps(SAID).encode())[0] == 200
+        written = (folder / "photoset.toml").read_bytes()
+        state = json.loads(bench.ask("GET", "/api/state")[2])
+        assert state["starter"] is None
+        assert [(photo["label"], photo["hasMask"]) for photo in state["set"]["photos"]] == [
+            ("a.png", True),
+            ("b.jpg", False),
+        ]
+        # Nobody knows the poses yet, and that is what is said.
+        assert "lightfactor register" in state["problem"]
+        assert bench.ask("GET", f"/api/photos/{key_of('b.jpg')}/thumbnail")[0] == 200
+        assert (
+            "already"
+            in json.loads(bench.ask("POST", "/api/manifest", body=json.dumps(SAID).encode())[2])["error"]
+        )
+        assert (folder / "photoset.toml").read_bytes() == written
+    photoset = load_photoset(folder, find_poses=True)
+    assert photoset.name == 'my "ball"'
+    assert photoset.lightings[0].dark
+    assert photoset.photos[0].camera.focal_px == 72  # 1.2 of 60 pixels, a guess that the file calls one
+
+
 def test_requests_that_make_no_sense_are_answered_with_a_sentence(bench: Served) -> None:
     for body, said in ((b"[1", "no JSON"), (b"[1]", "no JSON object"), (b'{"samples": 3}', "1000")):
         status, _, answer = bench.ask("POST", "/api/fits", body=body)
@@ -294,7 +344,7 @@ def test_a_fit_goes_on_when_its_server_is_killed_and_ends_when_it_is_stopped(bal
         assert {line["status"] for line in result["numbers"]} <= {"determined", "weak"}
         assert len(result["photos"]) == 8
         seen = unpacked(again.ask("GET", f"/api/results/{started['id']}/photos/{PHOTO}")[2])
-        assert set(seen["arrays"]) == {"radiance", "std", "predicted", "counted"}
+        assert set(seen["arrays"]) == {"radiance", "std", "predicted", "counted", "normals"}
         # A second one is stopped: nothing of it is left.
         second = json.loads(again.ask("POST", "/api/fits", body=b"{}")[2])
         for _ in range(300):

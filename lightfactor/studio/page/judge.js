@@ -1,9 +1,9 @@
 // A photograph beside its prediction and the difference, and the errors of all.
 
 import { askedBytes } from "./asking.js";
-import { byId, cleared, shown } from "./building.js";
+import { byId, cleared, COLOURS, shown } from "./building.js";
 import { listPhotos } from "./capture.js";
-import { unpacked } from "./packed.js";
+import { singles, unpacked } from "./packed.js";
 import { code, exposed, RadianceView, SharedView, whiteLevel } from "./radianceview.js";
 
 const shared = new SharedView();
@@ -30,6 +30,7 @@ async function choose(photo) {
     Object.assign(current, { ...found.arrays, width, height, white: whiteLevel(found.arrays.predicted.data) });
     byId("judge-state").textContent = "";
     draw();
+    drawAngles();
     drawErrors();
   } catch (error) {
     if (current === mine) byId("judge-state").textContent = error.message;
@@ -66,8 +67,48 @@ function probe(column, row) {
   if (!current?.radiance) return;
   const k = row * current.width + column, [observed, std, predicted] = [current.radiance, current.std, current.predicted].map(({ data }) => data.subarray(3 * k, 3 * k + 3));
   const text = (values) => Array.from(values, (value) => value.toPrecision(3)).join(", ");
+  const [x, y, z, cosine] = Array.from(singles(current.normals.data.subarray(4 * k, 4 * k + 4)));
+  const surface = cosine > 0 ? `; normal ${[x, y, z].map((part) => part.toFixed(2)).join(", ")}, seen at ${degrees(cosine).toFixed(0)}°` : "";
   const off = Math.hypot(...[0, 1, 2].map((c) => (predicted[c] - observed[c]) / Math.max(std[c], 1e-12))) / Math.sqrt(3);
-  byId("probe").textContent = `(${column}, ${row}) photograph ${text(observed)}; noise ${text(std)}; prediction ${text(predicted)}; ${off.toFixed(1)} standard deviations of the noise apart`;
+  byId("probe").textContent = `(${column}, ${row}) photograph ${text(observed)}; noise ${text(std)}; prediction ${text(predicted)}; ${off.toFixed(1)} standard deviations of the noise apart${surface}`;
+}
+
+const degrees = (cosine) => (Math.acos(Math.min(cosine, 1)) * 180) / Math.PI;
+
+/** The mean of prediction less photograph, over the mean prediction, in bins of the angle between normal and view. */
+function drawAngles() {
+  const { context, width, height, ink, muted, line, ratio } = cleared(byId("angles"));
+  const bins = 18, off = [0, 1, 2].map(() => new Float64Array(bins)), whole = [0, 1, 2].map(() => new Float64Array(bins));
+  const { radiance, predicted, counted, normals } = current, cosines = singles(normals.data);
+  for (let k = 0; k < counted.data.length; k++) {
+    if (!counted.data[k] || !(cosines[4 * k + 3] > 0)) continue;
+    const bin = Math.min(bins - 1, Math.floor((degrees(cosines[4 * k + 3]) / 90) * bins));
+    for (let c = 0; c < 3; c++) {
+      off[c][bin] += predicted.data[3 * k + c] - radiance.data[3 * k + c];
+      whole[c][bin] += predicted.data[3 * k + c];
+    }
+  }
+  const shares = off.map((sums, c) => Array.from(sums, (sum, bin) => (whole[c][bin] > 0 ? sum / whole[c][bin] : null)));
+  // The rim is off for reasons of its own, and would hide all else.
+  const inner = shares.flatMap((each) => each.slice(0, (bins * 5) / 6));
+  const most = Math.max(0.005, ...inner.map((share) => Math.abs(share ?? 0))), base = height - 16 * ratio, middle = (base + 18 * ratio) / 2;
+  context.strokeStyle = line;
+  context.strokeRect(0, middle, width, 0.5);
+  shares.forEach((each, c) => {
+    context.beginPath();
+    each.forEach((share, bin) => share !== null && context.lineTo(((bin + 0.5) / bins) * width, middle - Math.max(-1, Math.min(1, share / most)) * (middle - 18 * ratio)));
+    context.strokeStyle = COLOURS[c];
+    context.lineWidth = 1.5 * ratio;
+    context.stroke();
+  });
+  context.fillStyle = muted;
+  context.font = `${11 * ratio}px system-ui`;
+  context.textAlign = "left";
+  context.fillText(`±${(100 * most).toFixed(1)}% of the prediction at the edges`, 4, 12 * ratio);
+  context.textAlign = "center";
+  for (const angle of [15, 30, 45, 60, 75]) context.fillText(`${angle}°`, (angle / 90) * width, height - 3 * ratio);
+  context.strokeStyle = ink;
+  context.strokeRect(0, base, width, 0.5);
 }
 
 function drawErrors() {

@@ -8,12 +8,34 @@ import { Picture } from "./picture.js";
 import { exposed } from "./radianceview.js";
 
 const REST = 700;
-let shownResult = null, picture = null, state = null, resting = 0, asking = null;
+let without = "", shownResult = null, picture = null, state = null, resting = 0, asking = null;
+
+/** In the place of a live picture, where the browser can't draw one: all that is seen are stills. */
+class Stills {
+  constructor(canvas, subject) {
+    Object.assign(this, { canvas, subject, lights: [] });
+  }
+
+  add(light, number = this.lights.length) {
+    this.lights[number] = light;
+  }
+
+  draw() {}
+
+  radiance() {
+    return [];
+  }
+
+  pixel() {
+    return [0, 0, 0, 0];
+  }
+}
 
 /** Shows a result; others that were shown before are let go. */
 export async function relight(result) {
   if (shownResult?.id === result.id && shownResult.lights.length === result.lights.length) return;
   shownResult = result;
+  without = "";
   const said = byId("relight-state");
   said.textContent = "Preparing the object...";
   try {
@@ -22,10 +44,16 @@ export async function relight(result) {
     if (shownResult !== result) return;
     const fresh = byId("picture").cloneNode();
     byId("picture").replaceWith(fresh);
-    picture = new Picture(fresh, subject);
-    picture.add(first);
     state = initialState(subject.camera);
-    state.exposure = goodExposure(picture, state);
+    try {
+      picture = new Picture(fresh, subject);
+      picture.add(first);
+      state.exposure = goodExposure(picture, state);
+    } catch (error) {
+      picture = new Stills(fresh, subject);
+      picture.add(first);
+      without = `${error.message} Stills take its place.`;
+    }
     const form = byId("controls").cloneNode(true);
     byId("controls").replaceWith(form);
     form.elements.namedItem("light").replaceChildren(...result.lights.map((name, k) => element("option", { value: k }, name)));
@@ -33,8 +61,8 @@ export async function relight(result) {
     form.addEventListener("input", takeLight, { capture: true });
     control(picture, state, form, byId("readout"), rested);
     window.lightfactor = { picture, state };
-    said.textContent = "";
-    stated();
+    said.textContent = without;
+    if (!without) stated();
   } catch (error) {
     said.textContent = `The object can't be shown live: ${error.message}`;
   }
@@ -77,22 +105,38 @@ async function takeStill() {
   if (!width || !height) return;
   asking = new AbortController();
   const body = JSON.stringify({ state, width, height });
-  byId("relight-state").textContent = "live; computing the exact picture...";
+  byId("relight-state").textContent = `${without || "live"}; computing the exact picture...`;
   try {
     const answer = await asked(`/api/results/${result.id}/still`, { method: "POST", body, signal: asking.signal });
     const { arrays } = await unpacked(await answer.arrayBuffer());
     const radiance = singles(arrays.radiance.data), coverage = arrays.coverage.data;
+    if (without) state.exposure = -Math.log2(Math.max(1e-6, ...radiance.filter((_, k) => k % 301 === 0)));
     const seen = radiance.map((value, k) => value / Math.max(coverage[Math.floor(k / 3)], 1e-4));
     const codes = exposed(seen, 2 ** -state.exposure);
     coverage.forEach((share, k) => { codes[4 * k + 3] = Math.round(255 * share); });
     const still = byId("still");
     Object.assign(still, { width, height, hidden: false });
     still.getContext("2d").putImageData(new ImageData(codes, width, height), 0, 0);
-    byId("relight-state").textContent = "exact";
+    byId("relight-state").textContent = without || "exact";
   } catch (error) {
     if (error.name !== "AbortError") byId("relight-state").textContent = error.message;
   }
 }
+
+byId("export").addEventListener("click", async () => {
+  byId("relight-state").textContent = "Writing the page...";
+  byId("export").disabled = true;
+  try {
+    const text = await (await asked(`/api/results/${shownResult.id}/page`)).text();
+    const url = URL.createObjectURL(new Blob([text], { type: "text/html" }));
+    element("a", { href: url, download: `${shownResult.name}.html` }).click();
+    URL.revokeObjectURL(url);
+    byId("relight-state").textContent = "";
+  } catch (error) {
+    byId("relight-state").textContent = error.message;
+  }
+  byId("export").disabled = false;
+});
 
 byId("map").addEventListener("change", async () => {
   const [file] = byId("map").files;

@@ -1,6 +1,6 @@
 // The workbench: tabs over one set and the result that is chosen. All state lies on the server's disk.
 
-import { askedJson } from "./asking.js";
+import { askedJson, posted } from "./asking.js";
 import { byId, element } from "./building.js";
 import { openSet } from "./capture.js";
 import { listFits, showResults, startFit } from "./fits.js";
@@ -57,11 +57,33 @@ async function load(chosen, photo) {
   for (const tab of tabs) if (["tab-judge", "tab-relight"].includes(tab.id)) tab.disabled = !found;
   byId("tab-pick").hidden = opened.set?.shape !== "mesh";
   if (first && opened.set) openSet(opened.set, photo);
+  offer(opened.starter);
   byId("start-fit").disabled = !opened.set;
   listFits(opened.fits, (fit) => load(fit.hasResult ? fit.name : undefined));
   await show();
 }
 
+/** Offers to write the manifest that a folder of photographs lacks. */
+function offer(starter) {
+  byId("starter").hidden = !starter;
+  if (!starter) return;
+  for (const tab of tabs) tab.disabled = true;
+  byId("capture").hidden = true;
+  const { photos, meshes } = starter, form = byId("manifest");
+  byId("starter-photos").textContent = `${photos.length} photographs: ${photos.slice(0, 4).join(", ")}${photos.length > 4 ? ", ..." : ""}`;
+  form.elements.namedItem("mesh").append(...meshes.map((name) => element("option", { value: name }, name)));
+}
+
+byId("manifest").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const said = Object.fromEntries(new FormData(event.target));
+  try {
+    await posted("/api/manifest", { ...said, focal: said.focal ? Number(said.focal) : null });
+    location.reload();
+  } catch (error) {
+    say(error.message);
+  }
+});
 for (const tab of tabs) tab.addEventListener("click", () => select(tab));
 document.querySelector("[role=tablist]").addEventListener("keydown", (event) => {
   const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
