@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from capture.files.documents import numbers
 from capture.photoset import PhotoSet
-from invrender.result.saved import SavedQuantity, SavedResult
-from invrender.wording import parameter_lines
+from invrender.result.saved import SavedResult
+from invrender.result.shown import shown_numbers
 from lightfactor.studio import starter
 from lightfactor.studio.jobs import Job, jobs, result_exists
 from lightfactor.studio.opened import Opened, key_of
@@ -88,14 +87,13 @@ def result(opened: Opened, found: SavedResult) -> dict[str, Any]:
     """A result's numbers, models, photographs and lights."""
     content = found.content
     brdf = content.brdf
-    quantities = {name: getattr(brdf, name) for name in ("kd", "ks", "mu", "sigma")} | brdf.form_numbers
     return {
         "id": key_of(found.folder.name),
         "name": found.folder.name,
         "set": content.name,
         "gauge": content.gauge,
         "lobe": brdf.form.description if brdf.ks else "matte: no lobe was needed",
-        "numbers": [line for name, quantity in quantities.items() for line in _lines(found, name, quantity)],
+        "numbers": [asdict(number) for number in shown_numbers(found)],
         "models": [
             {
                 "name": model.name,
@@ -123,23 +121,6 @@ def result(opened: Opened, found: SavedResult) -> dict[str, Any]:
         "lights": [entry.name for entry in content.lighting] + [path.stem for path in maps(opened)],
         "predicted": (found.folder / "predicted").is_dir(),
     }
-
-
-def _lines(found: SavedResult, name: str, quantity: SavedQuantity | None) -> list[dict[str, str]]:
-    """Label, text, status, and why it isn't determined, of each number of a parameter."""
-    finding = found.finding(name)
-    why = {"reason": finding.reason, "remedy": finding.remedy}
-    if quantity is None:
-        return [{"label": name, "text": "-", "status": "not needed", **why}] if finding.reason else []
-    value, std = (
-        None if of is None else np.atleast_1d(np.array(of, float)) for of in (quantity.value, quantity.std)
-    )
-    if value is not None and std is None:
-        std = np.zeros_like(value)
-    return [
-        {"label": label, "text": text, "status": quantity.status, **why}
-        for label, text in parameter_lines(name, value, std, found.is_absolute)
-    ]
 
 
 def maps(opened: Opened) -> list[Path]:

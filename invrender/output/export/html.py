@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
@@ -22,7 +21,7 @@ from invrender.output.live.scene import LiveScene, live_scene
 from invrender.output.render.photographer import photographer
 from invrender.output.render.view import DEFAULT_VIEW, View
 from invrender.result.saved import SavedResult
-from invrender.wording import parameter_lines
+from invrender.result.shown import shown_numbers
 
 PAGE_NAME = "object.html"
 # Lights that a page holds: each takes one to three megabytes.
@@ -95,7 +94,7 @@ def object_page(result: SavedResult, scene: LiveScene, error: LiveError, notes: 
         style=Markup(page_file("live.css")),
         script=Markup(bundled("exported")),
         controls=Markup(form),
-        numbers=list(_numbers(result)),
+        numbers=list(shown_numbers(result)),
         model=f"Lobe: {content.brdf.form.description}." if content.brdf.ks else "Matte: no lobe was needed.",
         gauge=content.gauge,
         stated=error.stated,
@@ -118,20 +117,3 @@ def _templates(package: str) -> Environment:
 
 def _text(data: bytes) -> str:
     return base64.b64encode(data).decode()
-
-
-def _numbers(result: SavedResult) -> Iterator[tuple[str, str, str]]:
-    """Label, "value ± std" and status of each number."""
-    brdf = result.content.brdf
-    found = {name: getattr(brdf, name) for name in ("kd", "ks", "mu", "sigma")} | brdf.form_numbers
-    for name, quantity in found.items():
-        if quantity is None:
-            continue
-        value, std = (
-            None if of is None else np.atleast_1d(np.array(of, float))
-            for of in (quantity.value, quantity.std)
-        )
-        if value is not None and std is None:
-            std = np.zeros_like(value)
-        for label, text in parameter_lines(name, value, std, result.is_absolute):
-            yield label, text, quantity.status
