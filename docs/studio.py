@@ -1,6 +1,6 @@
 """The pictures of studio.md: the workbench on a photo set, in a headless browser.
 
-    python docs/studio.py SET OUT [--browser /usr/bin/chromium]
+    python docs/studio.py SET OUT [--browser CHROMIUM]
 
 SET : a photo set with a result in it, as the workbench leaves it. Writes OUT/studio-capture.png and so on, one for each
 tab.
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -27,7 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("photoset", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--browser", default="/usr/bin/chromium")
+    parser.add_argument("--browser", default=shutil.which("chromium"))
     options = parser.parse_args()
     options.out.mkdir(exist_ok=True)
     program = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
