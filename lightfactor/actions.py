@@ -21,7 +21,7 @@ from invrender.output.render.view import view_of
 from invrender.plan.from_scene import read_experiment
 from invrender.plan.planned import PlannedScene, check_effort, plan_experiment
 from invrender.plan.planning import DEFAULT_DEGREE, DEFAULT_SAMPLES
-from invrender.result.saved import nearest, read_result
+from invrender.result.saved import SavedResult, nearest, read_result
 from invrender.result.side import Side, result_side
 from lightfactor.arguments import naming_arguments, with_arguments
 from lightfactor.fit import Fit
@@ -71,11 +71,9 @@ def export(
         the distance (metres). photoset : the set that the fit was made from, looked for around it otherwise.
     ValueError says what doesn't go together, or what the photographs left open.
     """
-    given = None if photoset is None else Path(photoset)
-    if isinstance(fit, Fit):
-        given = given or fit.photoset
+    result, given = _result_and_set(fit, photoset)
     found = export_result(
-        fit.result if isinstance(fit, Fit) else read_result(Path(fit)),
+        result,
         Path(folder),
         form,
         light=light,
@@ -105,11 +103,9 @@ def export_page(
     show it on the terminal. The other arguments are those of `export`. `error` says how far pictures on the page are
     off from `fit.render`. ValueError says what the photographs left open, or why browsers can't draw it.
     """
-    given = None if photoset is None else Path(photoset)
-    if isinstance(fit, Fit):
-        given = given or fit.photoset
+    result, given = _result_and_set(fit, photoset)
     found = write_page_of(
-        fit.result if isinstance(fit, Fit) else read_result(Path(fit)),
+        result,
         Path(folder),
         lighting=lighting,
         assumed=dict(assume or {}),
@@ -183,3 +179,11 @@ def _told(light: Given | None) -> Given | None:
 
 def _side(given: Fit | Path | str) -> Side:
     return result_side(given.result) if isinstance(given, Fit) else read_side(Path(given))
+
+
+def _result_and_set(fit: Fit | Path | str, photoset: Path | str | None) -> tuple[SavedResult, Path | None]:
+    """What is exported, and the set that it was made from, if anyone says."""
+    given = None if photoset is None else Path(photoset)
+    if isinstance(fit, Fit):
+        return fit.result, given or fit.photoset
+    return read_result(Path(fit)), given

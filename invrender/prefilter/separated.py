@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BarycentricInterpolator
 
 Floats = NDArray[np.float64]
 
@@ -39,3 +40,23 @@ def separated_terms(
     kept += [(square, -q, by_degree, function) for square, q, by_degree, function in kept if q]
     by_degree, functions = (np.stack([term[place] for term in kept], axis=1) for place in (2, 3))
     return np.array([term[1] for term in kept]), by_degree, functions
+
+
+def tabulated(angles: Floats, functions: Floats, at: Floats) -> Floats:
+    """g_k(theta_o) cos theta_o, (n, K), at angles (n,) between those of `separated_terms`, which are Gauss's.
+
+    What grows as 1 / cos theta_o is no polynomial; multiplied by that it nearly is.
+    """
+    return np.asarray(BarycentricInterpolator(angles, functions * np.cos(angles)[:, None])(at))
+
+
+def mirrored_frame(normals: Floats, views: Floats) -> tuple[Floats, Floats]:
+    """The mirrored views R (m, 3), and azimuths (m,) of the views about them, radians from R's meridian southwards.
+
+    normals, views : (m, 3), unit.
+    """
+    mirrored = 2 * (normals * views).sum(axis=1)[:, None] * normals - views
+    level = np.maximum(np.hypot(mirrored[:, 0], mirrored[:, 1]), 1e-12)
+    east = (mirrored[:, 0] * views[:, 1] - mirrored[:, 1] * views[:, 0]) / level
+    south = ((mirrored * views).sum(axis=1) * mirrored[:, 2] - views[:, 2]) / level
+    return mirrored, np.arctan2(east, south)

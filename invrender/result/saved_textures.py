@@ -61,7 +61,7 @@ class SavedTextures:
 
     def at(self, uv: Floats) -> RayReflectance:
         """Kd and Ks at texture coordinates (m, 2), linear between the centres of known texels."""
-        return self._blended(lambda height, width: _around(uv, height, width))
+        return self._blended(lambda height, width: texels_around(uv, height, width))
 
     def between(self, corners: Ints, weights: Floats) -> RayReflectance:
         """Kd and Ks between vertices, (m, 3) of them and their weights."""
@@ -139,7 +139,7 @@ def _read(path: Path) -> Floats:
     return texels
 
 
-def _around(uv: Floats, height: int, width: int) -> tuple[Ints, Ints, Floats]:
+def texels_around(uv: Floats, height: int, width: int) -> tuple[Ints, Ints, Floats]:
     """Rows, columns and weights (m, 4) of the texels around texture coordinates; u goes around, v ends at the edges."""
     x, y = uv[:, 0] * width - 0.5, np.clip((1 - uv[:, 1]) * height - 0.5, 0, height - 1)
     left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)

@@ -21,7 +21,6 @@ from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse import csr_array
 
 from capture.lighting import latlong_directions, latlong_pixels, padded_latlong
@@ -29,7 +28,7 @@ from invrender.brdf.form import LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.prefilter.energy import power_per_degree
 from invrender.prefilter.reflectionmap import mirrored_coefficients, reflected_terms
-from invrender.prefilter.separated import separated_terms
+from invrender.prefilter.separated import mirrored_frame, separated_terms, tabulated
 from invrender.theory.refinement import interval_rule
 from invrender.transport.half_vectors import PAD
 from invrender.transport.transfer import LightElement
@@ -78,13 +77,7 @@ class ReflectedMap:
 
     def _towards(self, normals: Floats, views: Floats) -> Floats:
         cos = (normals * views).sum(axis=1)
-        mirrored = 2 * cos[:, None] * normals - views
-        # Azimuth of the view about R from the meridian of R, southwards.
-        level = np.maximum(np.hypot(mirrored[:, 0], mirrored[:, 1]), 1e-12)
-        east = (mirrored[:, 0] * views[:, 1] - mirrored[:, 1] * views[:, 0]) / level
-        along = (mirrored * views).sum(axis=1)
-        south = (along * mirrored[:, 2] - views[:, 2]) / level
-        phi = np.arctan2(east, south)
+        mirrored, phi = mirrored_frame(normals, views)
         angle = np.arccos(np.clip(cos, 0, 1)) / _STEEPEST * (len(self.functions) - 1)
         functions = self.functions[np.minimum(angle + 0.5, len(self.functions) - 1).astype(int)]
         q = np.abs(self.orders)
@@ -131,9 +124,8 @@ def reflected_map(form: LobeForm, mu: float | None, sigma: float, light: LightEl
     orders, by_degree, functions = separated_terms(
         _at_angles(form, mu, sigma), weights, power_per_degree(lighting).sum(axis=1), _LEFT_OUT
     )
-    # What grows as 1 / cos theta_o is no polynomial; multiplied by that it nearly is.
     lookup = np.linspace(0, _STEEPEST, _LOOKUP)
-    smooth = BarycentricInterpolator(angles, functions * np.cos(angles)[:, None])(lookup)
+    smooth = tabulated(angles, functions, lookup)
     maps = np.moveaxis(reflected_terms(lighting, by_degree, orders, _HEIGHT), (0, 1), (2, 3))
     across = np.repeat((-1.0) ** orders, maps.shape[3])
     return ReflectedMap(

@@ -36,7 +36,7 @@ Mask = NDArray[np.bool_]
 # Which of m rays: indices, or all.
 Rays = NDArray[np.int64] | slice
 
-_MIN_COS = 0.03
+MIN_COS = 0.03
 # Steps of a ring of directions around another.
 _AROUND = 6
 # Where a ray's part of its pixel is looked at for the border of a shadow, in halves of its sides; and where one runs
@@ -249,12 +249,18 @@ def facing(field: LightField) -> LightField:
     The lobe as printed grows as 1 / cos theta_o: beyond 88 degrees a normal is taken to lie at 88, as of a sphere only
     the outermost 0.05% do.
     """
-    cos = field.ray_cosines
-    turned = np.flatnonzero(cos < _MIN_COS)
+    normals = facing_normals(field.normals, field.views)
+    return field if normals is field.normals else replace(field, normals=normals)
+
+
+def facing_normals(normals: Floats, views: Floats) -> Floats:
+    """Unit normals (m, 3), those at less than `MIN_COS` to their unit views (m, 3) turned back to that."""
+    cos = (normals * views).sum(axis=1)
+    turned = np.flatnonzero(cos < MIN_COS)
     if not len(turned):
-        return field
-    across = field.normals[turned] - cos[turned, None] * field.views[turned]
+        return normals
+    across = normals[turned] - cos[turned, None] * views[turned]
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    normals = field.normals.copy()
-    normals[turned] = _MIN_COS * field.views[turned] + np.sqrt(1 - _MIN_COS**2) * across
-    return replace(field, normals=normals)
+    facing_us = normals.copy()
+    facing_us[turned] = MIN_COS * views[turned] + np.sqrt(1 - MIN_COS**2) * across
+    return facing_us

@@ -11,7 +11,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -21,8 +20,10 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from capture.files.outfolder import result_files
+from capture.lighting import read_latlong
 from invrender.output.export.html import export_page
 from invrender.output.live.bundle import page_files as live_files
+from invrender.output.pages import page_template
 from lightfactor.studio import described, jobs, picking, starter
 from lightfactor.studio.guard import Guard
 from lightfactor.studio.manifest import hold_out
@@ -51,8 +52,6 @@ def workbench(opened: Opened, token: str) -> ASGIApp:
         ("POST", "/api/fits", partial(_start, opened)),
         ("POST", "/api/fits/{fit}/cancel", partial(_cancel, opened)),
         ("GET", "/api/mesh", partial(_mesh, opened)),
-        ("GET", "/api/mesh/light", partial(_mesh_light, opened)),
-        ("GET", "/api/mesh/place", partial(_mesh_place, opened)),
         ("GET", "/api/picks", partial(_picks, opened)),
         ("POST", "/api/picks", partial(_save_picks, opened)),
         ("POST", "/api/alignments", partial(_align, opened)),
@@ -109,10 +108,9 @@ def _refused(error: Exception) -> Response:
 def _pages() -> dict[str, str]:
     """The texts of the page's files, by name; nothing else is served."""
     own = {each.name: each.read_text(encoding="utf-8") for each in _PAGE.iterdir() if each.is_file()}
-    form = Environment(loader=PackageLoader("invrender.output.live", "page"), autoescape=True)
-    controls = form.get_template("controls.html.jinja").render(lights=[], has_gaps=True)
-    page = Environment(loader=PackageLoader("lightfactor.studio", "page"), autoescape=True)
-    index = page.get_template("index.html.jinja").render(controls=Markup(controls))
+    form = page_template("invrender.output.live", "page/controls.html.jinja")
+    controls = Markup(form.render(lights=[], has_gaps=True))
+    index = page_template("lightfactor.studio", "page/index.html.jinja").render(controls=controls)
     found = live_files() | own | {"index.html": index}
     return {name: text for name, text in found.items() if Path(name).suffix in _TYPES}
 
@@ -183,15 +181,7 @@ async def _progress(opened: Opened, request: Request) -> Response:
 
 
 def _mesh(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
-    return Response(picking.mesh_to_pick(opened)[0], media_type=_PACKED)
-
-
-def _mesh_light(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
-    return Response(picking.mesh_to_pick(opened)[1], media_type=_PACKED)
-
-
-def _mesh_place(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
-    return Response(picking.place_of_mesh(opened), media_type=_PACKED)
+    return Response(picking.mesh_to_pick(opened), media_type=_PACKED)
 
 
 def _picks(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
@@ -220,10 +210,8 @@ def _result(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Respons
 
 
 def _judged(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
-    body_there = _relit(opened, of).body
-    return Response(
-        judged(opened.result(of["result"]), body_there, *opened.photo(of["photo"])), media_type=_PACKED
-    )
+    found = judged(opened.result(of["result"]), _relit(opened, of).body, *opened.photo(of["photo"]))
+    return Response(found, media_type=_PACKED)
 
 
 def _relit(opened: Opened, of: dict[str, str]) -> Relit:
@@ -259,8 +247,6 @@ async def _add_light(opened: Opened, request: Request) -> Response:
 
 
 def _keep_map(opened: Opened, name: str, body: bytes) -> None:
-    from capture.lighting import read_latlong
-
     path = Path(name)
     if path.suffix.lower() not in _MAP_SUFFIXES or path.name != name or name.startswith("."):
         raise ValueError(f"{name!r}: a map of light is a lat-long picture, .hdr or .exr")

@@ -13,6 +13,7 @@ from invrender.result.shown import shown_numbers
 from lightfactor.studio import starter
 from lightfactor.studio.jobs import Job, jobs, result_exists
 from lightfactor.studio.opened import Opened, key_of
+from recon.mesh.shape import METRES
 
 
 def state(opened: Opened) -> dict[str, Any]:
@@ -38,6 +39,7 @@ def _photoset(photoset: PhotoSet) -> dict[str, Any]:
     return {
         "name": photoset.name,
         "shape": photoset.object.shape,
+        "metres": METRES[photoset.object.unit],
         "photos": [
             {
                 "id": key_of(photo.label),

@@ -15,7 +15,6 @@ from typing import Any, Literal
 from capture.terminal import PROGRESS_VARIABLE
 from invrender.result.saved import RESULT_NAME
 from lightfactor.studio.opened import Opened, UnknownIdError, key_of
-from lightfactor.studio.pictures import read_json_lines
 
 State = Literal["running", "done", "failed", "stopped"]
 # Runs a command, and writes its exit status where it is looked for, whoever has gone in the meantime. A signal to
@@ -58,8 +57,10 @@ class Job:
 
     def progress(self) -> dict[str, Any] | None:
         """What it is doing: {doing, done, of}."""
-        lines = read_json_lines(self.folder / "progress")
-        return lines[-1] if lines else None
+        file = self.folder / "progress"
+        # The last line may just be written.
+        whole = file.read_text(encoding="utf-8").split("\n")[:-1] if file.is_file() else []
+        return json.loads(whole[-1]) if whole else None
 
     def said(self) -> str:
         """What it printed, errors included."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
 from pathlib import Path
+
+from capture.files.outfolder import result_files
 
 _PHOTO = re.compile(r"^\s*\[\[\s*photo\s*\]\]")
 # Not the rows of an array that goes over several lines.
@@ -39,6 +40,5 @@ def hold_out(manifest: Path, number: int, held_out: bool) -> None:
         raise ValueError(
             f"{manifest}: held_out of photograph {number + 1} is written in a way that can't be changed here"
         )
-    temporary = manifest.with_name(f".{manifest.name}-{os.getpid()}")
-    temporary.write_text(changed, encoding="utf-8")
-    temporary.replace(manifest)
+    with result_files(manifest) as folder:
+        (folder / manifest.name).write_text(changed, encoding="utf-8")

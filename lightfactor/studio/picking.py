@@ -17,7 +17,7 @@ from invrender.output.live.live_light import LiveLight
 from invrender.output.live.live_material import LiveReflectance
 from invrender.output.live.lobe_maps import no_maps
 from invrender.output.live.lobe_volume import lobe_volume
-from invrender.output.live.packed import packed, packed_light, packed_subject
+from invrender.output.live.packed import packed_scene
 from invrender.output.live.scene import LiveScene
 from invrender.output.render.view import DEFAULT_VIEW, new_optics
 from lightfactor.studio.opened import Opened, UnknownIdError, key_of
@@ -38,8 +38,8 @@ _CLICK_PX = 0.3
 _STEP = 1e-5
 
 
-def mesh_to_pick(opened: Opened) -> tuple[bytes, bytes]:
-    """The set's mesh in its own axes, grey, and an even light, packed as live pictures are."""
+def mesh_to_pick(opened: Opened) -> bytes:
+    """The set's mesh in its own axes, metres, grey under an even light, packed as live pictures are."""
     mesh = read_object_mesh(_photoset(opened)).mesh
     centre = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
@@ -69,16 +69,7 @@ def mesh_to_pick(opened: Opened) -> tuple[bytes, bytes]:
         optics=new_optics(None, radius, None, None),
         first_view=DEFAULT_VIEW,
     )
-    return packed_subject(scene), packed_light(even)
-
-
-def place_of_mesh(opened: Opened) -> bytes:
-    """Where the mesh's own axes are in those of its live picture: centre and radius in the file's unit, packed."""
-    photoset = _photoset(opened)
-    vertices = read_object_mesh(photoset).mesh.vertices / METRES[photoset.object.unit]
-    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    radius = float(np.linalg.norm(vertices - centre, axis=1).max())
-    return packed({"centre": centre.tolist(), "radius": radius, "unit": photoset.object.unit}, {})
+    return packed_scene(scene)
 
 
 def read_saved(opened: Opened) -> dict[str, Any]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from capture.camera import Camera
 from capture.decode import decode_photo, photo_mask
 from capture.files.imagefile import read_pixels
+from capture.files.outfolder import result_files
 from capture.photoset import Photo, PhotoSet
 from capture.radiance import CHANNELS, RadianceImage
 from capture.srgb import linear_to_srgb
@@ -48,10 +47,8 @@ def thumbnail(photoset: PhotoSet, photo: Photo, kept: Path) -> bytes:
     _, encoded = cv2.imencode(".jpg", _small(photoset, photo), [cv2.IMWRITE_JPEG_QUALITY, 85])
     data = encoded.tobytes()
     kept.mkdir(exist_ok=True)
-    # Whole or absent, whoever else makes it just now.
-    temporary = kept / f".{name}-{os.getpid()}-{id(data)}"
-    temporary.write_bytes(data)
-    temporary.replace(path)
+    with result_files(path) as folder:
+        (folder / path.name).write_bytes(data)
     return data
 
 
@@ -158,11 +155,3 @@ def _shares(where: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Shares of pixels, 0 to 255, of the size that is shown; what is small isn't lost."""
     shares = _fitted(where.astype(np.float32), _SHOWN)
     return np.asarray(np.ceil(255 * np.clip(shares, 0, 1)), np.uint8)
-
-
-def read_json_lines(path: Path) -> list[dict[str, Any]]:
-    """The whole lines of a file that may just be written."""
-    if not path.is_file():
-        return []
-    text = path.read_text(encoding="utf-8")
-    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting, read_latlong
 from invrender.output.live.drawn import live_error
-from invrender.output.live.live_light import LiveLight
 from invrender.output.live.packed import packed, packed_light, packed_subject
 from invrender.output.live.scene import LiveScene, live_scene
 from invrender.output.render.light import distant_source
@@ -61,11 +60,6 @@ class Relit:
         self.lights = [entry.name for entry in result.content.lighting] + [str(path) for path in maps]
 
     @property
-    def names(self) -> list[str]:
-        """What the lights are called."""
-        return [Path(light).stem if "/" in light else light for light in self.lights]
-
-    @property
     def body(self) -> Body:
         """The object in the world."""
         with _ONE_AT_A_TIME:
@@ -73,28 +67,26 @@ class Relit:
 
     def subject(self) -> bytes:
         """Surface, reflectance and camera, packed."""
-        with _ONE_AT_A_TIME:
-            return packed_subject(_scene(*self._key, self.lights[0])[0])
+        return packed_subject(self._live(0)[0])
 
     def light(self, number: int) -> bytes:
         """A light, packed."""
-        return packed_light(self._live(number))
+        return packed_light(self._live(number)[0].lights[0])
 
     def stated(self, number: int) -> str:
         """How far live pictures under a light are off."""
+        scene, lighting = self._live(number)
         with _ONE_AT_A_TIME:
-            scene, lighting = _scene(*self._key, self.lights[number])
             return live_error(scene, _studio(*self._key), [lighting]).stated
 
     def still(self, state: Mapping[str, Any], size: tuple[int, int]) -> bytes:
         """What `render` makes of a state of the page: radiance over the light's unit, and coverage, packed."""
         if not all(1 <= side <= _MOST_SIDE for side in size):
             raise ValueError(f"a still of {size[0]} x {size[1]} pixels; sides are 1 to {_MOST_SIDE} pixels")
-        light = self._live(int(state["light"]))
+        scene, lighting = self._live(int(state["light"]))
+        (light,) = scene.lights
         with _ONE_AT_A_TIME:
-            studio = _studio(*self._key)
-            lighting = _lighting(studio.result, self.lights[int(state["light"])])
-            own = replace(studio, lighting=_dimmed(lighting, state, light.unit))
+            own = replace(_studio(*self._key), lighting=_dimmed(lighting, state, light.unit))
             optics = own.optics(size)
             optics = replace(optics, camera=optics.camera.zoomed(float(state["zoom"])))
             view = View(float(state["azimuth"]), float(state["elevation"]), None)
@@ -105,11 +97,11 @@ class Relit:
         }
         return packed({"unit": light.unit}, arrays)
 
-    def _live(self, number: int) -> LiveLight:
+    def _live(self, number: int) -> tuple[LiveScene, Lighting]:
         if not 0 <= number < len(self.lights):
             raise ValueError(f"light {number}: there are {len(self.lights)}")
         with _ONE_AT_A_TIME:
-            return _scene(*self._key, self.lights[number])[0].lights[0]
+            return _scene(*self._key, self.lights[number])
 
 
 def _dimmed(lighting: Lighting, state: Mapping[str, Any], unit: float) -> Lighting:

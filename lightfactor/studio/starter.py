@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from capture.decode import decode, read_mask
 from capture.files.imageheader import is_raw
+from capture.files.outfolder import result_files
 from capture.photoset import MANIFEST_NAME
 
 # Files that are read as photographs, beside RAW files; what lies beside them under `_MASK` is their mask.
@@ -96,7 +96,6 @@ def write_manifest(folder: Path, said: Mapping[str, Any]) -> Path:
             read_mask(mask, (height, width))
             lines.append(f"mask = {json.dumps(mask.name)}")
         lines.append("")
-    temporary = folder / f".{MANIFEST_NAME}-{os.getpid()}"
-    temporary.write_text("\n".join(lines), encoding="utf-8")
-    temporary.replace(manifest)
+    with result_files(manifest) as place:
+        (place / MANIFEST_NAME).write_text("\n".join(lines), encoding="utf-8")
     return manifest

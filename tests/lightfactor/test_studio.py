@@ -37,8 +37,6 @@ ROUTES = (
     ("GET", f"/api/photos/{PHOTO}"),
     ("POST", f"/api/photos/{PHOTO}/held-out"),
     ("GET", "/api/mesh"),
-    ("GET", "/api/mesh/light"),
-    ("GET", "/api/mesh/place"),
     ("GET", "/api/picks"),
     ("POST", "/api/picks"),
     ("POST", "/api/alignments"),

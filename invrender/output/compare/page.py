@@ -4,24 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from capture.files.documents import software
 from invrender.output.compare.pictures import lights_figure, material_panels, photo_panels
 from invrender.output.compare.sides import SideComparison
 from invrender.output.compare.tables import error_summary, light_text, texts
+from invrender.output.pages import page_template
 
 
 def write_page(path: Path, found: SideComparison) -> None:
     """Write the page: numbers, lightings, both predictions of the same photographs, both materials in one light."""
     first, second, lights = found.first, found.second, found.lights
-    environment = Environment(
-        loader=PackageLoader("invrender.output.compare", "."),
-        undefined=StrictUndefined,
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     labels = list(dict.fromkeys([*first.photo_errors, *second.photo_errors]))
     errors = [
         (
@@ -33,7 +25,7 @@ def write_page(path: Path, found: SideComparison) -> None:
         )
         for label in labels
     ]
-    page = environment.get_template("page.html.jinja").render(
+    page = page_template("invrender.output.compare", "page.html.jinja").render(
         first=first,
         second=second,
         rows=[(row, texts(row)) for row in found.rows],

@@ -7,17 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from capture.files.documents import input_hashes, software, write_json
 from capture.files.outfolder import result_folder
 from capture.progress import Track, silent
 from invrender.output.export.exported import EXPORT_FILES, PAGE_FORM
-from invrender.output.live.bundle import bundled, page_file
+from invrender.output.live.bundle import bundled, page_files
 from invrender.output.live.drawn import LiveError, live_error
 from invrender.output.live.packed import packed_light, packed_subject
 from invrender.output.live.scene import LiveScene, live_scene
+from invrender.output.pages import page_template
 from invrender.output.render.photographer import photographer
 from invrender.output.render.view import DEFAULT_VIEW, View
 from invrender.result.saved import SavedResult
@@ -83,15 +83,12 @@ def export_page(
 def object_page(result: SavedResult, scene: LiveScene, error: LiveError, notes: Sequence[str]) -> str:
     """The page's text, with a scene of a result and how far its pictures are off."""
     content = result.content
-    pages, controls = (
-        _templates(package) for package in ("invrender.output.export", "invrender.output.live")
-    )
-    form = controls.get_template("page/controls.html.jinja").render(
+    form = page_template("invrender.output.live", "page/controls.html.jinja").render(
         lights=[light.name for light in scene.lights], has_gaps=scene.kd.has_gaps
     )
-    return pages.get_template("object.html.jinja").render(
+    return page_template("invrender.output.export", "object.html.jinja").render(
         name=content.name,
-        style=Markup(page_file("live.css")),
+        style=Markup(page_files()["live.css"]),
         script=Markup(bundled("exported")),
         controls=Markup(form),
         numbers=list(shown_numbers(result)),
@@ -102,16 +99,6 @@ def object_page(result: SavedResult, scene: LiveScene, error: LiveError, notes: 
         version=software()["lightfactor"],
         subject=_text(packed_subject(scene)),
         lights=[_text(packed_light(light)) for light in scene.lights],
-    )
-
-
-def _templates(package: str) -> Environment:
-    return Environment(
-        loader=PackageLoader(package, "."),
-        undefined=StrictUndefined,
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
     )
 
 

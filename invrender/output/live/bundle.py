@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from importlib.resources import files
 
 _PAGE = files("invrender.output.live") / "page"
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./(\w+)\.js";\n', re.MULTILINE)
 
 
-def page_file(name: str) -> str:
-    """The text of a file of the page."""
-    return (_PAGE / name).read_text(encoding="utf-8")
-
-
+@cache
 def page_files() -> dict[str, str]:
     """The texts of the page's scripts and style, by name."""
     return {each.name: each.read_text(encoding="utf-8") for each in _PAGE.iterdir() if each.is_file()}
@@ -28,7 +25,7 @@ def bundled(entry: str) -> str:
         if name in done:
             return
         done.append(name)
-        text = page_file(f"{name}.js")
+        text = page_files()[f"{name}.js"]
         for needed in _IMPORT.findall(text):
             add(needed)
         parts.append(re.sub(r"^export ", "", _IMPORT.sub("", text), flags=re.MULTILINE))

@@ -14,10 +14,11 @@ from capture.progress import Track, silent
 from capture.srgb import srgb_to_linear
 from invrender.output.live.live_light import LiveLight
 from invrender.output.live.live_material import LEAST_KNOWN, LiveReflectance
-from invrender.output.live.lobe_maps import LEAST_COS
 from invrender.output.live.scene import LiveScene
 from invrender.output.render import view
 from invrender.output.render.photographer import Photographer
+from invrender.result.saved_textures import texels_around
+from invrender.transport.visibility import MIN_COS, facing_normals
 from recon.mesh.bodies import MeshBody, SurfaceHits, blended, body_window, sees
 
 Floats = NDArray[np.float64]
@@ -84,7 +85,7 @@ def drawn(scene: LiveScene, light: LiveLight, camera: Camera, turn: float) -> tu
             hits.hit[met],
             hits.views[met],
             hits.positions[met],
-            _facing(hits.normals[met], hits.views[met]),
+            facing_normals(hits.normals[met], hits.views[met]),
             hits.facets[met],
             hits.faces[met],
             hits.weights[met],
@@ -103,14 +104,6 @@ def _photographs(studio: Photographer) -> tuple[list[Camera], Floats, float] | N
         return None
     known = studio.result.content.object
     return [photo.camera for photo in studio.photoset.photos], np.array(known.centre), known.radius
-
-
-def _facing(normals: Floats, views: Floats) -> Floats:
-    """Normals (m, 3) at `LEAST_COS` to the view at least."""
-    cos = (normals * views).sum(axis=1, keepdims=True)
-    across = normals - cos * views
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    return np.where(cos < LEAST_COS, LEAST_COS * views + np.sqrt(1 - LEAST_COS**2) * across, normals)
 
 
 def _reflected(
@@ -158,7 +151,7 @@ def _lobe(scene: LiveScene, normals: Floats, towards: Floats, views: Floats) -> 
     sines = np.sqrt((1 - cos_h**2) * (1 - cos_d**2))
     phi = np.arccos(np.clip((cos_h * cos_d - cos_i) / np.maximum(sines, 1e-6), -1, 1))
     values = scene.volume.at(np.arccos(cos_h), np.arccos(cos_d), phi)
-    return values / np.maximum(cos_o, LEAST_COS)
+    return values / np.maximum(cos_o, MIN_COS)
 
 
 def _reflectance(scene: LiveScene, of: LiveReflectance, at: SurfaceHits) -> tuple[Floats, Floats]:
@@ -173,13 +166,7 @@ def _reflectance(scene: LiveScene, of: LiveReflectance, at: SurfaceHits) -> tupl
 
 
 def _texels(codes: NDArray[np.uint8], uv: Floats) -> Floats:
-    """Linear values and the share that is known, (m, 4), between texels; u goes around."""
-    height, width = codes.shape[:2]
+    """Linear values and the share that is known, (m, 4), between texels."""
     linear = np.dstack([srgb_to_linear(codes[..., :3] / 255), codes[..., 3] / 255])
-    x, y = uv[:, 0] * width - 0.5, np.clip((1 - uv[:, 1]) * height - 0.5, 0, height - 1)
-    left, top = np.floor(x).astype(int), np.minimum(np.floor(y).astype(int), height - 1)
-    right, down = (x - left)[:, None], (y - top)[:, None]
-    below = np.minimum(top + 1, height - 1)
-    upper = (1 - right) * linear[top, left % width] + right * linear[top, (left + 1) % width]
-    lower = (1 - right) * linear[below, left % width] + right * linear[below, (left + 1) % width]
-    return np.asarray((1 - down) * upper + down * lower)
+    rows, columns, weights = texels_around(uv, *codes.shape[:2])
+    return np.einsum("mk,mkc->mc", weights, linear[rows, columns])

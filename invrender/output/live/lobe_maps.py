@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BarycentricInterpolator
 
 from capture.lighting import padded_latlong
 from invrender.brdf.microfacet import Microfacet
@@ -14,17 +13,16 @@ from invrender.output.live.lobe_volume import lobe_width
 from invrender.prefilter.energy import power_per_degree
 from invrender.prefilter.globalmap import interpolated
 from invrender.prefilter.reflectionmap import mirrored_coefficients, reflected_terms
-from invrender.prefilter.separated import separated_terms
+from invrender.prefilter.separated import mirrored_frame, separated_terms, tabulated
 from invrender.theory.refinement import interval_rule
 from invrender.transport.reflected import map_lighting
 from invrender.transport.transfer import LightElement
+from invrender.transport.visibility import MIN_COS
 
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]
 
-# Views steeper than this are taken for it, as in pictures that aren't live (`visibility.facing`).
-LEAST_COS = 0.03
-_STEEPEST = float(np.arccos(LEAST_COS))
+_STEEPEST = float(np.arccos(MIN_COS))
 # Angles of the view at which the lobe is expanded, orders about its centre, and entries of the table of functions.
 _ANGLES, _ORDERS, _ENTRIES = 32, 12, 128
 # Of exp(-(l sigma / 2)^2) less than a fiftieth is left from this l sigma on; and the last degree.
@@ -40,7 +38,7 @@ class LobeMaps:
     """B = sum_k g_k(theta_o) trig(q_k phi) maps_k(R), by the mirrored view R and the view's azimuth phi about it.
 
     maps : (K, rows + 2, 2 rows, 3), a row more across each pole. functions : (n, K), g_k cos theta_o at angles that go
-    evenly from 0 to that of `LEAST_COS`. orders : (K,), q_k, < 0 for sines.
+    evenly from 0 to that of `visibility.MIN_COS`. orders : (K,), q_k, < 0 for sines.
     """
 
     maps: Halves
@@ -49,13 +47,8 @@ class LobeMaps:
 
     def towards(self, normals: Floats, views: Floats) -> Floats:
         """Radiance (m, 3) per unit of Ks, at unit normals (m, 3) towards unit views (m, 3)."""
-        cos = np.clip((normals * views).sum(axis=1), LEAST_COS, 1)
-        mirrored = 2 * (normals * views).sum(axis=1)[:, None] * normals - views
-        # Azimuth of the view about R from the meridian of R, southwards.
-        level = np.maximum(np.hypot(mirrored[:, 0], mirrored[:, 1]), 1e-6)
-        east = (mirrored[:, 0] * views[:, 1] - mirrored[:, 1] * views[:, 0]) / level
-        south = ((mirrored * views).sum(axis=1) * mirrored[:, 2] - views[:, 2]) / level
-        phi = np.arctan2(east, south)
+        cos = np.clip((normals * views).sum(axis=1), MIN_COS, 1)
+        mirrored, phi = mirrored_frame(normals, views)
         entry = np.arccos(cos) / _STEEPEST * (len(self.functions) - 1)
         total = np.zeros_like(normals)
         for q, function, values in zip(self.orders, self.functions.T, self.maps, strict=True):
@@ -92,8 +85,7 @@ def lobe_maps(brdf: Microfacet, light: LightElement, unit: float) -> LobeMaps:
         if len(orders) * rows * 2 * rows * 6 <= _MOST_BYTES:
             break
     even = np.linspace(0, _STEEPEST, _ENTRIES)
-    # What grows as 1 / cos theta_o is no polynomial; multiplied by that it nearly is.
-    table = BarycentricInterpolator(angles, functions * np.cos(angles)[:, None])(even)
+    table = tabulated(angles, functions, even)
     maps = reflected_terms(lighting / unit, by_degree, orders, rows)
     # Across the poles frames are turned by 180 degrees.
     across = np.repeat((-1.0) ** orders, 3)

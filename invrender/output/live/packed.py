@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from invrender.output.live.live_light import LiveLight
 from invrender.output.live.live_material import LEAST_KNOWN, LiveReflectance
-from invrender.output.live.lobe_maps import LEAST_COS
 from invrender.output.live.scene import LiveScene
+from invrender.transport.visibility import MIN_COS
 
 _TYPES = {"float16": "f16", "float32": "f32", "uint32": "u32", "uint8": "u8"}
 _ALIGNED = 8
@@ -42,6 +42,21 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], level:
 
 def packed_subject(scene: LiveScene) -> bytes:
     """What lights share: surface, reflectance, the lobe's table, the camera. Lengths are in radii about the centre."""
+    return packed(*_subject(scene))
+
+
+def packed_light(light: LiveLight) -> bytes:
+    """One light; radiance and irradiance are over its unit."""
+    return packed(*_light(light))
+
+
+def packed_scene(scene: LiveScene) -> bytes:
+    """A scene of one light in one block: what `packed_subject` and `packed_light` hold, under the scene's name."""
+    (subject, surface), (light, tables) = _subject(scene), _light(scene.lights[0])
+    return packed(light | subject, surface | tables)
+
+
+def _subject(scene: LiveScene) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     mesh, camera = scene.mesh, scene.optics.camera
     arrays: dict[str, NDArray[Any]] = {
         "positions": ((mesh.vertices - scene.centre) / scene.radius).astype(np.float32),
@@ -57,10 +72,11 @@ def packed_subject(scene: LiveScene) -> bytes:
     distance = scene.first_view.distance
     header = {
         "name": scene.name,
+        "centre": scene.centre.tolist(),
         "radius": scene.radius,
         "shadows": scene.has_shadows,
         "width": scene.volume.width,
-        "leastCos": LEAST_COS,
+        "leastCos": MIN_COS,
         "leastKnown": LEAST_KNOWN,
         "hasGaps": scene.kd.has_gaps,
         "kd": scene.kd.scale.tolist(),
@@ -77,22 +93,18 @@ def packed_subject(scene: LiveScene) -> bytes:
             "elevation": scene.first_view.elevation,
         },
     }
-    return packed(header, arrays)
+    return header, arrays
 
 
-def packed_light(light: LiveLight) -> bytes:
-    """One light; radiance and irradiance are over its unit."""
+def _light(light: LiveLight) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     header = {"name": light.name, "unit": light.unit, "orders": light.maps.orders.tolist()}
-    return packed(
-        header,
-        {
-            "lamps": light.lamps.astype(np.float32),
-            "irradiances": light.irradiances.astype(np.float32),
-            "series": light.series,
-            "maps": light.maps.maps,
-            "functions": light.maps.functions,
-        },
-    )
+    return header, {
+        "lamps": light.lamps.astype(np.float32),
+        "irradiances": light.irradiances.astype(np.float32),
+        "series": light.series,
+        "maps": light.maps.maps,
+        "functions": light.maps.functions,
+    }
 
 
 def _reflectance(name: str, of: LiveReflectance) -> dict[str, NDArray[Any]]:

@@ -66,12 +66,8 @@ def live_scene(
             " azimuths; render it with `lightfactor render`"
         )
     subject = studio.subject
-    is_mesh = isinstance(subject.body, MeshBody)
-    mesh = (
-        subject.body.mesh
-        if isinstance(subject.body, MeshBody)
-        else tessellated(subject.centre, subject.radius)
-    )
+    body = subject.body
+    mesh = body.mesh if isinstance(body, MeshBody) else tessellated(subject.centre, subject.radius)
     if len(mesh.faces) > _MOST_FACES:
         raise ValueError(
             f"{studio.result.path}: its mesh has {len(mesh.faces):,} faces, and a browser draws {_MOST_FACES:,} with"
@@ -84,7 +80,7 @@ def live_scene(
         mesh,
         subject.centre,
         subject.radius,
-        is_mesh,
+        subject.shadows is not None,
         kd,
         ks,
         brdf,

@@ -14,6 +14,7 @@ from invrender.output.render.subject import Subject
 from invrender.result.reflectance import Reflectance
 from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
+from invrender.transport.visibility import Shadows
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +27,7 @@ def bounces_of(
     albedo : (3,), of a reflectance that is known up to a scale; None of one that is absolute. Where the photographs
     left Kd and Ks open, their means are taken: what is there sends light, too.
     """
-    parts = None if subject.shadows is None else ConcaveMesh.of(subject.shadows)
+    parts = None if subject.shadows is None else _concave(subject.shadows)
     if parts is None:
         return lambda element: None
     brdf = reflectance.brdf
@@ -38,6 +39,12 @@ def bounces_of(
         )
 
     return lru_cache(maxsize=1)(partial(_under, parts, brdf, albedo))
+
+
+@lru_cache(maxsize=1)
+def _concave(shadows: Shadows) -> ConcaveMesh | None:
+    """The parts of a mesh that see each other, which no light changes; the last mesh's are kept."""
+    return ConcaveMesh.of(shadows)
 
 
 def _under(parts: ConcaveMesh, brdf: Microfacet, albedo: Floats | None, element: LightElement) -> Bounced:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from invrender.estimate.quantities import FittedLighting, Quantity, limits
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import TexelLayout
+from invrender.output.pages import page_template
 from invrender.output.report.causefigure import cause_figure
 from invrender.output.report.pictures import (
     difference_picture,
@@ -111,15 +111,8 @@ class ReportWriter:
         textures = run.textures
         # Values at vertices make no picture.
         mapped = textures is not None and isinstance(textures.layout, TexelLayout)
-        environment = Environment(
-            loader=PackageLoader("invrender.output.report", "."),
-            undefined=StrictUndefined,
-            autoescape=True,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
         normals = normals_figure(solution.candidates, solution.chosen)
-        page = environment.get_template("report.html.jinja").render(
+        page = page_template("invrender.output.report", "report.html.jinja").render(
             document=document,
             misfits=solution.misfits,
             interreflection=run.interreflection,

@@ -1,12 +1,13 @@
 // The photographs of a set, one of them large, and where they were taken from.
 
-import { asked, askedBytes, posted } from "./asking.js";
+import { asked, lastAsked, posted } from "./asking.js";
 import { byId, cleared, COLOURS, element, row, shown } from "./building.js";
 import { exposed, RadianceView, SharedView, whiteLevel } from "./radianceview.js";
-import { unpacked } from "./packed.js";
+import { turnView } from "./vectors.js";
 
 const shared = new SharedView(), view = new RadianceView(byId("photo"), shared);
-let current = null, set = null, turn = { azimuth: 40, elevation: 25 };
+const turn = { azimuth: 40, elevation: 25 }, read = lastAsked();
+let current = null, set = null;
 
 /** A list of photographs with thumbnails, that are fetched as they come into sight. */
 export function listPhotos(list, photos, chosen, note = () => "") {
@@ -57,10 +58,10 @@ async function choose(photo) {
   byId("held-out").checked = photo.heldOut;
   byId("photo-state").textContent = "Reading...";
   byId("photo-facts").replaceChildren();
-  const mine = (current = { photo });
+  current = { photo };
   try {
-    const found = await unpacked(await askedBytes(`/api/photos/${photo.id}`));
-    if (current !== mine) return;
+    const found = await read(`/api/photos/${photo.id}`);
+    if (!found) return;
     const [height, width] = found.arrays.radiance.shape;
     Object.assign(current, found, { width, height, white: whiteLevel(found.arrays.radiance.data) });
     byId("photo-state").textContent = "";
@@ -69,7 +70,7 @@ async function choose(photo) {
     draw();
     drawCameras();
   } catch (error) {
-    if (current === mine) byId("photo-state").textContent = error.message;
+    byId("photo-state").textContent = error.message;
   }
 }
 
@@ -199,13 +200,13 @@ const cameras = byId("cameras");
 cameras.addEventListener("pointerdown", (event) => cameras.setPointerCapture(event.pointerId));
 cameras.addEventListener("pointermove", (event) => {
   if (!event.buttons) return;
-  turn = { azimuth: turn.azimuth - event.movementX / 2, elevation: Math.max(-89, Math.min(89, turn.elevation + event.movementY / 2)) };
+  turnView(turn, -event.movementX / 2, event.movementY / 2);
   drawCameras();
 });
 cameras.addEventListener("keydown", (event) => {
   const steps = { ArrowLeft: [-5, 0], ArrowRight: [5, 0], ArrowUp: [0, 5], ArrowDown: [0, -5] };
   if (!(event.key in steps)) return;
   event.preventDefault();
-  turn = { azimuth: turn.azimuth + steps[event.key][0], elevation: Math.max(-89, Math.min(89, turn.elevation + steps[event.key][1])) };
+  turnView(turn, ...steps[event.key]);
   drawCameras();
 });

@@ -16,17 +16,13 @@ export function listFits(fits, whenDone) {
       if (fit.state === "running") watch(item, fit, whenDone);
     }
   }
-  byId("start-fit").disabled = fits.some((fit) => fit.state === "running");
 }
 
 async function watch(item, fit, whenDone) {
   try {
     for await (const now of lines(`/api/fits/${fit.id}/progress`)) {
       show(item, now);
-      if (now.state !== "running") {
-        byId("start-fit").disabled = false;
-        whenDone(now);
-      }
+      if (now.state !== "running") whenDone(now);
     }
   } catch (error) {
     item.append(element("p", { className: "problem" }, `The server is gone (${error.message}); the fit goes on. Load the page again.`));

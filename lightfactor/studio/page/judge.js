@@ -1,12 +1,12 @@
 // A photograph beside its prediction and the difference, and the errors of all.
 
-import { askedBytes } from "./asking.js";
+import { lastAsked } from "./asking.js";
 import { byId, cleared, COLOURS, shown } from "./building.js";
 import { listPhotos } from "./capture.js";
-import { singles, unpacked } from "./packed.js";
+import { singles } from "./packed.js";
 import { code, exposed, RadianceView, SharedView, whiteLevel } from "./radianceview.js";
 
-const shared = new SharedView();
+const shared = new SharedView(), read = lastAsked();
 const views = ["observed", "predicted", "difference"].map((id) => new RadianceView(byId(id), shared, probe));
 let result = null, current = null;
 
@@ -22,10 +22,10 @@ export function judge(described) {
 async function choose(photo) {
   byId("judge-name").textContent = photo.label;
   byId("judge-state").textContent = "Reading...";
-  const mine = (current = { photo });
+  current = { photo };
   try {
-    const found = await unpacked(await askedBytes(`/api/results/${result.id}/photos/${photo.id}`));
-    if (current !== mine) return;
+    const found = await read(`/api/results/${result.id}/photos/${photo.id}`);
+    if (!found) return;
     const [height, width] = found.arrays.radiance.shape;
     Object.assign(current, { ...found.arrays, width, height, white: whiteLevel(found.arrays.predicted.data) });
     byId("judge-state").textContent = "";
@@ -33,7 +33,7 @@ async function choose(photo) {
     drawAngles();
     drawErrors();
   } catch (error) {
-    if (current === mine) byId("judge-state").textContent = error.message;
+    byId("judge-state").textContent = error.message;
   }
 }
 

@@ -1,14 +1,14 @@
 // Correspondences: a point in a photograph, the same point of the mesh; what they say of the mesh's place at once.
 
-import { askedBytes, askedJson, posted } from "./asking.js";
+import { askedBytes, askedJson, lastAsked, posted } from "./asking.js";
 import { byId, element, row } from "./building.js";
 import { listPhotos } from "./capture.js";
 import { unpacked } from "./packed.js";
 import { Picture } from "./picture.js";
 import { exposed, RadianceView, SharedView, whiteLevel } from "./radianceview.js";
-import { cross, dot, viewed } from "./vectors.js";
+import { cross, dot, turnView, viewed } from "./vectors.js";
 
-const NEAR = 4;
+const NEAR = 4, read = lastAsked();
 const shared = new SharedView(), view = new RadianceView(byId("pick-photo"), shared);
 const state = { light: 0, turn: 0, room: 1, exposure: -0.1, filled: true, lamps: [], azimuth: 30, elevation: 20, zoom: 1 };
 // For whoever drives the page by a script.
@@ -22,10 +22,9 @@ export async function openPicking(opened) {
   listPhotos(byId("pick-photos"), set.photos, choose);
   say("Reading the mesh...");
   try {
-    const subject = await unpacked(await askedBytes("/api/mesh"));
-    mesh = { ...subject, ...(await unpacked(await askedBytes("/api/mesh/place"))) , arrays: subject.arrays };
-    picture = new Picture(byId("pick-mesh"), subject);
-    picture.add(await unpacked(await askedBytes("/api/mesh/light")));
+    mesh = await unpacked(await askedBytes("/api/mesh"));
+    picture = new Picture(byId("pick-mesh"), mesh);
+    picture.add(mesh);
     new ResizeObserver(drawMesh).observe(picture.canvas);
     say("");
     take(await askedJson("/api/picks"));
@@ -40,16 +39,16 @@ function say(text) {
 }
 
 async function choose(chosen) {
-  const mine = (photo = { ...chosen });
+  photo = { ...chosen };
   pending = null;
   try {
-    const found = await unpacked(await askedBytes(`/api/photos/${chosen.id}`));
-    if (photo !== mine) return;
+    const found = await read(`/api/photos/${chosen.id}`);
+    if (!found) return;
     const [height, width] = found.arrays.radiance.shape, data = found.arrays.radiance.data;
     Object.assign(photo, { shownWidth: width, shownHeight: height, codes: exposed(data, whiteLevel(data)) });
     drawPhoto();
   } catch (error) {
-    if (photo === mine) say(error.message);
+    say(error.message);
   }
 }
 
@@ -144,7 +143,7 @@ function drawMesh() {
   Object.assign(overlay.style, { width: `${canvas.clientWidth}px`, height: `${canvas.clientHeight}px` });
   const { matrix } = viewed(picture.subject.camera, state, canvas.width, canvas.height), context = overlay.getContext("2d");
   picks.forEach((pick, k) => {
-    const p = ["x", "y", "z"].map((name, i) => (pick[name] - mesh.centre[i]) / mesh.radius);
+    const p = ["x", "y", "z"].map((name, i) => (pick[name] * set.metres - mesh.centre[i]) / mesh.radius);
     const at = [0, 1, 3].map((i) => matrix[i] * p[0] + matrix[4 + i] * p[1] + matrix[8 + i] * p[2] + matrix[12 + i]);
     mark(context, ((at[0] / at[2] + 1) / 2) * canvas.width, ((1 - at[1] / at[2]) / 2) * canvas.height, `${k + 1}`);
   });
@@ -170,7 +169,7 @@ function meshPoint(x, y) {
     if (far > 0 && far < nearest) nearest = far;
   }
   if (nearest === Infinity) return null;
-  return camera.place.map((value, k) => mesh.centre[k] + mesh.radius * (value + nearest * towards[k]));
+  return camera.place.map((value, k) => (mesh.centre[k] + mesh.radius * (value + nearest * towards[k])) / set.metres);
 }
 
 /** Calls back with a click's place, canvas pixels; what moves further is a drag. */
@@ -208,8 +207,7 @@ clicked(byId("pick-mesh"), (event) => {
 }, (event) => turnMesh(-event.movementX * 0.4, event.movementY * 0.4));
 
 function turnMesh(azimuth, elevation) {
-  state.azimuth += azimuth;
-  state.elevation = Math.max(-89, Math.min(89, state.elevation + elevation));
+  turnView(state, azimuth, elevation);
   drawMesh();
 }
 

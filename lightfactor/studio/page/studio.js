@@ -58,7 +58,7 @@ async function load(chosen, photo) {
   byId("tab-pick").hidden = opened.set?.shape !== "mesh";
   if (first && opened.set) openSet(opened.set, photo);
   offer(opened.starter);
-  byId("start-fit").disabled = !opened.set;
+  byId("start-fit").disabled = !opened.set || opened.fits.some((fit) => fit.state === "running");
   listFits(opened.fits, (fit) => load(fit.hasResult ? fit.name : undefined));
   await show();
 }

@@ -1,5 +1,7 @@
 // Binds pointer, keyboard and form fields to the state of a live picture.
 
+import { around, turnView } from "./vectors.js";
+
 const STEP = 5, FASTEST = 0.4;
 
 /** State at the start: the first light as it was, from the side that `lightfactor render` takes. */
@@ -64,9 +66,8 @@ export function control(picture, state, form, readout, onChange = () => {}) {
       : [];
     show();
   };
-  const turnView = (azimuth, elevation) => {
-    state.azimuth = around(state.azimuth + azimuth);
-    state.elevation = Math.max(-89, Math.min(89, state.elevation + elevation));
+  const turnObject = (azimuth, elevation) => {
+    turnView(state, azimuth, elevation);
     redraw();
   };
   const turnLight = (degrees) => {
@@ -91,7 +92,7 @@ export function control(picture, state, form, readout, onChange = () => {}) {
       const across = event.movementX * FASTEST, down = event.movementY * FASTEST;
       if (event.shiftKey) turnLight(across);
       else if (event.altKey || event.buttons === 2) moveLamp(across, -down);
-      else turnView(-across, down);
+      else turnObject(-across, down);
     }
     probe(event);
   });
@@ -114,7 +115,7 @@ export function control(picture, state, form, readout, onChange = () => {}) {
       const [across, up] = ways[event.key];
       if (event.shiftKey) turnLight(across);
       else if (event.altKey) moveLamp(across, up);
-      else turnView(across, up);
+      else turnObject(across, up);
     } else if (event.key === "+" || event.key === "=") zoom(1.15);
     else if (event.key === "-") zoom(1 / 1.15);
     else if (event.key === "0") Object.assign(state, { zoom: 1, turn: 0, room: 1, ...home }) && show();
@@ -125,9 +126,4 @@ export function control(picture, state, form, readout, onChange = () => {}) {
   new ResizeObserver(redraw).observe(canvas);
   show();
   return show;
-}
-
-/** Degrees brought to -180 to 180. */
-function around(degrees) {
-  return ((((degrees + 180) % 360) + 360) % 360) - 180;
 }

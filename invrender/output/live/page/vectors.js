@@ -13,6 +13,17 @@ export function direction(azimuth, elevation) {
   return [Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)];
 }
 
+/** Degrees brought to -180 to 180. */
+export function around(degrees) {
+  return ((((degrees + 180) % 360) + 360) % 360) - 180;
+}
+
+/** Turns a view, {azimuth, elevation}, by so many degrees; it stays below the poles, where up is anything. */
+export function turnView(view, azimuth, elevation) {
+  view.azimuth = around(view.azimuth + azimuth);
+  view.elevation = Math.max(-89, Math.min(89, view.elevation + elevation));
+}
+
 /** A vector turned about +Z by so many degrees. */
 export function turnedAboutZ([x, y, z], degrees) {
   const c = Math.cos(radians(degrees)), s = Math.sin(radians(degrees));
