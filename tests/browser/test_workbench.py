@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 import lightfactor as lf
 from tests.browser.test_exported_page import apart, radiance
@@ -154,6 +154,31 @@ def test_a_result_is_saved_as_a_page(page: Page, bench: Served, ball: Path, tmp_
     assert "Live pictures are off by" in text
     page.goto((tmp_path / "object.html").as_uri())
     page.wait_for_function("window.lightfactor")
+
+
+def test_a_broken_photograph_does_not_look_like_the_one_before_it(browser: Browser, tmp_path: Path) -> None:
+    # Not the fixture's page: browsers report the two answers that say what is wrong as errors.
+    page, errors = browser.new_page(), []
+    page.on("pageerror", lambda error: errors.append(error))
+    folder = write_set(tmp_path / "set")
+    whole = (folder / "002.exr").read_bytes()
+    (folder / "002.exr").write_bytes(whole[: len(whole) // 2])
+    drawn = "() => document.getElementById('photo').getContext('2d').getImageData(0, 0, 2000, 2000).data.some((x) => x)"
+    with served(folder) as bench:
+        page.goto(bench.address)
+        expect(page.locator("#photo-facts")).to_contain_text("68 x 68 pixels")
+        assert page.evaluate(drawn)
+        page.locator("#photos button").nth(2).click()
+        expect(page.locator("#photo-state")).to_contain_text("002.exr: cannot be decoded")
+        assert not page.evaluate(drawn)
+        expect(page.locator("#photos li").nth(2)).to_contain_text("broken")
+        page.locator("#photos button").nth(3).click()
+        expect(page.locator("#photo-facts")).to_contain_text("68 x 68 pixels")
+        assert page.evaluate(drawn)
+        page.get_by_role("tab", name="Fit").click()
+        expect(page.locator("#compare")).to_be_hidden()
+    page.close()
+    assert not errors
 
 
 def test_tabs_are_reached_by_keyboard_and_a_wrong_key_is_said(page: Page, bench: Served) -> None:

@@ -58,6 +58,8 @@ async function choose(photo) {
   byId("held-out").checked = photo.heldOut;
   byId("photo-state").textContent = "Reading...";
   byId("photo-facts").replaceChildren();
+  view.clear();
+  cleared(byId("histogram"));
   current = { photo };
   try {
     const found = await read(`/api/photos/${photo.id}`);

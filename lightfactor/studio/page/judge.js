@@ -23,6 +23,8 @@ async function choose(photo) {
   byId("judge-name").textContent = photo.label;
   byId("judge-state").textContent = "Reading...";
   current = { photo };
+  views.forEach((view) => view.clear());
+  cleared(byId("angles"));
   try {
     const found = await read(`/api/results/${result.id}/photos/${photo.id}`);
     if (!found) return;

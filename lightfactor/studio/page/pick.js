@@ -41,6 +41,7 @@ function say(text) {
 async function choose(chosen) {
   photo = { ...chosen };
   pending = null;
+  view.clear();
   try {
     const found = await read(`/api/photos/${chosen.id}`);
     if (!found) return;

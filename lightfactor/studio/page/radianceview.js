@@ -75,6 +75,12 @@ export class RadianceView {
     this.draw();
   }
 
+  /** Shows nothing: what comes may be broken, and this is no longer it. */
+  clear() {
+    this.bitmap = null;
+    cleared(this.canvas);
+  }
+
   /** Canvas pixels per pixel of the picture. */
   scale() {
     const [width, height] = this.shared.size;
