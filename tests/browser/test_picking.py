@@ -17,7 +17,7 @@ from recon.mesh.shape import placed
 from recon.mesh.trianglemesh import read_mesh, write_mesh
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset
-from tests.lightfactor.studios import served
+from tests.browser.visits import visited
 
 _SCENE = """format = 1
 name = "small cat"
@@ -98,8 +98,7 @@ def points_to_pick(folder: Path, truth: np.ndarray) -> list[tuple[int, np.ndarra
 def test_photographs_are_held_out_without_touching_the_rest_of_the_manifest(page: Page, cat: Path) -> None:
     manifest = cat / "photoset.toml"
     before = manifest.read_text()
-    with served(cat) as bench:
-        page.goto(bench.address)
+    with visited(page, cat):
         page.locator("#photos button").nth(1).click()
         expect(page.locator("#photo-name")).to_have_text("001.exr")
         page.get_by_label("Hold it out of the fit").check()
@@ -118,8 +117,7 @@ def test_six_picks_place_the_mesh(page: Page, cat: Path) -> None:
     mesh = read_mesh(cat / "object.obj")
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     reach = np.linalg.norm(mesh.vertices - middle, axis=1).max()
-    with served(cat) as bench:
-        page.goto(bench.address)
+    with visited(page, cat):
         expect(page.locator("#problem")).to_contain_text("has not been aligned yet")
         page.get_by_role("tab", name="Pick").click()
         expect(page.locator("#pick-fit")).to_contain_text("0 points are picked")

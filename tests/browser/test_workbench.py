@@ -13,6 +13,7 @@ from playwright.sync_api import Browser, Page, expect
 
 import lightfactor as lf
 from tests.browser.test_exported_page import apart, radiance
+from tests.browser.visits import visited
 from tests.invrender.faultysets import write_set
 from tests.lightfactor.studios import Served, served
 
@@ -164,8 +165,7 @@ def test_a_broken_photograph_does_not_look_like_the_one_before_it(browser: Brows
     whole = (folder / "002.exr").read_bytes()
     (folder / "002.exr").write_bytes(whole[: len(whole) // 2])
     drawn = "() => document.getElementById('photo').getContext('2d').getImageData(0, 0, 2000, 2000).data.some((x) => x)"
-    with served(folder) as bench:
-        page.goto(bench.address)
+    with visited(page, folder):
         expect(page.locator("#photo-facts")).to_contain_text("68 x 68 pixels")
         assert page.evaluate(drawn)
         page.locator("#photos button").nth(2).click()
@@ -205,8 +205,7 @@ def test_a_folder_of_photographs_becomes_a_set(page: Page, tmp_path: Path) -> No
     folder.mkdir()
     for name in ("a.png", "b.png"):
         cv2.imwrite(str(folder / name), np.full((40, 60, 3), 90, np.uint8))
-    with served(folder) as bench:
-        page.goto(bench.address)
+    with visited(page, folder):
         expect(page.locator("#starter-photos")).to_have_text("2 photographs: a.png, b.png")
         expect(page.get_by_role("tab", name="Fit")).to_be_disabled()
         page.locator("#manifest select[name=light]").select_option("dark")
