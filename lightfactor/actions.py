@@ -18,7 +18,7 @@ from invrender.output.export.html import export_page as write_page_of
 from invrender.output.render.files import save_picture as write_picture
 from invrender.output.render.picture import Picture
 from invrender.output.render.view import view_of
-from invrender.plan.from_scene import read_experiment
+from invrender.plan.asked import asked_experiment
 from invrender.plan.planned import PlannedScene, check_effort, plan_experiment
 from invrender.plan.planning import DEFAULT_DEGREE, DEFAULT_SAMPLES
 from invrender.result.saved import SavedResult, nearest, read_result
@@ -118,23 +118,25 @@ def export_page(
 
 @naming_arguments
 def plan(
-    scene: Path | str,
+    scene: Fit | Path | str,
     light: Given | None = None,
     degree: int = DEFAULT_DEGREE,
     samples: int = DEFAULT_SAMPLES,
     progress: bool = False,
 ) -> PlannedScene:
-    """What a scene's photographs will determine before anyone takes them, and which one more would help most.
+    """What photographs will determine before anyone takes them, and which one more would help most.
 
-    scene : the name of a built-in one, or a scene file. light : "all", "distant" (lamps as if they were), "ball" or
-        "nothing", what the set will tell of the light, in place of what the file says. degree : highest harmonic degree
-        of unknown light, 0 to 30. samples : pixels that are looked at, 1000 or more. progress : show bars on the
-        terminal.
+    scene : the name of a built-in one, a scene file, or a fit or its folder, whose set one photograph more may join.
+        light : "all", "distant" (lamps as if they were), "ball" or "nothing", what the set will tell of the light, in
+        place of what file or set say; of a fit "all" or "nothing". degree : highest harmonic degree of unknown light, 0
+        to 30. samples : pixels that are looked at, 1000 or more. progress : show bars on the terminal.
     The answer has `document`, as plan.json; `figure()`; `write(folder)`. ValueError says what is wrong with the scene.
     """
     check_effort(degree, samples)
-    experiment, path = read_experiment(str(scene), _told(light))
-    return plan_experiment(experiment, path, degree, samples, terminal_track if progress else silent)
+    track = terminal_track if progress else silent
+    name, photoset = (scene.result.path, scene.photoset) if isinstance(scene, Fit) else (scene, None)
+    experiment, path = asked_experiment(str(name), _told(light), photoset, track)
+    return plan_experiment(experiment, path, degree, samples, track)
 
 
 @naming_arguments

@@ -1,4 +1,4 @@
-"""lightfactor plan: what a scene's photographs will determine, before anyone takes them."""
+"""lightfactor plan: what photographs will determine, before anyone takes them, and which one more would help."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ def plan(
     scene: Annotated[
         str,
         typer.Argument(
-            metavar="SCENE",
-            help="Name of a built-in scene (`lightfactor synth --list`), or a scene file, NAME.toml.",
+            metavar="SCENE|RESULT",
+            help="Name of a built-in scene (`lightfactor synth --list`), a scene file, NAME.toml, or a result of"
+            " `process`, whose set one photograph more may join.",
             show_default=False,
         ),
     ],
@@ -33,7 +34,16 @@ def plan(
         LightOfSet | None,
         typer.Option(
             help="What the set will give of the light, instead of what the scene file says: all, all with lamps as if"
-            " they were distant, photographs of a mirror ball, or nothing.",
+            " they were distant, photographs of a mirror ball, or nothing. Of a result: all or nothing.",
+            show_default=False,
+        ),
+    ] = None,
+    photoset: Annotated[
+        Path | None,
+        typer.Option(
+            "--set",
+            metavar="SET",
+            help="Folder of the photo set that a result was made from, where it isn't beside it.",
             show_default=False,
         ),
     ] = None,
@@ -54,8 +64,11 @@ def plan(
     (Fisher information; no unbiased estimate is better), with the words that `process` uses afterwards; then tries a
     hundred further views and a hundred further lights. Nothing is rendered.
 
+    Of a result it starts from the numbers and the light that were found, the set's cameras, the noise of its
+    photographs and what the fit left unexplained.
+
     Writes FOLDER/plan.json and FOLDER/plan.png, a figure.
     """
     from invrender.plan.run import run_plan
 
-    run_plan(scene, out, light.value if light else None, degree, samples)
+    run_plan(scene, out, light.value if light else None, photoset, degree, samples)

@@ -19,8 +19,10 @@ from invrender.plan.prospect import Expected, worth_improving
 FORMAT = 1
 
 
-def plan_document(plan: Plan, advice: Advice, inputs: Mapping[str, str]) -> dict[str, Any]:
-    """The plan as JSON-ready data; numbers are finite. inputs : file -> "sha256:..."."""
+def plan_document(
+    plan: Plan, advice: Advice, sentences: Sequence[str], inputs: Mapping[str, str]
+) -> dict[str, Any]:
+    """The plan as JSON-ready data; numbers are finite. sentences : all in words. inputs : file -> "sha256:..."."""
     experiment = plan.experiment
     prospects = {prospect.name: prospect for prospect in plan.lights}
     return {
@@ -61,6 +63,7 @@ def plan_document(plan: Plan, advice: Advice, inputs: Mapping[str, str]) -> dict
             for cause, gain in worth_improving(plan.expected)
         ],
         "advice": _advice(experiment, advice),
+        "sentences": list(sentences),
         "notes": list(experiment.notes),
         "inputs": dict(inputs),
         "software": software(),
@@ -88,7 +91,7 @@ def _light(prospect: LightProspect) -> dict[str, Any]:
 
 
 def _advice(experiment: Experiment, advice: Advice) -> dict[str, Any]:
-    found: dict[str, Any] = {"target": advice.target.name}
+    found: dict[str, Any] = {"target": advice.target.name, "label": advice.target.label}
     for kind, trial in (("view", advice.view), ("lamp", advice.lamp)):
         directions, gains = trial.gains(advice.target)
         found[kind] = {

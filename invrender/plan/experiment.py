@@ -17,6 +17,10 @@ from recon.mesh.bodies import Body
 
 Floats = NDArray[np.float64]
 
+# What a plan leaves aside, wherever its object comes from.
+MEANS_NOTE = "the object is planned as if it had the mean Kd and Ks of its texture everywhere"
+BOUNCES_NOTE = "light that bounces between parts of the object isn't planned with"
+
 
 class PlannedSensor(Protocol):
     """What noise photographs will have."""
@@ -73,7 +77,7 @@ class Experiment:
 
     brdf : sigma is None, and Ks zero, for matte objects; mu is None where there is no Fresnel factor.
     centre : (3,) metres, of the object: directions of views count from there.
-    notes : sentences on what the plan takes for something else than the scene says.
+    notes : sentences on what the plan takes for something else than scene or result say.
     errors : of what the set will give; those of light directions are in the lights.
     found_place : (4,), what of a sphere's centre and radius its outlines will give.
     """

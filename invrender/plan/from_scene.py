@@ -14,7 +14,7 @@ from capture.calibrationerrors import CalibrationErrors, lens_errors, stated_pos
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.phong import phong_sigma
-from invrender.plan.experiment import Experiment, PlannedLight, PlannedView
+from invrender.plan.experiment import BOUNCES_NOTE, MEANS_NOTE, Experiment, PlannedLight, PlannedView
 from recon.mesh.bodies import MeshBody, SphereBody
 from recon.mesh.shape import placed
 from recon.sphere.sphere import Sphere
@@ -68,7 +68,7 @@ def experiment_of(staging: Staging) -> Experiment:
     for light in used:
         notes += _light_notes(light, np.asarray(scene.surface.centre))
     if isinstance(scene.material, Textured):
-        notes.append("the object is planned as if it had the mean Kd and Ks of its texture everywhere")
+        notes.append(MEANS_NOTE)
         if any(light.given == "nothing" for light in used):
             notes.append(
                 "texture and light, both unknown, can't be separated (RH01, section 6.4), whatever is said here"
@@ -78,7 +78,7 @@ def experiment_of(staging: Staging) -> Experiment:
             "what is wrong on purpose ([faults]: poses, mesh, outliers, background) isn't planned with"
         )
     if scene.effort.bounces:
-        notes.append("light that bounces between parts of the object isn't planned with")
+        notes.append(BOUNCES_NOTE)
     surface = scene.surface
     if isinstance(surface, Ball):
         body: SphereBody | MeshBody = SphereBody(Sphere(surface.centre, surface.radius, np.zeros((4, 4))))

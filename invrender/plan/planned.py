@@ -1,4 +1,4 @@
-"""A scene planned: what its photographs will determine, and what one more would bring. No terminal."""
+"""A scene or a result planned: what its photographs will determine, and what one more would bring. No terminal."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PLAN_FILES = ("plan.json", "plan.png")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlannedScene:
-    """A plan with advice. path : the scene file."""
+    """A plan with advice. path : the scene file, or result.json."""
 
     path: Path
     plan: Plan
@@ -35,7 +35,7 @@ class PlannedScene:
     @cached_property
     def document(self) -> Mapping[str, Any]:
         """Everything that the plan says, as plan.json has it."""
-        return plan_document(self.plan, self.advice, input_hashes([self.path]))
+        return plan_document(self.plan, self.advice, self.lines, input_hashes([self.path]))
 
     @property
     def lines(self) -> list[str]:
@@ -76,6 +76,6 @@ def plan_experiment(
     samples: int = DEFAULT_SAMPLES,
     track: Track = silent,
 ) -> PlannedScene:
-    """Plan an experiment that was read from a scene file."""
+    """Plan an experiment; path : the file that it was read from."""
     plan = make_plan(experiment, degree, samples, track)
     return PlannedScene(path, plan, advise(plan, track))

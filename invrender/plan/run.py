@@ -1,4 +1,4 @@
-"""The command `plan` at work: a scene by name, progress and answers on the terminal, plan.json and plan.png on disk."""
+"""The command `plan` at work: progress and answers on the terminal, plan.json and plan.png on disk."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ from pathlib import Path
 
 from capture.files.outfolder import result_folder
 from capture.terminal import console, leave_cleanly_when_stopped, track
-from invrender.plan.from_scene import read_experiment
+from invrender.plan.asked import asked_experiment
 from invrender.plan.planned import PLAN_FILES, PlannedScene, check_effort, plan_experiment
 from invrender.plan.summary import quantity_table
 from synthetic.lights.illumination import Given
 
 
-def run_plan(scene: str, out: Path | None, given: Given | None, degree: int, samples: int) -> None:
-    """Plan a scene, say what will be determined, and write it into a folder if one is given."""
+def run_plan(
+    name: str, out: Path | None, given: Given | None, photoset: Path | None, degree: int, samples: int
+) -> None:
+    """Plan a scene or a result, say what will be determined, and write it into a folder if one is given."""
     check_effort(degree, samples)
     leave_cleanly_when_stopped()
-    with console.status("Setting up the scene"):
-        experiment, path = read_experiment(scene, given)
+    with console.status("Setting up the plan"):
+        experiment, path = asked_experiment(name, given, photoset)
     if out is None:
         _report(plan_experiment(experiment, path, degree, samples, track))
         return

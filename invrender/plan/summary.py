@@ -23,7 +23,7 @@ from invrender.wording import with_error
 
 Floats = NDArray[np.float64]
 
-QUANTITY_HEADINGS = ("quantity", "truth ± expected std", "relative", "status", "limited most by")
+QUANTITY_HEADINGS = ("quantity", "value ± expected std", "relative", "status", "limited most by")
 # Of many lightings so many are printed; plan.json has them all.
 _SHOWN = 3
 # A photograph that leaves more than this of the worst quantity's standard deviation isn't worth its while.
