@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 # track(items, description) iterates over the items and may show progress.
 Track = Callable[[Iterable[Any], str], Iterable[Any]]
@@ -15,11 +16,33 @@ def silent(items: Iterable[Any], description: str) -> Iterable[Any]:
     return items
 
 
+class OnStep(Protocol):
+    """What work calls after each of its steps; outcome : what the step found, in a few words, or nothing."""
+
+    def __call__(self, outcome: str = "") -> None: ...
+
+
+def unwatched(outcome: str = "") -> None:
+    """The `OnStep` that tells nobody."""
+
+
+@dataclass
+class Step:
+    """A step of `counted` work, and its outcome once it is done."""
+
+    outcome: str = ""
+
+
 @contextmanager
-def counted(track: Track, steps: int, description: str) -> Iterator[Callable[[], None]]:
+def counted(track: Track, steps: int, description: str) -> Iterator[OnStep]:
     """A function for work to call after each of its steps, of which there are so many at most."""
-    left = iter(track(range(steps), description))
-    next(left)
-    yield lambda: next(left, None)
+    left = iter(track([Step() for _ in range(steps)], description))
+    now = [next(left)]
+
+    def done(outcome: str = "") -> None:
+        now[0].outcome = outcome
+        now[0] = next(left, now[0])
+
+    yield done
     for _ in left:
         pass

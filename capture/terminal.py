@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from capture.files.outfolder import discard_unfinished
+from capture.progress import Step
 
 console = Console(highlight=False)
 
@@ -38,15 +39,27 @@ def track(items: Iterable[Any], description: str) -> Iterator[Any]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as progress:
-        yield from progress.track(items, description=description)
+        task = progress.add_task(description, total=len(items))
+        for item in items:
+            yield item
+            progress.update(
+                task, advance=1, description=" - ".join(filter(None, (description, _outcome(item))))
+            )
 
 
 def _reported(items: list[Any], description: str, file: str) -> Iterator[Any]:
     for done in range(len(items) + 1):
+        now = {"doing": description, "done": done, "of": len(items)}
+        if done and (outcome := _outcome(items[done - 1])):
+            now["outcome"] = outcome
         with open(file, "a", encoding="utf-8") as lines:
-            lines.write(json.dumps({"doing": description, "done": done, "of": len(items)}) + "\n")
+            lines.write(json.dumps(now) + "\n")
         if done < len(items):
             yield items[done]
+
+
+def _outcome(item: Any) -> str:
+    return item.outcome if isinstance(item, Step) else ""
 
 
 def leave_cleanly_when_stopped() -> None:

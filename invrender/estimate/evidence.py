@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.progress import OnStep, unwatched
 from capture.selection import as_good, plausibility, standard_error
 from invrender.estimate.clusters import patch_of
 from invrender.estimate.models import Estimate, Model
@@ -76,6 +77,11 @@ class Candidate:
         return float(self.photo_errors.mean())
 
     @property
+    def outcome(self) -> str:
+        """What its trial found, in a few words."""
+        return f"{self.estimate.model.name}: {self.error:.2%}"
+
+    @property
     def standard_error(self) -> float:
         """Standard error of that mean."""
         return standard_error(self.photo_errors)
@@ -116,7 +122,7 @@ def picture_error(observed: Floats, predicted: Floats) -> PictureError:
 def climb_ladder(
     photos: Sequence[PhotoColumns],
     weights: Sequence[Weights],
-    on_step: Callable[[], None] = lambda: None,
+    on_step: OnStep = unwatched,
     models: Sequence[Model] = LADDER,
     patches: NDArray[np.int64] | None = None,
     near: Estimate | None = None,
@@ -138,7 +144,7 @@ def climb_ladder(
     for model in models:
         start = near if near is not None and near.model == model else None
         candidates.append(_evaluate(model, start, len(photos), parts, subsets, len(known)))
-        on_step()
+        on_step(candidates[-1].outcome)
     return tuple(candidates)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from capture.progress import OnStep, unwatched
 from invrender.brdf.brushed import Brushed
 from invrender.brdf.form import Axis, LobeForm
 from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
@@ -65,7 +66,7 @@ EXPLANATION_STEPS = len(with_neutral(LADDER)) + len(OTHER_FORMS)
 def explain(
     photos: Sequence[PhotoColumns],
     lightings: Sequence[Lighting],
-    on_step: Callable[[], None] = lambda: None,
+    on_step: OnStep = unwatched,
     axis: Axis | None = None,
 ) -> Explanation:
     """Climb the ladder with RH01's form; where a specular part is needed, see if another form suits it better.

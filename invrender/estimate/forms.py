@@ -8,13 +8,14 @@ than their error bars hold.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.progress import OnStep, unwatched
 from invrender.brdf.form import Axis, LobeForm
 from invrender.brdf.lobes import RH01_FORM, UNCORRELATED
 from invrender.brdf.richer import Richer, extended, tabulated
@@ -90,7 +91,7 @@ def try_forms(
     weights: Sequence[Weights],
     elements: Elements,
     first: Estimate,
-    on_step: Callable[[], None] = lambda: None,
+    on_step: OnStep = unwatched,
     axis: Axis | None = None,
 ) -> dict[LobeForm, FormTrial]:
     """Forms, RH01's among them, on the same share of the samples; photos are columns of RH01's, `first` its best fit.

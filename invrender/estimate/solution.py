@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
+from capture.progress import OnStep, unwatched
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.disagreement import disagreement, report_of, stated_numbers
 from invrender.estimate.evidence import HOPELESS, MISFIT_REMEDY, Candidate, misfit_reason
@@ -77,7 +78,7 @@ class Solution:
 def factorize(
     photos: Sequence[PhotoColumns],
     lightings: Sequence[Lighting],
-    on_step: Callable[[], None] = lambda: None,
+    on_step: OnStep = unwatched,
 ) -> Solution:
     """Solve for the BRDF and for what of the lighting is to be recovered.
 

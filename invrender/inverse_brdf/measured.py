@@ -7,7 +7,7 @@ chosen and stated is what `process` does under known light.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.lighting import Lighting
+from capture.progress import OnStep, unwatched
 from capture.reflectance.cornell import read_cornell
 from capture.reflectance.merl import read_merl
 from capture.reflectance.samples import ReflectanceSamples
@@ -153,7 +154,7 @@ def _of_table(values: Floats) -> ReflectanceSamples:
 def fit_measured(
     samples: ReflectanceSamples,
     most: int | None = None,
-    on_step: Callable[[], None] = lambda: None,
+    on_step: OnStep = unwatched,
 ) -> MeasuredFit:
     """The lobe, chosen by evidence, and its numbers, of a measured isotropic BRDF.
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.progress import OnStep, unwatched
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
@@ -84,7 +85,7 @@ class TexturedFit:
 
 
 def fit_textured(
-    photos: Sequence[TexelRows], points: int, in_forms: InForms, on_step: Callable[[], None] = lambda: None
+    photos: Sequence[TexelRows], points: int, in_forms: InForms, on_step: OnStep = unwatched
 ) -> TexturedFit:
     """Fit the ladder to what photographs say of some points.
 
@@ -144,7 +145,7 @@ class _Climbed:
 def _climb(
     photos: Mapping[LobeForm, Sequence[TexelRows]],
     points: int,
-    on_step: Callable[[], None] = lambda: None,
+    on_step: OnStep = unwatched,
     near: Floats | None = None,
 ) -> _Climbed:
     """Ladders of forms, by the noise that the best of them leaves: what another misses is no noise.
@@ -173,7 +174,7 @@ def _climb(
         candidates = []
         for model, point in zip(models, places, strict=True):
             candidates.append(_candidate(model, stack, count, point, judged))
-            on_step()
+            on_step(candidates[-1].outcome)
         ladders[form] = _Ladder(models, places, tuple(candidates))
     return _Climbed(ladders, stacks, noise)
 

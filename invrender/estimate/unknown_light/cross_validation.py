@@ -55,6 +55,11 @@ class BlindCandidate:
     deviance: Floats
 
     @property
+    def outcome(self) -> str:
+        """What its trial found, in a few words."""
+        return f"{self.name}: {self.error:.2%}"
+
+    @property
     def parameters(self) -> int:
         return self.fit.parameters
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
+from capture.progress import OnStep, unwatched
 from invrender.brdf.lobes import GGX_FORM, RH01_FORM
 from invrender.brdf.richer import COATED_HAZY
 from invrender.estimate.noise import NoiseModel, Weights
@@ -63,7 +64,7 @@ def factorize_blind(
     orders: Sequence[int] = ORDERS,
     source_region: Region | None = None,
     ladder: bool = True,
-    on_step: Callable[[], None] = lambda: None,
+    on_step: OnStep = unwatched,
     transfer: Transfer = "exact",
     shadows: Shadows | None = None,
     near: BlindSolution | None = None,
@@ -144,7 +145,7 @@ def _ladder(
     orders: Sequence[int],
     ladder: bool,
     transfer: Transfer,
-    on_step: Callable[[], None],
+    on_step: OnStep,
 ) -> _Climbed:
     """The ladder from nothing."""
     degree = max([order for order in orders if order <= _SEARCH_DEGREE] or orders[:1])
@@ -166,17 +167,15 @@ def _ladder(
     # What a lamp in the dark explains is judged again by the noise that was found.
     state = fit.state if degree else needed_sources(few, fit)
     fit = few.fit(state, degree)
-    on_step()
     candidates = [cross_validate(model_name(fit), few, fit)]
+    on_step(candidates[0].outcome)
     if ladder:
         candidates = climb(few, thin, lamps, candidates[0], orders, formed.others, on_step)
     candidates[0] = without_rows(candidates[0])
     return _Climbed(few, thin, noise, weights, candidates)
 
 
-def _ladder_again(
-    search: Search, assumed: NoiseModel, near: BlindSolution, on_step: Callable[[], None]
-) -> _Climbed:
+def _ladder_again(search: Search, assumed: NoiseModel, near: BlindSolution, on_step: OnStep) -> _Climbed:
     """The ladder of nearly the same photographs: each candidate from where it was."""
     chosen, degree = near.candidates[near.chosen].fit, max(each.fit.l_max for each in near.candidates)
     few = thinned(search, degree, _LADDER_SAMPLES, _LADDER_PER_LIGHTING)

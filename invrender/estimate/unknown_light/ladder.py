@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture.progress import OnStep
 from invrender.estimate.unknown_light.cross_validation import (
     BlindCandidate,
     cross_validate,
@@ -33,7 +34,7 @@ def climb(
     first: BlindCandidate,
     orders: Sequence[int],
     others: Sequence[BlindState],
-    on_step: Callable[[], None],
+    on_step: OnStep,
 ) -> list[BlindCandidate]:
     """The ladder: orders of the lighting; then, at the best of them, what else may be left out or be needed.
 
@@ -60,7 +61,7 @@ def climb(
                 forget_rows(other)
         tried = own.at(state, l_max) if fitted else bright(own, own.fit(state, l_max, _ENOUGH))
         candidates.append(without_rows(cross_validate(model_name(tried), own, tried)))
-        on_step()
+        on_step(candidates[-1].outcome)
 
     for order in orders:
         if order < fit.l_max and (order or lamps is not None):
@@ -139,7 +140,7 @@ def _of_degree(prepared: dict[int, Search], degree: int) -> Search:
 
 
 def climb_again(
-    search: Search, candidates: Sequence[BlindCandidate], on_step: Callable[[], None]
+    search: Search, candidates: Sequence[BlindCandidate], on_step: OnStep
 ) -> list[BlindCandidate]:
     """Candidates of nearly the same samples, fitted to these and judged by them, from where they were."""
     dark, found = of_degree(search, 0), []
@@ -148,7 +149,7 @@ def climb_again(
         forget_rows(dark if own is search else search)
         fit = bright(own, own.fit(candidate.fit.state, candidate.fit.l_max, _ENOUGH))
         found.append(without_rows(cross_validate(model_name(fit), own, fit)))
-        on_step()
+        on_step(found[-1].outcome)
     return found
 
 
