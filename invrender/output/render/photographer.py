@@ -8,13 +8,14 @@ from functools import cached_property, lru_cache, partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.lighting import Lighting
 from capture.photoset import PhotoSet
 from invrender.output.render.interreflection import bounces_of
 from invrender.output.render.light import light_element, turned
-from invrender.output.render.picture import TOLERANCE, Picture, take_picture
+from invrender.output.render.picture import TOLERANCE, Picture, pixel_terms, take_picture
 from invrender.output.render.source_set import find_photoset, photo_camera
 from invrender.output.render.subject import Subject, mesh_subject, photographed_subject, sphere_subject
 from invrender.output.render.view import View, ViewCamera, new_optics, seen_from
@@ -22,6 +23,8 @@ from invrender.result.reflectance import Reflectance, assumption_notes, reflecta
 from invrender.result.saved import SavedResult
 from invrender.transport.radiosity import Bounced
 from invrender.transport.transfer import LightElement
+
+Floats = NDArray[np.float64]
 
 _MADE_UP = (
     "The photo set isn't beside the result (--set names it): what of the camera isn't given is made up, ten radii"
@@ -94,6 +97,12 @@ class Photographer:
         bounced = self.bounced(element)
         allowed = TOLERANCE if percent is None else percent / 100
         return take_picture(self.subject, camera, self.material, element, with_std, bounced, allowed)
+
+    def terms(self, camera: Camera, row: int, column: int) -> tuple[Floats, Floats, Floats]:
+        """Radiance (3,) of a camera's pixel by the base, by the lobe, and by what the subject sends itself."""
+        element = self._under(0.0)
+        bounced = self.bounced(element)
+        return pixel_terms(self.subject, camera, self.material, element, (row, column), bounced)
 
     def bounced(self, element: LightElement) -> Bounced | None:
         """What the subject's parts send each other under an element; None where that isn't to be added."""

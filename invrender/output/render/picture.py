@@ -126,6 +126,31 @@ def take_picture(
     return replace(picture, interpolated=differences / max(values, np.finfo(float).tiny))
 
 
+def pixel_terms(
+    subject: Subject,
+    camera: Camera,
+    reflectance: Reflectance,
+    element: LightElement,
+    pixel: tuple[int, int],
+    bounced: Bounced | None = None,
+) -> tuple[Floats, Floats, Floats]:
+    """What adds up to a pixel's radiance, (3,) each: the base's, the lobe's, and of either what the body sends itself.
+
+    pixel : row and column. Arguments else as of `take_picture`; zeros where the camera sees nothing of the body.
+    """
+    row, column = pixel
+    field, alpha = _samples(subject.body, camera, np.array([row]), np.array([column]))
+    if not len(field):
+        return np.zeros(3), np.zeros(3), np.zeros(3)
+    brdf = _Shot(subject, camera, reflectance, element, bounced)._textured(field, alpha)[1]
+
+    def radiance(of: Microfacet, and_bounced: Bounced | None = None) -> Floats:
+        return np.asarray(alpha[0] * shade(of, element, field, subject.shadows, bounced=and_bounced)[0])
+
+    matte, direct = radiance(replace(brdf, ks=np.zeros_like(brdf.ks))), radiance(brdf)
+    return matte, direct - matte, radiance(brdf, bounced) - direct
+
+
 @dataclass(frozen=True, eq=False)
 class _Shot:
     """What is taken, from where, and under what: the arguments of `take_picture`."""
