@@ -67,6 +67,12 @@ class SavedTextures:
         """Kd and Ks between vertices, (m, 3) of them and their weights."""
         return self._blended(lambda height, width: (np.zeros_like(corners), corners, weights))
 
+    def at_points(self, corners: Ints, weights: Floats) -> SavedTextures:
+        """Values at points of the mesh whose vertices' values these are: each point's (m, 3) vertices and weights."""
+        seen = self.between(corners, weights)
+        known = None if self.known is None else (weights * self.known[0, corners]).sum(axis=1)[None]
+        return SavedTextures(seen.kd[None], seen.ks[None], seen.kd_std[None], seen.ks_std[None], known, True)
+
     def _blended(self, places: _Places) -> RayReflectance:
         height, width = self.kd.shape[:2] if self.known is None else self.known.shape
         rows, columns, weights = places(height, width)

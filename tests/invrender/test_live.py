@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.files.imagefile import write_exr
 from capture.lighting import Lighting
 from invrender.brdf.lobes import GGX_FORM, PLASTICS, RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.live.drawn import live_error
+from invrender.output.live.few_faces import few_faces, with_few_faces
 from invrender.output.live.live_light import live_light
 from invrender.output.live.live_material import live_reflectances
 from invrender.output.live.lobe_maps import lobe_maps
@@ -28,6 +30,8 @@ from invrender.result.saved_textures import SavedTextures
 from invrender.transport.diffuse_base import base_irradiance
 from invrender.transport.form_transfer import OneIndex, form_transfer
 from invrender.transport.transfer import light_elements
+from recon.mesh.bodies import MeshBody
+from recon.mesh.simplified import simplified
 from recon.mesh.tessellated import tessellated
 from recon.mesh.trianglemesh import TriangleMesh
 
@@ -103,20 +107,72 @@ def test_vertices_receive_what_a_turned_light_sends_them(tmp_path: Path) -> None
         assert_allclose(places, turned(element, np.zeros(3), degrees).directions, atol=1e-6)
 
 
-def test_a_browser_draws_what_render_renders(cat_mesh: TriangleMesh, tmp_path: Path) -> None:
-    folder = gloss(tmp_path / "result")
-    for mesh, most in ((None, 0.01), (cat_mesh, 0.03)):
-        studio, lighting = studio_of(folder, mesh)
-        scene = live_scene(studio, [lighting])
-        assert scene.has_shadows == (mesh is not None)
-        error = live_error(scene, studio, [lighting])
-        # Of the cat, pixels through which the border of a shadow runs: four rays against thirty-six.
-        assert error.rms <= error.worst < most
-        assert f"{error.rms:.1%}" in error.stated
-        # What is measured is the light as it is turned: turned the wrong way it is far off.
-        (light,) = scene.lights
-        flipped = replace(light, lamps=light.lamps * [1, -1, 1, 1])
-        assert live_error(replace(scene, lights=(flipped,)), studio, [lighting]).worst > 3 * most
+@pytest.mark.parametrize("shape", ["sphere", pytest.param("cat", marks=pytest.mark.sweep)])
+def test_a_browser_draws_what_render_renders(
+    shape: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    # Of the cat, pixels through which the border of a shadow runs: four rays against thirty-six.
+    mesh, most = (None, 0.01) if shape == "sphere" else (request.getfixturevalue("cat_mesh"), 0.03)
+    studio, lighting = studio_of(gloss(tmp_path / "result"), mesh)
+    scene = live_scene(studio, [lighting])
+    assert scene.has_shadows == (mesh is not None)
+    error = live_error(scene, studio, [lighting])
+    assert error.rms <= error.worst < most
+    assert f"{error.rms:.1%}" in error.stated
+    # What is measured is the light as it is turned: turned the wrong way it is far off.
+    (light,) = scene.lights
+    flipped = replace(light, lamps=light.lamps * [1, -1, 1, 1])
+    assert live_error(replace(scene, lights=(flipped,)), studio, [lighting]).worst > 3 * most
+
+
+def test_a_mesh_of_many_faces_is_drawn_with_fewer_which_is_said(
+    cat_mesh: TriangleMesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few, many = 4000, 7000
+    monkeypatch.setattr("invrender.output.live.few_faces.MOST_FACES", few)
+    # One small picture of a matte cat shows what the faces do.
+    monkeypatch.setattr("invrender.output.live.drawn._SIDE", 60)
+    monkeypatch.setattr("invrender.output.live.drawn._COMPARED", ((0.0, 20.0, 0.0),))
+    write_result(tmp_path / "result", interreflection={"taken_off": False})
+    write_exr(tmp_path / "result" / "lighting.exr", room())
+    studio, lighting = studio_of(tmp_path / "result", simplified(cat_mesh, many))
+    scene = live_scene(studio, [lighting])
+    assert len(scene.mesh.faces) <= few
+    assert scene.notes == (f"The mesh of {many:,} faces is shown with {len(scene.mesh.faces):,}.",)
+    # It is compared with the whole mesh. It is 3% off, most of it where borders of shadows run.
+    assert live_error(scene, studio, [lighting]).worst < 0.05
+
+
+def test_what_varies_from_vertex_to_vertex_stays_in_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("invrender.output.live.few_faces.MOST_FACES", 1000)
+    ball = tessellated(np.zeros(3), 0.02, 32)
+    studio, _ = studio_of(gloss(tmp_path / "result"), ball)
+    assert isinstance(studio.subject.body, MeshBody)
+    mesh = studio.subject.body.mesh
+    one = np.zeros((1, 1, 3))
+    heights = 0.5 + 20 * mesh.vertices[None]
+    known = (mesh.vertices[None, :, 2] > 0).astype(float)
+    textures = SavedTextures(heights, one + 0.05, one, one, known, at_vertices=True)
+    shown, notes = with_few_faces(replace(studio, material=replace(studio.material, textures=textures)))
+    assert notes
+    assert isinstance(shown.subject.body, MeshBody)
+    vertices = shown.subject.body.mesh.vertices
+    assert shown.material.textures is not None
+    assert shown.material.textures.known is not None
+    # Vertices lie above the ball; its faces, with edges of 2 mm, 0.025 mm below it. At its middle some aren't known.
+    whole = vertices[:, 2] > 0.002
+    places = 0.02 * vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+    assert_allclose(shown.material.textures.kd[0, whole], 0.5 + 20 * places[whole], atol=20 * 5e-5)
+    assert_allclose(shown.material.textures.known[0, whole], 1)
+    assert_allclose(shown.material.textures.known[0, vertices[:, 2] < -0.002], 0)
+
+
+def test_what_seams_keep_from_getting_fewer_faces_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("invrender.output.live.few_faces.MOST_FACES", 10)
+    with pytest.raises(ValueError, match=r"cat\.obj: its mesh has 16,128 faces.* give it fewer seams"):
+        few_faces(tessellated(np.zeros(3), 1.0), "cat.obj")
 
 
 def test_textures_keep_to_the_texels_that_are_known() -> None:

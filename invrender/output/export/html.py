@@ -58,7 +58,7 @@ def export_page(
     studio = photographer(result, lightings[0], photoset, assumed or {})
     scene = live_scene(studio, track(lightings, "Lights"), view or DEFAULT_VIEW)
     error = live_error(scene, studio, lightings, track)
-    notes = studio.notes
+    notes = (*studio.notes, *scene.notes)
     if lighting is None and len(names) > _MOST_LIGHTS:
         notes += (f"The page has {_MOST_LIGHTS} of {len(names)} lightings; --lighting names another.",)
     with result_folder(out, EXPORT_FILES) as folder:

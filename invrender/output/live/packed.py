@@ -79,6 +79,7 @@ def _subject(scene: LiveScene) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
         "leastCos": MIN_COS,
         "leastKnown": LEAST_KNOWN,
         "hasGaps": scene.kd.has_gaps,
+        "notes": list(scene.notes),
         "kd": scene.kd.scale.tolist(),
         "ks": scene.ks.scale.tolist(),
         "camera": {

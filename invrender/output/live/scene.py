@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
+from invrender.output.live.few_faces import with_few_faces
 from invrender.output.live.live_light import LiveLight, live_light
 from invrender.output.live.live_material import LiveReflectance, live_reflectances
 from invrender.output.live.lobe_volume import LobeVolume, lobe_volume
@@ -22,8 +23,6 @@ from recon.mesh.trianglemesh import TriangleMesh
 
 Floats = NDArray[np.float64]
 
-# Faces that a browser holds and traces with ease.
-_MOST_FACES = 200_000
 # Entries of the table of what the interface transmits, over even cosines.
 _ENTRIES = 64
 
@@ -34,7 +33,7 @@ class LiveScene:
 
     mesh : its surface in the world, metres; centre and radius of a sphere that holds it. has_shadows : whether rays are
     traced. transmitted : (64,), what the interface transmits at even cosines 0 to 1. optics : the camera. first_view :
-    where it stands at the start.
+    where it stands at the start. notes : what a user should know of it, in sentences.
     """
 
     name: str
@@ -50,6 +49,7 @@ class LiveScene:
     lights: tuple[LiveLight, ...]
     optics: ViewCamera
     first_view: View
+    notes: tuple[str, ...] = ()
 
 
 def live_scene(
@@ -57,7 +57,8 @@ def live_scene(
 ) -> LiveScene:
     """A photographer's subject under lightings, for a browser.
 
-    ValueError for a brushed lobe, a mesh of too many faces, and a lighting that is dark.
+    A mesh of more faces than browsers draw with ease is simplified, which a note says. ValueError for a brushed lobe,
+    a mesh whose seams leave too many faces, and a lighting that is dark.
     """
     brdf = studio.material.brdf
     if brdf.form.axis is not None:
@@ -65,14 +66,10 @@ def live_scene(
             f"{studio.result.path}: its lobe is brushed, and reflection maps are of lobes that look the same from all"
             " azimuths; render it with `lightfactor render`"
         )
+    studio, notes = with_few_faces(studio)
     subject = studio.subject
     body = subject.body
     mesh = body.mesh if isinstance(body, MeshBody) else tessellated(subject.centre, subject.radius)
-    if len(mesh.faces) > _MOST_FACES:
-        raise ValueError(
-            f"{studio.result.path}: its mesh has {len(mesh.faces):,} faces, and a browser draws {_MOST_FACES:,} with"
-            " ease; simplify it in another program and run `lightfactor process` again"
-        )
     kd, ks = live_reflectances(studio.material, len(mesh.vertices))
     transmitted = interface_transmittance(brdf.form, brdf.mu, np.linspace(0, 1, _ENTRIES))
     return LiveScene(
@@ -89,4 +86,5 @@ def live_scene(
         tuple(live_light(replace(studio, lighting=lighting), lighting, mesh) for lighting in lightings),
         studio.optics(),
         first_view,
+        notes,
     )
