@@ -27,7 +27,7 @@ def unwatched(outcome: str = "") -> None:
 
 
 @dataclass
-class Step:
+class TrackedStep:
     """A step of `counted` work, and its outcome once it is done."""
 
     outcome: str = ""
@@ -36,7 +36,7 @@ class Step:
 @contextmanager
 def counted(track: Track, steps: int, description: str) -> Iterator[OnStep]:
     """A function for work to call after each of its steps, of which there are so many at most."""
-    left = iter(track([Step() for _ in range(steps)], description))
+    left = iter(track([TrackedStep() for _ in range(steps)], description))
     now = [next(left)]
 
     def done(outcome: str = "") -> None:

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from capture.files.outfolder import discard_unfinished
-from capture.progress import Step
+from capture.progress import TrackedStep
 
 console = Console(highlight=False)
 
@@ -59,7 +59,7 @@ def _reported(items: list[Any], description: str, file: str) -> Iterator[Any]:
 
 
 def _outcome(item: Any) -> str:
-    return item.outcome if isinstance(item, Step) else ""
+    return item.outcome if isinstance(item, TrackedStep) else ""
 
 
 def leave_cleanly_when_stopped() -> None:

@@ -15,9 +15,13 @@ from capture.progress import Track, silent
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.observation.sphere_place import found_of_sphere
-from invrender.output.render.photographer import photographer
 from invrender.plan.experiment import BOUNCES_NOTE, MEANS_NOTE, Experiment, PlannedLight, PlannedView
+from invrender.result.reflectance import reflectance
 from invrender.result.saved import SavedResult
+from invrender.result.source_set import find_photoset
+from recon.mesh.bodies import Body, MeshBody, SphereBody
+from recon.mesh.shape import placed, read_object_mesh
+from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
 
@@ -40,21 +44,16 @@ def result_experiment(
         raise ValueError(
             f"{result.path}: its lobe is brushed, with two roughnesses, and a plan is for one; none can be made of it"
         )
-    quantities = {name: getattr(content.brdf, name) for name in _OPEN}
-    undetermined = [name for name, found in quantities.items() if found is not None and found.value is None]
-    made = photographer(
-        result,
-        result.read_lighting(content.lighting[0]),
-        photoset,
-        {name: _OPEN[name] for name in undetermined},
-        means=content.texture is not None,
-    )
-    if made.photoset is None:
+    of = find_photoset(result, photoset)
+    if of is None:
         raise ValueError(
             f"{result.path}: the photo set that it was made from isn't beside it, and a plan needs its cameras: name"
             " its folder with --set"
         )
-    brdf = made.material.brdf
+    quantities = {name: getattr(content.brdf, name) for name in _OPEN}
+    undetermined = [name for name, found in quantities.items() if found is not None and found.value is None]
+    assumed = {name: _OPEN[name] for name in undetermined}
+    brdf = reflectance(result, assumed, means=content.texture is not None).brdf
     notes = [f"{name} is undetermined, and planned as if it were {_OPEN[name]:g}" for name in undetermined]
     if brdf.form != RH01_FORM and brdf.sigma is not None:
         notes.append(f"the lobe, {brdf.form.description}, is planned as RH01's: same Kd, Ks, sigma and mu")
@@ -62,30 +61,41 @@ def result_experiment(
         notes.append(MEANS_NOTE)
     if content.interreflection is not None:
         notes.append(BOUNCES_NOTE)
-    shot = made.photoset.fitted
+    shot = of.fitted
     used = sorted({photo.lighting for photo in shot})
-    given = {table.name: not table.unknown for table in made.photoset.lightings}
+    given = {table.name: not table.unknown for table in of.lightings}
     lights = tuple(
         PlannedLight(result.read_lighting(result.lighting(name)), given[name] if known is None else known)
         for name in used
     )
-    sensor = _sensor(made.photoset, shot, content.fit.fitted or 0.0, track)
+    body = _body(result, of)
+    sensor = _sensor(of, shot, content.fit.fitted or 0.0, track)
     notes.append(
         f"the noise of a pixel is that of the photographs, and no less than what the fit leaves, {sensor.left:.1%} of"
         " the radiance; errors that pixels share come on top, and the result's own deviations hold them"
     )
     return Experiment(
         name=content.name,
-        body=made.subject.body,
-        centre=made.subject.centre,
+        body=body,
+        centre=body.centre,
         brdf=Microfacet(brdf.kd, brdf.ks, brdf.mu, brdf.sigma if brdf.ks.any() else None),
         lights=lights,
         views=tuple(PlannedView(photo.camera, used.index(photo.lighting), photo.label) for photo in shot),
         sensor=sensor,
         notes=tuple(notes),
-        errors=made.photoset.errors,
-        found_place=found_of_sphere(made.photoset),
+        errors=of.errors,
+        found_place=found_of_sphere(of),
     )
+
+
+def _body(result: SavedResult, photoset: PhotoSet) -> Body:
+    """The object where it lay when the result was made."""
+    known = result.content.object
+    if known.shape == "sphere":
+        return SphereBody(Sphere(np.array(known.centre), known.radius, np.zeros((4, 4))))
+    place = photoset.mesh_to_world if known.mesh_to_world is None else np.array(known.mesh_to_world)
+    assert place is not None, "a loaded set with a mesh has a place for it"
+    return MeshBody(placed(read_object_mesh(photoset).mesh, place))
 
 
 @dataclass(frozen=True, eq=False)

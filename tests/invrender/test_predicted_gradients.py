@@ -216,6 +216,7 @@ def test_the_command_writes_terms_that_add_up(lightfactor: Command, workshop: Pa
     assert (out / "001.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_photo_set_is_processed_first(
     lightfactor: Command, workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

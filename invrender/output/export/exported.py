@@ -21,10 +21,10 @@ from invrender.output.export.mitsuba_target import MITSUBA
 from invrender.output.export.shape import Shape, result_shape
 from invrender.output.export.target import Target
 from invrender.output.export.texels import strongest, texels_of
-from invrender.output.render.source_set import find_photoset
 from invrender.output.render.view import DEFAULT_VIEW, View, new_optics, seen_from
 from invrender.result.document import FORMAT
 from invrender.result.saved import SavedResult, nearest
+from invrender.result.source_set import find_photoset
 
 TARGETS: dict[str, tuple[Target, ...]] = {
     "gltf": (GLTF,),

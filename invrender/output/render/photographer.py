@@ -16,11 +16,11 @@ from capture.photoset import PhotoSet
 from invrender.output.render.interreflection import bounces_of
 from invrender.output.render.light import light_element, turned
 from invrender.output.render.picture import TOLERANCE, Picture, pixel_terms, take_picture
-from invrender.output.render.source_set import find_photoset, photo_camera
 from invrender.output.render.subject import Subject, mesh_subject, photographed_subject, sphere_subject
 from invrender.output.render.view import View, ViewCamera, new_optics, seen_from
 from invrender.result.reflectance import Reflectance, assumption_notes, reflectance
 from invrender.result.saved import SavedResult
+from invrender.result.source_set import find_photoset, photo_camera
 from invrender.transport.radiosity import Bounced
 from invrender.transport.transfer import LightElement
 
