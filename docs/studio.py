@@ -2,8 +2,8 @@
 
     python docs/studio.py SET OUT [--browser CHROMIUM]
 
-SET : a photo set with a result in it, as the workbench leaves it. Writes OUT/studio-capture.png and so on, one for each
-tab.
+SET : a photo set with a result and its plan in it, as the workbench leaves it. Writes OUT/studio-capture.png and so
+on, one for each tab.
 Needs the extra `test`.
 """
 
@@ -20,7 +20,7 @@ from pathlib import Path
 from playwright.sync_api import Page, sync_playwright
 
 _OPTIONS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-_TABS = ("capture", "pick", "fit", "judge", "relight")
+_TABS = ("capture", "pick", "fit", "judge", "plan", "relight")
 
 
 def main() -> None:
@@ -58,6 +58,8 @@ def _picture(page: Page, tab: str, out: Path) -> None:
         return
     button.click()
     page.wait_for_load_state("networkidle")
+    if tab == "capture":
+        page.get_by_label("Outline the object where it is placed").check()
     if tab == "relight":
         page.get_by_text("Live pictures are off by").wait_for(timeout=120_000)
         page.get_by_text("exact", exact=True).wait_for(timeout=120_000)

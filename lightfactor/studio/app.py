@@ -19,24 +19,23 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from capture.files.outfolder import result_files
-from capture.lighting import read_latlong
 from invrender.output.export.html import export_page
 from invrender.output.live.bundle import page_files as live_files
 from invrender.output.pages import page_template
-from lightfactor.studio import described, jobs, picking, starter
+from lightfactor.studio import described, jobs, masking, picking, placed, starter
 from lightfactor.studio.guard import Guard
-from lightfactor.studio.manifest import hold_out
+from lightfactor.studio.manifest import write_key
 from lightfactor.studio.opened import Opened, UnknownIdError
 from lightfactor.studio.pictures import judged, shown_photo, thumbnail
-from lightfactor.studio.relit import Relit
+from lightfactor.studio.relit import Relit, keep_map, maps
 
 _PAGE = files("lightfactor.studio") / "page"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
-_PACKED, _JPEG = "application/octet-stream", "image/jpeg"
+_PACKED, _JPEG, _PNG = "application/octet-stream", "image/jpeg", "image/png"
 # Seconds between looks at a fit's progress.
 _LOOK = 0.3
-_MAP_SUFFIXES = (".hdr", ".exr")
+# Pixels of a photograph to a side of a predicted one.
+_MOST_BINNED = 100
 
 # A request's parameters, and the object of its body, to an answer.
 _Handler = Callable[[dict[str, str], dict[str, Any]], Response]
@@ -56,8 +55,18 @@ def workbench(opened: Opened, token: str) -> ASGIApp:
         ("POST", "/api/picks", partial(_save_picks, opened)),
         ("POST", "/api/alignments", partial(_align, opened)),
         ("POST", "/api/photos/{photo}/held-out", partial(_hold_out, opened)),
+        ("GET", "/api/photos/{photo}/mask", partial(_mask, opened)),
+        ("GET", "/api/photos/{photo}/checks", partial(_checks, opened)),
+        ("GET", "/api/surface", partial(_surface, opened)),
         ("GET", "/api/results/{result}", partial(_result, opened)),
+        ("GET", "/api/results/{result}/plan", partial(_plan, opened)),
+        ("POST", "/api/results/{result}/plans", partial(_start_plan, opened)),
         ("GET", "/api/results/{result}/photos/{photo}", partial(_judged, opened)),
+        (
+            "GET",
+            "/api/results/{result}/photos/{photo}/terms/{factor}/{row}/{column}",
+            partial(_terms, opened),
+        ),
         ("GET", "/api/results/{result}/subject", partial(_subject, opened)),
         ("GET", "/api/results/{result}/lights/{number}", partial(_light, opened)),
         ("GET", "/api/results/{result}/lights/{number}/error", partial(_error, opened)),
@@ -67,7 +76,8 @@ def workbench(opened: Opened, token: str) -> ASGIApp:
     routes = [Route(path, _answering(handler), methods=[method]) for method, path, handler in api]
     routes += [
         Route("/api/fits/{fit}/progress", partial(_progress, opened), methods=["GET"]),
-        Route("/api/lights", partial(_add_light, opened), methods=["POST"]),
+        Route("/api/lights", _taking(partial(_keep_map, opened)), methods=["POST"]),
+        Route("/api/photos/{photo}/mask", _taking(partial(_keep_mask, opened)), methods=["POST"]),
         Route("/", _page, methods=["GET"]),
         Route("/page/{name}", _page, methods=["GET"]),
     ]
@@ -201,8 +211,30 @@ def _hold_out(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Respo
     if not isinstance(body["heldOut"], bool):
         raise ValueError(f"heldOut is {body['heldOut']!r}; it is true or false")
     photoset, photo = opened.photo(of["photo"])
-    hold_out(photoset.manifest, [each.name for each in photoset.photos].index(photo.name), body["heldOut"])
+    number = [each.name for each in photoset.photos].index(photo.name)
+    write_key(photoset.manifest, number, "held_out", True if body["heldOut"] else None)
     return JSONResponse({})
+
+
+def _mask(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(masking.mask_picture(opened.photo(of["photo"])[1]), media_type=_PNG)
+
+
+def _checks(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(placed.checks(opened, opened.photo(of["photo"])[1]), media_type=_PACKED)
+
+
+def _surface(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return Response(placed.surface(opened), media_type=_PACKED)
+
+
+def _plan(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    return JSONResponse({"plan": described.plan(opened, opened.result(of["result"]))})
+
+
+def _start_plan(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    started = jobs.start_plan(opened, opened.result(of["result"]).folder)
+    return JSONResponse({"id": started.key, "name": started.name})
 
 
 def _result(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
@@ -214,8 +246,17 @@ def _judged(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Respons
     return Response(found, media_type=_PACKED)
 
 
+def _terms(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    """What adds up to a pixel of a predicted photograph, of which one is `factor` by `factor` of the camera's."""
+    factor, row, column = (int(of[name]) for name in ("factor", "row", "column"))
+    if not 1 <= factor <= _MOST_BINNED:
+        raise ValueError(f"factor is {factor}; it must be 1 to {_MOST_BINNED}")
+    _, photo = opened.photo(of["photo"])
+    return JSONResponse(_relit(opened, of).terms(photo.lighting, photo.camera.binned(factor), row, column))
+
+
 def _relit(opened: Opened, of: dict[str, str]) -> Relit:
-    return Relit(opened.result(of["result"]), opened.manifest, described.maps(opened))
+    return Relit(opened.result(of["result"]), opened.manifest, maps(opened.own))
 
 
 def _subject(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
@@ -235,23 +276,23 @@ def _still(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response
     return Response(_relit(opened, of).still(body["state"], size), media_type=_PACKED)
 
 
-async def _add_light(opened: Opened, request: Request) -> Response:
-    """Keep a map of light that the page sends, so that results can be seen under it."""
-    name = request.query_params.get("name", "")
-    body = await request.body()
-    try:
-        await run_in_threadpool(_keep_map, opened, name, body)
-    except (ValueError, OSError) as error:
-        return _refused(error)
-    return JSONResponse({})
+def _taking(keep: Callable[[Request, bytes], dict[str, str]]) -> Callable[[Request], Any]:
+    """An endpoint that keeps a picture, which is the request's body as it is."""
+
+    async def endpoint(request: Request) -> Response:
+        body = await request.body()
+        try:
+            return JSONResponse(await run_in_threadpool(keep, request, body))
+        except (ValueError, OSError) as error:
+            return _refused(error)
+
+    return endpoint
 
 
-def _keep_map(opened: Opened, name: str, body: bytes) -> None:
-    path = Path(name)
-    if path.suffix.lower() not in _MAP_SUFFIXES or path.name != name or name.startswith("."):
-        raise ValueError(f"{name!r}: a map of light is a lat-long picture, .hdr or .exr")
-    folder = opened.own / "lights"
-    folder.mkdir(exist_ok=True)
-    with result_files(folder / name) as place:
-        (place / name).write_bytes(body)
-        read_latlong(place / name)
+def _keep_mask(opened: Opened, request: Request, body: bytes) -> dict[str, str]:
+    return {"name": masking.save_mask(opened, request.path_params["photo"], body).name}
+
+
+def _keep_map(opened: Opened, request: Request, body: bytes) -> dict[str, str]:
+    keep_map(opened.own, request.query_params.get("name", ""), body)
+    return {}

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-from capture.files.documents import numbers
+from capture.files.documents import input_hashes, numbers
 from capture.photoset import PhotoSet
 from invrender.result.saved import SavedResult
 from invrender.result.shown import shown_numbers
 from lightfactor.studio import starter
-from lightfactor.studio.jobs import Job, jobs, result_exists
+from lightfactor.studio.jobs import Job, jobs, plan_folder, result_exists
 from lightfactor.studio.opened import Opened, key_of
+from lightfactor.studio.relit import maps
 from recon.mesh.shape import METRES
 
 
@@ -120,13 +121,18 @@ def result(opened: Opened, found: SavedResult) -> dict[str, Any]:
             for photo in content.photos
         ],
         "warnings": list(content.warnings),
-        "lights": [entry.name for entry in content.lighting] + [path.stem for path in maps(opened)],
+        "lights": [entry.name for entry in content.lighting] + [path.stem for path in maps(opened.own)],
         "predicted": (found.folder / "predicted").is_dir(),
     }
 
 
-def maps(opened: Opened) -> list[Path]:
-    """Maps of light that were added, by name."""
-    return sorted(
-        path for path in (opened.own / "lights").glob("*") if path.suffix.lower() in (".hdr", ".exr")
-    )
+def plan(opened: Opened, found: SavedResult) -> dict[str, Any] | None:
+    """What is planned of a result as it is now, with directions to its lamps; None where nothing is."""
+    file = plan_folder(opened, found.folder) / "plan.json"
+    if not file.is_file():
+        return None
+    document = json.loads(file.read_text(encoding="utf-8"))
+    if document["inputs"] != dict(input_hashes([found.path])):
+        return None
+    lamps = [source.direction for entry in found.content.lighting for source in entry.directional]
+    return {"advice": document["advice"], "sentences": document["sentences"], "lamps": lamps}

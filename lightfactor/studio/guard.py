@@ -19,9 +19,9 @@ TOKEN_HEADER = "x-lightfactor-token"
 # What is asked for with a token; all else is the page itself, the same for everyone.
 GUARDED = "/api/"
 _NAMES = ("127.0.0.1", "localhost")
-# Bytes of a request: of commands, and of a map of light.
-_MOST_BYTES, _MOST_MAP_BYTES = 1 << 20, 64 << 20
-MAPS = "/lights"
+# Bytes of a request: of commands, and of pictures, which are maps of light and masks.
+_MOST_BYTES, _MOST_PICTURE_BYTES = 1 << 20, 64 << 20
+_PICTURES = ("/lights", "/mask")
 _TOO_LARGE = "the request is too large"
 _POLICY = {
     "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; base-uri 'none'; form-action 'none';"
@@ -100,7 +100,7 @@ class _Limited:
 
 
 def _most_bytes(path: str) -> int:
-    return _MOST_MAP_BYTES if path.endswith(MAPS) else _MOST_BYTES
+    return _MOST_PICTURE_BYTES if path.endswith(_PICTURES) else _MOST_BYTES
 
 
 def _host_name(host: str) -> str:

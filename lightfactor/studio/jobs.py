@@ -1,4 +1,4 @@
-"""Fits and alignments as processes of their own, which outlive page and server: what is known of them is on disk."""
+"""Fits, alignments and plans as processes that outlive page and server: what is known of them is on disk."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _PROGRAM = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
 
 @dataclass(frozen=True)
 class Job:
-    """A fit or an alignment that was started.
+    """A fit, an alignment or a plan that was started.
 
     name : a fit's is that of its result's folder. process : the group of processes that computes it.
     """
@@ -56,11 +56,14 @@ class Job:
         return "running" if _is_alive(self.process) else "stopped"
 
     def progress(self) -> dict[str, Any] | None:
-        """What it is doing: {doing, done, of}."""
+        """What it is doing, {doing, done, of}, and the outcomes of its steps so far."""
         file = self.folder / "progress"
         # The last line may just be written.
         whole = file.read_text(encoding="utf-8").split("\n")[:-1] if file.is_file() else []
-        return json.loads(whole[-1]) if whole else None
+        if not whole:
+            return None
+        lines = [json.loads(line) for line in whole]
+        return lines[-1] | {"outcomes": [line["outcome"] for line in lines if "outcome" in line]}
 
     def said(self) -> str:
         """What it printed, errors included."""
@@ -81,6 +84,18 @@ def start_alignment(opened: Opened, picks: Path) -> Job:
     return _start(
         opened, _free_name(opened, "alignment"), ["align", str(opened.manifest), "--picks", str(picks)]
     )
+
+
+def start_plan(opened: Opened, result: Path) -> Job:
+    """Start `lightfactor plan` on a result's folder; ValueError where something else runs on the set."""
+    out = plan_folder(opened, result)
+    arguments = ["plan", str(result), "--set", str(opened.photoset().manifest), "-o", str(out)]
+    return _start(opened, _free_name(opened, "plan"), arguments)
+
+
+def plan_folder(opened: Opened, result: Path) -> Path:
+    """Where the plan of a result's folder is kept."""
+    return opened.own / "plans" / result.name
 
 
 def _start(opened: Opened, name: str, arguments: list[str]) -> Job:

@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 
 from capture.photoset import MANIFEST_NAME, Photo, PhotoSet, load_photoset
-from invrender.output.render.source_set import find_photoset
 from invrender.result.saved import RESULT_NAME, SavedResult, read_result
+from invrender.result.source_set import find_photoset
 from lightfactor.studio.starter import photographs
 
 # Beside a set's manifest: what the workbench keeps for itself, and may be deleted.

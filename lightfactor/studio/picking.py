@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from capture.files.outfolder import result_files
 from capture.photoset import PhotoSet, load_photoset
 from invrender.brdf.microfacet import Microfacet
+from invrender.output.live.few_faces import few_faces
 from invrender.output.live.live_light import LiveLight
 from invrender.output.live.live_material import LiveReflectance
 from invrender.output.live.lobe_maps import no_maps
@@ -39,8 +40,13 @@ _STEP = 1e-5
 
 
 def mesh_to_pick(opened: Opened) -> bytes:
-    """The set's mesh in its own axes, metres, grey under an even light, packed as live pictures are."""
-    mesh = read_object_mesh(_photoset(opened)).mesh
+    """The set's mesh in its own axes, metres, grey under an even light, packed as live pictures are.
+
+    One of many faces is simplified, and a note says so; ValueError as `few_faces` has it.
+    """
+    photoset = _photoset(opened)
+    few, notes = few_faces(read_object_mesh(photoset).mesh, f"{photoset.manifest}: [object]")
+    mesh = few.mesh
     centre = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
     count = len(mesh.vertices)
@@ -68,6 +74,7 @@ def mesh_to_pick(opened: Opened) -> bytes:
         lights=(even,),
         optics=new_optics(None, radius, None, None),
         first_view=DEFAULT_VIEW,
+        notes=(*notes, "Picks are points of what is shown.") if notes else (),
     )
     return packed_scene(scene)
 

@@ -25,14 +25,14 @@ from recon.mesh.bodies import Body
 Floats = NDArray[np.float64]
 
 # Pixels of a thumbnail's longer side, and of a picture's on the page.
-_THUMBNAIL, _SHOWN = 240, 1200
+_THUMBNAIL, SHOWN_SIDE = 240, 1200
 # Octaves of a histogram below white, and its bins per octave.
 _OCTAVES, _PER_OCTAVE = 16, 4
 _COUNTED = 1_000_000
 _WHITE = 99.5
 # Level of compression; and pictures are decoded one after the other, as each takes much memory.
 _QUICKLY = 1
-_ONE_AT_A_TIME = Lock()
+ONE_AT_A_TIME = Lock()
 # These are decoded at an eighth of their size in a fraction of the time.
 _REDUCIBLE = (".jpg", ".jpeg")
 
@@ -58,7 +58,7 @@ def _small(photoset: PhotoSet, photo: Photo) -> NDArray[np.uint8]:
         pixels = cv2.imread(str(photo.file), cv2.IMREAD_REDUCED_COLOR_8 | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is not None:
             return np.asarray(_fitted(pixels, _THUMBNAIL), np.uint8)
-    with _ONE_AT_A_TIME:
+    with ONE_AT_A_TIME:
         radiance = _fitted(decode_photo(photoset, photo).radiance, _THUMBNAIL)
     white = max(float(np.percentile(radiance, _WHITE)), 1e-12)
     codes = np.round(255 * linear_to_srgb(np.clip(radiance / white, 0, 1)))
@@ -76,29 +76,40 @@ def _fitted(image: NDArray[Any], side: int) -> NDArray[Any]:
 
 def shown_photo(photoset: PhotoSet, photo: Photo) -> bytes:
     """A photograph as the page shows it: radiance, where it is saturated, its mask, and facts about it."""
-    with _ONE_AT_A_TIME:
-        return _shown(decode_photo(photoset, photo), photo)
+    with ONE_AT_A_TIME:
+        # One after the other: of a large photograph each takes a hundred megabytes and more.
+        masked, shares = _masked(photo)
+        return _shown(decode_photo(photoset, photo), photo, masked, shares)
 
 
-def _shown(image: RadianceImage, photo: Photo) -> bytes:
+def _masked(photo: Photo) -> tuple[float | None, dict[str, NDArray[Any]]]:
+    """The share of a photograph that its mask keeps, None without one, and the mask as it is shown."""
     mask = photo_mask(photo)
+    if mask is None:
+        return None, {}
+    kept = mask > 0.5
+    del mask
+    return float(kept.mean()), {"mask": _shares(kept)}
+
+
+def _shown(
+    image: RadianceImage, photo: Photo, masked: float | None, shares: dict[str, NDArray[Any]]
+) -> bytes:
     arrays: dict[str, NDArray[Any]] = {
-        "radiance": _fitted(image.radiance, _SHOWN).astype(np.float32),
+        "radiance": _fitted(image.radiance, SHOWN_SIDE).astype(np.float32),
         "saturated": _shares(image.saturated),
     }
-    if mask is not None:
-        arrays["mask"] = _shares(mask > 0.5)
     exposure = photo.exposure
     facts = {
         "label": photo.label,
         "width": photo.camera.width,
         "height": photo.camera.height,
         "saturated": float(image.saturated.mean()),
-        "masked": None if mask is None else float((mask > 0.5).mean()),
+        "masked": masked,
         "exposure": {"seconds": exposure.exposure_s, "iso": exposure.iso, "f_number": exposure.f_number},
         "histogram": _histogram(image),
     }
-    return packed(facts, arrays, _QUICKLY)
+    return packed(facts, arrays | shares, _QUICKLY)
 
 
 def _histogram(image: RadianceImage) -> dict[str, Any]:
@@ -136,9 +147,8 @@ def judged(result: SavedResult, body: Body, photoset: PhotoSet, photo: Photo) ->
         "normals": _normals(body, photo.camera.binned(factor), counted),
     }
     entry = next((each for each in result.content.photos if each.file == photo.label), None)
-    return packed(
-        {"label": photo.label, "error": None if entry is None else entry.rms_relative}, arrays, _QUICKLY
-    )
+    error = None if entry is None else entry.rms_relative
+    return packed({"label": photo.label, "error": error, "factor": factor}, arrays, _QUICKLY)
 
 
 def _normals(body: Body, camera: Camera, counted: NDArray[np.bool_]) -> NDArray[np.float16]:
@@ -153,5 +163,5 @@ def _normals(body: Body, camera: Camera, counted: NDArray[np.bool_]) -> NDArray[
 
 def _shares(where: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Shares of pixels, 0 to 255, of the size that is shown; what is small isn't lost."""
-    shares = _fitted(where.astype(np.float32), _SHOWN)
+    shares = _fitted(where.astype(np.float32), SHOWN_SIDE)
     return np.asarray(np.ceil(255 * np.clip(shares, 0, 1)), np.uint8)

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.camera import Camera
+from capture.files.outfolder import result_files
 from capture.lighting import Lighting, read_latlong
 from invrender.output.live.drawn import live_error
 from invrender.output.live.packed import packed, packed_light, packed_subject
@@ -25,6 +27,7 @@ from recon.mesh.bodies import Body
 # One picture at a time: each takes all cores.
 _ONE_AT_A_TIME = Lock()
 _MOST_SIDE = 1600
+_MAP_SUFFIXES = (".hdr", ".exr")
 
 
 @lru_cache(maxsize=2)
@@ -33,6 +36,13 @@ def _studio(result: Path, changed: float, photoset: Path | None) -> Photographer
     saved = read_result(result)
     entry = saved.content.lighting[0]
     return photographer(saved, saved.read_lighting(entry), photoset)
+
+
+@lru_cache(maxsize=4)
+def _under(result: Path, changed: float, photoset: Path | None, light: str) -> Photographer:
+    """The same under one of the result's lights."""
+    studio = _studio(result, changed, photoset)
+    return replace(studio, lighting=_lighting(studio.result, light))
 
 
 @lru_cache(maxsize=4)
@@ -79,6 +89,14 @@ class Relit:
         with _ONE_AT_A_TIME:
             return live_error(scene, _studio(*self._key), [lighting]).stated
 
+    def terms(self, light: str, camera: Camera, row: int, column: int) -> dict[str, list[float]]:
+        """What adds up to a predicted pixel's radiance under a light, by name."""
+        if not (0 <= row < camera.height and 0 <= column < camera.width):
+            raise ValueError(f"pixel ({column}, {row}) is outside of {camera.width} x {camera.height}")
+        with _ONE_AT_A_TIME:
+            found = _under(*self._key, light).terms(camera, row, column)
+        return {name: term.tolist() for name, term in zip(("base", "lobe", "bounced"), found, strict=True)}
+
     def still(self, state: Mapping[str, Any], size: tuple[int, int]) -> bytes:
         """What `render` makes of a state of the page: radiance over the light's unit, and coverage, packed."""
         if not all(1 <= side <= _MOST_SIDE for side in size):
@@ -102,6 +120,23 @@ class Relit:
             raise ValueError(f"light {number}: there are {len(self.lights)}")
         with _ONE_AT_A_TIME:
             return _scene(*self._key, self.lights[number])
+
+
+def keep_map(own: Path, name: str, data: bytes) -> None:
+    """Keep a map of light, as a file has it, with what is the workbench's own; ValueError where it is none."""
+    path = Path(name)
+    if path.suffix.lower() not in _MAP_SUFFIXES or path.name != name or name.startswith("."):
+        raise ValueError(f"{name!r}: a map of light is a lat-long picture, .hdr or .exr")
+    folder = own / "lights"
+    folder.mkdir(exist_ok=True)
+    with result_files(folder / name) as place:
+        (place / name).write_bytes(data)
+        read_latlong(place / name)
+
+
+def maps(own: Path) -> list[Path]:
+    """Maps of light that are kept, by name."""
+    return sorted(path for path in (own / "lights").glob("*") if path.suffix.lower() in _MAP_SUFFIXES)
 
 
 def _dimmed(lighting: Lighting, state: Mapping[str, Any], unit: float) -> Lighting:

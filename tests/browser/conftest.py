@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _OPTIONS = (
@@ -18,6 +18,8 @@ _OPTIONS = (
     "--disable-component-update",
     "--no-first-run",
 )
+# Milliseconds that tests wait for what a page should show: other tests share the cores.
+expect.set_options(timeout=60_000)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Points of a mesh picked in the browser place it, as `align` does."""
+"""A small cat whose mesh lies elsewhere, and the picks that place it; its photographs are held out in the browser."""
 
 from __future__ import annotations
 
@@ -48,13 +48,17 @@ lighting = "lamp"
 """
 
 
-@pytest.fixture(scope="module")
-def cat(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("cat") / "set"
+def write_cat(folder: Path) -> Path:
+    """A set of the built-in cat, 160 x 120, under a lamp."""
     folder.mkdir()
     (folder / "staged.toml").write_text(_SCENE)
     write_photoset(read_staging(folder / "staged.toml"), folder)
     return folder
+
+
+@pytest.fixture(scope="module")
+def cat(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_cat(tmp_path_factory.mktemp("cat") / "set")
 
 
 def displaced(folder: Path) -> np.ndarray:
@@ -111,64 +115,62 @@ def test_photographs_are_held_out_without_touching_the_rest_of_the_manifest(page
         assert manifest.read_text() == before
 
 
-def test_six_picks_place_the_mesh(page: Page, cat: Path) -> None:
-    truth = displaced(cat)
-    picks = points_to_pick(cat, truth)
-    mesh = read_mesh(cat / "object.obj")
-    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    reach = np.linalg.norm(mesh.vertices - middle, axis=1).max()
-    with visited(page, cat):
-        expect(page.locator("#problem")).to_contain_text("has not been aligned yet")
-        page.get_by_role("tab", name="Pick").click()
-        expect(page.locator("#pick-fit")).to_contain_text("0 points are picked")
-        for count, (number, vertex, normal, pixel) in enumerate(picks, start=1):
-            page.locator("#pick-photos button").nth(number).click()
-            page.wait_for_timeout(150)
-            box = page.locator("#pick-photo").bounding_box()
-            assert box is not None
-            # The picture fills its canvas along the shorter side.
-            scale = min(box["width"] / 160, box["height"] / 120)
-            page.mouse.click(
-                box["x"] + box["width"] / 2 + scale * (pixel[0] - 80),
-                box["y"] + box["height"] / 2 + scale * (pixel[1] - 60),
-            )
-            # The mesh is turned until the point faces us.
-            azimuth = float(np.degrees(np.arctan2(normal[1], normal[0])))
-            elevation = float(np.degrees(np.arcsin(np.clip(normal[2], -0.98, 0.98))))
-            x, y = page.evaluate(
-                """async ([azimuth, elevation, point]) => {
-                    const { viewed } = await import("/page/vectors.js");
-                    const { state, turned, subject } = window.lightfactorPicking;
-                    Object.assign(state, { azimuth, elevation });
-                    turned();
-                    const canvas = document.getElementById("pick-mesh");
-                    const m = viewed(subject().camera, state, canvas.width, canvas.height).matrix;
-                    const [x, y, z] = point, box = canvas.getBoundingClientRect();
-                    const at = [0, 1, 3].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]);
-                    const right = (at[0] / at[2] + 1) / 2, down = (1 - at[1] / at[2]) / 2;
-                    return [box.left + right * box.width, box.top + down * box.height];
-                }""",
-                [azimuth, elevation, ((vertex - middle) / reach).tolist()],
-            )
-            page.mouse.click(x, y)
-            expect(page.locator("#picks tr")).to_have_count(count + 1)
-        expect(page.locator("#pick-fit")).to_contain_text("They place the mesh to")
-        rows = (cat / "picks.csv").read_text().splitlines()
-        assert rows[0] == "photo,u,v,x,y,z"
-        for row, (number, vertex, _, pixel) in zip(rows[1:], picks, strict=True):
-            label, *numbers = row.split(",")
-            assert label == f"{number:03d}.exr"
-            # Mice click whole pixels of the screen, which are a quarter of the photograph's and of the mesh's edges.
-            np.testing.assert_allclose([float(x) for x in numbers[:2]], pixel, atol=0.6)
-            np.testing.assert_allclose([float(x) for x in numbers[2:]], vertex, atol=0.02 * reach)
-        page.get_by_role("button", name="Align the mesh by these").click()
-        expect(page.locator("#alignments li")).to_contain_text("done", timeout=60_000)
-        found = np.array(json.loads((cat / "alignment.json").read_text())["mesh_to_world"])
-        assert np.linalg.norm(found[:3, 3] - truth[:3, 3]) < 0.02 * reach
-        turn = np.degrees(np.arccos(np.clip((np.trace(found[:3, :3] @ truth[:3, :3].T) - 1) / 2, -1, 1)))
-        assert turn < 1
-        # What is wrong with the set is gone without loading the page again; a pick can be taken back.
-        expect(page.locator("#problem")).to_be_hidden()
-        page.get_by_role("button", name="Remove pick 6").click()
-        expect(page.locator("#picks tr")).to_have_count(6)
-        assert len((cat / "picks.csv").read_text().splitlines()) == 6
+def pick_six(
+    page: Page, folder: Path, truth: np.ndarray
+) -> list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+    """Picks six points in an open workbench, by the mouse; returns them, as `points_to_pick` does."""
+    picks = points_to_pick(folder, truth)
+    middle, reach = middle_and_reach(folder)
+    page.get_by_role("tab", name="Pick").click()
+    expect(page.locator("#pick-fit")).to_contain_text("0 points are picked")
+    for count, (number, vertex, normal, pixel) in enumerate(picks, start=1):
+        page.locator("#pick-photos button").nth(number).click()
+        page.wait_for_timeout(150)
+        box = page.locator("#pick-photo").bounding_box()
+        assert box is not None
+        # The picture fills its canvas along the shorter side.
+        scale = min(box["width"] / 160, box["height"] / 120)
+        page.mouse.click(
+            box["x"] + box["width"] / 2 + scale * (pixel[0] - 80),
+            box["y"] + box["height"] / 2 + scale * (pixel[1] - 60),
+        )
+        # The mesh is turned until the point faces us.
+        azimuth = float(np.degrees(np.arctan2(normal[1], normal[0])))
+        elevation = float(np.degrees(np.arcsin(np.clip(normal[2], -0.98, 0.98))))
+        x, y = page.evaluate(
+            """async ([azimuth, elevation, point]) => {
+                const { viewed } = await import("/page/vectors.js");
+                const { state, turned, subject } = window.lightfactorPicking;
+                Object.assign(state, { azimuth, elevation });
+                turned();
+                const canvas = document.getElementById("pick-mesh");
+                const m = viewed(subject().camera, state, canvas.width, canvas.height).matrix;
+                const [x, y, z] = point, box = canvas.getBoundingClientRect();
+                const at = [0, 1, 3].map((i) => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i]);
+                const right = (at[0] / at[2] + 1) / 2, down = (1 - at[1] / at[2]) / 2;
+                return [box.left + right * box.width, box.top + down * box.height];
+            }""",
+            [azimuth, elevation, ((vertex - middle) / reach).tolist()],
+        )
+        page.mouse.click(x, y)
+        expect(page.locator("#picks tr")).to_have_count(count + 1)
+    return picks
+
+
+def middle_and_reach(folder: Path) -> tuple[np.ndarray, float]:
+    """The middle of a set's mesh and how far it reaches from there, in its file's unit."""
+    vertices = read_mesh(folder / "object.obj").vertices
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    return middle, float(np.linalg.norm(vertices - middle, axis=1).max())
+
+
+def align_by_picks(page: Page, folder: Path, truth: np.ndarray) -> None:
+    """Aligns by what was picked, and finds the mesh where it belongs, to a degree and a fiftieth of its reach."""
+    page.get_by_role("button", name="Align the mesh by these").click()
+    expect(page.locator("#alignments > li")).to_contain_text("done")
+    found = np.array(json.loads((folder / "alignment.json").read_text())["mesh_to_world"])
+    assert np.linalg.norm(found[:3, 3] - truth[:3, 3]) < 0.02 * middle_and_reach(folder)[1]
+    turn = np.degrees(np.arccos(np.clip((np.trace(found[:3, :3] @ truth[:3, :3].T) - 1) / 2, -1, 1)))
+    assert turn < 1
+    # What is wrong with the set is gone without loading the page again.
+    expect(page.locator("#problem")).to_be_hidden()

@@ -20,9 +20,9 @@ import pytest
 from capture.photoset import load_photoset
 from invrender.result.saved import RESULT_NAME
 from lightfactor.studio.jobs import jobs
-from lightfactor.studio.manifest import hold_out
+from lightfactor.studio.manifest import write_key
 from lightfactor.studio.opened import key_of, open_path
-from tests.invrender.faultysets import change_manifest, write_set
+from tests.invrender.faultysets import RADIUS, SIZE, change_manifest, write_set
 from tests.invrender.livescenes import room
 
 from .studios import TOKEN, Served, served
@@ -36,6 +36,10 @@ ROUTES = (
     ("GET", f"/api/photos/{PHOTO}/thumbnail"),
     ("GET", f"/api/photos/{PHOTO}"),
     ("POST", f"/api/photos/{PHOTO}/held-out"),
+    ("GET", f"/api/photos/{PHOTO}/mask"),
+    ("POST", f"/api/photos/{PHOTO}/mask"),
+    ("GET", f"/api/photos/{PHOTO}/checks"),
+    ("GET", "/api/surface"),
     ("GET", "/api/mesh"),
     ("GET", "/api/picks"),
     ("POST", "/api/picks"),
@@ -44,7 +48,10 @@ ROUTES = (
     ("POST", "/api/fits/x/cancel"),
     ("GET", "/api/fits/x/progress"),
     ("GET", "/api/results/x"),
+    ("GET", "/api/results/x/plan"),
+    ("POST", "/api/results/x/plans"),
     ("GET", f"/api/results/x/photos/{PHOTO}"),
+    ("GET", f"/api/results/x/photos/{PHOTO}/terms/1/0/0"),
     ("GET", "/api/results/x/subject"),
     ("GET", "/api/results/x/lights/0"),
     ("GET", "/api/results/x/lights/0/error"),
@@ -99,7 +106,7 @@ def test_what_comes_from_elsewhere_is_refused_by_every_route(
     from lightfactor.studio.app import workbench
 
     known = {re.sub(r"\{\w+\}", "x", route.path) for route in workbench(open_path(ball), "")._app.routes}
-    asked = {path.partition("?")[0].replace(PHOTO, "x").replace("/0", "/x") for _, path in ROUTES}
+    asked = {re.sub(r"/\d\b", "/x", path.partition("?")[0].replace(PHOTO, "x")) for _, path in ROUTES}
     assert known == asked | {"/", "/page/x"}
     before = files_of(ball)
     for method, path in ROUTES:
@@ -177,6 +184,32 @@ def test_a_set_is_described_with_its_photographs_and_cameras(bench: Served) -> N
         np.testing.assert_allclose(camera["axes"][2], [-1, 0, 0], atol=1e-9)
 
 
+def test_the_object_is_where_a_fit_looks_for_it(bench: Served) -> None:
+    surface = unpacked(bench.ask("GET", "/api/surface")[2])
+    assert surface["radius"] == pytest.approx(RADIUS)
+    assert surface["centre"] == pytest.approx([0, 0, 0], abs=1e-9)
+    status, _, data = bench.ask("GET", f"/api/photos/{PHOTO}/checks")
+    assert status == 200
+    block = gzip.decompress(data)
+    start = 4 + int.from_bytes(block[:4], "little")
+    arrays = json.loads(block[4:start])["arrays"]
+
+    def array(name: str, kind: type) -> np.ndarray:
+        values = np.frombuffer(
+            block, kind, int(np.prod(arrays[name]["shape"])), start + arrays[name]["offset"]
+        )
+        return values.reshape(arrays[name]["shape"])
+
+    covered, samples = array("covered", np.uint8), array("samples", np.float32)
+    # The sphere's outline has a radius of 0.45 of the picture's side, wider by 1 / sqrt(1 - (0.02 / 0.6)^2).
+    assert covered.sum() == pytest.approx(np.pi * (0.45 * SIZE) ** 2 * 1.0011, rel=0.01)
+    columns, rows = samples[:, :2].T.astype(int)
+    assert covered[rows, columns].all()
+    assert ((samples[:, 2] > 0) & (samples[:, 2] <= 1)).all()
+    # Of all but those that are seen at a grazing angle.
+    assert 0.8 < len(samples) / covered.sum() < np.sin(np.radians(81)) ** 2
+
+
 def test_photographs_have_thumbnails_that_are_made_once(bench: Served, ball: Path) -> None:
     status, headers, data = bench.ask("GET", f"/api/photos/{PHOTO}/thumbnail")
     assert (status, headers["content-type"]) == (200, "image/jpeg")
@@ -227,15 +260,15 @@ file = "b.png"
 def test_a_photograph_is_held_out_and_all_else_stays_as_it_was_written(tmp_path: Path) -> None:
     manifest = tmp_path / "photoset.toml"
     manifest.write_text(MANIFEST)
-    hold_out(manifest, 1, True)
+    write_key(manifest, 1, "held_out", True)
     assert manifest.read_text() == MANIFEST.replace("# The best", "held_out = true\n# The best")
-    hold_out(manifest, 1, False)
+    write_key(manifest, 1, "held_out", None)
     assert manifest.read_text() == MANIFEST
-    hold_out(manifest, 0, False)
+    write_key(manifest, 0, "held_out", None)
     assert manifest.read_text() == MANIFEST.replace("held_out = true\n", "")
     manifest.write_text('photo = [{ file = "a.png" }]\n')
     with pytest.raises(ValueError, match="by hand"):
-        hold_out(manifest, 0, True)
+        write_key(manifest, 0, "held_out", True)
     assert manifest.read_text() == 'photo = [{ file = "a.png" }]\n'
 
 
@@ -341,6 +374,10 @@ def test_a_fit_goes_on_when_its_server_is_killed_and_ends_when_it_is_stopped(bal
         assert result["name"] == "fit-1"
         assert {line["status"] for line in result["numbers"]} <= {"determined", "weak"}
         assert len(result["photos"]) == 8
+        # Models were told of as they were tried.
+        lines = (ball / ".studio" / "jobs" / "fit-1" / "progress").read_text().splitlines()
+        told = {json.loads(line).get("outcome") for line in lines}
+        assert {f"{model['name']}: {model['unseen']:.2%}" for model in result["models"][:2]} <= told
         seen = unpacked(again.ask("GET", f"/api/results/{started['id']}/photos/{PHOTO}")[2])
         assert set(seen["arrays"]) == {"radiance", "std", "predicted", "counted", "normals"}
         # A second one is stopped: nothing of it is left.

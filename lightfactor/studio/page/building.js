@@ -39,5 +39,5 @@ export function cleared(canvas) {
   context.clearRect(0, 0, width, height);
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(name).trim();
-  return { context, width, height, ratio, ink: colour("--ink"), muted: colour("--muted"), line: colour("--line") };
+  return { context, width, height, ratio, ink: colour("--ink"), muted: colour("--muted"), line: colour("--line"), stage: colour("--stage") };
 }

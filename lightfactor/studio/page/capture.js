@@ -2,12 +2,14 @@
 
 import { asked, lastAsked, posted } from "./asking.js";
 import { byId, cleared, COLOURS, element, row, shown } from "./building.js";
+import { checks } from "./checks.js";
+import { closeMask, drawsMasks, openMask, showsMask } from "./mask.js";
 import { exposed, RadianceView, SharedView, whiteLevel } from "./radianceview.js";
-import { turnView } from "./vectors.js";
+import { readSurface, Space } from "./space.js";
 
 const shared = new SharedView(), view = new RadianceView(byId("photo"), shared);
-const turn = { azimuth: 40, elevation: 25 }, read = lastAsked();
-let current = null, set = null;
+const space = new Space(byId("cameras")), check = checks(view), read = lastAsked();
+let current = null, set = null, surface = null, lost = "";
 
 /** A list of photographs with thumbnails, that are fetched as they come into sight. */
 export function listPhotos(list, photos, chosen, note = () => "") {
@@ -48,7 +50,7 @@ export function openSet(opened, kept) {
     photo.heldOut ? " held out" : "", photo.hasMask ? "" : " no mask", unknown.has(photo.lighting) ? " light unknown" : "",
   ].filter(Boolean).join(",");
   listPhotos(byId("photos"), set.photos, choose, note);
-  drawCameras();
+  findSurface();
   const buttons = [...byId("photos").querySelectorAll("button")], number = set.photos.findIndex((photo) => photo.id === kept);
   buttons[Math.max(number, 0)]?.click();
 }
@@ -59,6 +61,8 @@ async function choose(photo) {
   byId("photo-state").textContent = "Reading...";
   byId("photo-facts").replaceChildren();
   view.clear();
+  closeMask();
+  check(null);
   cleared(byId("histogram"));
   current = { photo };
   try {
@@ -70,6 +74,8 @@ async function choose(photo) {
     facts(found, photo);
     histogram(found.histogram);
     draw();
+    openMask(photo, width, height);
+    check(photo);
     drawCameras();
   } catch (error) {
     byId("photo-state").textContent = error.message;
@@ -78,10 +84,10 @@ async function choose(photo) {
 
 function draw() {
   if (!current?.arrays) return;
-  const { radiance, saturated, mask } = current.arrays;
+  const { radiance, saturated, mask } = current.arrays, dims = byId("show-mask").checked && !showsMask();
   const codes = exposed(radiance.data, current.white * 2 ** -Number(byId("photo-exposure").value));
   for (let k = 0; k < codes.length / 4; k++) {
-    if (mask && byId("show-mask").checked && mask.data[k] < 128) for (let c = 0; c < 3; c++) codes[4 * k + c] = 40 + codes[4 * k + c] / 3;
+    if (mask && dims && mask.data[k] < 128) for (let c = 0; c < 3; c++) codes[4 * k + c] = 40 + codes[4 * k + c] / 3;
     if (byId("show-saturated").checked && saturated.data[k]) codes.set([255, 0, 200], 4 * k);
   }
   view.show(codes, current.width, current.height);
@@ -121,72 +127,28 @@ function histogram({ octaves, counts }) {
   context.strokeRect(0, base, width, 0.5);
 }
 
-/** Frusta of all cameras about the object, in a parallel projection. */
+/** All cameras about the object, if anyone knows yet where it is. */
 function drawCameras() {
   if (!set?.cameras.length) return;
-  const { context, width, height, ink, muted, ratio } = cleared(byId("cameras"));
-  const a = (turn.azimuth * Math.PI) / 180, e = (turn.elevation * Math.PI) / 180;
-  const right = [-Math.sin(a), Math.cos(a), 0], up = [-Math.sin(e) * Math.cos(a), -Math.sin(e) * Math.sin(a), Math.cos(e)];
-  const centres = set.cameras.map((camera) => camera.centre), middle = looked(set.cameras);
-  const far = Math.max(1e-9, ...centres.map((centre) => Math.hypot(...centre.map((x, k) => x - middle[k]))));
-  const scale = (0.42 * Math.min(width, height)) / far;
-  const at = (point) => {
-    const off = point.map((x, k) => x - middle[k]), along = (axis) => off.reduce((sum, x, k) => sum + x * axis[k], 0);
-    return [width / 2 + scale * along(right), height / 2 - scale * along(up)];
-  };
-  const line = (points) => {
-    context.beginPath();
-    points.forEach((point) => context.lineTo(...at(point)));
-    context.stroke();
-  };
-  context.lineWidth = ratio;
-  [["X", [1, 0, 0]], ["Y", [0, 1, 0]], ["Z", [0, 0, 1]]].forEach(([name, axis], c) => {
-    const tip = axis.map((x, k) => middle[k] + 0.35 * far * x);
-    context.strokeStyle = context.fillStyle = COLOURS[c];
-    line([middle, tip]);
-    context.font = `${12 * ratio}px system-ui`;
-    context.fillText(name, ...at(tip));
-  });
-  set.cameras.forEach(({ photo, centre, axes, reach }) => {
-    const chosen = photo === current?.photo.id, depth = 0.22 * far;
-    context.strokeStyle = chosen ? ink : muted;
-    context.lineWidth = (chosen ? 2.5 : 1) * ratio;
-    // Long lenses see slender pyramids: they are drawn wider, all alike.
-    const flat = reach.map((side) => (0.4 * side) / Math.max(...reach));
-    const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => centre.map((c, i) => c + depth * (axes[2][i] + x * flat[0] * axes[0][i] + y * flat[1] * axes[1][i])));
-    line([...corners, corners[0]]);
-    corners.forEach((corner) => line([centre, corner]));
-  });
+  space.show({ surface, cameras: set.cameras.map((camera) => ({ ...camera, chosen: camera.photo === current?.photo.id })) });
+  const enlarged = space.enlarged > 1.05 ? `The object is drawn ${space.enlarged.toPrecision(2)} times as large.` : "";
+  byId("cameras-said").textContent = surface ? enlarged : lost;
 }
 
-/** The point that is nearest to all cameras' lines of sight, least squares; the mean of them where these are parallel. */
-function looked(cameras) {
-  const sums = [0, 1, 2].map(() => [0, 0, 0, 0]), mean = [0, 0, 0];
-  for (const { centre, axes } of cameras) {
-    for (let i = 0; i < 3; i++) {
-      mean[i] += centre[i] / cameras.length;
-      for (let j = 0; j < 3; j++) {
-        const across = (i === j ? 1 : 0) - axes[2][i] * axes[2][j];
-        sums[i][j] += across;
-        sums[i][3] += across * centre[j];
-      }
-    }
+async function findSurface() {
+  surface = null;
+  lost = "Looking for the object...";
+  drawCameras();
+  try {
+    surface = await readSurface();
+  } catch (error) {
+    lost = error.message;
   }
-  // Gauss's elimination of three equations.
-  for (let i = 0; i < 3; i++) {
-    const best = [0, 1, 2].slice(i).reduce((a, b) => (Math.abs(sums[b][i]) > Math.abs(sums[a][i]) ? b : a), i);
-    [sums[i], sums[best]] = [sums[best], sums[i]];
-    if (Math.abs(sums[i][i]) < 1e-4 * cameras.length) return mean;
-    for (let j = 0; j < 3; j++) {
-      if (j === i) continue;
-      const factor = sums[j][i] / sums[i][i];
-      sums[j] = sums[j].map((value, k) => value - factor * sums[i][k]);
-    }
-  }
-  return sums.map((equation, i) => equation[3] / equation[i]);
+  drawCameras();
 }
 
 shown(byId("photo-exposure"), draw);
+drawsMasks(view, draw);
 byId("held-out").addEventListener("change", async () => {
   const photo = current.photo, heldOut = byId("held-out").checked;
   try {
@@ -198,17 +160,3 @@ byId("held-out").addEventListener("change", async () => {
   }
 });
 for (const id of ["show-mask", "show-saturated"]) byId(id).addEventListener("change", draw);
-const cameras = byId("cameras");
-cameras.addEventListener("pointerdown", (event) => cameras.setPointerCapture(event.pointerId));
-cameras.addEventListener("pointermove", (event) => {
-  if (!event.buttons) return;
-  turnView(turn, -event.movementX / 2, event.movementY / 2);
-  drawCameras();
-});
-cameras.addEventListener("keydown", (event) => {
-  const steps = { ArrowLeft: [-5, 0], ArrowRight: [5, 0], ArrowUp: [0, 5], ArrowDown: [0, -5] };
-  if (!(event.key in steps)) return;
-  event.preventDefault();
-  turnView(turn, ...steps[event.key]);
-  drawCameras();
-});

@@ -4,6 +4,8 @@ import { askedJson, lines, posted } from "./asking.js";
 import { byId, element, row } from "./building.js";
 
 const watched = new Map();
+// Where each kind of job is listed.
+const LISTS = { fit: "fits", alignment: "alignments", plan: "plans" };
 
 /** Lists the fits that were started; whenDone is called when one ends with a result. */
 export function listFits(fits, whenDone) {
@@ -11,7 +13,7 @@ export function listFits(fits, whenDone) {
     if (!watched.has(fit.id)) {
       const item = element("li");
       watched.set(fit.id, item);
-      byId(fit.name.startsWith("alignment") ? "alignments" : "fits").prepend(item);
+      byId(LISTS[fit.name.split("-")[0]]).prepend(item);
       show(item, fit);
       if (fit.state === "running") watch(item, fit, whenDone);
     }
@@ -36,10 +38,12 @@ function show(item, fit) {
     const stop = element("button", { type: "button" }, "Stop");
     stop.addEventListener("click", () => posted(`/api/fits/${fit.id}/cancel`));
     head.append(stop);
-    const { doing = "Starting", done = 0, of = 1 } = fit.progress ?? {};
+    const { doing = "Starting", done = 0, of = 1, outcomes = [] } = fit.progress ?? {};
     parts.push(
       element("span", {}, fit.progress ? `${doing}: ${done} of ${of}` : doing),
       element("progress", { value: done, max: Math.max(of, 1), "aria-label": doing }),
+      ...(outcomes.length ? [element("span", { className: "muted" }, "Models so far, and their error on unseen photographs:")] : []),
+      element("ol", { className: "ladder" }, ...outcomes.map((outcome) => element("li", {}, outcome))),
     );
   } else if (fit.said) {
     parts.push(element("details", { open: fit.state === "failed" }, element("summary", {}, "What it said"), element("pre", {}, fit.said)));

@@ -1,6 +1,6 @@
 // A photograph beside its prediction and the difference, and the errors of all.
 
-import { lastAsked } from "./asking.js";
+import { askedJson, lastAsked } from "./asking.js";
 import { byId, cleared, COLOURS, shown } from "./building.js";
 import { listPhotos } from "./capture.js";
 import { singles } from "./packed.js";
@@ -8,7 +8,9 @@ import { code, exposed, RadianceView, SharedView, whiteLevel } from "./radiancev
 
 const shared = new SharedView(), read = lastAsked();
 const views = ["observed", "predicted", "difference"].map((id) => new RadianceView(byId(id), shared, probe));
-let result = null, current = null;
+// Milliseconds after which a pointer rests, and pixels across a close-up.
+const REST = 250, CLOSE = 48;
+let result = null, current = null, resting = 0;
 
 /** Shows a result's photographs, the worst first. */
 export function judge(described) {
@@ -29,7 +31,7 @@ async function choose(photo) {
     const found = await read(`/api/results/${result.id}/photos/${photo.id}`);
     if (!found) return;
     const [height, width] = found.arrays.radiance.shape;
-    Object.assign(current, { ...found.arrays, width, height, white: whiteLevel(found.arrays.predicted.data) });
+    Object.assign(current, { ...found.arrays, factor: found.factor, width, height, white: whiteLevel(found.arrays.predicted.data) });
     byId("judge-state").textContent = "";
     draw();
     drawAngles();
@@ -72,7 +74,34 @@ function probe(column, row) {
   const [x, y, z, cosine] = Array.from(singles(current.normals.data.subarray(4 * k, 4 * k + 4)));
   const surface = cosine > 0 ? `; normal ${[x, y, z].map((part) => part.toFixed(2)).join(", ")}, seen at ${degrees(cosine).toFixed(0)}°` : "";
   const off = Math.hypot(...[0, 1, 2].map((c) => (predicted[c] - observed[c]) / Math.max(std[c], 1e-12))) / Math.sqrt(3);
-  byId("probe").textContent = `(${column}, ${row}) photograph ${text(observed)}; noise ${text(std)}; prediction ${text(predicted)}; ${off.toFixed(1)} standard deviations of the noise apart${surface}`;
+  const said = `(${column}, ${row}) photograph ${text(observed)}; noise ${text(std)}; prediction ${text(predicted)}; ${off.toFixed(1)} standard deviations of the noise apart${surface}`;
+  byId("probe").textContent = said;
+  clearTimeout(resting);
+  if (current.counted.data[k]) resting = setTimeout(() => addTerms(said, row, column, text), REST);
+}
+
+/** What the prediction is made of, once the pointer rests. */
+async function addTerms(said, row, column, text) {
+  try {
+    const { base, lobe, bounced } = await askedJson(`/api/results/${result.id}/photos/${current.photo.id}/terms/${current.factor}/${row}/${column}`);
+    const parts = [`base ${text(base)}`, `lobe ${text(lobe)}`, ...(bounced.some(Boolean) ? [`from its other parts ${text(bounced)}`] : [])];
+    if (byId("probe").textContent === said) byId("probe").textContent = `${said}; of it ${parts.join("; ")}`;
+  } catch (error) {
+    if (byId("probe").textContent === said) byId("probe").textContent = `${said}; ${error.message}`;
+  }
+}
+
+/** Goes close to what is brightest in the prediction. */
+function closeUp() {
+  if (!current?.predicted) return;
+  const { data } = current.predicted, { width, counted } = current;
+  let best = 0, most = -1;
+  for (let k = 0; k < counted.data.length; k++) {
+    const sum = counted.data[k] ? data[3 * k] + data[3 * k + 1] + data[3 * k + 2] : -1;
+    if (sum > most) [best, most] = [k, sum];
+  }
+  Object.assign(shared, { x: (best % width) + 0.5, y: Math.floor(best / width) + 0.5, zoom: Math.max(1, width / CLOSE) });
+  shared.redraw();
 }
 
 const degrees = (cosine) => (Math.acos(Math.min(cosine, 1)) * 180) / Math.PI;
@@ -129,3 +158,5 @@ function drawErrors() {
 }
 
 for (const id of ["judge-exposure", "wipe", "limit"]) shown(byId(id), draw);
+byId("close-up").addEventListener("click", closeUp);
+byId("whole").addEventListener("click", () => { shared.reset(); shared.redraw(); });

@@ -27,6 +27,7 @@ export async function openPicking(opened) {
     picture.add(mesh);
     new ResizeObserver(drawMesh).observe(picture.canvas);
     say("");
+    byId("pick-shown").textContent = mesh.notes.join(" ");
     take(await askedJson("/api/picks"));
     byId("pick-photos").querySelector("button")?.click();
   } catch (error) {
@@ -96,18 +97,15 @@ function drawPhoto() {
   view.show(photo.codes, photo.shownWidth, photo.shownHeight);
 }
 
-/** Marks, on top of what the view draws. */
-const plain = view.draw.bind(view);
-view.draw = () => {
-  plain();
-  if (!photo?.codes || !view.canvas.clientWidth) return;
-  const context = view.canvas.getContext("2d"), scale = view.scale(), ratio = photo.shownWidth / photo.width;
+view.over((context) => {
+  if (!photo?.codes) return;
+  const scale = view.scale(), ratio = photo.shownWidth / photo.width;
   const own = picks.map((pick, k) => ({ ...pick, name: `${k + 1}` })).filter((pick) => pick.photo === photo.id);
   if (pending) own.push({ ...pending, name: "?" });
   for (const { u, v, name } of own) {
     mark(context, scale * (u * ratio - shared.x) + view.canvas.width / 2, scale * (v * ratio - shared.y) + view.canvas.height / 2, name);
   }
-};
+});
 
 function mark(context, x, y, name) {
   context.lineWidth = 3;

@@ -30,7 +30,7 @@ export class SharedView {
 /** A canvas of a shared view. onProbe(column, row) is called with the pixel under the pointer. */
 export class RadianceView {
   constructor(canvas, shared, onProbe = () => {}) {
-    Object.assign(this, { canvas, shared, bitmap: null });
+    Object.assign(this, { canvas, shared, bitmap: null, overlays: [] });
     shared.views.push(this);
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
@@ -75,6 +75,11 @@ export class RadianceView {
     this.draw();
   }
 
+  /** Has something drawn over the picture, with the canvas's context, whenever this is drawn. */
+  over(draw) {
+    this.overlays.push(draw);
+  }
+
   /** Shows nothing: what comes may be broken, and this is no longer it. */
   clear() {
     this.bitmap = null;
@@ -101,7 +106,8 @@ export class RadianceView {
     context.imageSmoothingEnabled = scale < 2;
     context.setTransform(scale, 0, 0, scale, width / 2 - scale * this.shared.x, height / 2 - scale * this.shared.y);
     context.drawImage(this.bitmap, 0, 0);
-    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.resetTransform();
+    this.overlays.forEach((draw) => draw(context));
   }
 }
 

@@ -85,9 +85,10 @@ async function takeLight(event) {
 }
 
 async function stated() {
-  byId("stated").textContent = "";
+  const { notes } = picture.subject;
+  byId("stated").textContent = notes.join(" ");
   const light = state.light, { stated: text } = await askedJson(`/api/results/${shownResult.id}/lights/${light}/error`);
-  if (light === state.light) byId("stated").textContent = text;
+  if (light === state.light) byId("stated").textContent = [...notes, text].join(" ");
 }
 
 /** What moves is live; when it rests, an exact picture takes its place. */

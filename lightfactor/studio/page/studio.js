@@ -6,6 +6,7 @@ import { openSet } from "./capture.js";
 import { listFits, showResults, startFit } from "./fits.js";
 import { judge } from "./judge.js";
 import { openPicking } from "./pick.js";
+import { openPlan } from "./plan.js";
 import { relight } from "./relight.js";
 
 const tabs = [...document.querySelectorAll("[role=tab]")];
@@ -32,6 +33,7 @@ async function show() {
     if (tab.id === "tab-pick") await openPicking(opened.set);
     if (tab.id === "tab-fit" && result) await showResults(opened.results, result.id);
     if (tab.id === "tab-judge" && result) judge(result);
+    if (tab.id === "tab-plan" && result) await openPlan(result, opened);
     if (tab.id === "tab-relight" && result) await relight(result);
   } catch (error) {
     say(error.message);
@@ -55,10 +57,13 @@ async function load(chosen, photo) {
     result = await askedJson(`/api/results/${found.id}`);
   }
   for (const tab of tabs) if (["tab-judge", "tab-relight"].includes(tab.id)) tab.disabled = !found;
+  byId("tab-plan").disabled = !found || !opened.set;
   byId("tab-pick").hidden = opened.set?.shape !== "mesh";
   if (first && opened.set) openSet(opened.set, photo);
   offer(opened.starter);
-  byId("start-fit").disabled = !opened.set || opened.fits.some((fit) => fit.state === "running");
+  const busy = opened.fits.some((fit) => fit.state === "running");
+  byId("start-fit").disabled = !opened.set || busy;
+  byId("start-plan").disabled = busy;
   listFits(opened.fits, (fit) => load(fit.hasResult ? fit.name : undefined));
   await show();
 }
