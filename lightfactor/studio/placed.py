@@ -19,6 +19,7 @@ from lightfactor.studio.pictures import ONE_AT_A_TIME, SHOWN_SIDE
 from recon.mesh.bodies import MeshBody, SphereBody, body_coverage
 from recon.mesh.simplified import simplified
 from recon.mesh.tessellated import tessellated
+from recon.mesh.trianglemesh import TriangleMesh, merged_faces, smooth_normals
 from recon.sampling.draw import NO_SOURCES, sample_body
 from recon.sampling.find import FoundBody, find_body
 
@@ -33,21 +34,11 @@ def surface(opened: Opened) -> bytes:
     Where nobody knows yet where it is, `said` says why.
     """
     try:
-        body = _found(opened.photoset()).body
+        photoset = opened.photoset()
+        with _ONE_SEARCH:
+            return _surface_of(photoset.manifest, _stamps(photoset))
     except (ValueError, OSError) as error:
         return packed({"said": str(error)}, {})
-    if isinstance(body, MeshBody):
-        mesh = simplified(body.mesh, _FACES)
-    else:
-        assert isinstance(body, SphereBody)
-        mesh = tessellated(body.sphere.centre, body.sphere.radius, _ROWS)
-    centre = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
-    arrays: dict[str, NDArray[Any]] = {
-        "positions": ((mesh.vertices - centre) / radius).astype(np.float32),
-        "faces": mesh.faces.astype(np.uint32),
-    }
-    return packed({"centre": centre.tolist(), "radius": radius}, arrays)
 
 
 def checks(opened: Opened, photo: Photo) -> bytes:
@@ -80,14 +71,46 @@ def checks(opened: Opened, photo: Photo) -> bytes:
 
 
 def _found(photoset: PhotoSet) -> FoundBody:
+    with _ONE_SEARCH:
+        return _found_of(photoset.manifest, _stamps(photoset))
+
+
+def _stamps(photoset: PhotoSet) -> tuple[int, ...]:
+    """When the files were written that say where the object is."""
     files = [photoset.manifest, *photoset.calibration_files]
     files += [photo.mask for photo in photoset.photos if photo.mask is not None]
-    stamps = tuple(file.stat().st_mtime_ns for file in files if file.is_file())
-    with _ONE_SEARCH:
-        return _found_of(photoset.manifest, stamps)
+    if photoset.object.mesh is not None:
+        files.append(photoset.resolve(photoset.object.mesh))
+    return tuple(file.stat().st_mtime_ns for file in files if file.is_file())
 
 
 @lru_cache(maxsize=1)
 def _found_of(manifest: Path, stamps: tuple[int, ...]) -> FoundBody:
-    """The body of a set, the last one kept. stamps : when its files were written."""
+    """The body of a set, the last one kept."""
     return find_body(load_photoset(manifest))
+
+
+@lru_cache(maxsize=1)
+def _surface_of(manifest: Path, stamps: tuple[int, ...]) -> bytes:
+    body = _found_of(manifest, stamps).body
+    if isinstance(body, MeshBody):
+        mesh = simplified(_without_seams(body.mesh), _FACES)
+    else:
+        assert isinstance(body, SphereBody)
+        mesh = tessellated(body.sphere.centre, body.sphere.radius, _ROWS)
+    centre = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+    radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
+    arrays: dict[str, NDArray[Any]] = {
+        "positions": ((mesh.vertices - centre) / radius).astype(np.float32),
+        "faces": mesh.faces.astype(np.uint32),
+    }
+    return packed({"centre": centre.tolist(), "radius": radius}, arrays)
+
+
+def _without_seams(mesh: TriangleMesh) -> TriangleMesh:
+    """A mesh with one vertex at each position: seams would keep it from getting few faces."""
+    faces = merged_faces(mesh.vertices, mesh.faces)
+    vertices = np.zeros((int(faces.max()) + 1, 3))
+    vertices[faces] = mesh.vertices[mesh.faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return TriangleMesh(vertices, faces, smooth_normals(vertices, faces))

@@ -83,7 +83,7 @@ def test_a_lamp_whose_highlights_are_a_few_pixels_is_found(bench: SimpleNamespac
         assert (np.abs(quantity.value - truth) < 4 * quantity.std).all()
 
 
-@pytest.mark.parametrize("lit", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.parametrize("lit", [pytest.param(False, marks=pytest.mark.sweep), True])
 def test_many_lamps_are_found_in_the_dark_and_beside_a_window(bench: SimpleNamespace, lit: bool):
     ways = [(-20, 25), (130, 20), (60, 60), (200, 10), (-70, -20), (95, -40)]
     lamps = [DirectionalSource(bench.direction(*way), np.full(3, 1 + 0.3 * k)) for k, way in enumerate(ways)]

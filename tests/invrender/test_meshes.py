@@ -316,7 +316,7 @@ def test_light_and_brdf_of_a_concave_mesh_from_three_photographs(blind: Run, cat
     assert blind.interreflection.doubt < 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_light_of_a_mesh_whose_shadows_are_ignored_is_several_times_as_wrong(
     blind: Run, cat_original: Path, no_causes: None
 ) -> None:

@@ -50,7 +50,7 @@ photos = {photos}
     return load_photoset(folder / "set")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_lobe_is_not_widened_by_pixels_across_which_it_changes(tmp_path: Path) -> None:
     # Across a pixel in the sphere's middle the normal turns by a third of sigma.
     photoset = glossy_set(tmp_path, LAMP, 220, 2900, 3, "per_side = 8")

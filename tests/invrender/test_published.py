@@ -215,7 +215,7 @@ def test_three_photographs_yield_factors_as_close_as_rh01s(bench: SimpleNamespac
     check_as_close_as_rh01(bench, name, 3, 6000)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", RH01_OFF)
 def test_sixty_photographs_yield_factors_as_close_as_rh01s(bench: SimpleNamespace, name: str):
     check_as_close_as_rh01(bench, name, 60, 24_000)
