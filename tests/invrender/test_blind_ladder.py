@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
+from capture.progress import unwatched
 from invrender.brdf.lobes import GGX_FORM
 from invrender.brdf.richer import extended
 from invrender.estimate.unknown_light import factorize_blind
@@ -80,7 +81,7 @@ def test_other_forms_keep_no_source_that_the_chosen_one_does_without(bench: Simp
     found = search.fit(replace(NOTHING, specular_share=share(TEFLON), mu=TEFLON.mu, sigma=TEFLON.sigma), 4)
     first = cross_validate(model_name(found), search, found)
     other = found.state.with_form(GGX_FORM).with_source(bench.direction(20, 60))
-    candidates = climb(search, search, None, first, [4], [other], lambda: None)
+    candidates = climb(search, search, None, first, [4], [other], unwatched)
     assert [own.name for own in candidates if own.name.startswith("GGX")] == [
         "GGX, lighting of degree 4, 0 sources"
     ]

@@ -46,14 +46,17 @@ def test_chooses_the_smallest_model_that_explains(material: MicrofacetMaterial, 
     photos = bench.photograph(material, ANGLES, samples=100)
     for seed in range(3):
         noisy = bench.with_noise(photos, np.random.default_rng(seed))
-        steps: list[None] = []
-        candidates = climb_ladder(noisy, weights_of(photos), lambda steps=steps: steps.append(None))
+        steps: list[str] = []
+        candidates = climb_ladder(
+            noisy, weights_of(photos), lambda outcome="", steps=steps: steps.append(outcome)
+        )
         best = choose(candidates)
         assert [candidate.estimate.model for candidate in candidates] == list(LADDER)
         assert candidates[best].estimate.model.name == chosen
         # Little is left but the noise that was drawn: the first and last photographs extrapolate from the others.
         assert_allclose(candidates[best].error, np.mean(drawn_noise(noisy, photos)), rtol=0.1)
-        assert len(steps) == len(candidates)
+        assert steps == [candidate.outcome for candidate in candidates]
+        assert steps[0].startswith("lambertian: ")
         assert [candidate.parameters for candidate in candidates] == [3, 7, 8]
 
 

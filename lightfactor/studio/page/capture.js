@@ -9,7 +9,8 @@ import { readSurface, Space } from "./space.js";
 
 const shared = new SharedView(), view = new RadianceView(byId("photo"), shared);
 const space = new Space(byId("cameras")), check = checks(view), read = lastAsked();
-let current = null, set = null, surface = null, lost = "";
+// lost : why the object isn't drawn. sought : the set whose object was looked for.
+let current = null, set = null, surface = null, lost = "", sought = null;
 
 /** A list of photographs with thumbnails, that are fetched as they come into sight. */
 export function listPhotos(list, photos, chosen, note = () => "") {
@@ -50,7 +51,9 @@ export function openSet(opened, kept) {
     photo.heldOut ? " held out" : "", photo.hasMask ? "" : " no mask", unknown.has(photo.lighting) ? " light unknown" : "",
   ].filter(Boolean).join(",");
   listPhotos(byId("photos"), set.photos, choose, note);
-  findSurface();
+  surface = null;
+  lost = "Looking for the object...";
+  drawCameras();
   const buttons = [...byId("photos").querySelectorAll("button")], number = set.photos.findIndex((photo) => photo.id === kept);
   buttons[Math.max(number, 0)]?.click();
 }
@@ -80,6 +83,8 @@ async function choose(photo) {
   } catch (error) {
     byId("photo-state").textContent = error.message;
   }
+  // After the photograph, for masks of all of them may have to be read.
+  if (sought !== set) findSurface();
 }
 
 function draw() {
@@ -136,14 +141,15 @@ function drawCameras() {
 }
 
 async function findSurface() {
-  surface = null;
-  lost = "Looking for the object...";
-  drawCameras();
+  const mine = sought = set;
+  let found = null, said = "";
   try {
-    surface = await readSurface();
+    found = await readSurface();
   } catch (error) {
-    lost = error.message;
+    said = error.message;
   }
+  if (mine !== set) return;
+  [surface, lost] = [found, said];
   drawCameras();
 }
 
