@@ -166,6 +166,24 @@ def test_a_broken_photograph_does_not_look_like_the_one_before_it(browser: Brows
     assert not errors
 
 
+def test_photographs_are_held_out_without_touching_the_rest_of_the_manifest(
+    page: Page, bench: Served, ball: Path
+) -> None:
+    manifest = ball / "photoset.toml"
+    before = manifest.read_text()
+    page.goto(bench.address)
+    page.locator("#photos button").nth(1).click()
+    expect(page.locator("#photo-name")).to_have_text("001.exr")
+    page.get_by_label("Hold it out of the fit").check()
+    expect(page.locator("#photos button").nth(1)).to_contain_text("held out")
+    expect(page.locator("#photo-name")).to_have_text("001.exr")
+    changed = manifest.read_text()
+    assert set(changed.splitlines()) - set(before.splitlines()) == {"held_out = true"}
+    page.get_by_label("Hold it out of the fit").uncheck()
+    expect(page.locator("#photos button").nth(1)).not_to_contain_text("held out")
+    assert manifest.read_text() == before
+
+
 def test_tabs_are_reached_by_keyboard_and_a_wrong_key_is_said(page: Page, bench: Served) -> None:
     page.goto(bench.address)
     expect(page.locator("#photos button")).to_have_count(8)

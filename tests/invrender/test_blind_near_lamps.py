@@ -137,7 +137,7 @@ def test_a_second_near_lamp_is_sought_beside_a_first(bench: SimpleNamespace) -> 
     assert_places(found, lamps)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_bars_of_distances_hold(bench: SimpleNamespace) -> None:
     lamp, scores = lamp_at(bench, 6.0), []
     clean = near_photographs(bench, [lamp], False, [0, 60, 120])

@@ -37,7 +37,7 @@ def of_lamps(field: LightField, lamps: list[np.ndarray]) -> LightField:
     ("count", "second"),
     [
         (3, False),
-        pytest.param(5, True, marks=pytest.mark.slow),
+        pytest.param(5, True, marks=pytest.mark.sweep),
     ],
 )
 def test_no_lamp_repairs_a_lobe_that_the_model_lacks(
