@@ -64,7 +64,9 @@ def test_a_displaced_cat_is_picked_fitted_judged_planned_relit_and_mailed(page: 
         fit = lf.read_fit(cat / "fit-1")
         picture = fit.render((0, 20), size=(100, 100), rotate_light=30)
         # The page states how far it is off in the worst of some views; a percent more, as this is none of them.
-        bound = 0.01 + 0.01 * float(page.locator("#stated").inner_text().split("worst of them by ")[1].split("%")[0])
+        bound = 0.01 + 0.01 * float(
+            page.locator("#stated").inner_text().split("worst of them by ")[1].split("%")[0]
+        )
         found = radiance(page, 100, azimuth=0, elevation=20, zoom=1, turn=30)
         assert apart(found, picture.radiance, picture.coverage) < bound
         with page.expect_download(timeout=240_000) as saving:
