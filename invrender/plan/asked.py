@@ -25,6 +25,10 @@ def asked_experiment(
     if name in scene_names() or not (path.name == RESULT_NAME or (path / RESULT_NAME).is_file()):
         if photoset is not None:
             raise ValueError(f"--set is for results, and {name!r} is a scene; leave it out")
+        if name not in scene_names() and path.is_dir():
+            raise ValueError(
+                f"{path}: holds no {RESULT_NAME}; give the folder that `lightfactor process` wrote, or a scene"
+            )
         return read_experiment(name, given)
     if given not in (None, "all", "nothing"):
         raise ValueError(f"--light {given}: a result's light is all known or nothing; give all or nothing")

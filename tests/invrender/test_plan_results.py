@@ -57,5 +57,7 @@ def test_what_a_plan_cannot_be_made_of_is_said(fitted: Path, tmp_path: Path):
     (alone / "result.json").write_text(json.dumps(result))
     with pytest.raises(ValueError, match="its lobe is brushed"):
         asked_experiment(str(alone), photoset=fitted.parent)
+    with pytest.raises(ValueError, match=r"set: holds no result\.json"):
+        asked_experiment(str(fitted.parent))
     with pytest.raises(ValueError, match="--set is for results"):
         asked_experiment("demo", photoset=fitted.parent)
