@@ -21,11 +21,11 @@ def asked_experiment(
     given : what a set gives of the light, in place of what the scene file or the manifest says; of a result "all" or
     "nothing". photoset : a result's, looked for around it if None. ValueError says what is wrong.
     """
-    path = Path(name)
-    if name in scene_names() or not (path.name == RESULT_NAME or (path / RESULT_NAME).is_file()):
+    path, is_builtin = Path(name), name in scene_names()
+    if is_builtin or not (path.name == RESULT_NAME or (path / RESULT_NAME).is_file()):
         if photoset is not None:
             raise ValueError(f"--set is for results, and {name!r} is a scene; leave it out")
-        if name not in scene_names() and path.is_dir():
+        if not is_builtin and path.is_dir():
             raise ValueError(
                 f"{path}: holds no {RESULT_NAME}; give the folder that `lightfactor process` wrote, or a scene"
             )

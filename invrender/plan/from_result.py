@@ -18,9 +18,9 @@ from invrender.observation.sphere_place import found_of_sphere
 from invrender.plan.experiment import BOUNCES_NOTE, MEANS_NOTE, Experiment, PlannedLight, PlannedView
 from invrender.result.reflectance import reflectance
 from invrender.result.saved import SavedResult
-from invrender.result.source_set import find_photoset
+from invrender.result.source_set import find_photoset, scanned_mesh
 from recon.mesh.bodies import Body, MeshBody, SphereBody
-from recon.mesh.shape import placed, read_object_mesh
+from recon.mesh.shape import placed
 from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
@@ -93,9 +93,8 @@ def _body(result: SavedResult, photoset: PhotoSet) -> Body:
     known = result.content.object
     if known.shape == "sphere":
         return SphereBody(Sphere(np.array(known.centre), known.radius, np.zeros((4, 4))))
-    place = photoset.mesh_to_world if known.mesh_to_world is None else np.array(known.mesh_to_world)
-    assert place is not None, "a loaded set with a mesh has a place for it"
-    return MeshBody(placed(read_object_mesh(photoset).mesh, place))
+    mesh, _, mesh_to_world, _ = scanned_mesh(result, photoset)
+    return MeshBody(placed(mesh, mesh_to_world))
 
 
 @dataclass(frozen=True, eq=False)

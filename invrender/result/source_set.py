@@ -1,14 +1,21 @@
-"""The photo set that a result was made from, if it is still there: known by the hash of its manifest."""
+"""The photo set that a result was made from, and its mesh, if they are still there: known by their hashes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from capture.camera import Camera
 from capture.files.documents import file_hash
 from capture.photoset import PhotoSet, load_photoset
 from invrender.result.saved import SavedResult, nearest
+from recon.mesh.shape import read_object_mesh
+from recon.mesh.trianglemesh import TriangleMesh
+
+Floats = NDArray[np.float64]
 
 
 def find_photoset(result: SavedResult, given: Path | None) -> PhotoSet | None:
@@ -47,6 +54,38 @@ def photo_camera(result: SavedResult, photoset: PhotoSet | None, label: str) -> 
     if label not in cameras:
         raise ValueError(f"{photoset.manifest}: has no photo {label!r}; {nearest(label, cameras)}")
     return cameras[label]
+
+
+def scanned_mesh(
+    result: SavedResult, photoset: PhotoSet | None
+) -> tuple[TriangleMesh, Path, Floats, tuple[str, ...]]:
+    """The mesh of a result in its own axes, as its file has it, the file, its place in the world, and warnings.
+
+    ValueError where the set isn't there, or the mesh has changed since.
+    """
+    if photoset is None:
+        raise ValueError(
+            f"{result.path}: its object is a mesh of the photo set that it was made from, which isn't beside it: name"
+            " the set's folder with --set, or another mesh with --mesh"
+        )
+    found = read_object_mesh(photoset)
+    assert photoset.object.mesh is not None
+    file = photoset.resolve(photoset.object.mesh)
+    _check_hash(result, file)
+    # Where the mesh lay when the result was made, whatever has aligned it since.
+    known = result.content.object
+    pose = photoset.mesh_to_world if known.mesh_to_world is None else np.array(known.mesh_to_world)
+    assert pose is not None, "a loaded set with a mesh has a place for it"
+    return found.mesh, file, pose, found.warnings
+
+
+def _check_hash(result: SavedResult, file: Path) -> None:
+    """ValueError where a mesh has changed since a result was made of it."""
+    if result.content.inputs.get(file.name, known := file_hash(file)) != known:
+        raise ValueError(
+            f"{file}: is not the mesh that {result.path} was made with (another hash): it has changed since; run"
+            " `lightfactor process` again"
+        )
 
 
 def _around(result: SavedResult) -> Iterator[Path]:

@@ -160,8 +160,11 @@ def _start(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response
     samples = body.get("samples")
     if samples is not None and not (isinstance(samples, int) and samples >= 1000):
         raise ValueError(f"samples is {samples}; give a number of 1000 or more")
-    started = jobs.start_fit(opened, samples)
-    return JSONResponse({"id": started.key, "name": started.name})
+    return _started(jobs.start_fit(opened, samples))
+
+
+def _started(job: jobs.Job) -> Response:
+    return JSONResponse({"id": job.key, "name": job.name})
 
 
 def _cancel(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
@@ -203,8 +206,7 @@ def _save_picks(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Res
 
 
 def _align(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
-    started = jobs.start_alignment(opened, opened.folder / picking.PICKS_NAME)
-    return JSONResponse({"id": started.key, "name": started.name})
+    return _started(jobs.start_alignment(opened, opened.folder / picking.PICKS_NAME))
 
 
 def _hold_out(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
@@ -233,8 +235,7 @@ def _plan(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
 
 
 def _start_plan(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
-    started = jobs.start_plan(opened, opened.result(of["result"]).folder)
-    return JSONResponse({"id": started.key, "name": started.name})
+    return _started(jobs.start_plan(opened, opened.result(of["result"]).folder))
 
 
 def _result(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:

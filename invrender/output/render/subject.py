@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict
 
 from capture.camera import Camera, rigid_transform
-from capture.files.documents import file_hash, read_json
+from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.photoset import PhotoSet
 from invrender.result.saved import SavedResult
 from invrender.result.saved_textures import RayReflectance, SavedTextures
+from invrender.result.source_set import scanned_mesh
 from invrender.transport.visibility import Shadows
 from recon.mesh.bodies import Body, MeshBody, SphereBody
-from recon.mesh.shape import opening_warnings, placed, read_object_mesh, without_loose_pieces
+from recon.mesh.shape import opening_warnings, placed, without_loose_pieces
 from recon.mesh.transfer import TransferVectors
 from recon.mesh.transfercache import cached_transfer
 from recon.mesh.trianglemesh import TriangleMesh, read_mesh
@@ -112,7 +113,7 @@ def photographed_subject(result: SavedResult, photoset: PhotoSet | None) -> Subj
     known = result.content.object
     if known.shape == "sphere":
         return sphere_subject(np.array(known.centre), known.radius)
-    mesh, file, mesh_to_world, warnings = _scanned_mesh(result, photoset)
+    mesh, file, mesh_to_world, warnings = scanned_mesh(result, photoset)
     return _mesh_subject(mesh, file, mesh_to_world, warnings, _with_coordinates(result, mesh))
 
 
@@ -123,28 +124,8 @@ def photographed_mesh(
 
     Where texture coordinates were made for it, it has them, vertices doubled along their seams.
     """
-    mesh, file, pose, warnings = _scanned_mesh(result, photoset)
+    mesh, file, pose, warnings = scanned_mesh(result, photoset)
     return _with_coordinates(result, mesh), file, pose, warnings
-
-
-def _scanned_mesh(
-    result: SavedResult, photoset: PhotoSet | None
-) -> tuple[TriangleMesh, Path, Floats, tuple[str, ...]]:
-    """As `photographed_mesh`, the mesh as its file has it."""
-    if photoset is None:
-        raise ValueError(
-            f"{result.path}: its object is a mesh of the photo set that it was made from, which isn't beside it: name"
-            " the set's folder with --set, or another mesh with --mesh"
-        )
-    found = read_object_mesh(photoset)
-    assert photoset.object.mesh is not None
-    file = photoset.resolve(photoset.object.mesh)
-    _check_hash(result, file)
-    # Where the mesh lay when the result was made, whatever has aligned it since.
-    known = result.content.object
-    pose = photoset.mesh_to_world if known.mesh_to_world is None else np.array(known.mesh_to_world)
-    assert pose is not None, "a loaded set with a mesh has a place for it"
-    return found.mesh, file, pose, found.warnings
 
 
 def _with_coordinates(result: SavedResult, mesh: TriangleMesh) -> TriangleMesh:
@@ -163,15 +144,6 @@ def _with_coordinates(result: SavedResult, mesh: TriangleMesh) -> TriangleMesh:
             f"{file}: is not the object's mesh with texture coordinates; run `lightfactor process` again"
         )
     return found
-
-
-def _check_hash(result: SavedResult, file: Path) -> None:
-    """ValueError where a mesh has changed since a result was made of it."""
-    if result.content.inputs.get(file.name, known := file_hash(file)) != known:
-        raise ValueError(
-            f"{file}: is not the mesh that {result.path} was made with (another hash): it has changed since; run"
-            " `lightfactor process` again"
-        )
 
 
 def _mesh_subject(

@@ -136,8 +136,7 @@ function histogram({ octaves, counts }) {
 function drawCameras() {
   if (!set?.cameras.length) return;
   space.show({ surface, cameras: set.cameras.map((camera) => ({ ...camera, chosen: camera.photo === current?.photo.id })) });
-  const enlarged = space.enlarged > 1.05 ? `The object is drawn ${space.enlarged.toPrecision(2)} times as large.` : "";
-  byId("cameras-said").textContent = surface ? enlarged : lost;
+  byId("cameras-said").textContent = surface ? space.scaleSaid : lost;
 }
 
 async function findSurface() {

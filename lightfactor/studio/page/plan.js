@@ -9,8 +9,7 @@ let result = null, set = null, surface = null, plan = null;
 
 /** Shows what is planned of a result; of one that nobody has planned yet, how to. */
 export async function openPlan(chosen, opened) {
-  if (result?.id !== chosen.id) plan = null;
-  [result, set] = [chosen, opened.set];
+  [result, set, plan] = [chosen, opened.set, null];
   byId("plan-state").textContent = "";
   try {
     plan = (await askedJson(`/api/results/${result.id}/plan`)).plan;
@@ -32,16 +31,15 @@ function draw() {
     const gain = tried.tried.gain[k];
     return { direction, gain, share: Math.log(Math.max(gain, 1)) / Math.log(most) };
   });
-  const what = kind === "lamp" ? "lamp" : "view", arrows = lamps.map((direction) => ({ direction, name: "", colour: LAMP }));
+  const arrows = lamps.map((direction) => ({ direction, name: "", colour: LAMP }));
   if (tried) {
-    const { best, best_above_horizon: above } = tried;
-    arrows.push({ direction: best.direction, name: `best ${what}`, colour: BEST });
-    if (Math.abs(above.elevation_deg - best.elevation_deg) > 1) arrows.push({ direction: above.direction, name: "best above the horizon", colour: BEST });
-    byId("plan-best").textContent = `Best ${what}: ${place(best)}${best.lighting ? `, light ${best.lighting}` : ""}. ${above.elevation_deg === best.elevation_deg ? "" : `Above the horizon: ${place(above)}.`}`;
+    const { best, best_above_horizon: above } = tried, isBelow = best.elevation_deg < 0 && above.elevation_deg >= 0;
+    arrows.push({ direction: best.direction, name: `best ${kind}`, colour: BEST });
+    if (isBelow) arrows.push({ direction: above.direction, name: "best above the horizon", colour: BEST });
+    byId("plan-best").textContent = `Best ${kind}: ${place(best)}${best.lighting ? `, light ${best.lighting}` : ""}. ${isBelow ? `Above the horizon: ${place(above)}.` : ""}`;
   }
   space.show({ surface, cameras: set.cameras.map((camera) => ({ ...camera, chosen: false })), dots, arrows });
-  const enlarged = space.enlarged > 1.05 ? ` The object is drawn ${space.enlarged.toPrecision(2)} times as large.` : "";
-  byId("plan-hint").textContent = `Pyramids are the set's cameras${lamps.length ? ", grey arrows its lamps" : ""}. Drag or press arrow keys to turn.${enlarged}`;
+  byId("plan-hint").textContent = `Pyramids are the set's cameras${lamps.length ? ", grey arrows its lamps" : ""}. Drag or press arrow keys to turn. ${space.scaleSaid}`;
   byId("plan-legend").hidden = !tried;
   byId("plan-legend").replaceChildren(
     element("span", {}, "no gain"),
@@ -60,7 +58,7 @@ function swatch(colour) {
 const place = ({ azimuth_deg: azimuth, elevation_deg: elevation }) => `azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°`;
 
 function probed(dot) {
-  if (!dot) return;
+  if (!dot || !plan) return;
   const [x, y, z] = dot.direction, degrees = 180 / Math.PI;
   const there = place({ azimuth_deg: Math.atan2(y, x) * degrees, elevation_deg: Math.asin(z) * degrees });
   byId("plan-probe").textContent = `${there}: ${plan.advice.label} ${dot.gain.toPrecision(3)} times as sure`;

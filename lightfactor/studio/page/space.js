@@ -57,9 +57,10 @@ export class Space {
     this.draw();
   }
 
-  /** How many times as large the object is drawn as it is. */
-  get enlarged() {
-    return this.shown?.surface ? this.shown.radius / this.shown.surface.radius : 1;
+  /** How many times as large the object is drawn as it is, in words; nothing where it isn't. */
+  get scaleSaid() {
+    const enlarged = this.shown?.surface ? this.shown.radius / this.shown.surface.radius : 1;
+    return enlarged > 1.05 ? `The object is drawn ${enlarged.toPrecision(2)} times as large.` : "";
   }
 
   turnBy(azimuth, elevation) {
