@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 
 # What a plan leaves aside, wherever its object comes from.
 MEANS_NOTE = "the object is planned as if it had the mean Kd and Ks of its texture everywhere"
+INTERFACE_NOTE = "the base under an interface is planned as a Lambertian one, which says less of mu"
 BOUNCES_NOTE = "light that bounces between parts of the object isn't planned with"
 
 

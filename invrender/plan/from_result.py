@@ -15,7 +15,14 @@ from capture.progress import Track, silent
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
 from invrender.observation.sphere_place import found_of_sphere
-from invrender.plan.experiment import BOUNCES_NOTE, MEANS_NOTE, Experiment, PlannedLight, PlannedView
+from invrender.plan.experiment import (
+    BOUNCES_NOTE,
+    INTERFACE_NOTE,
+    MEANS_NOTE,
+    Experiment,
+    PlannedLight,
+    PlannedView,
+)
 from invrender.result.reflectance import reflectance
 from invrender.result.saved import SavedResult
 from invrender.result.source_set import find_photoset, scanned_mesh
@@ -57,6 +64,8 @@ def result_experiment(
     notes = [f"{name} is undetermined, and planned as if it were {_OPEN[name]:g}" for name in undetermined]
     if brdf.form != RH01_FORM and brdf.sigma is not None:
         notes.append(f"the lobe, {brdf.form.description}, is planned as RH01's: same Kd, Ks, sigma and mu")
+    if brdf.form.interface:
+        notes.append(INTERFACE_NOTE)
     if content.texture is not None:
         notes.append(MEANS_NOTE)
     if content.interreflection is not None:

@@ -14,7 +14,14 @@ from capture.calibrationerrors import CalibrationErrors, lens_errors, stated_pos
 from capture.lighting import Lighting
 from invrender.brdf.microfacet import Microfacet
 from invrender.brdf.phong import phong_sigma
-from invrender.plan.experiment import BOUNCES_NOTE, MEANS_NOTE, Experiment, PlannedLight, PlannedView
+from invrender.plan.experiment import (
+    BOUNCES_NOTE,
+    INTERFACE_NOTE,
+    MEANS_NOTE,
+    Experiment,
+    PlannedLight,
+    PlannedView,
+)
 from recon.mesh.bodies import MeshBody, SphereBody
 from recon.mesh.shape import placed
 from recon.sphere.sphere import Sphere
@@ -180,8 +187,7 @@ def _brdf(name: str, material: Material) -> tuple[Microfacet, list[str]]:
             return _microfacet(material, material.mu, material.sigma), []
         case Plastic():
             plain, notes = _brdf(name, material.gloss)
-            bare = "the base under an interface is planned as a Lambertian one, which says less of mu"
-            return plain, [*notes, bare]
+            return plain, [*notes, INTERFACE_NOTE]
         case SmithMaterial() if not material.is_isotropic:
             raise ValueError(
                 f"{name}: an anisotropic lobe has two roughnesses, and a plan is for RH01's one: plan it with model ="
