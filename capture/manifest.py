@@ -178,6 +178,17 @@ class MirrorBallTable(BallViewTable):
         return self
 
 
+class SourceRegionTable(Table):
+    direction: Vector3
+    radius_deg: Annotated[float, Field(gt=0, le=180)]
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> SourceRegionTable:
+        if not any(self.direction):
+            raise ValueError("direction is [0, 0, 0]; give the way from the object to the lamp")
+        return self
+
+
 class LightingTable(Table):
     name: str
     map: str | None = None
@@ -186,6 +197,7 @@ class LightingTable(Table):
     mirror_ball: MirrorBallTable | None = None
     unknown: bool = False
     dark: bool = False
+    source_regions: tuple[SourceRegionTable, ...] = ()
     recover: tuple[Recoverable, ...] | None = None
 
     @model_validator(mode="after")
@@ -195,6 +207,11 @@ class LightingTable(Table):
             raise ValueError(f"unknown = true contradicts {known[0]}: remove one of them")
         if self.dark and not self.unknown:
             raise ValueError("dark = true is said of unknown light: remove it, or write unknown = true")
+        if self.source_regions and not (self.unknown or self.mirror_ball):
+            raise ValueError(
+                "source_regions says where lamps are looked for, in unknown light or on a mirror ball, but"
+                f" {' and '.join(known) or 'this lighting'} gives the light: remove it"
+            )
         if self.mirror_ball and len(known) > 1:
             raise ValueError(f"mirror_ball and {known[0]} both give this lighting: remove one of them")
         if not self.unknown and not known:

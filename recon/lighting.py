@@ -14,6 +14,7 @@ from capture.lighting import Lighting, read_latlong
 from capture.manifest import BallViewTable, CameraTable, LightingTable, MirrorBallTable
 from capture.photoset import Photo, PhotoSet, build_camera
 from capture.placing import matrix4
+from capture.source_region import source_regions
 from recon.mesh.bodies import Body
 from recon.mirrorball.bracket import view_bracket
 from recon.mirrorball.light import ball_lighting, lighting_of_ball
@@ -181,6 +182,7 @@ def _ball_view(
         ball.reflectance,
         ball.camera_mask_deg,
         [exposure for exposure, _ in exposed],
+        source_regions(photoset.lightings).get(users[0].lighting),
     )[0]
 
 

@@ -27,7 +27,8 @@ def factor(
         typer.Option(
             metavar="AZIMUTH,ELEVATION,RADIUS",
             help="Where lamps may be: within so many degrees (0 to 180) of a direction in degrees, azimuth from +X"
-            " towards +Y (-360 to 360), elevation above the horizon (-90 to 90). Anywhere if left out.",
+            " towards +Y (-360 to 360), elevation above the horizon (-90 to 90).  [default:"
+            " source_regions of the set's manifest, or anywhere]",
             show_default=False,
         ),
     ] = None,

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from invrender.estimate.unknown_light import ORDERS, Region
+from capture.source_region import SourceRegion
+from invrender.estimate.unknown_light import ORDERS
 from invrender.transport.lobe_table import TRANSFERS, Transfer
 
 _HIGHEST_ORDER = 20
@@ -18,12 +19,13 @@ _LEAST_SAMPLES = 500
 class FactorChoices:
     """orders : degrees of the lighting that are tried; of RH01's procedure l*, or none for dual lighting.
 
-    region : where sources may be; None for anywhere. transfer : what the lobe makes of the light. ladder : whether
-    simpler models are tried. published : RH01's own procedure instead of ours. samples : pixels of all photographs.
+    region : where sources may be; None for where the set says. transfer : what the lobe makes of the light. ladder :
+    whether simpler models are tried. published : RH01's own procedure instead of ours. samples : pixels of all
+    photographs.
     """
 
     orders: tuple[int, ...] = ORDERS
-    region: Region | None = None
+    region: SourceRegion | None = None
     transfer: Transfer = "exact"
     ladder: bool = True
     published: bool = False
@@ -40,7 +42,10 @@ class FactorChoices:
             "samples": self.samples,
             "source_region": None
             if region is None
-            else {"direction": region.direction.tolist(), "radius_deg": float(np.degrees(region.radius))},
+            else {
+                "direction": region.directions[0].tolist(),
+                "radius_deg": float(np.degrees(region.radii[0])),
+            },
         }
 
 
@@ -83,7 +88,7 @@ def _orders(text: str | None) -> tuple[int, ...]:
     return tuple(orders)
 
 
-def _region(text: str | None) -> Region | None:
+def _region(text: str | None) -> SourceRegion | None:
     if text is None:
         return None
     form = "AZIMUTH,ELEVATION,RADIUS in degrees, as -20,25,15"
@@ -106,4 +111,4 @@ def _region(text: str | None) -> Region | None:
     turn, rise = np.radians([azimuth, elevation])
     level = np.cos(rise)
     direction = np.array([level * np.cos(turn), level * np.sin(turn), np.sin(rise)])
-    return Region(direction, float(np.radians(radius)))
+    return SourceRegion(direction, np.radians([radius]))

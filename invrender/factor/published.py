@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
+from capture.source_region import SourceRegion
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.evidence import Candidate
 from invrender.estimate.quantities import FittedLighting, HarmonicLight, Quantity
 from invrender.estimate.rh01 import PublishedFactors, published_factors, published_factors_direct
 from invrender.estimate.solution import unless_misfit
-from invrender.estimate.unknown_light import Region
 from invrender.estimate.unknown_light.solution import GAUGE
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
@@ -45,7 +45,7 @@ def solve_as_published(
     samples: int,
     clock: Clock,
     track: Track,
-    region: Region | None,
+    region: SourceRegion | None,
     degree: int | None = None,
 ) -> Run:
     """Light and BRDF of an object by RH01's procedure; weights and noise are of its residuals, for reports only.

@@ -9,6 +9,7 @@ from functools import partial
 from capture.parallel import one_blas_thread
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
+from capture.source_region import source_regions
 from invrender.estimate.unknown_light import factorize_blind
 from invrender.factor.choices import FactorChoices
 from invrender.factor.published import solve_as_published
@@ -22,19 +23,22 @@ def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) ->
     """Recover the one lighting and the BRDF of an object; what the set says of the light is not looked at."""
     _check_scope(photoset, choices)
     begun, clock = time.perf_counter(), Clock()
+    regions = source_regions(photoset.lightings)
+    if choices.region is not None:
+        regions = {photo.lighting: choices.region for photo in photoset.photos}
     with one_blas_thread():
         with clock.on("recon"):
             geometry = find_geometry(photoset, track)
         given = (photoset, geometry, choices.samples, clock, track)
         if choices.published:
-            run = solve_as_published(*given, choices.region, *choices.orders)
+            run = solve_as_published(*given, regions.get(photoset.photos[0].lighting), *choices.orders)
         else:
             run = solve_unknown_light(
                 *given,
                 partial(
                     factorize_blind,
                     orders=choices.orders,
-                    source_region=choices.region,
+                    source_regions=regions,
                     ladder=choices.ladder,
                     transfer=choices.transfer,
                 ),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
+from capture.source_region import source_regions
 from invrender.brdf.richer import NUMBER_RANGE
 from invrender.diagnostics.diagnosis import diagnose
 from invrender.diagnostics.named import named_causes
@@ -87,7 +88,9 @@ def solve_unknown_light(
     with clock.on("recon"):
         others = held_out_lights(photoset, geometry.body)
     orders = orders_of(photoset, others)
-    factorize = partial(factorize_blind, orders=orders) if factorize is None else factorize
+    if factorize is None:
+        regions = source_regions(photoset.lightings)
+        factorize = partial(factorize_blind, orders=orders, source_regions=regions)
     sources = {name: other.lighting.sources for name, other in others.items()}
     # The lamps of a room leave narrow highlights, too, and these hold most of what is seen of the lobe.
     fields, left_out = read_samples(photoset, geometry.found, sources, samples, clock, track, highlights=True)

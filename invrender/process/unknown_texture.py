@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
+from capture.source_region import source_regions
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import SurfacePoints, scattered
@@ -77,7 +78,14 @@ def solve_unknown_texture(
     photos = _at_places(photoset, geometry, geometry.body, fitted, min(samples, _SAMPLES), clock, track)
     with clock.on("invrender"):
         with counted(track, blind_steps(orders), "Separating light and albedo") as on_step:
-            blind = factorize_blind(photos, names, orders, on_step=on_step, shadows=geometry.shadows)
+            blind = factorize_blind(
+                photos,
+                names,
+                orders,
+                source_regions(photoset.lightings),
+                on_step=on_step,
+                shadows=geometry.shadows,
+            )
         if (
             blind.sigma is None
             or min(_unsure_light(own).max() for own in blind.lights.values()) > _UNDETERMINED

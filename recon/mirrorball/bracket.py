@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from capture.bracket.hdr import merge
 from capture.camera import Camera
 from capture.radiance import RadianceImage
+from capture.source_region import SourceRegion
 from recon.mirrorball.find import find_ball
 from recon.mirrorball.shift import WHOLE, Window, bracket_shifts, moved_image
 from recon.mirrorball.view import CAMERA_MASK_DEG, BallView, view_ball
@@ -34,6 +35,7 @@ def view_bracket(
     reflectance: Sequence[float] = (1.0, 1.0, 1.0),
     camera_mask_deg: float = CAMERA_MASK_DEG,
     exposures: Sequence[float] = (1.0,),
+    source_region: SourceRegion | None = None,
 ) -> tuple[BallView, RadianceImage]:
     """One view of a mirror ball from its photograph, or from several of different exposure; and its radiance.
 
@@ -41,7 +43,7 @@ def view_bracket(
         against each other by a few pixels, as by a camera that is touched between exposures; mask, disk and the
         view's geometry are the first one's.
     mask, background, disk : where the ball is (`recon.mirrorball.find`).
-    reflectance, camera_mask_deg : as in `recon.mirrorball.view`.
+    reflectance, camera_mask_deg, source_region : as in `recon.mirrorball.view`.
     exposures : what was divided out of each image.
 
     ValueError names the view if the photographs' sizes differ or no ball is found, or if it is black or saturated.
@@ -60,7 +62,7 @@ def view_bracket(
         aligned = _aligned(images, _about(sphere, camera))
         merged = _merged(aligned, exposures)
         sphere, guessed = find_ball(merged, camera, name, mask, background, disk)
-    view = view_ball(merged, sphere, mask, camera, name, reflectance, camera_mask_deg)
+    view = view_ball(merged, sphere, mask, camera, name, reflectance, camera_mask_deg, source_region)
     (left, top), (h, w) = view.corner, view.in_source.shape
     window = slice(top, top + h), slice(left, left + w)
     factors = []

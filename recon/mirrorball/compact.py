@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
+from capture.source_region import SourceRegion
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -91,9 +92,11 @@ class Spot:
         return float(self.irradiance.mean())
 
 
-def find_spots(pixels: Pixels) -> tuple[tuple[Spot, ...], Floats, Mask]:
+def find_spots(
+    pixels: Pixels, source_region: SourceRegion | None = None
+) -> tuple[tuple[Spot, ...], Floats, Mask]:
     """Compact sources, brightest first; the radiance (h, w, 3) with them replaced by what surrounds them; and
-    the pixels (h, w) that were replaced."""
+    the pixels (h, w) that were replaced. source_region : where sources may be; None for anywhere."""
     luminance = np.where(pixels.usable, pixels.radiance.mean(axis=2), 0.0)
     light = float((luminance * pixels.solid_angles).sum())
     cores = _cores(pixels, luminance, light)
@@ -107,6 +110,8 @@ def find_spots(pixels: Pixels) -> tuple[tuple[Spot, ...], Floats, Mask]:
         ring = pixels.radiance[surroundings] if surroundings.any() else np.zeros((1, 3))
         spot = _measure(pixels, luminance, core, region, ring)
         found.append((spot, region, np.median(ring, axis=0)))
+    if source_region is not None:
+        found = [entry for entry in found if source_region.holds(entry[0].direction)]
     found.sort(key=lambda entry: -entry[0].mean_irradiance)
     filled, in_spot = pixels.radiance.copy(), np.zeros(luminance.shape, bool)
     spots = []

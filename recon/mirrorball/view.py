@@ -18,6 +18,7 @@ from scipy.ndimage import binary_erosion
 from capture.arrays import frozen_array
 from capture.camera import Camera
 from capture.radiance import RadianceImage
+from capture.source_region import SourceRegion
 from recon.mesh.bodies import SphereBody, body_pixels
 from recon.mirrorball.compact import Pixels, Spot, find_spots
 from recon.mirrorball.reflection import mirrored_directions, mirroring_points, solid_angles
@@ -116,6 +117,7 @@ def view_ball(
     name: str,
     reflectance: Sequence[float] = (1.0, 1.0, 1.0),
     camera_mask_deg: float = CAMERA_MASK_DEG,
+    source_region: SourceRegion | None = None,
 ) -> BallView:
     """What a photograph of a mirror ball shows of the light around it.
 
@@ -124,6 +126,7 @@ def view_ball(
     reflectance : of the mirror per channel, in (0, 1]: radiance is divided by it.
     camera_mask_deg : half-angle of the cone of directions about the camera's that is left out of maps. Compact
         sources are kept: cameras don't shine.
+    source_region : where compact sources may be, in the world; None for anywhere.
 
     ValueError names the photograph if no pixel is usable, and if the ball is black or saturated.
     """
@@ -133,7 +136,7 @@ def view_ball(
         )
     corner, pixels = _mirrored_pixels(sphere, camera, image, coverage, name, np.asarray(reflectance, float))
     _check_exposed(pixels, name)
-    spots, without_sources, in_source = find_spots(pixels)
+    spots, without_sources, in_source = find_spots(pixels, source_region)
     # So that a mask of 0 is none, whatever a direction's rounding.
     nearest = np.cos(np.radians(camera_mask_deg)) if camera_mask_deg > 0 else np.inf
     return BallView(

@@ -147,6 +147,21 @@ def test_an_unknown_key_is_named_with_its_table_and_the_nearest_valid_key(load, 
         (PINHOLE + '[radiometry]\nencoding = "sRGB"\n' + PHOTO, "should be 'linear', 'srgb' or 'response'"),
         # Lighting.
         (PINHOLE + UNKNOWN + 'map = "a.exr"\n' + PHOTO, '("sky") unknown = true contradicts map'),
+        (
+            PINHOLE + UNKNOWN + "source_regions = [{ direction = [0, 0, 0], radius_deg = 9 }]\n" + PHOTO,
+            "direction is [0, 0, 0]; give the way from the object to the lamp",
+        ),
+        (
+            PINHOLE + UNKNOWN + "source_regions = [{ direction = [0, 0, 1], radius_deg = 181 }]\n" + PHOTO,
+            "source_regions.0 key radius_deg is 181: input should be less",
+        ),
+        (
+            PINHOLE
+            + '[[lighting]]\nname = "sky"\nmap = "a.exr"\n'
+            + "source_regions = [{ direction = [0, 0, 1], radius_deg = 9 }]\n"
+            + PHOTO,
+            "source_regions says where lamps are looked for, in unknown light or on a mirror ball, but map gives",
+        ),
         (PINHOLE + UNKNOWN.replace("true", "false") + PHOTO, '("sky") says nothing of the light'),
         (
             PINHOLE + KNOWN + 'mirror_ball = { photo = "b.png" }\n' + PHOTO,

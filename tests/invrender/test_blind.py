@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.source_region import SourceRegion
 from invrender.estimate.clusters import tile_of
-from invrender.estimate.unknown_light import Region, factorize_blind, predict_blind
+from invrender.estimate.unknown_light import factorize_blind, predict_blind
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import light_scale
 from invrender.estimate.unknown_light.start import NOTHING, Search
@@ -264,19 +265,19 @@ def test_sources_are_told_apart_down_to_the_width_of_the_lobe(
 
 def test_sources_stay_within_the_region_that_was_given(bench: SimpleNamespace, rng: np.random.Generator):
     photos = noisy(photographs(bench, TEFLON, 5, 1200), rng)
-    near = Region(bench.direction(-10, 35), 0.4)
-    found = factorize_blind(photos, orders=[8], source_region=near, ladder=False)
+    near = SourceRegion(bench.direction(-10, 35), 0.4)
+    found = factorize_blind(photos, orders=[8], source_regions={"light": near}, ladder=False)
     assert degrees_apart(found.light.sources.directions[0], bench.source.direction) < 0.05
-    away = Region(bench.direction(160, -40), 0.4)
-    found = factorize_blind(photos, orders=[8], source_region=away, ladder=False)
+    away = SourceRegion(bench.direction(160, -40), 0.4)
+    found = factorize_blind(photos, orders=[8], source_regions={"light": away}, ladder=False)
     assert not len(found.light.sources.directions)
 
 
 def test_regions_off_the_sphere_of_directions_are_refused():
     with pytest.raises(ValueError, match=r"length 2, outside the sphere of directions"):
-        Region(np.array([0.0, 0.0, 2.0]), 0.2)
+        SourceRegion(np.array([0.0, 0.0, 2.0]), 0.2)
     with pytest.raises(ValueError, match=r"radius is 4\.0 rad, outside the sphere of directions"):
-        Region(np.array([0.0, 0.0, 1.0]), 4.0)
+        SourceRegion(np.array([0.0, 0.0, 1.0]), 4.0)
 
 
 def _one(photos: list[LightField]) -> list[LightField]:

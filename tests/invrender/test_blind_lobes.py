@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from capture.source_region import SourceRegion
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
-from invrender.estimate.unknown_light import Region, factorize_blind, predict_blind
+from invrender.estimate.unknown_light import factorize_blind, predict_blind
 from invrender.estimate.unknown_light.start import NOTHING
 from invrender.estimate.unknown_light.state import FIRST_MU
 from invrender.transport.lobe_table import TRANSFERS
@@ -140,9 +141,11 @@ def test_coarser_transfers_lose_specular_reflection(bench: SimpleNamespace):
     # Without noise or sources, and hardly any light beyond degree 7, so that few samples show what transfers leave out.
     light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.5)
     photos = photographs(bench, TEFLON, 8, 1600, lights=[light], sources=[])
-    elsewhere = Region(bench.direction(-70, -60), 0.1)
+    elsewhere = SourceRegion(bench.direction(-70, -60), 0.1)
     exact, filtered, mirror = (
-        factorize_blind(photos, orders=[7], ladder=False, source_region=elsewhere, transfer=transfer)
+        factorize_blind(
+            photos, orders=[7], ladder=False, source_regions={"light": elsewhere}, transfer=transfer
+        )
         for transfer in TRANSFERS
     )
     off = [np.abs(found.brdf_share - share(TEFLON)).max() for found in (exact, filtered, mirror)]

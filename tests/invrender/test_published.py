@@ -13,10 +13,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from capture.lighting import Lighting, latlong_directions
+from capture.source_region import SourceRegion
 from invrender.brdf.fresnel import normalised_fresnel
 from invrender.estimate.rh01 import published_brdf, published_factors, published_factors_direct
 from invrender.estimate.rh01.roughness import find_peak
-from invrender.estimate.unknown_light import Region
 from recon.harmonics.basis import clamped_cosine_transfer, degrees, evaluate_harmonics, sphere_directions
 from recon.sampling.lightfield import LightField
 from synthetic.materials.microfacet import MicrofacetMaterial
@@ -168,7 +168,7 @@ def test_coefficients_of_the_direct_methods_own_model_are_found(bench: SimpleNam
         radiance += share * normalised_fresnel(mu, cos) * mirrored
         photos.append(replace(field, radiance=field.mean_over_rays(radiance)))
     # There is no source to leave out; the region is where least light is.
-    dark = Region(-bench.area_light.axis, 0.3)
+    dark = SourceRegion(-bench.area_light.axis, 0.3)
     found = published_factors_direct(photos, region=dark, degree=degree)
     # Rays of a pixel share one Fresnel factor; the simplex stops at 1e-4.
     assert_allclose(found.share, share, atol=0.002)
@@ -180,7 +180,7 @@ def test_coefficients_of_the_direct_methods_own_model_are_found(bench: SimpleNam
 def test_the_source_may_be_marked_narrowly_in_direct_recovery(bench: SimpleNamespace):
     material = radiometric(RH01_MATERIALS["teflon"])
     # A radius that holds the peak, of which harmonics up to l* spread the edge: by pixels just outside mu was 2.3.
-    narrow = Region(bench.source.direction, 0.4)
+    narrow = SourceRegion(bench.source.direction, 0.4)
     found = published_factors_direct(photographs(bench, material, 3000), region=narrow)
     # 1.73, as with a radius of 0.7; the light that the area light leaves to eq. 25 takes up the rest.
     assert found.mu == pytest.approx(material.mu, abs=0.1)
@@ -224,7 +224,7 @@ def test_sixty_photographs_yield_factors_as_close_as_rh01s(bench: SimpleNamespac
 def test_the_region_hardly_matters_as_long_as_it_holds_the_peak(bench: SimpleNamespace):
     sigma = 0.12
     light = blurred_light(bench, sigma, latlong_directions(64).reshape(-1, 3)).reshape(64, 128, 3)
-    found = [find_peak(light, Region(bench.source.direction, radius)) for radius in (0.6, 0.9)]
+    found = [find_peak(light, SourceRegion(bench.source.direction, radius)) for radius in (0.6, 0.9)]
     for peak in (*found, find_peak(light)):
         # 3 degrees of a pixel: the brightest one is 1% below the peak.
         assert peak.sigma == pytest.approx(sigma, rel=0.03)

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from capture.arc.gantry import look_at
 from capture.camera import Camera
 from capture.decode import decode, read_mask
-from capture.lighting import latlong_directions, latlong_solid_angles
+from capture.lighting import latlong_directions, latlong_pixels, latlong_solid_angles
 from capture.radiance import RadianceImage
+from capture.source_region import SourceRegion
 from recon.mirrorball.bracket import view_bracket
 from recon.mirrorball.find import find_ball
 from recon.mirrorball.light import BallLighting, lighting_of_ball
@@ -114,10 +115,16 @@ def photograph(
 
 
 def ball_lighting(
-    image: RadianceImage, mask: NDArray[np.float32] | None, camera: Camera, name: str, height: int = 64
+    image: RadianceImage,
+    mask: NDArray[np.float32] | None,
+    camera: Camera,
+    name: str,
+    height: int = 64,
+    region: SourceRegion | None = None,
 ) -> BallLighting:
-    """The light that one photograph shows."""
-    return merged_lighting([view_bracket([image], camera, name, mask)[0]], name, height)
+    """The light that one photograph shows; region : where sources may be."""
+    view = view_bracket([image], camera, name, mask, source_region=region)[0]
+    return merged_lighting([view], name, height)
 
 
 def angle_deg(a: Floats, b: Floats) -> float:
@@ -213,6 +220,21 @@ def test_two_sources_are_told_apart_and_sorted(camera: Camera) -> None:
         assert angle_deg(source.direction, disc.axis) < 0.1  # as for a single one
         # The background is read from a ring that holds some of the other one's skirt.
         np.testing.assert_allclose(source.irradiance, disc.flux, rtol=0.02)
+
+
+def test_a_source_outside_the_region_stays_in_the_map() -> None:
+    lamp, glare = (Disc(towards(FAR, *way), 2.0, np.full(3, 50.0)) for way in ((60, -20), (-40, 30)))
+    image, mask = photograph(FAR, lamp, glare, background=0.1)
+    ball = ball_lighting(image, mask, FAR, "ball.exr", region=SourceRegion(lamp.axis, 0.2))
+    (source,) = ball.sources
+    assert angle_deg(source.direction, lamp.axis) < 0.1  # as for a single one
+    # The other one's light is in the map, whose pixels have 2.8 degrees.
+    place = tuple(int(p) for p in latlong_pixels(glare.axis, 64))
+    near = ball.radiance_map[place[0] - 3 : place[0] + 4, place[1] - 3 : place[1] + 4]
+    areas = latlong_solid_angles(64)[place[0] - 3 : place[0] + 4, :, None]
+    flux = ((near - 0.1) * areas).sum(axis=(0, 1))
+    assert_allclose(flux, glare.flux, rtol=0.03)  # a disc's edge in pixels of its own size
+    assert len(ball_lighting(image, mask, FAR, "ball.exr", 16).sources) == 2
 
 
 def test_a_clipped_source_is_flagged_and_only_its_direction_used() -> None:

@@ -15,12 +15,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.source_region import SourceRegion
 from invrender.estimate.rh01.direct import DIRECT_DEGREE, DirectLighting
 from invrender.estimate.rh01.dual import DUAL_DEGREE, DualLighting
 from invrender.estimate.rh01.roughness import Peak, find_peak, highlights_near_normal, without_source
 from invrender.estimate.rh01.samples import Reflections, Samples
 from invrender.estimate.rh01.simplex import MU_BOUNDS, simplex
-from invrender.estimate.unknown_light.start import Region
 from invrender.transport.visibility import Shadows
 from recon.harmonics.basis import degree_of
 from recon.harmonics.latlong import map_coefficients
@@ -111,7 +111,7 @@ class InverseLighting(Protocol):
 def published_factors(
     photos: Sequence[LightField],
     fresnel: bool = True,
-    region: Region | None = None,
+    region: SourceRegion | None = None,
 ) -> PublishedFactors:
     """Light and BRDF of a convex body, both unknown, by the nested procedure of [RH01, section 6.3] with dual lighting.
 
@@ -125,7 +125,7 @@ def published_factors(
 def published_factors_direct(
     photos: Sequence[LightField],
     fresnel: bool = True,
-    region: Region | None = None,
+    region: SourceRegion | None = None,
     shadows: Shadows | None = None,
     degree: int = DIRECT_DEGREE,
 ) -> PublishedFactors:
@@ -158,7 +158,7 @@ def _height(photos: Sequence[LightField]) -> int:
     return int(np.clip(np.sqrt(samples / (2 * _SAMPLES_PER_NODE)), low, high))
 
 
-def _factored(inner: InverseLighting, region: Region | None, margin: float) -> PublishedFactors:
+def _factored(inner: InverseLighting, region: SourceRegion | None, margin: float) -> PublishedFactors:
     """The search by samples that mirror nothing within margin, radians, of the source; its peak from all of them."""
     samples = inner.samples
 

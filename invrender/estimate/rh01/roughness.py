@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import latlong_directions, latlong_solid_angles
+from capture.source_region import SourceRegion
 from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.estimate.rh01.samples import Samples
-from invrender.estimate.unknown_light.start import Region, light_peaks
+from invrender.estimate.unknown_light.start import light_peaks
 from recon.harmonics.latlong import map_coefficients
 
 Floats = NDArray[np.float64]
@@ -55,7 +56,9 @@ def highlights_near_normal(samples: Samples, specular: Floats, mu: float | None)
     return light.reshape(*shape, 3), np.where(counts > 0, exitance, 1).reshape(shape)
 
 
-def find_peak(light: Floats, region: Region | None = None, exitance: Floats | None = None) -> Peak | None:
+def find_peak(
+    light: Floats, region: SourceRegion | None = None, exitance: Floats | None = None
+) -> Peak | None:
     """The source in a lat-long map (H, 2H, 3), and the roughness that has blurred it [RH01, eq. 22, 23 and 26].
 
     L_cen = L_tot / (4 pi sigma^2 cos theta_o). region : what encloses the source; None takes the sharpest peak as far

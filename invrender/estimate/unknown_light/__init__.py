@@ -8,14 +8,12 @@ from invrender.estimate.unknown_light.solution import (
     predict_blind,
     predict_parts,
 )
-from invrender.estimate.unknown_light.start import Region
 
 __all__ = [
     "ORDERS",
     "BlindLight",
     "BlindSolution",
     "BlindSources",
-    "Region",
     "blind_steps",
     "factorize_blind",
     "predict_blind",

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread
 from capture.progress import OnStep, unwatched
+from capture.source_region import SourceRegion
 from invrender.brdf.lobes import GGX_FORM, RH01_FORM
 from invrender.brdf.richer import COATED_HAZY
 from invrender.estimate.noise import NoiseModel, Weights
@@ -33,7 +35,7 @@ from invrender.estimate.unknown_light.solution import GAUGE, BlindLight, BlindSo
 from invrender.estimate.unknown_light.source_ambiguity import SourceAmbiguity, likelier_sides
 from invrender.estimate.unknown_light.source_count import needed_sources
 from invrender.estimate.unknown_light.sources import with_seconds
-from invrender.estimate.unknown_light.start import Region, Search, forget_rows, of_degree, thinned
+from invrender.estimate.unknown_light.start import Search, forget_rows, of_degree, thinned
 from invrender.estimate.unknown_light.state import BlindState
 from invrender.estimate.unknown_light.uncertainty import BlindUncertainty, blind_uncertainty
 from invrender.estimate.unknown_light.warnings import remarks
@@ -62,7 +64,7 @@ def factorize_blind(
     photos: Sequence[LightField],
     lighting_of: Sequence[str] | None = None,
     orders: Sequence[int] = ORDERS,
-    source_region: Region | None = None,
+    source_regions: Mapping[str, SourceRegion] = MappingProxyType({}),
     ladder: bool = True,
     on_step: OnStep = unwatched,
     transfer: Transfer = "exact",
@@ -73,13 +75,13 @@ def factorize_blind(
 
     photos : two or more, normals and views in one frame. lighting_of : which lighting each is under, by name; all under
     one if None. orders : degrees of the lightings that are tried, one for all of them; those above 10 as long as it
-    takes the one before. source_region : where sources may be; None for anywhere. ladder : whether other forms of the
-    lobe and simpler models are tried; False fits RH01's microfacet model at the highest order up to 10. `on_step` is
-    called after each model. transfer : what the lobe makes of the light, of RH01's form alone unless `exact`; sources
-    have closed forms in any case [eq. 23]. shadows : of a mesh on itself; None of a convex body. near : a solution of
-    the same samples with nearly the same radiance, whose candidates are fitted and compared again instead of a new
-    search. Raises ValueError for photographs that can't determine anything: a single one, too few samples, all at one
-    angle, radiance that is not finite or mostly negative.
+    takes the one before. source_regions : where sources may be, by the lighting's name; anywhere in others. ladder :
+    whether other forms of the lobe and simpler models are tried; False fits RH01's microfacet model at the highest
+    order up to 10. `on_step` is called after each model. transfer : what the lobe makes of the light, of RH01's form
+    alone unless `exact`; sources have closed forms in any case [eq. 23]. shadows : of a mesh on itself; None of a
+    convex body. near : a solution of the same samples with nearly the same radiance, whose candidates are fitted and
+    compared again instead of a new search. Raises ValueError for photographs that can't determine anything: a single
+    one, too few samples, all at one angle, radiance that is not finite or mostly negative.
     """
     orders = sorted(set(orders))
     lighting_of = [ONLY_LIGHT] * len(photos) if lighting_of is None else list(lighting_of)
@@ -89,7 +91,8 @@ def factorize_blind(
     with one_blas_thread():
         # Prepared for uniform light as yet: parts of the samples are, for more.
         together, designs = pooled(photos, numbers, transfer, shadows)
-        search, assumed = _first_weights(designs, source_region), _assumed(photos)
+        regions = {names.index(name): region for name, region in source_regions.items() if name in names}
+        search, assumed = _first_weights(designs, regions), _assumed(photos)
         if near is None:
             climbed = _ladder(search, assumed, orders, ladder, transfer, on_step)
         else:
@@ -243,12 +246,12 @@ def _check(
         )
 
 
-def _first_weights(designs: Sequence[LightingDesign], region: Region | None) -> Search:
+def _first_weights(designs: Sequence[LightingDesign], regions: Mapping[int, SourceRegion]) -> Search:
     assumed = _assumed([photo for design in designs for photo in design.photos])
     fields = [design.field for design in designs]
     weights = [(field.weight * field.shares)[:, None] / assumed.variance(field.radiance) for field in fields]
     trust = [np.ones_like(field.radiance) for field in fields]
-    return Search(designs, weights, trust, light_scale(designs), region)
+    return Search(designs, weights, trust, light_scale(designs), regions)
 
 
 def _assumed(photos: Sequence[LightField]) -> NoiseModel:

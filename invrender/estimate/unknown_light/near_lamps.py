@@ -65,7 +65,10 @@ def _may_be_near(search: Search, fit: BlindFit, closeness: Floats) -> bool:
 
 def _surely_near(search: Search, fit: BlindFit) -> BlindFit:
     """The fit with those lamps far away whose closeness may be nothing: what a model lacks looks like it, too."""
-    closeness, std = fit.state.sources[:, 3], blind_uncertainty(search, fit).closeness_std(fit.state)
+    closeness = fit.state.closeness
+    if closeness is None:
+        return fit
+    std = blind_uncertainty(search, fit).closeness_std(fit.state)
     sure = closeness > _SURE * std
     if (sure | (closeness == 0)).all():
         return fit
@@ -74,8 +77,8 @@ def _surely_near(search: Search, fit: BlindFit) -> BlindFit:
 
 def _worth_it(search: Search, near: BlindFit, distant: BlindFit, lighting: int, count: int) -> bool:
     """Whether so many more near lamps of a lighting save what a source costs, each; all stand outside the object."""
-    own = near.state.owners == lighting
+    own, closeness = near.state.owners == lighting, near.state.closeness
     saved = distant.costs[lighting] - near.costs[lighting]
-    outside = (near.state.sources[own, 3] < CLOSENESS_RANGE[1]).all()
+    outside = closeness is not None and (closeness[own] < CLOSENESS_RANGE[1]).all()
     lit = (near.irradiances[own].sum(axis=1) > 0).all()
     return bool(outside and lit and saved > count * source_penalty(search, near, lighting))

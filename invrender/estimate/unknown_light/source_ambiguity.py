@@ -46,7 +46,9 @@ def likelier_sides(search: Search, fit: BlindFit) -> SourceAmbiguity | None:
     for lighting in search.lightings:
         own = np.flatnonzero(state.owners == lighting)
         if len(own):
-            signs[own], undecided[own] = _signs(state.directions[own], fit.light[lighting], fit.l_max)
+            ways = state.directions[own]
+            open_to = np.array([search.may_hold(lighting, sign * ways) for sign in (1, -1)])
+            signs[own], undecided[own] = _signs(ways, fit.light[lighting], fit.l_max, open_to)
     if (signs < 0).any():
         turned = replace(state, directions=signs[:, None] * state.directions)
         fit = search.fit(turned, fit.l_max)
@@ -57,17 +59,21 @@ def likelier_sides(search: Search, fit: BlindFit) -> SourceAmbiguity | None:
     )
 
 
-def _signs(directions: Floats, light: Floats, l_max: int) -> tuple[Floats, NDArray[np.bool_]]:
+def _signs(
+    directions: Floats, light: Floats, l_max: int, open_to: NDArray[np.bool_]
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Signs (j,) of directions that leave the rest of a light the least moment, and which others light allows too.
 
-    light : ((l_max + 1)^2 + j, 3), coefficients and the lamps' irradiances.
+    light : ((l_max + 1)^2 + j, 3), coefficients and the lamps' irradiances. open_to : (2, j), whether lamps may be
+    where they are, and at their antipodes.
     """
     size = (l_max + 1) ** 2
     power = np.sqrt(4 * np.pi) * light[0]
     # Y_1m are y, z, x times sqrt(3 / 4 pi). The moment of all light together is what shading shows.
     moment = np.sqrt(4 * np.pi / 3) * light[[3, 1, 2]]
     lamps = directions[:, :, None] * light[size:, None, :]
-    choices = np.array(list(product((1.0, -1.0), repeat=len(directions))))
+    sides = [[sign for sign, may in zip((1.0, -1.0), own, strict=True) if may] or [1.0] for own in open_to.T]
+    choices = np.array(list(product(*sides)))
     rest = moment + np.einsum("sj,jkc->skc", 1 - choices, lamps)
     lengths = np.linalg.norm(rest, axis=1)
     best = int(lengths.sum(axis=1).argmin())

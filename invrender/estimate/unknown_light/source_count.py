@@ -89,6 +89,7 @@ def _at_highlights(search: Search, fit: BlindFit, state: BlindState) -> BlindSta
     for lighting in search.lightings:
         order = np.argsort(-np.concatenate(heights[lighting]))
         found = np.concatenate(ways[lighting])[order]
+        found = found[search.may_hold(lighting, found)]
         peaks = found[_apart(found, PEAK_WIDTH)]
         # Dust stands out alone.
         several = (peaks @ found.T > np.cos(PEAK_WIDTH)).sum(axis=1) > 1
@@ -105,7 +106,7 @@ def _towards_highlights(search: Search, lamps: BlindState) -> BlindState:
         found = [(photo, small_highlights(photo.rows, photo.columns, photo.radiance)) for photo in photos]
         ways = np.concatenate([_mirrored(photo, bright) for photo, bright in found])
         brightness = np.concatenate([photo.radiance[bright].sum(axis=1) for photo, bright in found])
-        near = ways @ direction > np.cos(_FAR_OFF)
+        near = (ways @ direction > np.cos(_FAR_OFF)) & search.may_hold(lighting, ways)
         if near.any():
             peak = ways[np.where(near, brightness, 0).argmax()]
             mean = brightness[near] @ (ways[near] * (ways[near] @ peak > np.cos(PEAK_WIDTH))[:, None])

@@ -75,7 +75,7 @@ def _best_peak(search: Search, fit: BlindFit, lighting: int, degree: int) -> Flo
     apart = np.cos(state.sigma or PEAK_WIDTH)
     peaks = [
         peak
-        for peak in light_peaks(seen.slow(lighting), search.region)
+        for peak in light_peaks(seen.slow(lighting), search.regions.get(lighting))
         if (state.directions @ peak < apart).all()
     ]
     entered = (search.at(state.with_source(peak, lighting), fit.l_max) for peak in peaks)
@@ -143,22 +143,24 @@ def _second(search: Search, fit: BlindFit, lighting: int) -> Floats | None:
     own, state, offset = search.only(lighting), fit.state.under(lighting), (fit.state.sigma or 0.0) / 2
     trials = []
     for direction in state.directions:
-        for way in (*np.eye(2), *-np.eye(2)):
-            trials.append(own.at(state.with_source(turn(direction, *(offset * way)), lighting), fit.l_max))
+        ways = np.array([turn(direction, *(offset * way)) for way in (*np.eye(2), *-np.eye(2))])
+        for way in ways[search.may_hold(lighting, ways)]:
+            trials.append(own.at(state.with_source(way, lighting), fit.l_max))
     if not trials:
         return None
     best = own.fit(min(trials, key=lambda f: f.cost).state, fit.l_max, _FEW)
+    if len(best.state.directions) <= len(state.directions):
+        return None
     single = own.fit(state, fit.l_max, _FEW)
     near = (best.state.directions[:-1] @ best.state.directions[-1]).max() > np.cos(best.state.sigma or 0.0)
     return best.state.directions[-1] if near and _worth_it(own, best, single, lighting) else None
 
 
 def _worth_it(search: Search, fit: BlindFit, simpler: BlindFit, lighting: int) -> bool:
-    """Whether a source of a lighting saves what its parameters cost; all are bright, and lie where they should."""
+    """Whether a source of a lighting saves what its parameters cost; all are bright."""
     own = fit.state.owners == lighting
     saves = simpler.costs[lighting] - fit.costs[lighting] > source_penalty(search, fit, lighting)
-    inside = search.region is None or bool(search.region.holds(fit.state.directions[own]).all())
-    return bool(saves and inside and (fit.irradiances[own].sum(axis=1) > 0).all())
+    return bool(saves and (fit.irradiances[own].sum(axis=1) > 0).all())
 
 
 def likelier(search: Search, first: BlindFit, state: BlindState) -> BlindFit:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.source_region import SourceRegion
 from invrender.estimate.clusters import outstanding
 from invrender.estimate.unknown_light.lighting_design import LightingDesign
 from invrender.estimate.unknown_light.projection import (
@@ -38,48 +39,18 @@ _BRIGHT = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
-    """Where on the sphere of directions sources are looked for: within `radius`, radians, of a unit direction."""
-
-    direction: Floats
-    radius: float
-
-    def __post_init__(self) -> None:
-        direction = np.asarray(self.direction, float)
-        if direction.shape != (3,) or not np.isfinite(direction).all():
-            raise ValueError(
-                f"the source region's direction is {direction.tolist()}; it must be three finite numbers"
-            )
-        if abs(np.linalg.norm(direction) - 1) > 1e-4:
-            raise ValueError(
-                f"the source region's direction {direction.tolist()} has length {np.linalg.norm(direction):.3g},"
-                " outside the sphere of directions; divide it by its length"
-            )
-        if not 0 < self.radius <= np.pi:
-            raise ValueError(
-                f"the source region's radius is {self.radius} rad, outside the sphere of directions; it must be"
-                " above 0 and at most pi"
-            )
-        object.__setattr__(self, "direction", direction)
-
-    def holds(self, directions: Floats) -> NDArray[np.bool_]:
-        """Whether it holds directions (..., 3)."""
-        return np.asarray(directions @ self.direction >= np.cos(self.radius))
-
-
-@dataclass(frozen=True, eq=False)
 class Search:
     """Photographs as searches take them.
 
     weights, trust : (n, 3) per design, as in `noise.Weights`. scales : (3,) of each lighting by its number, that
-    the prior goes by.
+    the prior goes by. regions : where a lighting's sources may be, by its number; anywhere for those it lacks.
     """
 
     designs: Sequence[LightingDesign]
     weights: Sequence[Floats]
     trust: Sequence[Floats]
     scales: Mapping[int, Floats]
-    region: Region | None = None
+    regions: Mapping[int, SourceRegion] = field(default_factory=dict)
 
     @property
     def problem(self) -> tuple[Sequence[LightingDesign], Sequence[Floats], Mapping[int, Floats]]:
@@ -103,12 +74,27 @@ class Search:
             [self.weights[k] for k in mine],
             [self.trust[k] for k in mine],
             {lighting: self.scales[lighting]},
-            self.region,
+            self.regions,
         )
 
+    def may_hold(self, lighting: int, directions: Floats) -> NDArray[np.bool_]:
+        """Whether a lighting's sources may be in directions (k, 3)."""
+        region = self.regions.get(lighting)
+        return np.ones(len(directions), bool) if region is None else region.holds(directions)
+
     def fit(self, state: BlindState, l_max: int, iterations: int = ITERATIONS) -> BlindFit:
-        """The best fit near a state."""
-        return refine(*self.problem, state, l_max, iterations)
+        """The best fit near a state, without sources that leave their region on the way."""
+        found = refine(*self.problem, state, l_max, iterations)
+        astray = self._astray(found.state)
+        return self.fit(found.state.without_source(astray), l_max, iterations) if len(astray) else found
+
+    def _astray(self, state: BlindState) -> NDArray[np.int64]:
+        """Which of a state's sources lie where none may be."""
+        astray = np.zeros(len(state.directions), bool)
+        for lighting in self.lightings:
+            own = state.owners == lighting
+            astray[own] = ~self.may_hold(lighting, state.directions[own])
+        return np.flatnonzero(astray)
 
     def residuals(self, fit: BlindFit) -> list[Floats]:
         """What a fit to these leaves, (n, 3) per design."""
@@ -142,7 +128,7 @@ def first_state(search: Search, l_max: int, known: BlindState = NOTHING) -> Blin
         for lighting in search.lightings:
             own = search.only(lighting)
             fits = [own.at(bare, l_max)]
-            peaks = light_peaks(fits[0].slow(lighting), search.region)[:_TRIED]
+            peaks = light_peaks(fits[0].slow(lighting), search.regions.get(lighting))[:_TRIED]
             fits += [own.at(bare.with_source(peak, lighting), l_max) for peak in peaks]
             best = min(fits, key=lambda fit: fit.cost)
             cost += best.cost
@@ -164,7 +150,7 @@ def first_states(search: Search, lamps: BlindState) -> list[BlindState]:
     return found
 
 
-def light_peaks(light: Floats, region: Region | None) -> Floats:
+def light_peaks(light: Floats, region: SourceRegion | None) -> Floats:
     """Directions (k, 3) of the sharpest peaks of light ((l_max + 1)^2, 3), highest first."""
     l_max = degree_of(len(light))
     l = degrees(l_max)

@@ -32,11 +32,22 @@ def remarks(
 ) -> tuple[str, ...]:
     """Warnings, each of them with what would help; split : as of `with_seconds`. names : of the lightings."""
     return (
+        *_of_regions(search, fit, names),
         *_of_split(split, fit, names),
         *_of_sides(sides, names),
         *_of_widths(certainty, fit, names),
         *_of_rivals(certainty, fit),
         *_of_lonely(search, fit, names),
+    )
+
+
+def _of_regions(search: Search, fit: BlindFit, names: Sequence[str]) -> tuple[str, ...]:
+    empty = [repr(names[number]) for number in sorted(search.regions) if number not in fit.state.owners]
+    if not empty:
+        return ()
+    return (
+        f"no lamp was found in the source region of lighting {some_of(empty)}, and none was looked for elsewhere: its"
+        " light is taken to be without lamps. If that is wrong, make the region larger, or remove it",
     )
 
 
