@@ -22,7 +22,7 @@ from starlette.types import ASGIApp
 from invrender.output.export.html import export_page
 from invrender.output.live.bundle import page_files as live_files
 from invrender.output.pages import page_template
-from lightfactor.studio import described, jobs, masking, picking, placed, starter
+from lightfactor.studio import described, jobs, masking, picking, placed, regions, starter
 from lightfactor.studio.guard import Guard
 from lightfactor.studio.manifest import write_key
 from lightfactor.studio.opened import Opened, UnknownIdError
@@ -58,7 +58,10 @@ def workbench(opened: Opened, token: str) -> ASGIApp:
         ("GET", "/api/photos/{photo}/mask", partial(_mask, opened)),
         ("GET", "/api/photos/{photo}/checks", partial(_checks, opened)),
         ("GET", "/api/surface", partial(_surface, opened)),
+        ("GET", "/api/lightings/{lighting}/map", partial(_light_seen, opened)),
+        ("POST", "/api/lightings/{lighting}/source-regions", partial(_save_regions, opened)),
         ("GET", "/api/results/{result}", partial(_result, opened)),
+        ("GET", "/api/results/{result}/lightings/{lighting}/map", partial(_light_seen, opened)),
         ("GET", "/api/results/{result}/plan", partial(_plan, opened)),
         ("POST", "/api/results/{result}/plans", partial(_start_plan, opened)),
         ("GET", "/api/results/{result}/photos/{photo}", partial(_judged, opened)),
@@ -214,7 +217,7 @@ def _hold_out(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Respo
         raise ValueError(f"heldOut is {body['heldOut']!r}; it is true or false")
     photoset, photo = opened.photo(of["photo"])
     number = [each.name for each in photoset.photos].index(photo.name)
-    write_key(photoset.manifest, number, "held_out", True if body["heldOut"] else None)
+    write_key(photoset.manifest, "photo", number, "held_out", True if body["heldOut"] else None)
     return JSONResponse({})
 
 
@@ -228,6 +231,16 @@ def _checks(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Respons
 
 def _surface(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
     return Response(placed.surface(opened), media_type=_PACKED)
+
+
+def _light_seen(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    result = opened.result(of["result"]) if "result" in of else None
+    return Response(regions.light_seen(opened, of["lighting"], result), media_type=_PACKED)
+
+
+def _save_regions(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:
+    regions.save_regions(opened, of["lighting"], body["regions"])
+    return JSONResponse({})
 
 
 def _plan(opened: Opened, of: dict[str, str], body: dict[str, Any]) -> Response:

@@ -13,6 +13,7 @@ from invrender.result.shown import shown_numbers
 from lightfactor.studio import starter
 from lightfactor.studio.jobs import Job, jobs, plan_folder, result_exists
 from lightfactor.studio.opened import Opened, key_of
+from lightfactor.studio.regions import takes_regions
 from lightfactor.studio.relit import maps
 from recon.mesh.shape import METRES
 
@@ -65,7 +66,19 @@ def _photoset(photoset: PhotoSet) -> dict[str, Any]:
             for photo in photoset.photos
             if photo.posed
         ],
-        "lightings": [{"name": table.name, "unknown": table.unknown} for table in photoset.lightings],
+        "lightings": [
+            {
+                "id": key_of(table.name),
+                "name": table.name,
+                "unknown": table.unknown,
+                "takesRegions": takes_regions(table),
+                "regions": [
+                    {"direction": cone.direction, "radiusDeg": cone.radius_deg}
+                    for cone in table.source_regions
+                ],
+            }
+            for table in photoset.lightings
+        ],
     }
 
 

@@ -59,7 +59,7 @@ def save_mask(opened: Opened, key: str, sent: bytes) -> Path:
     with result_files(file) as folder:
         (folder / file.name).write_bytes(encoded)
         # The mask only takes its place if the manifest could be changed.
-        write_key(photoset.manifest, number, "mask", name)
+        write_key(photoset.manifest, "photo", number, "mask", name)
     return file
 
 

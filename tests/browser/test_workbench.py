@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 import lightfactor as lf
+from capture.photoset import load_photoset
+from capture.source_region import source_regions
 from tests.browser.test_exported_page import apart, radiance
 from tests.browser.visits import visited
 from tests.invrender.faultysets import write_set
@@ -201,6 +204,38 @@ def test_without_the_key_the_page_says_what_to_do(browser, bench: Served) -> Non
     page.goto(f"http://127.0.0.1:{bench.port}/")
     expect(page.locator("#problem")).to_contain_text("open the address that was printed")
     page.close()
+
+
+def test_lamps_are_looked_for_where_a_person_marks_them(page: Page, tmp_path: Path) -> None:
+    folder = write_set(tmp_path / "set")
+    manifest = folder / "photoset.toml"
+    manifest.write_text(re.sub(r"directional = .*", "unknown = true\ndark = true", manifest.read_text()))
+    with visited(page, folder):
+        page.get_by_role("tab", name="Fit").click()
+        expect(page.locator("#regions-summary")).to_have_text("Where lamps may be: anywhere")
+        page.locator("#regions-summary").click()
+        expect(page.locator("#region-said")).to_contain_text("Nothing is known of this light yet")
+        page.get_by_label("Light to mark regions of").select_option("lamp 4")
+        # A click, and the keyboard: elevation 45 at azimuth 270, and 30 degrees from there.
+        box = page.locator("#region-map").bounding_box()
+        assert box is not None
+        page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.25 * box["height"])
+        expect(page.locator("#regions-summary")).to_have_text("Where lamps may be: 1 region")
+        for key in (*["ArrowRight"] * 6, "Space"):
+            page.locator("#region-map").press(key)
+        expect(page.locator("#regions-summary")).to_have_text("Where lamps may be: 2 regions")
+        page.get_by_label("Region 2: radius, degrees").fill("7")
+        page.get_by_label("Region 2: radius, degrees").press("Tab")
+        until(page, "document.querySelectorAll('#region-list input')[5].value === '7'")
+        page.get_by_role("button", name="Remove region 1").click()
+        expect(page.locator("#regions-summary")).to_have_text("Where lamps may be: 1 region")
+    ((name, region),) = source_regions(load_photoset(folder).lightings).items()
+    assert name == "lamp 4"
+    away = np.radians(300)
+    level = np.sqrt(0.5)
+    # To a pixel of the page, 0.6 degrees.
+    assert region.directions[0] @ [level * np.cos(away), level * np.sin(away), level] > np.cos(np.radians(1))
+    assert np.degrees(region.radii) == pytest.approx([7])
 
 
 def test_a_folder_of_photographs_becomes_a_set(page: Page, tmp_path: Path) -> None:

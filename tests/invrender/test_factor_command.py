@@ -202,4 +202,4 @@ def test_defaults_try_the_orders_that_process_tries():
     assert (choices.orders, choices.transfer, choices.region) == ((0, 4, 6, 8, 10, 12, 16), "exact", None)
     region = read_choices(None, "90,0,10", None, True, False, 1000).region
     assert region is not None
-    np.testing.assert_allclose(region.direction, [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(region.directions, [[0, 1, 0]], atol=1e-12)

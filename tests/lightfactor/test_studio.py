@@ -124,15 +124,15 @@ file = "b.png"
 def test_a_photograph_is_held_out_and_all_else_stays_as_it_was_written(tmp_path: Path) -> None:
     manifest = tmp_path / "photoset.toml"
     manifest.write_text(MANIFEST)
-    write_key(manifest, 1, "held_out", True)
+    write_key(manifest, "photo", 1, "held_out", True)
     assert manifest.read_text() == MANIFEST.replace("# The best", "held_out = true\n# The best")
-    write_key(manifest, 1, "held_out", None)
+    write_key(manifest, "photo", 1, "held_out", None)
     assert manifest.read_text() == MANIFEST
-    write_key(manifest, 0, "held_out", None)
+    write_key(manifest, "photo", 0, "held_out", None)
     assert manifest.read_text() == MANIFEST.replace("held_out = true\n", "")
     manifest.write_text('photo = [{ file = "a.png" }]\n')
     with pytest.raises(ValueError, match="by hand"):
-        write_key(manifest, 0, "held_out", True)
+        write_key(manifest, "photo", 0, "held_out", True)
     assert manifest.read_text() == 'photo = [{ file = "a.png" }]\n'
 
 

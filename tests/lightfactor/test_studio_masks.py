@@ -198,12 +198,12 @@ def test_a_key_is_written_where_it_stands(tmp_path: Path) -> None:
         "[[photo]]\nfile = 'b.png'\n[photo.camera]\nwidth = 3\n"
     )
     manifest.write_text(text)
-    write_key(manifest, 0, "mask", 'x \\ ".png')
+    write_key(manifest, "photo", 0, "mask", 'x \\ ".png')
     assert manifest.read_text() == text.replace("mask = 'a.png'", 'mask = "x \\\\ \\".png"')
-    write_key(manifest, 1, "mask", "é.png")
+    write_key(manifest, "photo", 1, "mask", "é.png")
     assert "[[photo]]\nmask = \"é.png\"\nfile = 'b.png'\n[photo.camera]" in manifest.read_text()
     odd = text.replace("mask =", '"mask" =')
     manifest.write_text(odd)
     with pytest.raises(ValueError, match="mask of photograph 1 is written in a way"):
-        write_key(manifest, 0, "mask", "c.png")
+        write_key(manifest, "photo", 0, "mask", "c.png")
     assert manifest.read_text() == odd

@@ -3,6 +3,7 @@
 import { askedBytes, askedJson, lastAsked, posted } from "./asking.js";
 import { byId, element, row } from "./building.js";
 import { listPhotos } from "./capture.js";
+import { mark } from "./marks.js";
 import { unpacked } from "./packed.js";
 import { Picture } from "./picture.js";
 import { exposed, RadianceView, SharedView, whiteLevel } from "./radianceview.js";
@@ -106,26 +107,6 @@ view.over((context) => {
     mark(context, scale * (u * ratio - shared.x) + view.canvas.width / 2, scale * (v * ratio - shared.y) + view.canvas.height / 2, name);
   }
 });
-
-function mark(context, x, y, name) {
-  context.lineWidth = 3;
-  for (const [colour, width] of [["#000", 4], ["#ffd60a", 2]]) {
-    context.strokeStyle = context.fillStyle = colour;
-    context.lineWidth = width;
-    context.beginPath();
-    context.arc(x, y, 7, 0, 2 * Math.PI);
-    context.moveTo(x - 11, y);
-    context.lineTo(x + 11, y);
-    context.moveTo(x, y - 11);
-    context.lineTo(x, y + 11);
-    context.stroke();
-  }
-  context.font = "bold 15px system-ui";
-  context.lineWidth = 4;
-  context.strokeStyle = "#000";
-  context.strokeText(name, x + 10, y - 8);
-  context.fillText(name, x + 10, y - 8);
-}
 
 let overlay = null;
 

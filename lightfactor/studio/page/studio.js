@@ -7,6 +7,7 @@ import { listFits, showResults, startFit } from "./fits.js";
 import { judge } from "./judge.js";
 import { openPicking } from "./pick.js";
 import { openPlan } from "./plan.js";
+import { openRegions } from "./regions.js";
 import { relight } from "./relight.js";
 
 const tabs = [...document.querySelectorAll("[role=tab]")];
@@ -31,6 +32,7 @@ async function show() {
   const [tab] = tabs.filter((each) => each.getAttribute("aria-selected") === "true");
   try {
     if (tab.id === "tab-pick") await openPicking(opened.set);
+    if (tab.id === "tab-fit") openRegions(opened.set, result);
     if (tab.id === "tab-fit" && result) await showResults(opened.results, result.id);
     if (tab.id === "tab-judge" && result) judge(result);
     if (tab.id === "tab-plan" && result) await openPlan(result, opened);
