@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
@@ -35,8 +36,10 @@ def main() -> None:
     command = [*program, "studio", str(options.photoset), "--no-browser"]
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server,
+        ExitStack() as stack,
         sync_playwright() as playwright,
     ):
+        stack.callback(server.terminate)
         assert server.stdout is not None
         address = re.search(r"http\S+", server.stdout.readline())
         assert address is not None
@@ -49,7 +52,6 @@ def main() -> None:
         for tab in _TABS:
             _picture(page, tab, options.out / f"studio-{tab}.png")
         browser.close()
-        server.terminate()
 
 
 def _picture(page: Page, tab: str, out: Path) -> None:
@@ -66,6 +68,13 @@ def _picture(page: Page, tab: str, out: Path) -> None:
     page.wait_for_timeout(1500)
     page.screenshot(path=out)
     print(out)
+    regions = page.locator("#regions-summary")
+    if tab == "fit" and regions.is_visible():
+        regions.click()
+        page.get_by_text("crosses are its lamps").wait_for()
+        out = out.with_name("studio-lamps.png")
+        page.screenshot(path=out, clip={"x": 0, "y": 100, "width": 1280, "height": 370})
+        print(out)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,8 @@ def result_experiment(
         notes.append(MEANS_NOTE)
     if content.interreflection is not None:
         notes.append(BOUNCES_NOTE)
-    shot = of.fitted
+    fitted = {photo.file for photo in content.photos if not photo.held_out}
+    shot = [photo for photo in of.photos if photo.label in fitted]
     used = sorted({photo.lighting for photo in shot})
     given = {table.name: not table.unknown for table in of.lightings}
     lights = tuple(

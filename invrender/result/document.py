@@ -26,6 +26,7 @@ from invrender.estimate.textured.textures import (
     FittedTextures,
 )
 from invrender.result.run import Run
+from invrender.result.source_set import cameras_hash
 from recon.harmonics.basis import to_degree
 from recon.harmonics.complex import project_sources
 from recon.harmonics.latlong import map_coefficients
@@ -104,6 +105,7 @@ def result_document(
         "models": model_entries(solution.candidates, solution.chosen),
         "warnings": list(run.warnings),
         "timing_s": {stage: round(value, 3) for stage, value in run.seconds.items()},
+        "cameras": cameras_hash(run.photoset),
         "inputs": dict(inputs),
         "software": software(),
     }

@@ -1,15 +1,22 @@
-"""The photo set that a result was made from, and its mesh, if they are still there: known by their hashes."""
+"""The photo set that a result was made from, and its mesh, if they are still there: known by their hashes.
+
+A set whose masks, lights or held-out photographs have changed since is still the result's, as long as its photographs
+are taken by the same cameras from the same places.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from capture.files.documents import file_hash
+from capture.files.documents import file_hash, numbers
 from capture.photoset import PhotoSet, load_photoset
 from invrender.result.saved import SavedResult, nearest
 from recon.mesh.shape import read_object_mesh
@@ -30,17 +37,43 @@ def find_photoset(result: SavedResult, given: Path | None) -> PhotoSet | None:
     name, expected = names[0], result.content.inputs[names[0]]
     if given is not None:
         photoset = load_photoset(given)
-        if file_hash(photoset.manifest) != expected:
+        if file_hash(photoset.manifest) != expected and not _has_its_cameras(result, photoset):
             raise ValueError(
-                f"{photoset.manifest}: is not what {result.path} was made from (another hash): a set, or what is in"
-                " it, has changed since; run `lightfactor process` again"
+                f"{photoset.manifest}: is not what {result.path} was made from (another hash): cameras, poses or"
+                " photographs have changed since; run `lightfactor process` again"
             )
         return photoset
-    for folder in _around(result):
-        manifest = folder / Path(name).name
-        if manifest.is_file() and file_hash(manifest) == expected:
+    manifests = [path for folder in _around(result) if (path := folder / Path(name).name).is_file()]
+    for manifest in manifests:
+        if file_hash(manifest) == expected:
             return load_photoset(manifest)
+    for manifest in manifests:
+        # Beside a result may lie what is no set of its own, or not any more.
+        with suppress(ValueError, OSError):
+            if _has_its_cameras(result, photoset := load_photoset(manifest)):
+                return photoset
     return None
+
+
+def cameras_hash(photoset: PhotoSet) -> str:
+    """sha256 of what pictures ask of a set: its photographs' names, cameras and poses."""
+    cameras = [
+        [
+            photo.label,
+            camera.model,
+            list(camera.params),
+            camera.width,
+            camera.height,
+            numbers(camera.world_to_camera),
+        ]
+        for photo in photoset.photos
+        for camera in (photo.camera,)
+    ]
+    return f"sha256:{hashlib.sha256(json.dumps(cameras).encode()).hexdigest()}"
+
+
+def _has_its_cameras(result: SavedResult, photoset: PhotoSet) -> bool:
+    return result.content.cameras == cameras_hash(photoset)
 
 
 def photo_camera(result: SavedResult, photoset: PhotoSet | None, label: str) -> Camera:
