@@ -35,7 +35,7 @@ def test_masks_lights_and_held_out_photographs_may_change(folder: Path) -> None:
     for given in (None, folder):
         assert find_photoset(result, given) is not None
     # The plan is of what was fitted, not of what will be.
-    assert [view.label for view in result_experiment(result).views] == [view.label for view in before.views]
+    assert [view.name for view in result_experiment(result).views] == [view.name for view in before.views]
 
 
 @pytest.mark.parametrize(
