@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 import lightfactor as lf
+from capture.files.imagefile import write_exr
+from capture.lighting import latlong_directions
 from capture.photoset import load_photoset
 from capture.source_region import source_regions
 from tests.browser.test_exported_page import apart, radiance
@@ -123,6 +126,38 @@ def test_the_exact_picture_is_the_one_that_is_rendered(page: Page, bench: Served
     assert (
         apart(radiance(page, 100, turn=40, room=0.5, lamps=[lamp | {"azimuth": 110}]), exact, coverage) > 0.1
     )
+
+
+@pytest.mark.slow
+def test_results_are_compared_and_relit_under_a_map_of_ones_own(
+    page: Page, bench: Served, ball: Path, tmp_path: Path
+) -> None:
+    if not (ball / "fit-1").is_dir():
+        lf.process(ball, 3000).save(ball / "fit-1")
+    shutil.copytree(ball / "fit-1", ball / "another")
+    # A red sky to the left of the azimuth that panoramas have in their middle, as one sees them.
+    way = latlong_directions(32)[:, ::-1]
+    sky = (1 + way[..., 1:2] + 0.5 * way[..., 2:]).clip(0) ** 2 * np.array([1.0, 0.3, 0.1])
+    write_exr(tmp_path / "sky.exr", sky.astype(np.float32))
+    page.goto(bench.address)
+    page.get_by_label("Result", exact=True).select_option("fit-1")
+    page.get_by_role("tab", name="Fit").click()
+    expect(page.locator("#results article")).to_have_count(1)
+    page.get_by_role("checkbox", name="another").check()
+    expect(page.locator("#results article h2:first-child")).to_contain_text(["another: ", "fit-1: "])
+    shutil.rmtree(ball / "another")
+    page.get_by_role("tab", name="Relight").click()
+    until(page, "!!window.lightfactor")
+    page.get_by_label("Another light").set_input_files(tmp_path / "sky.exr")
+    light = page.locator("#controls select[name=light]")
+    expect(light.locator("option")).to_contain_text(["sky"])
+    light.select_option("sky")
+    until(page, "window.lightfactor.state.light === 8")
+    expect(page.locator("#stated")).to_contain_text("Live pictures are off by")
+    picture = lf.read_fit(ball / "fit-1").render(
+        (0, 20), size=(100, 100), light=tmp_path / "sky.exr", panorama=True, rotate_light=30
+    )
+    assert apart(radiance(page, 100, turn=30), picture.radiance, picture.coverage) < 0.01
 
 
 def test_without_webgl_stills_are_shown(page: Page, bench: Served, ball: Path) -> None:
