@@ -1,21 +1,45 @@
-"""Results that are whole or absent: folders and files written under a temporary name, then renamed."""
+"""Results that are whole or absent: folders and files written under a temporary name, then renamed.
+
+Whoever writes holds a lock on the folder under its temporary name, which the system frees when the process ends,
+however it ends. So the next run knows what belongs to nobody any more, and removes it.
+"""
 
 from __future__ import annotations
 
+import glob
 import os
+import re
 import secrets
 import shutil
 import threading
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # Windows: nothing is locked there, and leftovers stay.
+    fcntl = None  # type: ignore[assignment]
+
 # Folders under their temporary names, with what is so if they are thrown away; and whether one is taking its place
 # just now.
 _unfinished: dict[Path, str] = {}
 _placing = threading.Lock()
+# What a folder that is being replaced is called for a moment, after the temporary name of the one that replaces it.
+_OLD = "-old"
 _NOTHING = "nothing was written, an earlier result is untouched"
+
+
+@contextmanager
+def claimed(out: Path) -> Iterator[None]:
+    """Keep the place of a result to this process until the block ends, in which it is written in several steps.
+
+    ValueError where another process is writing there.
+    """
+    with _temporary_folder(out):
+        yield
 
 
 @contextmanager
@@ -24,10 +48,10 @@ def result_folder(out: Path, own: Sequence[str]) -> Iterator[Path]:
 
     own : patterns of the names that a result of this kind holds, the first being in every one of them. A
         folder `out` that holds anything else is refused (ValueError) before any work is done: replacing it
-        would lose what isn't ours.
+        would lose what isn't ours. So is one in which another process is writing.
     """
-    _check_replaceable(out, own)
     with _temporary_folder(out) as temporary:
+        _check_replaceable(out, own)
         yield temporary
         with _placing:
             _place(temporary, out)
@@ -67,7 +91,8 @@ def result_files(out: Path, beside: Sequence[str] = (), inputs: Iterable[Path] =
             raise ValueError(f"{place}: is a folder; give the name of a file for the result")
         if place.resolve() in taken:
             raise ValueError(f"{place}: is one of the inputs and would be lost; give another name")
-    with _temporary_folder(out) as temporary:
+    # Of a file the last who writes it wins.
+    with _temporary_folder(out, alone=False) as temporary:
         yield temporary
         with _placing:
             for name in names:
@@ -87,25 +112,93 @@ def discard_unfinished() -> str | None:
 
 
 @contextmanager
-def _temporary_folder(out: Path, without: str = _NOTHING) -> Iterator[Path]:
-    """A folder beside `out` for the time of the block. without : what is so if it is thrown away, in words."""
-    temporary = out.absolute().with_name(f".{out.name}-{secrets.token_hex(4)}")
-    _unfinished[temporary] = without
+def _temporary_folder(out: Path, without: str = _NOTHING, alone: bool = True) -> Iterator[Path]:
+    """A folder beside `out` for the time of the block. without : what is so if it is thrown away, in words.
+
+    alone : whether no other process may be writing there.
+    """
+    temporary, lock = _begun(out, without)
     try:
-        try:
-            temporary.mkdir(parents=True)
-        except OSError as error:
+        if _settle(temporary, out) and alone:
             raise ValueError(
-                f"{out}: cannot be written ({error.strerror or error}); give another place"
-            ) from error
+                f"{out}: another run is writing there; wait until it ends, or give another place"
+            )
         yield temporary
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         _unfinished.pop(temporary, None)
+        if lock is not None:
+            os.close(lock)
+
+
+def _begun(out: Path, without: str) -> tuple[Path, int | None]:
+    """A new folder beside `out`, and the lock on it; None where the file system has no locks."""
+    while True:
+        # Named by the time, so that of two processes each knows which came first.
+        name = f".{out.name}-{time.time_ns():016x}{secrets.token_hex(4)}"
+        temporary = out.absolute().with_name(name)
+        _unfinished[temporary] = without
+        try:
+            temporary.mkdir(parents=True)
+        except OSError as error:
+            _unfinished.pop(temporary)
+            raise ValueError(
+                f"{out}: cannot be written ({error.strerror or error}); give another place"
+            ) from error
+        try:
+            lock = _lock(temporary)
+            temporary.stat()
+            return temporary, lock
+        except (BlockingIOError, FileNotFoundError):
+            # Before it was locked, another process took it for a leftover.
+            _unfinished.pop(temporary)
+        except OSError:
+            return temporary, None
+
+
+def _lock(folder: Path) -> int:
+    """The file descriptor of a lock on a folder; BlockingIOError where another process holds it."""
+    if fcntl is None:
+        raise OSError("this system locks no folders")
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise
+    return handle
+
+
+def _settle(temporary: Path, out: Path) -> bool:
+    """Put in its place, or remove, what processes that were killed left of `out`; whether one that lives was first."""
+    place = out.absolute()
+    ours = re.compile(rf"\.{re.escape(out.name)}-(?:[0-9a-f]{{8}}|[0-9a-f]{{24}})")
+    earlier = False
+    for path in sorted(place.parent.glob(f".{glob.escape(out.name)}-*")):
+        name = path.name.removesuffix(_OLD)
+        whole = path.with_name(name)
+        if not ours.fullmatch(name) or whole in _unfinished:
+            continue
+        try:
+            lock = _lock(whole) if whole.exists() else None
+        except BlockingIOError:
+            earlier |= name < temporary.name
+            continue
+        except OSError:
+            continue
+        old = path.with_name(name + _OLD)
+        if old.exists() and not place.exists():
+            # Killed while the new one was taking the old one's place: it is whole, if it is still there.
+            (whole if whole.exists() else old).rename(place)
+        for rest in (whole, old):
+            shutil.rmtree(rest, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+    return earlier
 
 
 def _place(temporary: Path, out: Path) -> None:
-    old = temporary.with_name(f"{temporary.name}-old")
+    old = temporary.with_name(temporary.name + _OLD)
     if out.exists():
         out.rename(old)
     try:

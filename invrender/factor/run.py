@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from capture.files.outfolder import added_files, result_folder
+from capture.files.outfolder import added_files, claimed, result_folder
 from capture.photoset import load_photoset
 from capture.radiance import CHANNELS
 from capture.terminal import console, leave_cleanly_when_stopped, track
@@ -38,18 +38,19 @@ def run_factor(source: Path, out: Path, choices: FactorChoices) -> Run:
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     given = read_given(photoset)
-    with result_folder(out, OWN_FILES) as folder:
-        run = factor(photoset, choices, track)
-        error = light_error(given, run.solution)
-        more = {"choices": choices.document(), "given": given_document(given, error)}
-        document = write_fit(run, folder, more)
-    with added_files(out, PICTURES) as folder:
-        document = write_pictures(run, folder, document, track)
-        shown = [
-            ShownPhoto.of(prediction)
-            for prediction in run.predictions(pictured(photoset, document["photos"]))
-        ]
-        factor_figure(run, given, shown).savefig(folder / "factor.png")
+    with claimed(out):
+        with result_folder(out, OWN_FILES) as folder:
+            run = factor(photoset, choices, track)
+            error = light_error(given, run.solution)
+            more = {"choices": choices.document(), "given": given_document(given, error)}
+            document = write_fit(run, folder, more)
+        with added_files(out, PICTURES) as folder:
+            document = write_pictures(run, folder, document, track)
+            shown = [
+                ShownPhoto.of(prediction)
+                for prediction in run.predictions(pictured(photoset, document["photos"]))
+            ]
+            factor_figure(run, given, shown).savefig(folder / "factor.png")
     _print_numbers(run, given)
     _print_light(run.solution, given, error)
     console.print(errors_in_words(document["fit"]), soft_wrap=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from capture.files.outfolder import added_files, result_folder
+from capture.files.outfolder import added_files, claimed, result_folder
 from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity, limits
@@ -26,13 +26,14 @@ def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES, publish
     """Process a photo set into a result folder and print the summary."""
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
-    with result_folder(out, RESULT_FILES) as folder:
-        run = process(photoset, samples, track, published=published)
-        document = write_fit(run, folder)
-    _print_summary(run)
-    # What was found is safe now, whatever becomes of the pictures.
-    with added_files(out, PICTURES) as folder:
-        document = write_pictures(run, folder, document, track)
+    with claimed(out):
+        with result_folder(out, RESULT_FILES) as folder:
+            run = process(photoset, samples, track, published=published)
+            document = write_fit(run, folder)
+        _print_summary(run)
+        # What was found is safe now, whatever becomes of the pictures.
+        with added_files(out, PICTURES) as folder:
+            document = write_pictures(run, folder, document, track)
     console.print(errors_in_words(document["fit"]))
     console.print(
         f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True

@@ -1,0 +1,52 @@
+"""Runs that are killed at any moment leave nothing that the next one doesn't clear away."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.invrender.faultysets import write_set
+
+PROGRAM = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
+
+
+def numbers(out: Path) -> object:
+    """What a result says, but for the time it took."""
+    document = json.loads((out / "result.json").read_text())
+    del document["timing_s"]
+    return document
+
+
+@pytest.mark.slow
+def test_a_run_after_killed_ones_gives_the_same_result_and_leaves_nothing_else(tmp_path: Path) -> None:
+    folder = write_set(tmp_path / "set")
+    out = tmp_path / "out"
+
+    def start(place: Path) -> subprocess.Popen[bytes]:
+        command = [*PROGRAM, "process", str(folder), "-o", str(place), "--samples", "2000"]
+        return subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+
+    begun = time.monotonic()
+    assert start(tmp_path / "undisturbed").wait() == 0
+    whole = time.monotonic() - begun
+    # Most of it is start-up, decoding and the fit; pictures and report come at the end.
+    for share in (0.5, 0.75, 0.9):
+        running = start(out)
+        time.sleep(share * whole)
+        os.killpg(running.pid, signal.SIGKILL)
+        running.wait()
+    assert start(out).wait() == 0
+    assert numbers(out) == numbers(tmp_path / "undisturbed")
+    assert {path.name for path in out.iterdir()} == {
+        path.name for path in (tmp_path / "undisturbed").iterdir()
+    }
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set", "undisturbed"]
