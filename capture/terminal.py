@@ -6,7 +6,8 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any
 
 from rich.console import Console
@@ -62,16 +63,20 @@ def _outcome(item: Any) -> str:
     return item.outcome if isinstance(item, TrackedStep) else ""
 
 
-def leave_cleanly_when_stopped() -> None:
-    """From here on Ctrl-C and SIGTERM end the program at once, its temporary folders removed."""
+def leave_cleanly_when_stopped(first: Callable[[], None] = lambda: None) -> None:
+    """From here on Ctrl-C and SIGTERM end the program at once, its temporary folders removed.
+
+    first : is done before that.
+    """
     # Its import puts a handler of its own in place: import it first.
     import pycolmap  # noqa: F401
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _stop)
+        signal.signal(number, partial(_stop, first))
 
 
-def _stop(number: int, frame: object) -> None:
+def _stop(first: Callable[[], None], number: int, frame: object) -> None:
+    first()
     # Not by an exception: raised within an import or a callback of a library, it may be swallowed.
     left = discard_unfinished()
     if left is None:

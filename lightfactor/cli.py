@@ -25,6 +25,7 @@ from invrender.commands.prefilter import prefilter
 from invrender.commands.process import process
 from invrender.commands.refine import refine
 from invrender.commands.render import render
+from lightfactor.commands.batch import batch
 from lightfactor.commands.studio import studio
 from recon.commands.align import align
 from recon.commands.hull import hull
@@ -62,6 +63,7 @@ def _lightfactor(
 
 
 app.command(short_help="Photo set in, BRDF with error bars and a report out.")(process)
+app.command(short_help="Many photo sets in, all results and one page over them out.")(batch)
 app.command(short_help="The whole job on a synthetic gantry sequence, truth beside estimate.")(demo)
 app.command(short_help="Photograph a synthetic scene: a photo set with its truth beside it.")(synth)
 app.command(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ RESULT_NAME = "result.json"
 _MANIFEST_NAME = "photoset.toml"
 _WHAT = "a result.json, as `lightfactor process` writes it, holds brdf, object, lighting and photos"
 _KEYS = ("format", "name", "gauge", "brdf", "object", "lighting", "photos", "identifiability", "inputs")
-_OPTIONAL = ("texture", "interreflection", "fit", "models", "warnings", "cameras")
+_OPTIONAL = ("texture", "interreflection", "fit", "models", "warnings", "cameras", "settings", "software")
 
 # For whether a form's name is known, whatever it is brushed about.
 _ANY_AXIS = (0.0, 0.0, 1.0)
@@ -233,6 +233,8 @@ class _Result(_Lenient):
     identifiability: tuple[SavedFinding, ...]
     inputs: dict[str, str]
     cameras: str | None = None
+    settings: dict[str, Any] | None = None
+    software: dict[str, str] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from capture.terminal import PROGRESS_VARIABLE
 from invrender.result.saved import RESULT_NAME
+from lightfactor.program import PROGRAM
 from lightfactor.studio.opened import Opened, UnknownIdError, key_of
 
 State = Literal["running", "done", "failed", "stopped"]
@@ -28,7 +29,6 @@ code = subprocess.run(command, preexec_fn=stoppable).returncode
 with open(status + ".part", "w") as file: file.write(str(code))
 os.replace(status + ".part", status)
 """
-_PROGRAM = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def _start(opened: Opened, name: str, arguments: list[str]) -> Job:
         raise ValueError("a fit of this set is running: wait for it, or stop it")
     folder = opened.own / "jobs" / name
     folder.mkdir(parents=True)
-    command = [*_PROGRAM, *arguments]
+    command = [*PROGRAM, *arguments]
     environment = os.environ | {PROGRESS_VARIABLE: str(folder / "progress"), "COLUMNS": "120"}
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen(

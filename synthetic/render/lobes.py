@@ -9,7 +9,6 @@ incident directions, in polar coordinates whose pole makes the integrand smooth;
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from capture.parallel import cores
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import MicrofacetMaterial
@@ -109,7 +109,7 @@ def _specular(
 
     if len(starts) <= _FEW_CHUNKS:
         return np.concatenate([chunk(start) for start in starts])
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         return np.concatenate(list(pool.map(chunk, starts)))
 
 

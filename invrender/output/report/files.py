@@ -34,7 +34,7 @@ def write_fit(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> 
     if run.textures is not None:
         assert run.photoset.mesh_to_world is not None
         run.textures.write(folder, run.photoset.mesh_to_world)
-    document = result_document(run, files, _input_hashes(run.photoset))
+    document = result_document(run, files, photoset_hashes(run.photoset))
     document |= {"predicted_binning": None, **(more or {})}
     write_json(folder / "result.json", document)
     return document
@@ -74,7 +74,7 @@ def photo_file_names(labels: Sequence[str]) -> dict[str, str]:
     return {label: short[label] if shared[short[label]] == 1 else f"{flat[label]}.exr" for label in labels}
 
 
-def _input_hashes(photoset: PhotoSet) -> dict[str, str]:
+def photoset_hashes(photoset: PhotoSet) -> dict[str, str]:
     """Hashes of every file that the result depends on, by its place in the set's folder, or its name elsewhere."""
     paths = [photoset.manifest, *photoset.calibration_files]
     paths += [photoset.resolve(photoset.object.mesh)] if photoset.object.mesh else []

@@ -29,7 +29,7 @@ def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES, publish
     with claimed(out):
         with result_folder(out, RESULT_FILES) as folder:
             run = process(photoset, samples, track, published=published)
-            document = write_fit(run, folder)
+            document = write_fit(run, folder, {"settings": {"samples": samples, "published": published}})
         _print_summary(run)
         # What was found is safe now, whatever becomes of the pictures.
         with added_files(out, PICTURES) as folder:

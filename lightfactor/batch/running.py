@@ -1,0 +1,155 @@
+"""Sets of a batch, each processed by a process of its own; what is there already stays."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Literal
+
+from capture.files.documents import software
+from capture.parallel import usable_cores
+from capture.photoset import load_photoset
+from invrender.output.report.files import photoset_hashes
+from invrender.result.saved import SavedResult, read_result
+from lightfactor.batch.asked import AskedSet
+from lightfactor.program import PROGRAM
+
+Status = Literal["done", "kept", "failed"]
+# What the program says in front of what is wrong.
+_SAYS = "lightfactor: error: "
+# The last lines of a process that ended without saying why.
+_LAST = 3
+_running: set[subprocess.Popen[str]] = set()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a set. kept : its result was there. error : what is wrong, where it failed. seconds : it took."""
+
+    asked: AskedSet
+    folder: Path
+    status: Status
+    error: str = ""
+    seconds: float = 0.0
+
+    @property
+    def result(self) -> SavedResult | None:
+        """What was found, where there is a result."""
+        return None if self.status == "failed" else read_result(self.folder)
+
+    @property
+    def in_words(self) -> str:
+        """The outcome in a few words."""
+        result = self.result
+        if result is None:
+            return f"{self.asked.name}: failed"
+        error = result.content.fit.fitted
+        return f"{self.asked.name}: {'kept' if error is None else f'{error:.2%}'}"
+
+
+def is_whole(folder: Path) -> bool:
+    """Whether a folder has a result with its report and as many predicted photographs as it should."""
+    try:
+        photos = read_result(folder).content.photos
+    except (ValueError, OSError):
+        return False
+    return (folder / "report.html").is_file() and len(list((folder / "predicted").glob("*.exr"))) == len(
+        photos
+    )
+
+
+def is_current(asked: AskedSet, folder: Path) -> bool:
+    """Whether a whole result is there, made of the set as it is now, with these settings, by this version."""
+    if not is_whole(folder):
+        return False
+    content = read_result(folder).content
+    if content.settings != asked.settings or content.software != software():
+        return False
+    try:
+        return content.inputs == photoset_hashes(load_photoset(asked.manifest))
+    except (ValueError, OSError):
+        return False
+
+
+def outcomes(sets: Sequence[AskedSet], out: Path, workers: int, fresh: bool) -> Iterator[Outcome]:
+    """What becomes of each set, in the order in which they end; results lie in folders of `out` by the sets' names.
+
+    workers : how many are processed at a time, each on its share of the cores. fresh : whether results that are there
+    are computed again.
+    """
+    cores = usable_cores()
+    shares: SimpleQueue[set[int]] = SimpleQueue()
+    for k in range(workers):
+        shares.put(set(cores[k::workers]) or set(cores))
+
+    def run(asked: AskedSet) -> Outcome:
+        folder = out / asked.name
+        if not fresh and is_current(asked, folder):
+            return Outcome(asked, folder, "kept")
+        share = shares.get()
+        try:
+            return _processed(asked, folder, share)
+        finally:
+            shares.put(share)
+
+    with ThreadPoolExecutor(workers) as pool:
+        started = [pool.submit(run, asked) for asked in sets]
+        try:
+            for future in as_completed(started):
+                yield future.result()
+        finally:
+            for future in started:
+                future.cancel()
+
+
+def _processed(asked: AskedSet, folder: Path, share: set[int]) -> Outcome:
+    command = [*PROGRAM, "process", str(asked.manifest), "-o", str(folder), "--samples", str(asked.samples)]
+    command += ["--published"] if asked.published else []
+    begun = time.monotonic()
+    # Of what it says, the last counts: a file holds it, however much it is.
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, text=True
+        )
+        _running.add(process)
+        if hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(process.pid, share)
+        code = process.wait()
+        _running.discard(process)
+        said.seek(0)
+        text = said.read()
+    outcome = Outcome(asked, folder, "done", seconds=time.monotonic() - begun)
+    if code == 0 and is_whole(folder):
+        return outcome
+    return replace(outcome, status="failed", error=_why(text, code))
+
+
+def _why(said: str, code: int) -> str:
+    """Why a process failed, by what it said."""
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    for k, line in enumerate(lines):
+        if line.startswith(_SAYS):
+            return " ".join([line.removeprefix(_SAYS), *lines[k + 1 :]])
+    if code == 0:
+        return "its process ended as if all were well, but the result isn't whole; run the batch again"
+    last = " ".join(lines[-_LAST:])
+    if code < 0:
+        memory = "; the machine may lack memory" if code == -signal.SIGKILL else ""
+        return f"its process was ended by signal {-code}{memory}. {last}".strip()
+    return last or f"its process ended with status {code}"
+
+
+def stop_all() -> None:
+    """Stop the processes that run; each removes what it hasn't finished."""
+    for process in list(_running):
+        process.terminate()
+    for process in list(_running):
+        process.wait()
