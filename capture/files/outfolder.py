@@ -33,12 +33,13 @@ _NOTHING = "nothing was written, an earlier result is untouched"
 
 
 @contextmanager
-def claimed(out: Path) -> Iterator[None]:
+def claimed(out: Path, stopped: str = _NOTHING) -> Iterator[None]:
     """Keep the place of a result to this process until the block ends, in which it is written in several steps.
 
-    ValueError where another process is writing there.
+    stopped : what is so between two steps if the process is stopped, in words. ValueError where another process is
+    writing there.
     """
-    with _temporary_folder(out):
+    with _temporary_folder(out, stopped):
         yield
 
 
@@ -108,7 +109,8 @@ def discard_unfinished() -> str | None:
         return None
     for folder in list(_unfinished):
         shutil.rmtree(folder, ignore_errors=True)
-    return next(iter(_unfinished.values()), _NOTHING)
+    # The innermost step knows best.
+    return next(reversed(_unfinished.values()), _NOTHING)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ def run_batch(given: Sequence[str], out: Path, samples: int, workers: int, fresh
     leave_cleanly_when_stopped(stop_all)
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out}: is a file; give the name of a folder for the results")
-    with claimed(out):
+    with claimed(out, f"results that were done are in {out}; run it again for the rest"):
         out.mkdir(parents=True, exist_ok=True)
         found: dict[str, Outcome] = {}
         with counted(track, len(sets), f"Processing {len(sets)} photo sets") as on_step:

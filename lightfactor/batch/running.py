@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -27,7 +28,9 @@ Status = Literal["done", "kept", "failed"]
 _SAYS = "lightfactor: error: "
 # The last lines of a process that ended without saying why.
 _LAST = 3
+# Processes that run; and that no further ones are to be started.
 _running: set[subprocess.Popen[str]] = set()
+_stopped, _starting = threading.Event(), threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,8 @@ def is_whole(folder: Path) -> bool:
         photos = read_result(folder).content.photos
     except (ValueError, OSError):
         return False
-    return (folder / "report.html").is_file() and len(list((folder / "predicted").glob("*.exr"))) == len(
-        photos
-    )
+    predicted = list((folder / "predicted").glob("*.exr"))
+    return (folder / "report.html").is_file() and len(predicted) == len(photos)
 
 
 def is_current(asked: AskedSet, folder: Path) -> bool:
@@ -116,10 +118,13 @@ def _processed(asked: AskedSet, folder: Path, share: set[int]) -> Outcome:
     begun = time.monotonic()
     # Of what it says, the last counts: a file holds it, however much it is.
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, text=True
-        )
-        _running.add(process)
+        with _starting:
+            if _stopped.is_set():
+                return Outcome(asked, folder, "failed", "the batch was stopped")
+            process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, text=True
+            )
+            _running.add(process)
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(process.pid, share)
         code = process.wait()
@@ -148,8 +153,11 @@ def _why(said: str, code: int) -> str:
 
 
 def stop_all() -> None:
-    """Stop the processes that run; each removes what it hasn't finished."""
-    for process in list(_running):
+    """Stop the processes that run, each of which removes what it hasn't finished, and start no more."""
+    with _starting:
+        _stopped.set()
+        stopped = list(_running)
+    for process in stopped:
         process.terminate()
-    for process in list(_running):
+    for process in stopped:
         process.wait()
