@@ -147,8 +147,14 @@ def test_bars_hold_what_many_outliers_do() -> None:
     assert all(holds(finding) for finding in found.values() if finding.stated)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("draw", [near_known_draw, near_unknown_draw], ids=["known light", "unknown light"])
+@pytest.mark.parametrize(
+    "draw",
+    [
+        pytest.param(near_known_draw, marks=pytest.mark.sweep),
+        pytest.param(near_unknown_draw, marks=pytest.mark.slow),
+    ],
+    ids=["known light", "unknown light"],
+)
 def test_a_near_lamp_costs_little_more_than_one_far_away(
     draw: Callable[[float, int], dict[str, Finding]], noise: dict[str, Finding]
 ) -> None:

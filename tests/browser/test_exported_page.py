@@ -85,6 +85,7 @@ def test_a_sphere_looks_as_it_renders_under_its_light_turned_and_under_a_lamp(
     assert apart(radiance(page, side, lamps=[lamp], room=0), alone.radiance, alone.coverage) < 0.01
 
 
+@pytest.mark.slow
 def test_a_mesh_shadows_itself_as_it_does_when_rendered(
     page: Page, cat_mesh: TriangleMesh, tmp_path: Path
 ) -> None:

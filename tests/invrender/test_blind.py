@@ -119,8 +119,8 @@ MANY, FEW = (0.001, 0.015, 0.0003), (0.002, 0.03, 0.0006)
         pytest.param("teflon", 12, 12000, MANY, marks=pytest.mark.slow),
         ("teflon", 3, 6000, FEW),
         # With more of specular reflection fewer samples will do.
-        pytest.param("steel", 12, 4000, MANY, marks=pytest.mark.slow),
-        pytest.param("painted", 12, 4000, MANY, marks=pytest.mark.slow),
+        pytest.param("steel", 12, 4000, MANY, marks=pytest.mark.sweep),
+        pytest.param("painted", 12, 4000, MANY, marks=pytest.mark.sweep),
     ],
 )
 def test_brdf_light_and_source_are_found_from_photographs_alone(

@@ -140,7 +140,7 @@ def test_a_tenth_of_nonsense_among_the_samples_does_no_harm(bench: SimpleNamespa
     assert (std < [0.003, 0.003, 0.003, 0.03, 0.001]).all()
 
 
-@pytest.mark.parametrize("angle", [20.0, pytest.param(200.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("angle", [20.0, pytest.param(200.0, marks=pytest.mark.sweep)])
 @pytest.mark.parametrize(
     ("irradiance", "told"), [pytest.param(6.0, True, marks=pytest.mark.slow), (1.0, False)]
 )
@@ -172,7 +172,7 @@ def test_a_matte_object_shows_a_lamp_on_either_side_alike(
     ("half_width", "sigma"),
     [
         (0.08, 0.03),
-        pytest.param(0.08, 0.06, marks=pytest.mark.slow),
+        pytest.param(0.08, 0.06, marks=pytest.mark.sweep),
         pytest.param(0.0, 0.03, marks=pytest.mark.slow),
     ],
 )

@@ -285,7 +285,7 @@ def test_a_near_lamp_of_unknown_light_is_found(
     assert f"{distance:.4g} m in B" in " ".join(said.split())
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_mirror_ball_from_two_places_tells_how_far_a_lamp_is(
     lightfactor: Command, tmp_path: Path, few_forms: None, no_causes: None
 ) -> None:

@@ -49,7 +49,7 @@ def long_simplex(model: Model, statistics: tuple[Statistics, ...], start: Estima
     [
         ("microfacet without Fresnel", {}),
         ("neutral microfacet", {}),
-        pytest.param("microfacet", {}, marks=pytest.mark.slow),
+        pytest.param("microfacet", {}, marks=pytest.mark.sweep),
         ("microfacet", {"recover_irradiance": True}),
         # Where mu moves the base, too.
         ("neutral GGX plastic", {}),

@@ -154,7 +154,7 @@ def test_a_plan_counts_what_a_scene_states_of_calibration_as_process_does(tmp_pa
     assert gain == max(float(np.max(one.std / one.improved(cause))) for one in plan.expected) > 1
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_in_unknown_light_a_plan_counts_calibration_as_process_does(tmp_path: Path, few_forms: None):
     path = tmp_path / "stated.toml"
     paint = "kd = [0.2, 0.15, 0.1]\nks = [0.05, 0.06, 0.07]\nmu = 1.5\nsigma = 0.15"

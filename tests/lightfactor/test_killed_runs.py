@@ -39,7 +39,7 @@ def test_a_run_after_killed_ones_gives_the_same_result_and_leaves_nothing_else(t
     assert start(tmp_path / "undisturbed").wait() == 0
     whole = time.monotonic() - begun
     # Most of it is start-up, decoding and the fit; pictures and report come at the end.
-    for share in (0.5, 0.75, 0.9):
+    for share in (0.6, 0.9):
         running = start(out)
         time.sleep(share * whole)
         os.killpg(running.pid, signal.SIGKILL)
