@@ -73,6 +73,12 @@ class SavedTextures:
         known = None if self.known is None else (weights * self.known[0, corners]).sum(axis=1)[None]
         return SavedTextures(seen.kd[None], seen.ks[None], seen.kd_std[None], seen.ks_std[None], known, True)
 
+    def onto_vertices(self, uv: Floats) -> SavedTextures:
+        """Values at the texture coordinates (m, 2) of a mesh's vertices, which then need none."""
+        seen = self.at(uv)
+        known = None if self.known is None else seen.known.astype(float)[None]
+        return SavedTextures(seen.kd[None], seen.ks[None], seen.kd_std[None], seen.ks_std[None], known, True)
+
     def _blended(self, places: _Places) -> RayReflectance:
         height, width = self.kd.shape[:2] if self.known is None else self.known.shape
         rows, columns, weights = places(height, width)

@@ -19,7 +19,6 @@ from lightfactor.studio.pictures import ONE_AT_A_TIME, SHOWN_SIDE
 from recon.mesh.bodies import MeshBody, SphereBody, body_coverage
 from recon.mesh.simplified import simplified
 from recon.mesh.tessellated import tessellated
-from recon.mesh.trianglemesh import TriangleMesh, merged_faces, smooth_normals
 from recon.sampling.draw import NO_SOURCES, sample_body
 from recon.sampling.find import FoundBody, find_body
 
@@ -94,7 +93,7 @@ def _found_of(manifest: Path, stamps: tuple[int, ...]) -> FoundBody:
 def _surface_of(manifest: Path, stamps: tuple[int, ...]) -> bytes:
     body = _found_of(manifest, stamps).body
     if isinstance(body, MeshBody):
-        mesh = simplified(_without_seams(body.mesh), _FACES)
+        mesh = simplified(body.mesh, _FACES, seams=False)
     else:
         assert isinstance(body, SphereBody)
         mesh = tessellated(body.sphere.centre, body.sphere.radius, _ROWS)
@@ -105,12 +104,3 @@ def _surface_of(manifest: Path, stamps: tuple[int, ...]) -> bytes:
         "faces": mesh.faces.astype(np.uint32),
     }
     return packed({"centre": centre.tolist(), "radius": radius}, arrays)
-
-
-def _without_seams(mesh: TriangleMesh) -> TriangleMesh:
-    """A mesh with one vertex at each position: seams would keep it from getting few faces."""
-    faces = merged_faces(mesh.vertices, mesh.faces)
-    vertices = np.zeros((int(faces.max()) + 1, 3))
-    vertices[faces] = mesh.vertices[mesh.faces]
-    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    return TriangleMesh(vertices, faces, smooth_normals(vertices, faces))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from recon.mesh.bodies import blended
-from recon.mesh.trianglemesh import TriangleMesh
+from recon.mesh.trianglemesh import TriangleMesh, merged_faces, smooth_normals
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -35,15 +35,16 @@ class Simplification:
         return blended(values, self.corners, self.weights)
 
 
-def simplified(mesh: TriangleMesh, most_faces: int) -> TriangleMesh:
+def simplified(mesh: TriangleMesh, most_faces: int, seams: bool = True) -> TriangleMesh:
     """A mesh with edges collapsed until it has so many faces at most; itself where it has no more.
 
-    Borders and seams, where vertices are doubled, stay as they are: where these alone take more faces, so does it.
+    seams : whether seams of the texture and sharp edges, where vertices are doubled, stay as they are, as borders do;
+    where these alone take more faces, so does it. Without them it has no texture coordinates, and smooth normals.
     """
-    return simplification(mesh, most_faces).mesh
+    return simplification(mesh, most_faces, seams).mesh
 
 
-def simplification(mesh: TriangleMesh, most_faces: int) -> Simplification:
+def simplification(mesh: TriangleMesh, most_faces: int, seams: bool = True) -> Simplification:
     """As `simplified`, with what carries values at vertices over."""
     if len(mesh.faces) <= most_faces:
         corners = np.repeat(np.arange(len(mesh.vertices))[:, None], 3, axis=1)
@@ -51,8 +52,11 @@ def simplification(mesh: TriangleMesh, most_faces: int) -> Simplification:
     # Slow to import, and needed only for large meshes.
     from fast_simplification import simplify
 
-    first, faces = _joined(mesh)
-    points = mesh.vertices[first]
+    place = _joined(mesh) if seams else merged_faces(mesh.vertices, mesh.faces)
+    points = np.zeros((int(place.max()) + 1, 3))
+    points[place] = mesh.vertices[mesh.faces]
+    whole = np.flatnonzero((place != np.roll(place, 1, axis=1)).all(axis=1))
+    faces = place[whole]
     with _ONE_AT_A_TIME:
         vertices, _, collapses = simplify(
             points, faces, target_count=most_faces, return_collapses=True, preserve_border=True
@@ -64,17 +68,25 @@ def simplification(mesh: TriangleMesh, most_faces: int) -> Simplification:
     # The library leaves out vertices without faces, and keeps the order of the others.
     number = np.full(len(points), -1)
     number[kept] = np.arange(len(kept))
-    corners, weights = _nearest(points, faces, vertices, number[survivor])
-    corners = first[corners]
+    nearest, weights = _nearest(points, faces, vertices, number[survivor])
+    corners = mesh.faces[whole[nearest]]
     # Smooth normals of the new faces would be off where long faces meet short ones, as beside seams.
-    normals = blended(mesh.normals, corners, weights)
+    normals = blended(mesh.normals if seams else _smooth(mesh, mesh.faces[whole]), corners, weights)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    uv = None if mesh.uv is None else blended(mesh.uv, corners, weights)
+    uv = blended(mesh.uv, corners, weights) if seams and mesh.uv is not None else None
     return Simplification(TriangleMesh(vertices, new_faces.reshape(-1, 3), normals, uv), corners, weights)
 
 
-def _joined(mesh: TriangleMesh) -> tuple[Ints, Ints]:
-    """Vertices without those that others repeat in all they have, and faces (f, 3) by their places among these."""
+def _smooth(mesh: TriangleMesh, faces: Ints) -> Floats:
+    """Smooth normals (n, 3) of a mesh's vertices, zero where it has none of some faces."""
+    used, own = np.unique(faces, return_inverse=True)
+    normals = np.zeros_like(mesh.vertices)
+    normals[used] = smooth_normals(mesh.vertices[used], own.reshape(-1, 3))
+    return normals
+
+
+def _joined(mesh: TriangleMesh) -> Ints:
+    """Faces (f, 3) by places of their corners among vertices that differ in anything they have."""
     columns = [mesh.vertices, mesh.normals] + ([] if mesh.uv is None else [mesh.uv])
     rows = np.hstack(columns)
     order = np.lexsort(rows.T)
@@ -82,7 +94,7 @@ def _joined(mesh: TriangleMesh) -> tuple[Ints, Ints]:
     differs[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
     place = np.empty(len(rows), np.int64)
     place[order] = differs.cumsum() - 1
-    return order[differs], place[mesh.faces]
+    return place[mesh.faces]
 
 
 def _survivors(count: int, collapses: Ints) -> Ints:
@@ -98,7 +110,7 @@ def _survivors(count: int, collapses: Ints) -> Ints:
 
 
 def _nearest(points: Floats, faces: Ints, vertices: Floats, part_of: Ints) -> tuple[Ints, Floats]:
-    """Corners (v, 3) of the face nearest to each new vertex, and their weights.
+    """The face (v,) nearest to each new vertex, and the weights (v, 3) of its corners there.
 
     part_of : (n,) of which new vertex each of the points has become part; -1 of none. The search begins at the nearest
     of a new vertex's own points and goes from face to face, so that nothing comes from another sheet of the surface or
@@ -110,7 +122,7 @@ def _nearest(points: Floats, faces: Ints, vertices: Floats, part_of: Ints) -> tu
     around = csr_array(
         (np.ones(3 * count, bool), (faces.ravel(), np.arange(count).repeat(3))), shape=(len(points), count)
     )
-    corners, weights = np.zeros((len(vertices), 3), np.int64), np.zeros((len(vertices), 3))
+    nearest, weights = np.zeros(len(vertices), np.int64), np.zeros((len(vertices), 3))
     least, active = np.full(len(vertices), np.inf), np.arange(len(vertices))
     while len(active):
         asked = around[home[active]]
@@ -121,9 +133,9 @@ def _nearest(points: Floats, faces: Ints, vertices: Floats, part_of: Ints) -> tu
         best = _least_of_each(row, apart)
         nearer = apart[best] < least[active]
         best, active = best[nearer], active[nearer]
-        least[active], corners[active], weights[active] = apart[best], asked_corners[best], found[best]
-        home[active] = corners[active, weights[active].argmax(axis=1)]
-    return corners, weights
+        least[active], nearest[active], weights[active] = apart[best], asked.indices[best], found[best]
+        home[active] = faces[nearest[active], weights[active].argmax(axis=1)]
+    return nearest, weights
 
 
 def _squared(vectors: Floats) -> Floats:

@@ -169,10 +169,51 @@ def test_what_varies_from_vertex_to_vertex_stays_in_its_place(
     assert_allclose(shown.material.textures.known[0, vertices[:, 2] < -0.002], 0)
 
 
-def test_what_seams_keep_from_getting_fewer_faces_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mesh_of_nothing_but_seams_loses_them_and_keeps_its_texture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Scans have a chart of their texture for every few faces, and files of facets a normal for each."""
+    monkeypatch.setattr("invrender.output.live.few_faces.MOST_FACES", 1000)
+    ball = tessellated(np.zeros(3), 0.02, 32)
+    corners = ball.vertices[ball.faces]
+    facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    whole = np.linalg.norm(facets, axis=1) > 1e-9
+    facets = facets[whole] / np.linalg.norm(facets[whole], axis=1, keepdims=True)
+    corners = corners[whole]
+    # Each face has a row of texels of its own, which rises with z; u is z.
+    rows, count = np.arange(len(corners)), len(corners)
+    heights = np.clip(corners[..., 2] / 0.04 + 0.5, 0.01, 0.99)
+    uv = np.stack([heights, 1 - (np.broadcast_to(rows[:, None], heights.shape) + 0.5) / count], axis=-1)
+    texels = np.broadcast_to((np.arange(64)[None, :, None] + 0.5) / 64, (count, 64, 3))
+    soup = TriangleMesh(
+        corners.reshape(-1, 3),
+        np.arange(3 * count).reshape(-1, 3),
+        facets.repeat(3, axis=0),
+        uv.reshape(-1, 2),
+    )
+    studio, _ = studio_of(gloss(tmp_path / "result"), soup)
+    one = np.zeros((1, 1, 3))
+    textures = SavedTextures(texels.copy(), one + 0.05, one, one)
+    shown, notes = with_few_faces(replace(studio, material=replace(studio.material, textures=textures)))
+    assert notes == (
+        f"The mesh of {count:,} faces is shown with {len(shown.subject.body.mesh.faces):,}, smooth everywhere and its"
+        " texture from corner to corner.",
+    )
+    vertices = shown.subject.body.mesh.vertices
+    assert shown.subject.body.mesh.uv is None
+    assert shown.material.textures is not None
+    assert shown.material.textures.at_vertices
+    # Vertices lie up to 0.03 mm above the ball, of 40 mm; texels show 0.6 mm each.
+    assert_allclose(shown.material.textures.kd[0, :, 0], vertices[:, 2] / 0.04 + 0.5, atol=0.012)
+
+
+def test_what_borders_keep_from_getting_fewer_faces_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("invrender.output.live.few_faces.MOST_FACES", 10)
-    with pytest.raises(ValueError, match=r"cat\.obj: its mesh has 16,128 faces.* give it fewer seams"):
-        few_faces(tessellated(np.zeros(3), 1.0), "cat.obj")
+    triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    apart = (triangle + 2 * np.arange(20)[:, None, None]).reshape(-1, 3)
+    normals = np.broadcast_to([0.0, 0, 1], apart.shape)
+    with pytest.raises(ValueError, match=r"cat\.obj: its mesh has 20 faces.* its borders keep 20"):
+        few_faces(TriangleMesh(apart, np.arange(60).reshape(-1, 3), normals), "cat.obj")
 
 
 def test_textures_keep_to_the_texels_that_are_known() -> None:

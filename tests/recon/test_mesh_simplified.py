@@ -122,3 +122,11 @@ def test_sharp_edges_that_leave_no_face_are_kept() -> None:
         corners.reshape(-1, 3), np.arange(ball.faces.size).reshape(-1, 3), facets.repeat(3, axis=0)
     )
     assert len(simplified(flat, 100).faces) == len(flat.faces)
+    # Unless they needn't be.
+    few = simplification(flat, 100, seams=False)
+    assert len(few.mesh.faces) <= 100
+    assert is_watertight(few.mesh)
+    outward = few.mesh.vertices / np.linalg.norm(few.mesh.vertices, axis=1, keepdims=True)
+    assert (few.mesh.normals * outward).sum(axis=1).min() > np.cos(np.radians(5))
+    # What is carried over is the original's, corner by corner: there these are the nearest points, too.
+    assert np.linalg.norm(few.carried(flat.vertices) - few.mesh.vertices, axis=1).max() < 4 * _sag(few.mesh)

@@ -8,7 +8,7 @@ from functools import lru_cache
 from invrender.output.render.photographer import Photographer
 from invrender.output.render.subject import Subject
 from invrender.transport.visibility import Shadows
-from recon.mesh.bodies import MeshBody
+from recon.mesh.bodies import MeshBody, blended
 from recon.mesh.simplified import Simplification, simplification
 from recon.mesh.trianglemesh import TriangleMesh
 
@@ -19,19 +19,23 @@ MOST_FACES = 200_000
 def few_faces(mesh: TriangleMesh, what: str) -> tuple[Simplification, tuple[str, ...]]:
     """A mesh as browsers draw it, and a sentence where it has fewer faces than before.
 
-    what : the mesh's name for messages. ValueError where its seams and sharp edges alone have too many faces.
+    Where seams and sharp edges alone have too many faces, it is without them. what : the mesh's name for messages.
+    ValueError where its borders have too many.
     """
+    before, lost = len(mesh.faces), ""
     few = simplification(mesh, MOST_FACES)
-    before, after = len(mesh.faces), len(few.mesh.faces)
-    if after > MOST_FACES:
-        raise ValueError(
-            f"{what}: its mesh has {before:,} faces, and a browser draws {MOST_FACES:,} with ease; its borders, its"
-            f" sharp edges and the seams of its texture keep {after:,}; simplify it in another program, give it fewer"
-            " seams there, and use it in place of this one"
-        )
     if few.mesh is mesh:
         return few, ()
-    return few, (f"The mesh of {before:,} faces is shown with {after:,}.",)
+    if len(few.mesh.faces) > MOST_FACES:
+        few = simplification(mesh, MOST_FACES, seams=False)
+        lost = ", smooth everywhere" + ("" if mesh.uv is None else " and its texture from corner to corner")
+    after = len(few.mesh.faces)
+    if after > MOST_FACES:
+        raise ValueError(
+            f"{what}: its mesh has {before:,} faces, and a browser draws {MOST_FACES:,} with ease; its borders keep"
+            f" {after:,}; simplify it in another program, and use it in place of this one"
+        )
+    return few, (f"The mesh of {before:,} faces is shown with {after:,}{lost}.",)
 
 
 def with_few_faces(studio: Photographer) -> tuple[Photographer, tuple[str, ...]]:
@@ -42,9 +46,13 @@ def with_few_faces(studio: Photographer) -> tuple[Photographer, tuple[str, ...]]
     if not isinstance(studio.subject.body, MeshBody):
         return studio, ()
     subject, few, notes = _shown(studio.subject, str(studio.result.path))
-    material = studio.material
-    if notes and material.textures is not None and material.textures.at_vertices:
-        textures = material.textures.at_points(few.corners, few.weights)
+    material, textures = studio.material, studio.material.textures
+    if notes and textures is not None:
+        if textures.at_vertices:
+            textures = textures.at_points(few.corners, few.weights)
+        elif few.mesh.uv is None:
+            assert studio.subject.body.mesh.uv is not None
+            textures = textures.onto_vertices(blended(studio.subject.body.mesh.uv, few.corners, few.weights))
         material = replace(material, textures=textures)
     return replace(studio, subject=subject, material=material), notes
 
