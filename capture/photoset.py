@@ -105,6 +105,22 @@ class PhotoSet:
         return resolve(self.manifest, path)
 
 
+def check_present(path: Path) -> None:
+    """ValueError for a photo set of which a file is missing, before anything is computed."""
+    photoset = load_photoset(path)
+    files = [file for photo in photoset.photos for file in (photo.file, photo.mask) if file is not None]
+    named = [photoset.object.mesh]
+    for table in photoset.lightings:
+        named += [table.map, *(table.mirror_ball.files if table.mirror_ball else ())]
+    files += [photoset.resolve(name) for name in named if name is not None]
+    missing = [file for file in dict.fromkeys(files) if not file.exists()]
+    if missing:
+        others = f"; {len(missing) - 1} of the set's other files are missing, too" if len(missing) > 1 else ""
+        raise ValueError(
+            f"{missing[0]}: does not exist; check its name, and the folder that it is relative to{others}"
+        )
+
+
 def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool = False) -> PhotoSet:
     """Read a photo set from its folder (or its `photoset.toml`); ValueError says what is wrong, where.
 

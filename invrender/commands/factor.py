@@ -76,6 +76,9 @@ def factor(
     Writes what `process` writes, for `render` and `compare` too: OUT/result.json, report.html, predicted/, lighting.exr
     (the light without its lamps); and factor.png: look at it.
     """
+    from capture.photoset import check_present
+
+    check_present(photoset)
     from invrender.factor.choices import read_choices
     from invrender.factor.run import run_factor
 

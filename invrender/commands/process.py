@@ -37,6 +37,9 @@ def process(
     browser), OUT/predicted/ (EXR) and the lighting as used. Kd is in 1/sr, so the albedo is pi Kd; sigma is
     in radians.
     """
+    from capture.photoset import check_present
+
+    check_present(photoset)
     from invrender.output.report.run import run_process
 
     run_process(photoset, out, samples, published)
