@@ -32,6 +32,14 @@ def _one_thread() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Solved sets that tests leave unfinished aren't kept among the user's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LIGHTFACTOR_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 def _find_data(environ: Mapping[str, str]) -> Path:
     """The folder of real photographs: skip where nobody promised it, fail where it was promised."""
     folder = environ.get("LIGHTFACTOR_DATA")

@@ -30,6 +30,12 @@ def process(
             " over mu and sigma, Kd and Ks by least squares, no error bars.",
         ),
     ] = False,
+    fresh: Annotated[
+        bool,
+        typer.Option(
+            "--fresh", help="Solve anew, although a run that was stopped among its pictures had solved this."
+        ),
+    ] = False,
 ) -> None:
     """Recover BRDF and error bars, and the lighting where it is unknown, from a photo set of a sphere or a mesh.
 
@@ -42,4 +48,4 @@ def process(
     check_present(photoset)
     from invrender.output.report.run import run_process
 
-    run_process(photoset, out, samples, published)
+    run_process(photoset, out, samples, published, fresh)

@@ -44,6 +44,11 @@ class CachedShader:
     _serve: dict[str, bool] = field(default_factory=dict, repr=False)
     _trying: Lock = field(default_factory=Lock, repr=False)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # Its lock is of this process.
+        given = self.brdf, self.elements, self.fields, self.photos, self.shadows, self.tolerance
+        return CachedShader, given
+
     def radiance(self, lighting: str, strengths: Floats, samples: LightField) -> Floats:
         """Radiance (n, 3) of samples; strengths : (elements, 3)."""
         many = len(samples.ray_sample) * self.photos[lighting] >= _MANY

@@ -98,7 +98,7 @@ def outcomes(sets: Sequence[AskedSet], out: Path, workers: int, fresh: bool) -> 
             return Outcome(asked, folder, "kept")
         share = shares.get()
         try:
-            return _processed(asked, folder, share)
+            return _processed(asked, folder, share, fresh)
         finally:
             shares.put(share)
 
@@ -112,9 +112,9 @@ def outcomes(sets: Sequence[AskedSet], out: Path, workers: int, fresh: bool) -> 
                 future.cancel()
 
 
-def _processed(asked: AskedSet, folder: Path, share: set[int]) -> Outcome:
+def _processed(asked: AskedSet, folder: Path, share: set[int], fresh: bool) -> Outcome:
     command = [*PROGRAM, "process", str(asked.manifest), "-o", str(folder), "--samples", str(asked.samples)]
-    command += ["--published"] if asked.published else []
+    command += (["--published"] if asked.published else []) + (["--fresh"] if fresh else [])
     begun = time.monotonic()
     # Of what it says, the last counts: a file holds it, however much it is.
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:

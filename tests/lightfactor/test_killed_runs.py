@@ -24,6 +24,11 @@ def numbers(out: Path) -> object:
     return document
 
 
+def hidden_and_kept(folder: Path) -> list[str]:
+    """What lies in a folder, that of solved sets which wait for their pictures among it."""
+    return sorted(path.name for path in folder.iterdir()) + os.listdir(os.environ["LIGHTFACTOR_CACHE"])
+
+
 @pytest.mark.slow
 def test_a_run_after_killed_ones_gives_the_same_result_and_leaves_nothing_else(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set")
@@ -49,4 +54,4 @@ def test_a_run_after_killed_ones_gives_the_same_result_and_leaves_nothing_else(t
     assert {path.name for path in out.iterdir()} == {
         path.name for path in (tmp_path / "undisturbed").iterdir()
     }
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "set", "undisturbed"]
+    assert hidden_and_kept(tmp_path) == ["out", "set", "undisturbed"]

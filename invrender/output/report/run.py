@@ -13,6 +13,7 @@ from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity, limits
 from invrender.estimate.solution import Solution
 from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
+from invrender.output.report.unfinished import forget_run, keep_run, kept_run, unfinished_key
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.result.document import errors_in_words, identifiability, own_numbers
 from invrender.result.run import Run
@@ -22,18 +23,31 @@ from invrender.wording import PARAMETER_LABELS, parameter_lines
 _MOST_MODELS = 5
 
 
-def run_process(source: Path, out: Path, samples: int = DEFAULT_SAMPLES, published: bool = False) -> Run:
-    """Process a photo set into a result folder and print the summary."""
+def run_process(
+    source: Path, out: Path, samples: int = DEFAULT_SAMPLES, published: bool = False, fresh: bool = False
+) -> Run:
+    """Process a photo set into a result folder and print the summary.
+
+    fresh : whether it is solved anew although a run that was killed had solved it.
+    """
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
+    settings = {"samples": samples, "published": published}
     with claimed(out):
+        key = unfinished_key(photoset, settings)
+        kept = None if fresh else kept_run(key)
         with result_folder(out, RESULT_FILES) as folder:
-            run = process(photoset, samples, track, published=published)
-            document = write_fit(run, folder, {"settings": {"samples": samples, "published": published}})
+            run = process(photoset, samples, track, published=published) if kept is None else kept
+            document = write_fit(run, folder, {"settings": settings})
+        if kept is None:
+            keep_run(key, run)
+        else:
+            console.print("An earlier run had solved this and was stopped: its pictures are made now.")
         _print_summary(run)
         # What was found is safe now, whatever becomes of the pictures.
         with added_files(out, PICTURES) as folder:
             document = write_pictures(run, folder, document, track)
+        forget_run(key)
     console.print(errors_in_words(document["fit"]))
     console.print(
         f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True
