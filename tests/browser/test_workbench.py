@@ -128,7 +128,7 @@ def test_the_exact_picture_is_the_one_that_is_rendered(page: Page, bench: Served
     )
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_results_are_compared_and_relit_under_a_map_of_ones_own(
     page: Page, bench: Served, ball: Path, tmp_path: Path
 ) -> None:
