@@ -100,6 +100,17 @@ class PhotoSet:
         """Those that only score predictions."""
         return tuple(photo for photo in self.photos if photo.held_out)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that the set is made of, the manifest first; each once."""
+        paths = [self.manifest, *self.calibration_files]
+        paths += [self.resolve(self.object.mesh)] if self.object.mesh else []
+        paths += [file for photo in self.photos for file in (photo.file, photo.mask) if file is not None]
+        for table in self.lightings:
+            named = (table.map, *(table.mirror_ball.files if table.mirror_ball else ()))
+            paths += [self.resolve(name) for name in named if name is not None]
+        return tuple(dict.fromkeys(paths))
+
     def resolve(self, path: str) -> Path:
         """A path of the manifest, relative to it, with environment variables filled in."""
         return resolve(self.manifest, path)
@@ -107,13 +118,7 @@ class PhotoSet:
 
 def check_present(path: Path) -> None:
     """ValueError for a photo set of which a file is missing, before anything is computed."""
-    photoset = load_photoset(path)
-    files = [file for photo in photoset.photos for file in (photo.file, photo.mask) if file is not None]
-    named = [photoset.object.mesh]
-    for table in photoset.lightings:
-        named += [table.map, *(table.mirror_ball.files if table.mirror_ball else ())]
-    files += [photoset.resolve(name) for name in named if name is not None]
-    missing = [file for file in dict.fromkeys(files) if not file.exists()]
+    missing = [file for file in load_photoset(path).files if not file.exists()]
     if missing:
         others = f"; {len(missing) - 1} of the set's other files are missing, too" if len(missing) > 1 else ""
         raise ValueError(

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from capture.files.imagefile import read_pixels
 from capture.photoset import load_photoset
 from invrender.output.report import run as command
+from invrender.output.report.files import photoset_hashes
 from invrender.output.report.unfinished import keep_run, kept_run, unfinished_key
 from invrender.process.pipeline import process
 
@@ -19,6 +20,11 @@ from .faultysets import SIZE, change_manifest, change_pixels, write_set
 
 SETTINGS = {"samples": 2000, "published": False}
 LAMPS = r"directional = .*"
+
+
+def key_of(folder: Path, settings: dict[str, object]) -> str:
+    photoset = load_photoset(folder)
+    return unfinished_key(photoset, photoset_hashes(photoset), settings)
 
 
 def assert_alike(one: Path, other: Path) -> None:
@@ -58,14 +64,14 @@ def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     # What is done isn't kept.
     assert not list(Path(os.environ["LIGHTFACTOR_CACHE"]).iterdir())
     monkeypatch.setattr(command, "process", solve)
-    assert kept_run(unfinished_key(load_photoset(folder), SETTINGS)) is None
+    assert kept_run(key_of(folder, SETTINGS)) is None
 
 
 def test_whatever_changes_what_is_solved_changes_the_key(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set")
 
     def key(**settings: object) -> str:
-        return unfinished_key(load_photoset(folder), SETTINGS | settings)
+        return key_of(folder, SETTINGS | settings)
 
     keys = [key(), key(samples=3000), key(published=True)]
     assert key() == keys[0]
@@ -77,7 +83,7 @@ def test_whatever_changes_what_is_solved_changes_the_key(tmp_path: Path) -> None
     change_pixels(folder, lambda k, pixels: pixels * (1.01 if k == 5 else 1))
     keys.append(key())
     moved = folder.rename(tmp_path / "moved")
-    keys.append(unfinished_key(load_photoset(moved), SETTINGS))
+    keys.append(key_of(moved, SETTINGS))
     assert len(set(keys)) == len(keys)
 
 

@@ -20,10 +20,15 @@ RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEX
 PICTURES = "predicted photographs and report"
 
 
-def write_fit(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def write_fit(
+    run: Run,
+    folder: Path,
+    more: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
     """Write everything that a run found into a folder, but for its pictures; what stands in result.json.
 
-    more : further keys of it.
+    more : further keys of it. inputs : the set's `photoset_hashes`, where they are known.
     """
     files = {}
     several = len(run.solution.lightings) > 1
@@ -34,7 +39,7 @@ def write_fit(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> 
     if run.textures is not None:
         assert run.photoset.mesh_to_world is not None
         run.textures.write(folder, run.photoset.mesh_to_world)
-    document = result_document(run, files, photoset_hashes(run.photoset))
+    document = result_document(run, files, photoset_hashes(run.photoset) if inputs is None else inputs)
     document |= {"predicted_binning": None, **(more or {})}
     write_json(folder / "result.json", document)
     return document
@@ -76,15 +81,8 @@ def photo_file_names(labels: Sequence[str]) -> dict[str, str]:
 
 def photoset_hashes(photoset: PhotoSet) -> dict[str, str]:
     """Hashes of every file that the result depends on, by its place in the set's folder, or its name elsewhere."""
-    paths = [photoset.manifest, *photoset.calibration_files]
-    paths += [photoset.resolve(photoset.object.mesh)] if photoset.object.mesh else []
-    for photo in photoset.photos:
-        paths += [photo.file] + ([photo.mask] if photo.mask else [])
-    for table in photoset.lightings:
-        named = (table.map, *(table.mirror_ball.files if table.mirror_ball else ()))
-        paths += [photoset.resolve(name) for name in named if name]
     hashes: dict[str, str] = {}
-    for path in dict.fromkeys(paths):
+    for path in photoset.files:
         inside = path.is_relative_to(photoset.folder)
         name = str(path.relative_to(photoset.folder)) if inside else path.name
         hashes[name if name not in hashes else str(path)] = file_hash(path)

@@ -12,7 +12,7 @@ from capture.photoset import load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity, limits
 from invrender.estimate.solution import Solution
-from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
+from invrender.output.report.files import PICTURES, RESULT_FILES, photoset_hashes, write_fit, write_pictures
 from invrender.output.report.unfinished import forget_run, keep_run, kept_run, unfinished_key
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.result.document import errors_in_words, identifiability, own_numbers
@@ -34,11 +34,12 @@ def run_process(
     photoset = load_photoset(source)
     settings = {"samples": samples, "published": published}
     with claimed(out):
-        key = unfinished_key(photoset, settings)
+        inputs = photoset_hashes(photoset)
+        key = unfinished_key(photoset, inputs, settings)
         kept = None if fresh else kept_run(key)
         with result_folder(out, RESULT_FILES) as folder:
             run = process(photoset, samples, track, published=published) if kept is None else kept
-            document = write_fit(run, folder, {"settings": settings})
+            document = write_fit(run, folder, {"settings": settings}, inputs)
         if kept is None:
             keep_run(key, run)
         else:

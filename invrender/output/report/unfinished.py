@@ -21,7 +21,6 @@ import invrender
 import recon
 from capture.files.outfolder import result_files
 from capture.photoset import PhotoSet
-from invrender.output.report.files import photoset_hashes
 from invrender.result.run import Run
 
 # Names the folder in place of the user's cache.
@@ -29,12 +28,14 @@ CACHE_VARIABLE = "LIGHTFACTOR_CACHE"
 _KEPT_S = 30 * 24 * 3600.0
 
 
-def unfinished_key(photoset: PhotoSet, settings: Mapping[str, object]) -> str:
-    """What a solution depends on, as a hash: the set's files and where they lie, the settings, the program's code."""
+def unfinished_key(photoset: PhotoSet, inputs: Mapping[str, str], settings: Mapping[str, object]) -> str:
+    """What a solution depends on, as a hash: the set's files and where they lie, the settings, the program's code.
+
+    inputs : the set's `photoset_hashes`.
+    """
     parts = [
-        str(photoset.manifest.resolve()),
-        [str(photo.file) for photo in photoset.photos],
-        photoset_hashes(photoset),
+        [str(path.absolute()) for path in photoset.files],
+        dict(inputs),
         dict(settings),
         _code_hash(),
         sys.version,
