@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from invrender.result.saved import SavedResult
+from invrender.result.saved import SavedQuantity, SavedResult
 from invrender.wording import parameter_lines
 
 
@@ -36,11 +36,15 @@ def shown_numbers(result: SavedResult) -> Iterator[ShownNumber]:
             if why.reason:
                 yield ShownNumber(name, "-", "not needed", why.reason, why.remedy)
             continue
-        value, std = (
-            None if of is None else np.atleast_1d(np.array(of, float))
-            for of in (quantity.value, quantity.std)
-        )
-        if value is not None and std is None:
-            std = np.zeros_like(value)
-        for label, text in parameter_lines(name, value, std, result.is_absolute):
+        for label, text in quantity_lines(name, quantity, result.is_absolute):
             yield ShownNumber(label, text, quantity.status, why.reason, why.remedy)
+
+
+def quantity_lines(name: str, quantity: SavedQuantity, is_absolute: bool) -> list[tuple[str, str]]:
+    """Label and text of each number of a parameter; is_absolute : as of `parameter_lines`."""
+    value, std = (
+        None if of is None else np.atleast_1d(np.array(of, float)) for of in (quantity.value, quantity.std)
+    )
+    if value is not None and std is None:
+        std = np.zeros_like(value)
+    return parameter_lines(name, value, std, is_absolute)

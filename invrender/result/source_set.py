@@ -57,18 +57,11 @@ def find_photoset(result: SavedResult, given: Path | None) -> PhotoSet | None:
 
 def cameras_hash(photoset: PhotoSet) -> str:
     """sha256 of what pictures ask of a set: its photographs' names, cameras and poses."""
-    cameras = [
-        [
-            photo.label,
-            camera.model,
-            list(camera.params),
-            camera.width,
-            camera.height,
-            numbers(camera.world_to_camera),
-        ]
-        for photo in photoset.photos
-        for camera in (photo.camera,)
-    ]
+    cameras = []
+    for photo in photoset.photos:
+        camera = photo.camera
+        pose = numbers(camera.world_to_camera)
+        cameras.append([photo.label, camera.model, list(camera.params), camera.width, camera.height, pose])
     return f"sha256:{hashlib.sha256(json.dumps(cameras).encode()).hexdigest()}"
 
 

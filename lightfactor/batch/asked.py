@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import glob
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from capture.photoset import MANIFEST_NAME
@@ -136,7 +136,4 @@ def _with_names(sets: Sequence[AskedSet]) -> list[AskedSet]:
             raise ValueError(
                 f"a set is to be called {name!r}, but its name is that of a folder for its result"
             )
-    return [
-        AskedSet(each.manifest, name, each.samples, each.published)
-        for each, name in zip(sets, names, strict=True)
-    ]
+    return [replace(asked, name=name) for asked, name in zip(sets, names, strict=True)]

@@ -15,7 +15,7 @@ from capture.files.imagefile import read_pixels
 from invrender.output.pages import page_template
 from invrender.output.report.pictures import image_url, tone_mapped, white_level
 from invrender.result.saved import SavedQuantity, SavedResult
-from invrender.wording import parameter_lines
+from invrender.result.shown import quantity_lines
 from lightfactor.batch.running import Outcome
 
 PAGE_NAME = "index.html"
@@ -59,18 +59,16 @@ def _row(outcome: Outcome, numbers: Mapping[str, Any]) -> _Row:
         return _Row(outcome, "", "", (), ())
     errors = tuple(_percent(numbers[f"error_{kind}"]) for kind in ("fitted", "unseen", "held_out"))
     cells = [_cell(result, name) for name in _NUMBERS.values()]
-    return _Row(outcome, _thumbnail(outcome.folder), numbers["model"], errors, tuple(cells))
+    return _Row(outcome, _thumbnail(result.folder), numbers["model"], errors, tuple(cells))
 
 
 def _cell(result: SavedResult, name: str) -> _Cell:
     quantity: SavedQuantity | None = getattr(result.content.brdf, name)
     if quantity is None or quantity.value is None:
         return _Cell(("-",), None, "" if quantity is None else quantity.status)
-    values = np.atleast_1d(np.array(quantity.value, float))
-    std = np.zeros_like(values) if quantity.std is None else np.atleast_1d(np.array(quantity.std, float))
-    texts = [text for _, text in parameter_lines(name, values, std)]
+    texts = [text for _, text in quantity_lines(name, quantity, result.is_absolute)]
     # One number of all channels is said once.
-    return _Cell(tuple(dict.fromkeys(texts)), float(values.mean()), quantity.status)
+    return _Cell(tuple(dict.fromkeys(texts)), float(np.mean(quantity.value)), quantity.status)
 
 
 def _percent(share: float | None) -> _Cell:

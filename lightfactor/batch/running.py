@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Literal
@@ -33,52 +33,47 @@ _running: set[subprocess.Popen[str]] = set()
 _stopped, _starting = threading.Event(), threading.Lock()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a set. kept : its result was there. error : what is wrong, where it failed. seconds : it took."""
+    """What became of a set, and what was found of it; `result` is None where it failed.
+
+    kept : its result was there. error : what is wrong. seconds : how long it took.
+    """
 
     asked: AskedSet
-    folder: Path
     status: Status
+    result: SavedResult | None
     error: str = ""
     seconds: float = 0.0
 
     @property
-    def result(self) -> SavedResult | None:
-        """What was found, where there is a result."""
-        return None if self.status == "failed" else read_result(self.folder)
-
-    @property
     def in_words(self) -> str:
         """The outcome in a few words."""
-        result = self.result
-        if result is None:
-            return f"{self.asked.name}: failed"
-        error = result.content.fit.fitted
-        return f"{self.asked.name}: {'kept' if error is None else f'{error:.2%}'}"
+        error = self.result and self.result.content.fit.fitted
+        return f"{self.asked.name}: {self.status if error is None else f'{error:.2%}'}"
 
 
-def is_whole(folder: Path) -> bool:
-    """Whether a folder has a result with its report and as many predicted photographs as it should."""
+def whole_result(folder: Path) -> SavedResult | None:
+    """The result in a folder, if it has its report and as many predicted photographs as it should."""
     try:
-        photos = read_result(folder).content.photos
+        result = read_result(folder)
     except (ValueError, OSError):
-        return False
+        return None
     predicted = list((folder / "predicted").glob("*.exr"))
-    return (folder / "report.html").is_file() and len(predicted) == len(photos)
+    is_whole = (folder / "report.html").is_file() and len(predicted) == len(result.content.photos)
+    return result if is_whole else None
 
 
-def is_current(asked: AskedSet, folder: Path) -> bool:
-    """Whether a whole result is there, made of the set as it is now, with these settings, by this version."""
-    if not is_whole(folder):
-        return False
-    content = read_result(folder).content
-    if content.settings != asked.settings or content.software != software():
-        return False
+def current_result(asked: AskedSet, folder: Path) -> SavedResult | None:
+    """The whole result in a folder, if it was made of the set as it is now, with its settings, by this version."""
+    result = whole_result(folder)
+    if result is None or (result.content.settings, result.content.software) != (asked.settings, software()):
+        return None
     try:
-        return content.inputs == photoset_hashes(load_photoset(asked.manifest))
+        now = photoset_hashes(load_photoset(asked.manifest))
     except (ValueError, OSError):
-        return False
+        return None
+    return result if result.content.inputs == now else None
 
 
 def outcomes(sets: Sequence[AskedSet], out: Path, workers: int, fresh: bool) -> Iterator[Outcome]:
@@ -94,8 +89,8 @@ def outcomes(sets: Sequence[AskedSet], out: Path, workers: int, fresh: bool) -> 
 
     def run(asked: AskedSet) -> Outcome:
         folder = out / asked.name
-        if not fresh and is_current(asked, folder):
-            return Outcome(asked, folder, "kept")
+        if not fresh and (result := current_result(asked, folder)) is not None:
+            return Outcome(asked, "kept", result)
         share = shares.get()
         try:
             return _processed(asked, folder, share, fresh)
@@ -120,7 +115,7 @@ def _processed(asked: AskedSet, folder: Path, share: set[int], fresh: bool) -> O
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:
         with _starting:
             if _stopped.is_set():
-                return Outcome(asked, folder, "failed", "the batch was stopped")
+                return Outcome(asked, "failed", None, "the batch was stopped")
             process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, text=True
             )
@@ -131,10 +126,11 @@ def _processed(asked: AskedSet, folder: Path, share: set[int], fresh: bool) -> O
         _running.discard(process)
         said.seek(0)
         text = said.read()
-    outcome = Outcome(asked, folder, "done", seconds=time.monotonic() - begun)
-    if code == 0 and is_whole(folder):
-        return outcome
-    return replace(outcome, status="failed", error=_why(text, code))
+    seconds = time.monotonic() - begun
+    result = whole_result(folder) if code == 0 else None
+    if result is None:
+        return Outcome(asked, "failed", None, _why(text, code), seconds)
+    return Outcome(asked, "done", result, seconds=seconds)
 
 
 def _why(said: str, code: int) -> str:

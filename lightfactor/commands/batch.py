@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-DEFAULT_SAMPLES = 60_000
+from invrender.commands.process import DEFAULT_SAMPLES
 
 
 def batch(

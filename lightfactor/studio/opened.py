@@ -62,15 +62,28 @@ class Opened:
                 continue
         return None, problem
 
-    def photo(self, key: str) -> tuple[PhotoSet, Photo]:
-        """A photograph of the set by its id."""
+    def _shown(self) -> PhotoSet:
+        """The set as far as it goes; ValueError where there is none."""
         photoset, problem = self.as_far_as_it_goes()
         if photoset is None:
             raise ValueError(problem)
+        return photoset
+
+    def photo(self, key: str) -> tuple[PhotoSet, Photo]:
+        """A photograph of the set by its id."""
+        photoset = self._shown()
         for photo in photoset.photos:
             if key_of(photo.label) == key:
                 return photoset, photo
         raise UnknownIdError(f"photo {key}: the set has none of this id; load the page again")
+
+    def lighting(self, key: str) -> tuple[PhotoSet, int]:
+        """The set, and which of its lightings has an id."""
+        photoset = self._shown()
+        for number, table in enumerate(photoset.lightings):
+            if key_of(table.name) == key:
+                return photoset, number
+        raise UnknownIdError(f"light {key}: the set has none of this id; load the page again")
 
     def results(self) -> Iterator[Path]:
         """Folders of results, by name."""

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from capture.lighting import Lighting
 from capture.manifest import LightingTable
-from capture.photoset import PhotoSet
 from capture.source_region import SourceRegion
 from invrender.output.live.packed import packed
 from invrender.result.saved import SavedResult
 from lightfactor.studio.manifest import write_key
-from lightfactor.studio.opened import Opened, UnknownIdError, key_of
+from lightfactor.studio.opened import Opened
 from lightfactor.studio.pictures import ONE_AT_A_TIME
 from recon.lighting import read_lighting
 
@@ -33,7 +32,7 @@ def light_seen(opened: Opened, key: str, result: SavedResult | None) -> bytes:
 
     As a result recovered it; without one, as the set's mirror ball shows it. ValueError where neither does.
     """
-    photoset, number = _lighting(opened, key)
+    photoset, number = opened.lighting(key)
     table = photoset.lightings[number]
     if result is not None:
         return _packed(result.read_lighting(result.lighting(table.name)))
@@ -48,7 +47,7 @@ def save_regions(opened: Opened, key: str, regions: Sequence[Mapping[str, Any]])
 
     ValueError where one is no direction with a radius up to 180 degrees; nothing is written then.
     """
-    photoset, number = _lighting(opened, key)
+    photoset, number = opened.lighting(key)
     table = photoset.lightings[number]
     if not takes_regions(table):
         raise ValueError(f"light {table.name!r} is given: no lamps are looked for in it")
@@ -60,17 +59,6 @@ def save_regions(opened: Opened, key: str, regions: Sequence[Mapping[str, Any]])
         SourceRegion(direction, np.radians([radius]))
         kept.append({"direction": np.round(direction, 4).tolist(), "radius_deg": round(radius, 1)})
     write_key(photoset.manifest, "lighting", number, "source_regions", kept or None)
-
-
-def _lighting(opened: Opened, key: str) -> tuple[PhotoSet, int]:
-    """The set, and which of its lightings has an id."""
-    photoset, problem = opened.as_far_as_it_goes()
-    if photoset is None:
-        raise ValueError(problem)
-    for number, table in enumerate(photoset.lightings):
-        if key_of(table.name) == key:
-            return photoset, number
-    raise UnknownIdError(f"light {key}: the set has none of this id; load the page again")
 
 
 def _packed(lighting: Lighting) -> bytes:

@@ -5,6 +5,7 @@ import { byId, cleared, element } from "./building.js";
 import { MARK, mark } from "./marks.js";
 import { unpacked } from "./packed.js";
 import { exposed, whiteLevel } from "./radianceview.js";
+import { cross, direction, dot } from "./vectors.js";
 
 const canvas = byId("region-map"), box = byId("regions"), choice = byId("region-light"), RADIANS = Math.PI / 180;
 // Of a region that is new, and of one that nothing is known of; what lies outside is dimmed so.
@@ -56,11 +57,6 @@ async function look() {
 const say = (text) => { byId("region-said").textContent = text; };
 const triples = (data) => Array.from({ length: data.length / 3 }, (_, k) => [...data.slice(3 * k, 3 * k + 3)]);
 
-function directionOf(azimuth, elevation) {
-  const level = Math.cos(elevation * RADIANS);
-  return [level * Math.cos(azimuth * RADIANS), level * Math.sin(azimuth * RADIANS), Math.sin(elevation * RADIANS)];
-}
-
 function angles([x, y, z]) {
   const azimuth = Math.atan2(y, x) / RADIANS;
   return [azimuth < 0 ? azimuth + 360 : azimuth, Math.atan2(z, Math.hypot(x, y)) / RADIANS];
@@ -68,9 +64,9 @@ function angles([x, y, z]) {
 
 const onCanvas = (azimuth, elevation) => [(azimuth / 360) * canvas.width, ((90 - elevation) / 180) * canvas.height];
 
-function unit(direction) {
-  const length = Math.hypot(...direction);
-  return direction.map((value) => value / length);
+function unit(vector) {
+  const length = Math.hypot(...vector);
+  return vector.map((value) => value / length);
 }
 
 /** Codes of the map, dimmed where no lamps may be. */
@@ -78,11 +74,11 @@ function pictured() {
   const height = seen?.height ?? 64, width = 2 * height;
   const radiance = seen?.radiance ?? new Float32Array(3 * width * height).fill(GREY);
   const codes = exposed(radiance, seen ? whiteLevel(radiance) : 1);
-  const cones = light.regions.map(({ direction, radiusDeg }) => [unit(direction), Math.cos(radiusDeg * RADIANS)]);
+  const cones = light.regions.map((region) => [unit(region.direction), Math.cos(region.radiusDeg * RADIANS)]);
   if (cones.length) {
     for (let k = 0; k < width * height; k++) {
-      const way = directionOf((((k % width) + 0.5) * 360) / width, 90 - ((Math.floor(k / width) + 0.5) * 180) / height);
-      if (cones.some(([axis, cos]) => axis[0] * way[0] + axis[1] * way[1] + axis[2] * way[2] >= cos)) continue;
+      const way = direction((((k % width) + 0.5) * 360) / width, 90 - ((Math.floor(k / width) + 0.5) * 180) / height);
+      if (cones.some(([axis, cos]) => dot(axis, way) >= cos)) continue;
       for (let c = 0; c < 3; c++) codes[4 * k + c] *= DIMMED;
     }
   }
@@ -118,16 +114,15 @@ function draw() {
     const [, y] = onCanvas(0, elevation);
     line([0, y], [width, y], `${elevation}°`, 3 * ratio, y - 3 * ratio);
   }
-  for (const { direction, radiusDeg } of light.regions) outline(context, unit(direction), radiusDeg * RADIANS, ratio);
+  for (const region of light.regions) outline(context, unit(region.direction), region.radiusDeg * RADIANS, ratio);
   seen?.lamps.forEach((lamp, k) => mark(context, ...onCanvas(...angles(lamp)), `${k + 1}`));
-  if (at && document.activeElement === canvas) outline(context, directionOf(...at), 2 * RADIANS, ratio);
+  if (at && document.activeElement === canvas) outline(context, direction(...at), 2 * RADIANS, ratio);
 }
 
 /** The circle of directions at an angle from an axis. */
 function outline(context, axis, radius, ratio) {
   const other = Math.abs(axis[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0];
-  const across = unit([axis[1] * other[2] - axis[2] * other[1], axis[2] * other[0] - axis[0] * other[2], axis[0] * other[1] - axis[1] * other[0]]);
-  const along = [axis[1] * across[2] - axis[2] * across[1], axis[2] * across[0] - axis[0] * across[2], axis[0] * across[1] - axis[1] * across[0]];
+  const across = unit(cross(axis, other)), along = cross(axis, across);
   context.beginPath();
   let before = null;
   for (let k = 0; k <= ROUND; k++) {
@@ -147,14 +142,14 @@ function outline(context, axis, radius, ratio) {
 }
 
 function list() {
-  const rows = light.regions.map(({ direction, radiusDeg }, k) => {
-    const values = [...angles(unit(direction)), radiusDeg];
+  const rows = light.regions.map((region, k) => {
+    const values = [...angles(unit(region.direction)), region.radiusDeg];
     const inputs = ASKS.map(([name, min, max], place) => {
       const input = element("input", { type: "number", min, max, step: 1, value: Math.round(values[place]), "aria-label": `Region ${k + 1}: ${name}, degrees` });
       input.addEventListener("change", () => {
         if (!input.checkValidity()) return input.reportValidity();
         const [azimuth, elevation, radius] = inputs.map((each) => Number(each.value));
-        keep(light.regions.with(k, { direction: directionOf(azimuth, elevation), radiusDeg: radius }));
+        keep(light.regions.with(k, { direction: direction(azimuth, elevation), radiusDeg: radius }));
       });
       return input;
     });
@@ -167,7 +162,7 @@ function list() {
 }
 
 async function keep(regions) {
-  const sent = regions.map(({ direction, radiusDeg }) => ({ direction: unit(direction), radiusDeg }));
+  const sent = regions.map((region) => ({ ...region, direction: unit(region.direction) }));
   try {
     await posted(`/api/lightings/${light.id}/source-regions`, { regions: sent });
     document.dispatchEvent(new CustomEvent("changed"));
@@ -176,7 +171,7 @@ async function keep(regions) {
   }
 }
 
-const add = ([azimuth, elevation]) => keep([...light.regions, { direction: directionOf(azimuth, elevation), radiusDeg: RADIUS }]);
+const add = ([azimuth, elevation]) => keep([...light.regions, { direction: direction(azimuth, elevation), radiusDeg: RADIUS }]);
 
 canvas.addEventListener("click", (event) => {
   const { left, top, width, height } = canvas.getBoundingClientRect();
