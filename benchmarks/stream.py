@@ -71,7 +71,7 @@ def _stream(photoset: PhotoSet, body: Body, budget: int) -> tuple[float, int]:
 def _decode(photoset: PhotoSet) -> float:
     begin = time.perf_counter()
     for _ in parallel_map(
-        lambda photo: float(decode_photo(photoset, photo).radiance[0, 0, 0]), photoset.photos
+        lambda photo: float(decode_photo(photoset.radiometry, photo).radiance[0, 0, 0]), photoset.photos
     ):
         pass
     return time.perf_counter() - begin

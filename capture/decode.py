@@ -19,7 +19,7 @@ from capture.files.imagefile import read_cover, read_exr_layers, read_file, read
 from capture.files.imageheader import Header, is_raw
 from capture.files.jpegtables import JpegTables, jpeg_tables
 from capture.files.rawfile import read_raw
-from capture.photoset import Photo, PhotoSet
+from capture.photoset import Photo
 from capture.radiance import LOSSY_REACH, Image, Places, RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatField
@@ -66,10 +66,10 @@ def decode(
     return image if flat_field is None else _flattened(path, image, flat_field)
 
 
-def decode_photo(photoset: PhotoSet, photo: Photo) -> RadianceImage:
-    """Decode a photograph of a set as its manifest says, and check it against its camera."""
+def decode_photo(radiometry: Radiometry, photo: Photo) -> RadianceImage:
+    """Decode a photograph as its set's radiometry says, and check it against its camera."""
     size = (photo.camera.height, photo.camera.width)
-    return decode_in_set(photoset.radiometry, photo.file, photo.exposure, size)
+    return decode_in_set(radiometry, photo.file, photo.exposure, size)
 
 
 def photo_mask(photo: Photo) -> Image | None:

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -15,9 +16,24 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
+# Whether whoever calls is one of many that do the same beside each other.
+_beside_others: ContextVar[bool] = ContextVar("beside_others", default=False)
+
+
 def cores() -> int:
     """How many threads share the work."""
-    return len(usable_cores())
+    return 1 if _beside_others.get() else len(usable_cores())
+
+
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Keep the work within the block to its thread, and BLAS to one: other processes work on the other cores."""
+    token = _beside_others.set(True)
+    try:
+        with one_blas_thread():
+            yield
+    finally:
+        _beside_others.reset(token)
 
 
 def usable_cores() -> list[int]:

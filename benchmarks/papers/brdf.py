@@ -66,7 +66,7 @@ def slices(place: Workplace) -> Outcome:
 
     photo, _ = area.fitted[2 * len(area.fitted) // 5]
     rendering = Rendering.of(area, photo)
-    observed = rendering.cut(decode_photo(area.photoset, photo).radiance)
+    observed = rendering.cut(decode_photo(area.photoset.radiometry, photo).radiance)
     white = float(np.quantile(observed, 0.995))
     soft = rendering.of_brdf(low, light_coefficients(area.lightings[photo.lighting], low.order))
     flash = rendering.of_brdf(high, project_sources(rendering.towards[None], np.ones((1, 3)), high.order))

@@ -50,7 +50,7 @@ def dual_steps(place: Workplace) -> Outcome:
     assert dual is not None
     photo = photoset.fitted[len(photoset.fitted) // 2]
     body = find_body(photoset).body
-    observed = decode_photo(photoset, photo)
+    observed = decode_photo(photoset.radiometry, photo)
     field = samples_at(body, photo.camera, observed, *body_pixels(body, photo.camera), NO_SOURCES)
     top, left, bottom, right = body_window(body, photo.camera)
     passed = clamped_cosine_transfer(2)[degrees(2)]

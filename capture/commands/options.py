@@ -81,6 +81,24 @@ ResultOut = Annotated[
         show_default=False,
     ),
 ]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="Processes on this machine that photographs are spread over, instead of threads: one that is killed, for"
+        " memory or by a file that a library fails on, takes only its photograph with it.",
+    ),
+]
+ClusterAddress = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers the photographs are spread over, tcp://HOST:8786; needs"
+        " 'lightfactor[cluster]' and a folder that all see, named by LIGHTFACTOR_CACHE.",
+    ),
+]
 JsonOut = Annotated[
     Path,
     typer.Option("-o", "--out", metavar="OUT", help="JSON file to write; an earlier one is replaced."),

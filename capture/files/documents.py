@@ -18,9 +18,20 @@ from numpy.typing import ArrayLike
 
 from capture.files.tables import AnyTable, validated
 
+# Hashes of files that were read, by what tells that they are still the same.
+_hashes: dict[tuple[int, ...], str] = {}
+
 
 def file_hash(path: Path) -> str:
-    """sha256 of a file, as results name their inputs."""
+    """sha256 of a file, as results name their inputs; a file that hasn't changed is read once."""
+    found = path.stat()
+    same = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+    if same not in _hashes:
+        _hashes[same] = _hash_of(path)
+    return _hashes[same]
+
+
+def _hash_of(path: Path) -> str:
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(1 << 20):

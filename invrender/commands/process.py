@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import ResultOut, SetFolder
+from capture.commands.options import ClusterAddress, ResultOut, SetFolder, Workers
 
 DEFAULT_SAMPLES = 60_000
 
@@ -33,9 +33,11 @@ def process(
     fresh: Annotated[
         bool,
         typer.Option(
-            "--fresh", help="Solve anew, although a run that was stopped among its pictures had solved this."
+            "--fresh", help="Compute all anew, whatever earlier runs kept (`lightfactor cache` lists it)."
         ),
     ] = False,
+    workers: Workers = None,
+    cluster: ClusterAddress = None,
 ) -> None:
     """Recover BRDF and error bars, and the lighting where it is unknown, from a photo set of a sphere or a mesh.
 
@@ -48,4 +50,4 @@ def process(
     check_present(photoset)
     from invrender.output.report.run import run_process
 
-    run_process(photoset, out, samples, published, fresh)
+    run_process(photoset, out, samples, published, fresh, workers, cluster)

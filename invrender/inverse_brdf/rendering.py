@@ -30,7 +30,7 @@ class Rendering:
     @staticmethod
     def of(seen: Observations, photo: Photo) -> Rendering:
         """The pixels of a photograph of a set."""
-        observed = decode_photo(seen.photoset, photo)
+        observed = decode_photo(seen.photoset.radiometry, photo)
         places = body_pixels(seen.body, photo.camera)
         field = samples_at(seen.body, photo.camera, observed, *places, NO_SOURCES)
         towards = field.views.mean(axis=0)

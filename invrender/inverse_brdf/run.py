@@ -135,7 +135,7 @@ def _pictures(seen: Observations, brdf: HarmonicBRDF) -> dict[str, NDArray[np.fl
     own = light_coefficients(seen.lightings[photo.lighting], brdf.order)
     flash = project_sources(rendering.towards[None], np.ones((1, 3)), brdf.order)
     return {
-        "photograph": rendering.cut(decode_photo(seen.photoset, photo).radiance),
+        "photograph": rendering.cut(decode_photo(seen.photoset.radiometry, photo).radiance),
         f"rendered, order {brdf.order}, same light": rendering.of_brdf(brdf, own),
         f"order {brdf.order}, source at the viewpoint": rendering.of_brdf(brdf, flash),
     }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import cv2
@@ -10,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import decode_photo
-from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
 from capture.radiance import RadianceImage
+from capture.radiometry import Radiometry
+from capture.tasks.stage import stage_results
 from invrender.observation.clock import Clock
+from recon.mesh.bodies import Body
 from recon.sampling.candidates import WHOLE
 from recon.sampling.draw import NO_SOURCES, Importance, sample_body
 from recon.sampling.find import FoundBody
@@ -28,6 +31,55 @@ _SAME = 1e-6
 # Share of the object's pixels that are saturated in a photograph, or grey in its mask well inside of the outline, from
 # which a warning says so.
 _CUT_OFF, _GREY = 0.001, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoSamples:
+    """The samples of a photograph, and what is said of it as a whole.
+
+    saturated : share of the object's pixels. grey : of those well inside of its mask's outline, the share that isn't
+    wholly the object's. ceiling : (3,), the largest radiance where some is saturated. seconds : by package.
+    """
+
+    field: LightField
+    saturated: float
+    grey: float
+    ceiling: NDArray[np.floating] | None
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """Reads a photograph and draws its samples; the fields are as in `read_samples` and `sample_body`."""
+
+    radiometry: Radiometry
+    body: Body
+    mask_of: Callable[[Photo], NDArray[np.float32] | None]
+    sources: Mapping[str, NDArray[np.float64]]
+    budget: int
+    importance: Mapping[str, Importance]
+    highlights: bool
+
+    def __call__(self, numbered: tuple[int, Photo]) -> PhotoSamples:
+        """The samples of a photograph and its number in the set."""
+        index, photo = numbered
+        clock = Clock()
+        with clock.on("capture"):
+            image = decode_photo(self.radiometry, photo)
+        with clock.on("recon"):
+            mask = self.mask_of(photo)
+            directions = self.sources.get(photo.lighting, NO_SOURCES)
+            # Seeded by place, so that neither order nor threads change what is drawn.
+            rng = np.random.default_rng(index)
+            informative = self.importance.get(photo.lighting)
+            view = self.body, photo.camera, image, mask, directions
+            field = sample_body(*view, self.budget, rng, informative, self.highlights)
+            field = off_terminators(field, directions)
+            check_usable(photo, image, field, mask)
+        saturated = float(image.saturated[_inside(image, mask)].mean())
+        ceiling = image.radiance.max(axis=(0, 1)) if image.saturated.any() else None
+        grey = 0.0 if mask is None else _grey_inside(mask)
+        return PhotoSamples(field, saturated, grey, ceiling, clock.seconds)
 
 
 def read_samples(
@@ -46,35 +98,19 @@ def read_samples(
     how many in all, evenly over the photographs that are fitted; each that is held out gets as many. importance : per
     lighting, how informative pixels are; of one without it samples are spread evenly. highlights : as of `sample_body`.
     """
-    fitted = photoset.fitted
-    budget = max(samples // len(fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
-
-    def read(index: int) -> tuple[LightField, float, float, NDArray[np.floating] | None]:
-        photo = photoset.photos[index]
-        with clock.on("capture"):
-            image = decode_photo(photoset, photo)
-        with clock.on("recon"):
-            mask = found.mask_of(photo)
-            directions = sources.get(photo.lighting, NO_SOURCES)
-            # Seeded by place, so that neither order nor threads change what is drawn.
-            rng = np.random.default_rng(index)
-            informative = importance.get(photo.lighting)
-            view = found.body, photo.camera, image, mask, directions
-            drawn = sample_body(*view, budget, rng, informative, highlights)
-            drawn = off_terminators(drawn, directions)
-            check_usable(photo, image, drawn, mask)
-        saturated = float(image.saturated[_inside(image, mask)].mean())
-        ceiling = image.radiance.max(axis=(0, 1)) if image.saturated.any() else None
-        return drawn, saturated, 0.0 if mask is None else _grey_inside(mask), ceiling
-
+    budget = max(samples // len(photoset.fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
+    body, mask_of = found.body, found.mask_of
+    drawn = _Drawn(photoset.radiometry, body, mask_of, sources, budget, importance, highlights)
+    work = stage_results("samples", drawn, enumerate(photoset.photos), lambda item: str(item[1].file))
     fields: dict[str, LightField] = {}
     cut_off: dict[str, float] = {}
     grey: dict[str, float] = {}
-    work = parallel_map(read, range(len(photoset.photos)))
     ceilings = []
     for photo in track(photoset.photos, "Reading photographs"):
-        fields[photo.label], cut_off[photo.label], grey[photo.label], ceiling = next(work)
-        ceilings += [] if ceiling is None else [ceiling]
+        read = next(work)
+        fields[photo.label], cut_off[photo.label], grey[photo.label] = read.field, read.saturated, read.grey
+        ceilings += [] if read.ceiling is None else [read.ceiling]
+        clock.add(read.seconds)
     if ceilings and photoset.radiometry.exposure == "equal":
         fields = {label: _below(np.array(ceilings), field) for label, field in fields.items()}
     return fields, [*_saturation(_above(_CUT_OFF, cut_off)), *_grey_masks(_above(_GREY, grey))]
@@ -95,7 +131,7 @@ def usable_pixels(
 ) -> LightField:
     """All pixels of a photograph that show the object and none of the terminators of sources (k, 3)."""
     with clock.on("capture"):
-        image = decode_photo(photoset, photo)
+        image = decode_photo(photoset.radiometry, photo)
     with clock.on("recon"), clock.on("visibility"):
         mask = found.mask_of(photo)
         drawn = sample_body(found.body, photo.camera, image, mask, sources, None, np.random.default_rng(0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -152,7 +153,7 @@ def _shows_highlight(further: ShownSamples, irradiance: Floats, plan: Plan) -> b
     if sigma is None:
         return False
     lobe = np.stack([further.shared[channel][:, places["ks"]][:, channel] for channel in range(3)], axis=-1)
-    return bool((lobe > irradiance / (4 * np.pi * sigma**2) / np.e).any())
+    return bool((lobe > irradiance / (4 * np.pi * sigma**2) / math.e).any())
 
 
 def _tracked(

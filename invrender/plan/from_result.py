@@ -140,7 +140,7 @@ def _sensor(photoset: PhotoSet, photos: Sequence[Photo], left: float, track: Tra
     rng = np.random.default_rng(0)
     radiance, variance = [], []
     for k in track(some.tolist(), "Reading the noise of photographs"):
-        image = decode_photo(photoset, photos[k])
+        image = decode_photo(photoset.radiometry, photos[k])
         height, width = image.saturated.shape
         rows, columns = rng.integers(height, size=_PIXELS), rng.integers(width, size=_PIXELS)
         usable = ~image.saturated[rows, columns]

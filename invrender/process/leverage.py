@@ -19,7 +19,6 @@ from capture.photoset import PhotoSet
 from capture.progress import silent
 from invrender.brdf.form import Angles
 from invrender.brdf.lobes import GGX_FORM
-from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.linear import symmetric_pinv
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.search import fit, models_of
@@ -58,7 +57,7 @@ def importances(
     chosen = [fitted[k] for k in np.unique(np.linspace(0, len(fitted) - 1, _PHOTOS).round().astype(int))]
     few = replace(photoset, photos=tuple(chosen))
     sources = {name: lighting.sources for name, lighting in lightings.items()}
-    narrow = {name: _at_any_width(own) for name, own in lit.items()}
+    narrow = {name: Importance(_AtAnyWidth(own)) for name, own in lit.items()}
     mapped = any(element.slow_map is not None for photo in chosen for element in lit[photo.lighting])
     samples = (_SAMPLES_OF_MAPS if mapped else _SAMPLES) * len(chosen)
     fields, _ = read_samples(few, geometry.found, sources, samples, clock, silent, narrow)
@@ -71,58 +70,66 @@ def importances(
             geometry.shadows,
         )
         first = _first_fit(photos, elements)
-    return {name: first.importance(own) for name, own in lit.items()}
+    return {name: Importance(_Leverage(first, own), first.sigma) for name, own in lit.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class _FirstFit:
-    """A first fit, and the covariance (3, 3) of Kd, Ks and the logarithm of sigma that it leaves."""
+    """A first fit, means over channels, and the covariance (3, 3) of Kd, Ks and the logarithm of sigma."""
 
-    brdf: Microfacet
+    kd: float
+    ks: float
+    sigma: float
     noise: NoiseModel
     covariance: Floats
 
-    def importance(self, elements: Sequence[LightElement]) -> Importance:
-        """The leverage of pixels under a lighting."""
 
-        def informative(normals: Floats, views: Floats) -> Floats:
-            rows, radiance = _gradient(self.brdf, elements, normals, views)
-            return np.einsum("np,pq,nq->n", rows, self.covariance, rows) / self.noise.variance(radiance)
+@dataclass(frozen=True, eq=False)
+class _Leverage:
+    """How informative pixels are under a lighting: the leverage that a first fit says."""
 
-        return Importance(informative, self.brdf.sigma)
+    first: _FirstFit
+    elements: Sequence[LightElement]
+
+    def __call__(self, normals: Floats, views: Floats) -> Floats:
+        rows, radiance = _gradient(self.first, self.elements, normals, views)
+        return np.einsum("np,pq,nq->n", rows, self.first.covariance, rows) / self.first.noise.variance(
+            radiance
+        )
 
 
 def _first_fit(photos: Sequence[PhotoColumns], elements: Mapping[str, Sequence[LightElement]]) -> _FirstFit:
     model = models_of(GGX_FORM)[0]
     noise, weights = weigh(photos, model)
     brdf = fit(model, total_statistics(photos, [own.weight for own in weights])).brdf
+    assert brdf.sigma is not None
+    means = float(brdf.kd.mean()), float(brdf.ks.mean()), brdf.sigma
+    first = _FirstFit(*means, noise, np.eye(3))
     information = np.zeros((3, 3))
     for photo in photos:
         field = photo.field
         mean = field.sample_normals, np.asarray(field.mean_over_rays(field.views))
         normals, views = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in mean)
-        rows, radiance = _gradient(brdf, elements[photo.lighting], normals, views)
+        rows, radiance = _gradient(first, elements[photo.lighting], normals, views)
         weight = field.shares / noise.variance(radiance)
         information += rows.T @ (weight[:, None] * rows)
-    return _FirstFit(brdf, noise, symmetric_pinv(information))
+    return replace(first, covariance=symmetric_pinv(information))
 
 
 def _gradient(
-    brdf: Microfacet, elements: Sequence[LightElement], normals: Floats, views: Floats
+    first: _FirstFit, elements: Sequence[LightElement], normals: Floats, views: Floats
 ) -> tuple[Floats, Floats]:
     """Slopes (n, 3) of radiance in Kd, Ks and the logarithm of sigma, mean over channels, and the radiance (n,).
 
     Highlights are those of sources; what a map reflects varies slowly.
     """
-    assert brdf.sigma is not None
     rows = np.zeros((len(normals), 3))
     for element in elements:
         rows[:, 0] += diffuse_transfer(element, normals).mean(axis=1)
-        for lobe in _lobes(element, normals, views, brdf.sigma):
+        for lobe in _lobes(element, normals, views, first.sigma):
             rows[:, 1:] += lobe
-    kd, ks = float(brdf.kd.mean()), float(brdf.ks.mean())
-    radiance = kd * rows[:, 0] + ks * rows[:, 1]
-    rows[:, 2] *= ks
+    radiance = first.kd * rows[:, 0] + first.ks * rows[:, 1]
+    rows[:, 2] *= first.ks
     return rows, radiance
 
 
@@ -137,15 +144,16 @@ def _lobes(element: LightElement, normals: Floats, views: Floats, sigma: float) 
     return found
 
 
-def _at_any_width(elements: Sequence[LightElement]) -> Importance:
+@dataclass(frozen=True, eq=False)
+class _AtAnyWidth:
     """How informative pixels are on highlights of any width, where only the light's directions are known."""
 
-    def informative(normals: Floats, views: Floats) -> Floats:
+    elements: Sequence[LightElement]
+
+    def __call__(self, normals: Floats, views: Floats) -> Floats:
         total = np.zeros(len(normals))
         for sigma in _WIDTHS:
-            lobes = [lobe for element in elements for lobe in _lobes(element, normals, views, sigma)]
+            lobes = [lobe for element in self.elements for lobe in _lobes(element, normals, views, sigma)]
             slope = np.abs(sum(lobe[:, 1] for lobe in lobes))
             total += slope / max(float(slope.sum()), 1e-300)
         return total
-
-    return Importance(informative)

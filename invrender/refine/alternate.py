@@ -160,7 +160,7 @@ def _decoded(
     photoset: PhotoSet, run: Run, photo: Photo, binning: int
 ) -> tuple[RadianceImage, NDArray[np.float32] | None]:
     """A photograph and its mask in larger pixels. Its noise is left out: what a fit leaves says more of it."""
-    image, mask = decode_photo(photoset, photo), run.geometry.found.mask_of(photo)
+    image, mask = decode_photo(photoset.radiometry, photo), run.geometry.found.mask_of(photo)
     noiseless = RadianceImage.black(*image.saturated.shape).variance
     image = RadianceImage(image.radiance, noiseless, image.saturated)
     if binning == 1:

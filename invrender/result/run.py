@@ -109,10 +109,11 @@ class Run:
     def predictions(self, photos: Sequence[Photo] | None = None) -> Iterator[Prediction]:
         """Predicted photographs, all in the set's order if none are named, a few at a time in memory."""
         with one_blas_thread():
-            yield from parallel_map(self._predict, self.photoset.photos if photos is None else photos)
+            yield from parallel_map(self.predict, self.photoset.photos if photos is None else photos)
 
-    def _predict(self, photo: Photo) -> Prediction:
-        observed, mask = decode_photo(self.photoset, photo), self.geometry.found.mask_of(photo)
+    def predict(self, photo: Photo) -> Prediction:
+        """One photograph beside its prediction."""
+        observed, mask = decode_photo(self.photoset.radiometry, photo), self.geometry.found.mask_of(photo)
         if self.binning > 1:
             observed = observed.binned(self.binning)
             photo = replace(photo, camera=photo.camera.binned(self.binning))

@@ -59,7 +59,7 @@ def _small(photoset: PhotoSet, photo: Photo) -> NDArray[np.uint8]:
         if pixels is not None:
             return np.asarray(_fitted(pixels, _THUMBNAIL), np.uint8)
     with ONE_AT_A_TIME:
-        radiance = _fitted(decode_photo(photoset, photo).radiance, _THUMBNAIL)
+        radiance = _fitted(decode_photo(photoset.radiometry, photo).radiance, _THUMBNAIL)
     white = max(float(np.percentile(radiance, _WHITE)), 1e-12)
     codes = np.round(255 * linear_to_srgb(np.clip(radiance / white, 0, 1)))
     return np.ascontiguousarray(codes[..., ::-1].astype(np.uint8))
@@ -79,7 +79,7 @@ def shown_photo(photoset: PhotoSet, photo: Photo) -> bytes:
     with ONE_AT_A_TIME:
         # One after the other: of a large photograph each takes a hundred megabytes and more.
         masked, shares = _masked(photo)
-        return _shown(decode_photo(photoset, photo), photo, masked, shares)
+        return _shown(decode_photo(photoset.radiometry, photo), photo, masked, shares)
 
 
 def _masked(photo: Photo) -> tuple[float | None, dict[str, NDArray[Any]]]:
@@ -131,7 +131,7 @@ def judged(result: SavedResult, body: Body, photoset: PhotoSet, photo: Photo) ->
     if not file.is_file():
         raise ValueError(f"{file}: the result has no prediction of {photo.label}")
     predicted = read_pixels(file).astype(np.float32)
-    observed = decode_photo(photoset, photo)
+    observed = decode_photo(photoset.radiometry, photo)
     factor = max(round(observed.radiance.shape[0] / predicted.shape[0]), 1)
     if factor > 1:
         observed = observed.binned(factor)

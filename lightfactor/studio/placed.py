@@ -51,7 +51,7 @@ def checks(opened: Opened, photo: Photo) -> bytes:
     stride = max(-(-max(photo.camera.width, photo.camera.height) // SHOWN_SIDE), 1)
     number = [each.label for each in photoset.photos].index(photo.label)
     with ONE_AT_A_TIME:
-        image = decode_photo(photoset, photo)
+        image = decode_photo(photoset.radiometry, photo)
         budget = -(-DEFAULT_SAMPLES // max(len(photoset.fitted), 1))
         field = sample_body(
             found.body,

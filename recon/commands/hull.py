@@ -67,7 +67,7 @@ def hull(
         for photo in track(loaded.photos, "Reading silhouettes"):
             mask = photo_mask(photo)
             if mask is None:
-                mask = bright_region(decode_photo(loaded, photo).radiance, background)
+                mask = bright_region(decode_photo(loaded.radiometry, photo).radiance, background)
             coverages.append(mask)
             if not coverages[-1].any():
                 raise ValueError(f"{photo.file}: has no mask, and nothing in it is bright; give a mask")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from capture.decode import decode_photo, photo_mask
 from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
+from capture.radiometry import Radiometry
+from capture.tasks.stage import stage_results
 from recon.mesh.bodies import SphereBody, body_coverage
 from recon.placement.locate import LocatedPhoto, locate_sphere
 from recon.sphere.finddisk import find_rim, rim_near, rim_silhouette
@@ -29,15 +32,8 @@ def find_sphere(photoset: PhotoSet, track: Track = silent) -> Sphere:
 
 def _find_sphere(photoset: PhotoSet, track: Track) -> Sphere:
     must_find = _must_find(photoset)
-
-    def silhouette(photo: Photo) -> Silhouette | None:
-        mask = photo_mask(photo)
-        if mask is not None:
-            return mask_silhouette(mask)
-        rim = find_rim(photo.camera, decode_photo(photoset, photo)) if must_find else None
-        return None if rim is None else rim_silhouette(rim, photo.camera)
-
-    work = parallel_map(silhouette, photoset.photos)
+    outlined = _Outlined(photoset.radiometry, must_find)
+    work = stage_results("outlines", outlined, photoset.photos, lambda photo: str(photo.file))
     silhouettes = [next(work) for _ in track(photoset.photos, "Finding the sphere")]
     sphere = _located(photoset, silhouettes)
     lost = [k for k, found in enumerate(silhouettes) if found is None] if must_find else []
@@ -45,7 +41,7 @@ def _find_sphere(photoset: PhotoSet, track: Track) -> Sphere:
     # Those that show too little of it to find it by themselves may show enough where the others say it is.
     def nearby(index: int) -> Silhouette:
         photo = photoset.photos[index]
-        rim = rim_near(sphere, photo.camera, decode_photo(photoset, photo))
+        rim = rim_near(sphere, photo.camera, decode_photo(photoset.radiometry, photo))
         if rim is None:
             raise ValueError(
                 f"{photo.file}: no mask is given, and no sphere was found in the photograph, not even where the others"
@@ -58,13 +54,40 @@ def _find_sphere(photoset: PhotoSet, track: Track) -> Sphere:
     return _located(photoset, silhouettes) if lost else sphere
 
 
-def sphere_mask(photoset: PhotoSet, photo: Photo, sphere: Sphere) -> NDArray[np.float32] | None:
-    """A photo's mask (h, w) in 0 to 1. Without one, that of the sphere if it was found: its rim is known to a share
-    of a pixel only, which samples keep away from; None if it was given."""
-    mask = photo_mask(photo)
-    if mask is None and _must_find(photoset):
-        return body_coverage(SphereBody(sphere), photo.camera).astype(np.float32)
-    return mask
+@dataclass(frozen=True, eq=False)
+class SphereMasks:
+    """Masks of a sphere's photographs. found : whether the sphere was found in them, not given."""
+
+    sphere: Sphere
+    found: bool
+
+    def __call__(self, photo: Photo) -> NDArray[np.float32] | None:
+        """A photo's mask (h, w) in 0 to 1. Without one, that of the sphere if it was found: its rim is known to a share
+        of a pixel only, which samples keep away from; None if it was given."""
+        mask = photo_mask(photo)
+        if mask is None and self.found:
+            return body_coverage(SphereBody(self.sphere), photo.camera).astype(np.float32)
+        return mask
+
+
+def sphere_masks(photoset: PhotoSet, sphere: Sphere) -> SphereMasks:
+    """The masks of a set's photographs of its sphere."""
+    return SphereMasks(sphere, _must_find(photoset))
+
+
+@dataclass(frozen=True, eq=False)
+class _Outlined:
+    """Finds the outline that a photograph's mask shows, or, where a sphere is looked for, the photograph itself."""
+
+    radiometry: Radiometry
+    must_find: bool
+
+    def __call__(self, photo: Photo) -> Silhouette | None:
+        mask = photo_mask(photo)
+        if mask is not None:
+            return mask_silhouette(mask)
+        rim = find_rim(photo.camera, decode_photo(self.radiometry, photo)) if self.must_find else None
+        return None if rim is None else rim_silhouette(rim, photo.camera)
 
 
 def _must_find(photoset: PhotoSet) -> bool:

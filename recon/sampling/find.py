@@ -17,7 +17,7 @@ from recon.mesh.bodies import Body, MeshBody, SphereBody
 from recon.mesh.shape import placed, read_object_mesh
 from recon.mesh.trianglemesh import TriangleMesh
 from recon.placement.check import MaskedView, check_placement
-from recon.placement.findsphere import find_sphere, sphere_mask
+from recon.placement.findsphere import find_sphere, sphere_masks
 
 Mask = NDArray[np.float32]
 
@@ -47,7 +47,7 @@ def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
         sphere = find_sphere(photoset, track)
         return FoundBody(
             body=SphereBody(sphere),
-            mask_of=lambda photo: sphere_mask(photoset, photo, sphere),
+            mask_of=sphere_masks(photoset, sphere),
             overlaps=(None,) * len(photoset.photos),
             warnings=(*frame, *_size_warnings(photoset)),
         )

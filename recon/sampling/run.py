@@ -149,7 +149,7 @@ def _draw(
     counts = [row["samples"] for row in rows]
     index = int(np.argsort(counts, kind="stable")[len(counts) // 2])
     photo = photoset.photos[index]
-    image, lights = decode_photo(photoset, photo), sources[photo.lighting]
+    image, lights = decode_photo(photoset.radiometry, photo), sources[photo.lighting]
     whole = np.random.default_rng(0)  # asked for nothing where every pixel is taken
     field = sample_body(found.body, photo.camera, image, found.mask_of(photo), lights, None, whole)
     panel = PhotoPanel(photo.label, photo.camera, image, field, lights, sky)

@@ -35,7 +35,7 @@ def light_fields(
 
     def read(index: int) -> LightField:
         photo = photoset.photos[index]
-        image = decode_photo(photoset, photo)
+        image = decode_photo(photoset.radiometry, photo)
         # Seeded by place, so that neither order nor threads change what is drawn.
         rng = np.random.default_rng(index)
         return sample_body(body, photo.camera, image, mask_of(photo), sources[photo.lighting], share, rng)

@@ -63,7 +63,7 @@ def displayed_photo(photoset: PhotoSet, photo: Photo) -> Floats:
     """A photograph of a synthetic set (h, w, 3), `displayed`."""
     from capture.decode import decode_photo, read_mask
 
-    image = decode_photo(photoset, photo).radiance
+    image = decode_photo(photoset.radiometry, photo).radiance
     assert photo.mask is not None, "synthetic photographs have masks"
     return displayed(np.maximum(image, 0), read_mask(photo.mask, image.shape[:2]) > 0)
 

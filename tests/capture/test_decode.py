@@ -14,8 +14,7 @@ from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import decode, decode_in_set, decode_photo, read_mask
 from capture.exposure import ExposureSettings, bracket_exposures, read_exif_exposure, relative_exposure
 from capture.files.imagefile import read_pixels, write_exr
-from capture.manifest import ObjectTable
-from capture.photoset import Photo, PhotoSet
+from capture.photoset import Photo
 from capture.radiance import RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatFieldMap
@@ -354,19 +353,20 @@ def test_a_bad_mask_is_named(tmp_path):
         read_mask(tmp_path / "m.exr", (4, 6))
 
 
-def photo_of_set(path: Path, radiometry: Radiometry) -> tuple[PhotoSet, Photo]:
+def photo_of_set(path: Path) -> Photo:
     camera = Camera(ORTHOGRAPHIC, [], 6, 4, np.eye(4))
-    photo = Photo(path.name, path.name, path, None, camera, "", ExposureSettings(exposure_s=0.5), False)
-    return PhotoSet("set", path.parent / "photoset.toml", radiometry, ObjectTable(), (), (photo,)), photo
+    return Photo(path.name, path.name, path, None, camera, "", ExposureSettings(exposure_s=0.5), False)
 
 
 def test_a_photo_is_decoded_as_its_set_says(tmp_path):
     path = write(tmp_path / "a.png", np.full((4, 6, 3), 188, np.uint8))
-    photoset, photo = photo_of_set(path, Radiometry(encoding="srgb", exposure="manual"))
-    assert_allclose(decode_photo(photoset, photo).radiance, 0.5 / 0.5, atol=0.01)  # one code's step
+    radiometry = Radiometry(encoding="srgb", exposure="manual")
+    assert_allclose(
+        decode_photo(radiometry, photo_of_set(path)).radiance, 0.5 / 0.5, atol=0.01
+    )  # one code's step
 
 
 def test_a_photo_that_disagrees_with_its_set_is_named(tmp_path):
     path = write(tmp_path / "a.png", np.zeros((6, 4, 3), np.uint8))
     with pytest.raises(ValueError, match=r"a\.png: is 4x6 pixels, but its camera is 6x4"):
-        decode_photo(*photo_of_set(path, Radiometry()))
+        decode_photo(Radiometry(), photo_of_set(path))

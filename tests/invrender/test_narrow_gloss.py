@@ -69,7 +69,7 @@ def test_narrow_highlights_of_a_room_s_lamp_are_sampled_in_full(tmp_path: Path) 
     photoset = glossy_set(tmp_path, lighting, 100, 1400, 4, "directions = 256\nper_side = 2")
     run = process(photoset, 400)
     for photo in photoset.photos:
-        brightness = decode_photo(photoset, photo).radiance.sum(axis=2)
+        brightness = decode_photo(photoset.radiometry, photo).radiance.sum(axis=2)
         field = run.fields[photo.label]
         highlight = brightness > 0.5 * brightness.max()
         # Two to six pixels, of which an even draw of 100 has none.

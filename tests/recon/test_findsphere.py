@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.photoset import load_photoset
-from recon.placement.findsphere import find_sphere, sphere_mask
+from recon.placement.findsphere import find_sphere, sphere_masks
 
 CENTRE, RADIUS = (0.002, -0.001, 0.003), 0.03
 ANGLES = np.radians([0, 25, 50, 75])
@@ -81,7 +81,7 @@ def test_the_sphere_of_a_set_is_found_with_masks_or_without(photo_set, masked, t
     assert len(sphere.residual_px) == 4
     # Without a mask of its own a photograph gets the sphere's; its pixels at the rim are then left out.
     for k, photo in enumerate(photoset.photos):
-        mask = sphere_mask(photoset, photo, sphere)
+        mask = sphere_masks(photoset, sphere)(photo)
         assert mask is not None
         radius = sphere.pixel_radius(photo.camera)
         assert mask.sum() == pytest.approx(np.pi * radius**2, rel=0.01)
@@ -105,7 +105,7 @@ def test_a_given_sphere_needs_neither_and_no_mask_is_made_up(photo_set):
     photoset = load_photoset(path)
     sphere = find_sphere(photoset)
     assert (tuple(sphere.centre), sphere.radius) == (CENTRE, RADIUS)
-    assert sphere_mask(photoset, photoset.photos[0], sphere) is None
+    assert sphere_masks(photoset, sphere)(photoset.photos[0]) is None
 
 
 def test_photographs_that_show_no_sphere_are_named(photo_set):

@@ -73,7 +73,7 @@ def test_manifest_says_what_the_scene_is(photoset: PhotoSet) -> None:
 def test_photographs_decode_to_the_scene_within_the_noise(photoset: PhotoSet) -> None:
     scene = STAGING.scene
     index = 3
-    image = decode_photo(photoset, photoset.photos[index])
+    image = decode_photo(photoset.radiometry, photoset.photos[index])
     ((truth, coverage),) = photographs(replace(scene, shots=scene.shots[index : index + 1]))
     noise = STAGING.sensor
     assert isinstance(noise, Noise)

@@ -133,7 +133,7 @@ def test_photographs_decode_to_the_truth_within_their_noise(sensor: str, write: 
     photoset, truth = load_photoset(folder), truth_of(folder)
     for photo, entry in zip(photoset.photos, truth["photos"], strict=True):
         assert photo.label == entry["file"]
-        image = decode_photo(photoset, photo)
+        image = decode_photo(photoset.radiometry, photo)
         assert not image.saturated.any()
         exact = read_pixels(folder / entry["radiance"]) * truth["sensor"]["radiance_factor"]
         assert photo.mask is not None
@@ -158,10 +158,10 @@ def test_a_bracket_is_one_photograph_at_rising_times(write: Write) -> None:
     times = [photo.exposure.exposure_s for photo in photoset.photos]
     assert_allclose(np.array(times) / times[1], [0.25, 1, 2] * 2, rtol=1e-12)  # type: ignore[operator]
     assert [photo.held_out for photo in photoset.photos] == [False] * 3 + [True] * 3
-    levels = [decode_photo(photoset, photo).radiance.mean() for photo in photoset.photos]
+    levels = [decode_photo(photoset.radiometry, photo).radiance.mean() for photo in photoset.photos]
     # The shortest two stops below what fits, the longest one above, which clips its highlight.
     assert_allclose(levels[0], levels[1], rtol=0.02)
-    assert decode_photo(photoset, photoset.photos[2]).saturated.any()
+    assert decode_photo(photoset.radiometry, photoset.photos[2]).saturated.any()
     assert len(staging.scene.shots) == 2
 
 

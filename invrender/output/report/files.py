@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from capture.files.documents import file_hash, write_json
 from capture.files.imagefile import write_exr
-from capture.photoset import PhotoSet
+from capture.parallel import parallel_map
+from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
+from capture.tasks.stage import stage_results
 from invrender.estimate.textured.textures import TEXTURE_FILES
-from invrender.output.report.page import ReportWriter
+from invrender.output.report.page import write_report
+from invrender.output.report.photos import PhotoReport, Reporting, pictured, worst
 from invrender.result.document import lighting_map, result_document, with_picture_errors
-from invrender.result.run import Prediction, Run
+from invrender.result.run import Run
 
 RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEXTURE_FILES)
 PICTURES = "predicted photographs and report"
+# Its results are in the result once that is whole.
+PICTURES_STAGE = "pictures"
 
 
 def write_fit(
@@ -46,29 +52,46 @@ def write_fit(
 
 
 def write_pictures(
-    run: Run, folder: Path, document: Mapping[str, Any], track: Track = silent
+    run: Run,
+    folder: Path,
+    document: Mapping[str, Any],
+    track: Track = silent,
+    made_of: object = None,
 ) -> dict[str, Any]:
     """Write a run's predicted photographs, its report, and its result.json with the errors of these, which is
     returned.
+
+    made_of : what the run was made of, by which pictures are kept where a workplace is open.
     """
     (folder / "predicted").mkdir()
-    report = ReportWriter(run)
-    names = photo_file_names([photo.label for photo in run.photoset.photos])
-    errors = {}
-    for prediction in _with_progress(run, track):
-        write_exr(folder / "predicted" / names[prediction.photo.label], prediction.predicted)
-        errors[prediction.photo.label] = prediction.error
-        report.add(prediction)
+    reporting, photos = Reporting.of(run), run.photoset.photos
+    names = photo_file_names([photo.label for photo in photos])
+    chosen = pictured(photos)
+    reports: list[PhotoReport] = []
+    made = _reports(reporting, [(photo, photo.label in chosen) for photo in photos], made_of)
+    for photo in track(photos, "Predicting photographs"):
+        report = next(made)
+        (folder / "predicted" / names[photo.label]).write_bytes(report.predicted)
+        # All of them together may be larger than memory.
+        reports.append(replace(report, predicted=b""))
+    poor = worst(reports)
+    again = _reports(reporting, [(photo, True) for photo in photos if photo.label in poor], made_of)
+    pictures = {report.label: report.pictures for report in again}
+    reports = [replace(each, pictures=pictures.get(each.label, each.pictures)) for each in reports]
+    errors = {report.label: report.error for report in reports}
     complete = {**with_picture_errors(document, errors), "predicted_binning": run.binning}
-    report.write(folder / "report.html", complete)
+    write_report(folder / "report.html", run, complete, reports, reporting.limit)
     write_json(folder / "result.json", complete)
     return complete
 
 
-def _with_progress(run: Run, track: Track) -> Iterator[Prediction]:
-    predictions = run.predictions()
-    for _ in track(range(len(run.photoset.photos)), "Predicting photographs"):
-        yield next(predictions)
+def _reports(
+    reporting: Reporting, items: Sequence[tuple[Photo, bool]], made_of: object
+) -> Iterator[PhotoReport]:
+    if reporting.run.textures is not None:
+        # What predicts them may be gigabytes, which nobody else gets.
+        return parallel_map(reporting, items)
+    return stage_results(PICTURES_STAGE, reporting, items, lambda item: str(item[0].file), made_of)
 
 
 def photo_file_names(labels: Sequence[str]) -> dict[str, str]:

@@ -9,11 +9,20 @@ from rich.table import Table
 
 from capture.files.outfolder import added_files, claimed, result_folder
 from capture.photoset import load_photoset
+from capture.tasks.store import kept
+from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity, limits
 from invrender.estimate.solution import Solution
-from invrender.output.report.files import PICTURES, RESULT_FILES, photoset_hashes, write_fit, write_pictures
-from invrender.output.report.unfinished import forget_run, keep_run, kept_run, unfinished_key
+from invrender.output.report.files import (
+    PICTURES,
+    PICTURES_STAGE,
+    RESULT_FILES,
+    photoset_hashes,
+    write_fit,
+    write_pictures,
+)
+from invrender.output.report.keptfit import FITS_STAGE, fit_place, keep_fit
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.result.document import errors_in_words, identifiability, own_numbers
 from invrender.result.run import Run
@@ -24,31 +33,37 @@ _MOST_MODELS = 5
 
 
 def run_process(
-    source: Path, out: Path, samples: int = DEFAULT_SAMPLES, published: bool = False, fresh: bool = False
+    source: Path,
+    out: Path,
+    samples: int = DEFAULT_SAMPLES,
+    published: bool = False,
+    fresh: bool = False,
+    workers: int | None = None,
+    cluster: str | None = None,
 ) -> Run:
     """Process a photo set into a result folder and print the summary.
 
-    fresh : whether it is solved anew although a run that was killed had solved it.
+    fresh, workers, cluster : as of `opened_workplace`.
     """
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     settings = {"samples": samples, "published": published}
-    with claimed(out):
+    with claimed(out), opened_workplace(photoset.manifest, workers, cluster, fresh) as workplace:
         inputs = photoset_hashes(photoset)
-        key = unfinished_key(photoset, inputs, settings)
-        kept = None if fresh else kept_run(key)
+        place = fit_place(workplace.store, photoset, inputs, settings)
+        found = None if fresh else kept(place)
         with result_folder(out, RESULT_FILES) as folder:
-            run = process(photoset, samples, track, published=published) if kept is None else kept
+            run = (
+                found[0] if found else keep_fit(place, process(photoset, samples, track, published=published))
+            )
             document = write_fit(run, folder, {"settings": settings}, inputs)
-        if kept is None:
-            keep_run(key, run)
-        else:
-            console.print("An earlier run had solved this and was stopped: its pictures are made now.")
+        if found is not None:
+            console.print("An earlier run had solved this and was stopped: what lacks is made now.")
         _print_summary(run)
         # What was found is safe now, whatever becomes of the pictures.
         with added_files(out, PICTURES) as folder:
-            document = write_pictures(run, folder, document, track)
-        forget_run(key)
+            document = write_pictures(run, folder, document, track, made_of=place.name)
+        workplace.store.forget(FITS_STAGE, PICTURES_STAGE)
     console.print(errors_in_words(document["fit"]))
     console.print(
         f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True

@@ -135,7 +135,7 @@ def picked_points(picks: Picks, photos: Sequence[Photo], file: str, swapped: boo
 
 def _object_on_dark(photoset: PhotoSet, photo: Photo) -> Coverage | None:
     """The largest bright region of a photograph, if everything else is dark and it isn't all of the picture."""
-    radiance = decode_photo(photoset, photo).radiance
+    radiance = decode_photo(photoset.radiometry, photo).radiance
     coverage = largest_blob(radiance)
     inside = coverage >= 0.5
     rim = np.concatenate([inside[0], inside[-1], inside[:, 0], inside[:, -1]])

@@ -202,7 +202,7 @@ def _panels(
                 title=title_of(
                     photo.label, "left out" if fit.left_out else what, fit.rms_px, fit.overlap, photo.camera
                 ),
-                radiance=decode_photo(photoset, photo).radiance,
+                radiance=decode_photo(photoset.radiometry, photo).radiance,
                 mesh=body_coverage(body, _scaled(photo.camera, world_scale)),
                 mask=photo_mask(photo),
                 picks=clicked,

@@ -47,7 +47,7 @@ def find_board(photoset: PhotoSet, board: Board, track: Track) -> BoardDetection
         )
 
     def view(photo: Photo) -> BoardView:
-        return board_view(decode_photo(photoset, photo).radiance, board, photo.label)
+        return board_view(decode_photo(photoset.radiometry, photo).radiance, board, photo.label)
 
     found = parallel_map(view, photoset.photos)
     views = [next(found) for _ in track(photoset.photos, "Looking for the board")]

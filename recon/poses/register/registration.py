@@ -131,7 +131,7 @@ def _write_pictures(
 
     def write(entry: tuple[Photo, str]) -> None:
         photo, name = entry
-        radiance = decode_photo(photoset, photo).radiance
+        radiance = decode_photo(photoset.radiometry, photo).radiance
         inside = None
         if masked:
             assert photo.mask is not None

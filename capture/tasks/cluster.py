@@ -1,0 +1,124 @@
+"""Tasks done by the workers of a Dask cluster, of which each sees the folder of the work.
+
+The scheduler hands out tasks and knows nothing else: results lie on disk, so that workers and scheduler may die.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from capture.tasks.contentkey import program_key
+from capture.tasks.remote import Shared, shared_stage, work
+from capture.tasks.stage import Stage
+from capture.tasks.store import CACHE_VARIABLE
+
+# Seconds in which a scheduler answers, and in which one that was lost, or its workers, may come back.
+_ANSWER_S, _PATIENCE_S = 10.0, 120.0
+
+
+class Cluster:
+    """An `Engine` of the workers of a Dask scheduler; close it after the last stage.
+
+    ValueError where none answers at the address, or the package isn't installed.
+    """
+
+    def __init__(self, address: str, patience_s: float = _PATIENCE_S) -> None:
+        self._address, self._patience_s = address, patience_s
+        self._client = _connected(address, _ANSWER_S)
+
+    def outcomes(self, stage: Stage, items: Sequence[Any]) -> Iterator[Path | Exception]:
+        """As of `Engine`. ValueError where a worker has another version, doesn't see the work, or none comes back."""
+        from distributed.scheduler import KilledWorker
+
+        shared = shared_stage(stage)
+        self._check_workers(shared)
+        begun = self._begin(shared, items)
+        for k in range(len(items)):
+            while True:
+                try:
+                    yield begun[k].result()
+                except KilledWorker as error:
+                    yield ValueError(
+                        f"its worker was killed each of {error.allowed_failures + 1} times; workers may lack memory,"
+                        " or the file may be one that a library fails on: leave it out"
+                    )
+                except (CancelledError, OSError) as error:
+                    if self._is_connected() and not isinstance(error, CancelledError):
+                        yield error
+                        break
+                    # What is done is on disk: workers that get it again return at once.
+                    self._reconnect()
+                    begun = {**begun, **{k + n: of for n, of in self._begin(shared, items[k:]).items()}}
+                    continue
+                except Exception as error:
+                    yield error
+                break
+            del begun[k]
+
+    def close(self) -> None:
+        """Leave the cluster; its workers stay."""
+        with suppress(Exception):
+            self._client.close(timeout=2)
+
+    def _begin(self, shared: Shared, items: Sequence[Any]) -> dict[int, Any]:
+        # Tasks are no function's values to Dask: whether one is done, its file says.
+        return {k: self._client.submit(work, shared, item, pure=False) for k, item in enumerate(items)}
+
+    def _is_connected(self) -> bool:
+        return bool(self._client.status == "running")
+
+    def _reconnect(self) -> None:
+        self.close()
+        self._client = _connected(self._address, self._patience_s)
+
+    def _check_workers(self, shared: Shared) -> None:
+        try:
+            self._client.wait_for_workers(1, timeout=self._patience_s)
+        except TimeoutError as error:
+            raise ValueError(
+                f"{self._address}: the scheduler has no worker; start some: dask worker {self._address} --nthreads 1"
+            ) from error
+        here = identity(shared.file)
+        for worker, found in self._client.run(identity, shared.file, on_error="return").items():
+            if isinstance(found, Exception):
+                raise ValueError(f"worker {worker}: cannot run lightfactor ({found}); install it there")
+            if found[0] != here[0]:
+                raise ValueError(
+                    f"worker {worker}: has another version of the program, {found[1]}; here is {here[1]}: install the"
+                    " same on all, their libraries too"
+                )
+            if not found[2]:
+                raise ValueError(
+                    f"worker {worker}: doesn't see {shared.file.parent}; let {CACHE_VARIABLE} name a folder that all"
+                    " workers see"
+                )
+
+
+def identity(file: Path) -> tuple[str, str, bool]:
+    """This program's key, its version and Python's in words, and whether a file is seen."""
+    words = f"lightfactor {version('lightfactor')}, Python {platform.python_version()}"
+    return program_key(), words, file.is_file()
+
+
+def _connected(address: str, patience_s: float) -> Any:
+    """A client of the scheduler at an address; certificates for tls:// are those of Dask's configuration."""
+    try:
+        from distributed import Client
+        from distributed.security import Security
+    except ImportError as error:
+        raise ValueError(
+            f"--cluster needs Dask ({error}); install it: pip install 'lightfactor[cluster]'"
+        ) from error
+    try:
+        return Client(address, timeout=patience_s, security=Security(), set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ValueError(
+            f"{address}: no Dask scheduler answers there; start one (dask scheduler), and workers: dask worker ADDRESS"
+            " --nthreads 1"
+        ) from error

@@ -1,0 +1,178 @@
+"""Results of tasks on disk, in the user's cache: a folder for each photo set, in it one for each stage of the work.
+
+What is kept is whole or absent: it is written under a name of its own and then renamed.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import secrets
+import shutil
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+
+from capture.tasks.contentkey import content_key
+
+# Names the folder in place of the user's cache.
+CACHE_VARIABLE = "LIGHTFACTOR_CACHE"
+# After so long, and beyond so many bytes in all, what was used least recently is removed.
+KEPT_S, KEPT_BYTES = 30 * 24 * 3600.0, 2_000_000_000
+_KEPT, _PART = ".kept", ".part"
+# Holds the path of the set that a folder is of.
+_NAMED = "set.txt"
+_PART_S = 24 * 3600.0
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What is kept of one stage of a set: how many results, bytes, and when one was last used, seconds since 1970."""
+
+    source: str
+    stage: str
+    count: int
+    size: int
+    used: float
+
+
+@dataclass(frozen=True)
+class TaskStore:
+    """Where results of a photo set's tasks are kept."""
+
+    folder: Path
+
+    @classmethod
+    def of(cls, source: Path) -> TaskStore:
+        """The place for a set's results, by the path of its manifest; no folder is made until something is kept."""
+        place = str(source.absolute())
+        return cls(cache_folder() / f"{source.absolute().parent.name}-{content_key(place)[:12]}")
+
+    def prepare(self, source: Path) -> None:
+        """Make the folder, readable by its user alone: reading a kept result runs what is in it. OSError if it can't.
+
+        Parts are removed that processes which were killed left.
+        """
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (self.folder / _NAMED).write_text(f"{source.absolute()}\n", encoding="utf-8")
+        for part in self.folder.glob(f"*/*{_PART}"):
+            if _is_orphan(part):
+                part.unlink(missing_ok=True)
+
+    def place(self, stage: str, key: str) -> Path:
+        """The file of a result."""
+        return self.folder / stage / f"{key}{_KEPT}"
+
+    def forget(self, *stages: str) -> None:
+        """Remove all that is kept of stages."""
+        for stage in stages:
+            shutil.rmtree(self.folder / stage, ignore_errors=True)
+
+
+def packed(result: Any) -> bytes:
+    """A result as it is kept."""
+    return bytes(cloudpickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL))
+
+
+def keep(file: Path, content: bytes) -> None:
+    """Write a packed result; OSError where it can't be."""
+    file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    part = file.with_suffix(f".{socket.gethostname()}.{os.getpid()}.{secrets.token_hex(4)}{_PART}")
+    try:
+        part.write_bytes(content)
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def kept(file: Path) -> tuple[Any] | None:
+    """The result in a file, alone in a tuple; None where there is none, or it is damaged."""
+    try:
+        with file.open("rb") as stream:
+            result = pickle.load(stream)
+        os.utime(file)
+    except Exception:  # a damaged file raises whatever it leads the reader into
+        return None
+    return (result,)
+
+
+def cache_folder() -> Path:
+    """The folder of all that is kept: what `CACHE_VARIABLE` names, or lightfactor's in the user's cache."""
+    if named := os.environ.get(CACHE_VARIABLE):
+        return Path(named)
+    caches = os.environ.get("XDG_CACHE_HOME")
+    return (Path(caches) if caches else Path.home() / ".cache") / "lightfactor"
+
+
+def listed() -> list[Kept]:
+    """What is kept, by set and stage."""
+    found = []
+    for folder, source in _sets():
+        for stage in sorted(path for path in folder.iterdir() if path.is_dir()):
+            stats = [stat for _, stat in _files(stage)]
+            if stats:
+                size, used = sum(stat.st_size for stat in stats), max(stat.st_mtime for stat in stats)
+                found.append(Kept(source, stage.name, len(stats), size, used))
+    return found
+
+
+def prune(
+    older_s: float = KEPT_S, most_bytes: int = KEPT_BYTES, source: Path | None = None
+) -> tuple[int, int]:
+    """Remove what was last used so long ago, seconds, and beyond so many bytes what was used least recently.
+
+    source : a set's manifest, to remove of that set only. Returns how many results were removed, and their bytes.
+    """
+    own = None if source is None else str(source.absolute())
+    files = [file for folder, named in _sets() if own in (None, named) for file in _files(folder)]
+    files.sort(key=lambda file: -file[1].st_mtime)
+    left = removed = freed = 0
+    for path, stat in files:
+        left += stat.st_size
+        if left > most_bytes or time.time() - stat.st_mtime > older_s:
+            left -= stat.st_size
+            with suppress(OSError):
+                path.unlink()
+                removed, freed = removed + 1, freed + stat.st_size
+    for folder, _ in _sets():
+        _remove_if_empty(folder)
+    return removed, freed
+
+
+def _sets() -> Iterator[tuple[Path, str]]:
+    """Folders of sets, and the paths of their manifests."""
+    for file in sorted(cache_folder().glob(f"*/{_NAMED}")):
+        with suppress(OSError, UnicodeDecodeError):
+            yield file.parent, file.read_text(encoding="utf-8").rstrip("\n")
+
+
+def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    for path in folder.rglob("*"):
+        with suppress(OSError):
+            if path.is_file() and path.name != _NAMED:
+                yield path, path.stat()
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if any(_files(folder)):
+        return
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _is_orphan(part: Path) -> bool:
+    """Whether nobody writes a part any more: its process has ended; of another machine's, after a day."""
+    try:
+        *_, host, process, _, _ = part.name.rsplit(".", 4)
+        if host == socket.gethostname():
+            os.kill(int(process), 0)
+        return time.time() - part.stat().st_mtime > _PART_S
+    except ProcessLookupError:
+        return True
+    except (OSError, ValueError):
+        return False

@@ -1,0 +1,41 @@
+"""Solved sets, kept until their pictures are made: a run that was killed among these doesn't solve anew."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from capture.photoset import PhotoSet
+from capture.tasks.contentkey import content_key, program_key
+from capture.tasks.store import TaskStore, keep, packed
+from invrender.result.run import Run
+
+FITS_STAGE = "fits"
+
+
+def fit_place(
+    store: TaskStore, photoset: PhotoSet, inputs: Mapping[str, str], settings: Mapping[str, object]
+) -> Path:
+    """Where a set's solution is kept, by what it depends on: the set's files and their places, settings, the program.
+
+    inputs : the set's `photoset_hashes`.
+    """
+    places = [str(path.absolute()) for path in photoset.files]
+    return store.place(FITS_STAGE, content_key(places, inputs, settings, program_key()))
+
+
+def keep_fit(place: Path, run: Run) -> Run:
+    """Keep a solved set, where the disk has room; the set as it will be read.
+
+    Textures aren't kept: what they are solved from may be gigabytes.
+    """
+    if run.textures is not None:
+        return run
+    content = packed(run)
+    with suppress(OSError):
+        keep(place, content)
+    # Its arrays lie otherwise in memory than those of the one that was solved, and sums differ in the last digit.
+    read: Run = pickle.loads(content)
+    return read
