@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 from collections.abc import Callable
-from functools import cache
 from typing import Annotated
 
 import typer
 
 from capture.commands.board import board
+from capture.commands.cache import cache
 from capture.commands.calibrate import calibrate
 from capture.commands.hdr import hdr
 from invrender.commands.brdf import brdf
@@ -97,9 +98,10 @@ app.command(
 app.command(short_help="Merge a bracket of exposures into one radiance image.")(hdr)
 app.add_typer(calibrate, name="calibrate", short_help="Calibrate cameras, sensors and gantries.")
 app.command(short_help="A calibration board to print, true to scale.")(board)
+app.command(short_help="What runs have kept of photo sets, listed or removed.")(cache)
 
 
-@cache
+@functools.cache
 def _command() -> Callable[[], object]:
     """The program with all commands' options, which take time to put together."""
     return typer.main.get_command(app)

@@ -34,32 +34,35 @@ class Cluster:
 
     def outcomes(self, stage: Stage, items: Sequence[Any]) -> Iterator[Path | Exception]:
         """As of `Engine`. ValueError where a worker has another version, doesn't see the work, or none comes back."""
-        from distributed.scheduler import KilledWorker
-
-        shared = shared_stage(stage)
-        self._check_workers(shared)
-        begun = self._begin(shared, items)
-        for k in range(len(items)):
-            while True:
-                try:
-                    yield begun[k].result()
-                except KilledWorker as error:
-                    yield ValueError(
-                        f"its worker was killed each of {error.allowed_failures + 1} times; workers may lack memory,"
-                        " or the file may be one that a library fails on: leave it out"
-                    )
-                except (CancelledError, OSError) as error:
-                    if self._is_connected() and not isinstance(error, CancelledError):
-                        yield error
-                        break
+        with shared_stage(stage) as shared:
+            self._check_workers(shared)
+            begun = self._begin(shared, items)
+            for k in range(len(items)):
+                outcome = self._outcome(begun[k])
+                while outcome is None:
                     # What is done is on disk: workers that get it again return at once.
                     self._reconnect()
-                    begun = {**begun, **{k + n: of for n, of in self._begin(shared, items[k:]).items()}}
-                    continue
-                except Exception as error:
-                    yield error
-                break
-            del begun[k]
+                    begun |= {k + n: of for n, of in self._begin(shared, items[k:]).items()}
+                    outcome = self._outcome(begun[k])
+                yield outcome
+                del begun[k]
+
+    def _outcome(self, begun: Any) -> Path | Exception | None:
+        """What became of a task; None where the scheduler is gone, and it with it."""
+        from distributed.scheduler import KilledWorker
+
+        try:
+            done: Path = begun.result()
+        except KilledWorker as error:
+            return ValueError(
+                f"each of the {error.allowed_failures + 1} workers that had it was killed; workers may lack memory, or"
+                " the file may be one that a library fails on: leave it out"
+            )
+        except CancelledError:
+            return None
+        except Exception as error:
+            return error if self._client.status == "running" else None
+        return done
 
     def close(self) -> None:
         """Leave the cluster; its workers stay."""
@@ -69,9 +72,6 @@ class Cluster:
     def _begin(self, shared: Shared, items: Sequence[Any]) -> dict[int, Any]:
         # Tasks are no function's values to Dask: whether one is done, its file says.
         return {k: self._client.submit(work, shared, item, pure=False) for k, item in enumerate(items)}
-
-    def _is_connected(self) -> bool:
-        return bool(self._client.status == "running")
 
     def _reconnect(self) -> None:
         self.close()

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from capture.tasks.remote import Shared, shared_stage, work
@@ -23,15 +26,15 @@ class LocalWorkers:
 
     def outcomes(self, stage: Stage, items: Sequence[Any]) -> Iterator[Path | Exception]:
         """As of `Engine`. An item whose process is killed is tried once more, in a process of its own."""
-        shared = shared_stage(stage)
-        begun: deque[tuple[Any, Future[Path]]] = deque()
-        for item in items:
-            begun.append((item, self._begin(shared, item)))
-            # Few ahead of what is taken: those are the ones that a killed process may have had.
-            if len(begun) > 2 * self._count:
+        with shared_stage(stage) as shared:
+            begun: deque[tuple[Any, Future[Path]]] = deque()
+            for item in items:
+                begun.append((item, self._begin(shared, item)))
+                # Few ahead of what is taken: those are the ones that a killed process may have had.
+                if len(begun) > 2 * self._count:
+                    yield self._outcome(shared, *begun.popleft())
+            while begun:
                 yield self._outcome(shared, *begun.popleft())
-        while begun:
-            yield self._outcome(shared, *begun.popleft())
 
     def close(self) -> None:
         """End the processes."""
@@ -72,4 +75,17 @@ def _alone(shared: Shared, item: Any) -> Path | Exception:
 
 def _processes(count: int) -> ProcessPoolExecutor:
     # Not forked: threads of this process may hold locks that would never be freed in a copy.
-    return ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"))
+    return ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_begin_process)
+
+
+def _begin_process() -> None:
+    """Leave Ctrl-C to the process that started this one, and end with it, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -23,9 +25,10 @@ class Shared:
     program: str
 
 
-def shared_stage(stage: Stage) -> Shared:
-    """Write a stage for other processes to read; ValueError where it can't be written."""
-    file = stage.store.place(_STAGES, stage.key)
+@contextmanager
+def shared_stage(stage: Stage) -> Iterator[Shared]:
+    """A stage written for other processes to read within the block; ValueError where it can't be written."""
+    file = stage.store.passing(_STAGES, stage.key)
     try:
         keep(file, packed(stage))
     except OSError as error:
@@ -33,7 +36,10 @@ def shared_stage(stage: Stage) -> Shared:
             f"{stage.store.folder}: work can't be shared there ({error.strerror or error}); let {CACHE_VARIABLE} name"
             " a folder with room that all workers see"
         ) from error
-    return Shared(file, program_key())
+    try:
+        yield Shared(file, program_key())
+    finally:
+        file.unlink(missing_ok=True)
 
 
 def work(shared: Shared, item: Any) -> Path:

@@ -69,10 +69,13 @@ class TaskStore:
         """The file of a result."""
         return self.folder / stage / f"{key}{_KEPT}"
 
-    def forget(self, *stages: str) -> None:
-        """Remove all that is kept of stages."""
-        for stage in stages:
-            shutil.rmtree(self.folder / stage, ignore_errors=True)
+    def passing(self, stage: str, key: str) -> Path:
+        """A file of this process's own, to be removed by it; the next run does if the process is killed."""
+        return _owned(self.place(stage, key))
+
+    def forget(self, stage: str) -> None:
+        """Remove all that is kept of a stage."""
+        shutil.rmtree(self.folder / stage, ignore_errors=True)
 
 
 def packed(result: Any) -> bytes:
@@ -83,7 +86,7 @@ def packed(result: Any) -> bytes:
 def keep(file: Path, content: bytes) -> None:
     """Write a packed result; OSError where it can't be."""
     file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    part = file.with_suffix(f".{socket.gethostname()}.{os.getpid()}.{secrets.token_hex(4)}{_PART}")
+    part = _owned(file)
     try:
         part.write_bytes(content)
         os.replace(part, file)
@@ -163,6 +166,11 @@ def _remove_if_empty(folder: Path) -> None:
     if any(_files(folder)):
         return
     shutil.rmtree(folder, ignore_errors=True)
+
+
+def _owned(file: Path) -> Path:
+    """A name beside a file that says whose it is: the machine's and the process's."""
+    return file.with_suffix(f".{socket.gethostname()}.{os.getpid()}.{secrets.token_hex(4)}{_PART}")
 
 
 def _is_orphan(part: Path) -> bool:

@@ -23,7 +23,8 @@ from recon.sampling.draw import NO_SOURCES, Importance, sample_body
 from recon.sampling.find import FoundBody
 from recon.sampling.lightfield import LightField, off_terminators
 
-_MIN_SAMPLES_PER_PHOTO = 20
+# Samples below which a photograph says too little, and that each has at least, however many share the budget.
+_TOO_FEW, _FEWEST = 20, 20
 # Noise about black makes half of a dark photograph's numbers negative.
 _MOSTLY_NEGATIVE = 0.6
 # Relative difference up to which two radiances are one value of a file.
@@ -75,7 +76,7 @@ class _Drawn:
             view = self.body, photo.camera, image, mask, directions
             field = sample_body(*view, self.budget, rng, informative, self.highlights)
             field = off_terminators(field, directions)
-            check_usable(photo, image, field, mask)
+            check_usable(photo, image, field, mask, min(_TOO_FEW, self.budget // 2))
         saturated = float(image.saturated[_inside(image, mask)].mean())
         ceiling = image.radiance.max(axis=(0, 1)) if image.saturated.any() else None
         grey = 0.0 if mask is None else _grey_inside(mask)
@@ -98,7 +99,7 @@ def read_samples(
     how many in all, evenly over the photographs that are fitted; each that is held out gets as many. importance : per
     lighting, how informative pixels are; of one without it samples are spread evenly. highlights : as of `sample_body`.
     """
-    budget = max(samples // len(photoset.fitted), 4 * _MIN_SAMPLES_PER_PHOTO)
+    budget = max(samples // len(photoset.fitted), _FEWEST)
     body, mask_of = found.body, found.mask_of
     drawn = _Drawn(photoset.radiometry, body, mask_of, sources, budget, importance, highlights)
     work = stage_results("samples", drawn, enumerate(photoset.photos), lambda item: str(item[1].file))
@@ -181,14 +182,21 @@ def _inside(image: RadianceImage, coverage: NDArray[np.float32] | None) -> NDArr
 
 
 def check_usable(
-    photo: Photo, image: RadianceImage, samples: LightField, coverage: NDArray[np.float32] | None
+    photo: Photo,
+    image: RadianceImage,
+    samples: LightField,
+    coverage: NDArray[np.float32] | None,
+    least: int = _TOO_FEW,
 ) -> None:
-    """ValueError if a photograph says nothing: saturated, too small, negative, or black throughout the object."""
+    """ValueError if a photograph says nothing: saturated, too small, negative, or black throughout the object.
+
+    least : samples that it needs.
+    """
     if image.saturated[_inside(image, coverage)].all():
         raise ValueError(
             f"{photo.file}: every pixel of the object is saturated; expose shorter, or leave it out"
         )
-    if len(samples) < _MIN_SAMPLES_PER_PHOTO:
+    if len(samples) < least:
         raise ValueError(
             f"{photo.file}: only {len(samples)} pixels of the object are usable (not saturated, not at its rim);"
             " the object must be larger in the image, or the exposure shorter"

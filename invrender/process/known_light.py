@@ -149,8 +149,10 @@ def _concluded(
         *([explained.elsewhere] if explained.elsewhere else []),
     )
 
+    # Not all of what was explained: its columns are most of a set's memory, and a run outlives them.
+    sent = explained.sent
+
     def with_bounces(photo: Photo, field: LightField, shown: Floats) -> Floats:
-        sent = explained.sent
         return shown if sent is None else shown + sent.radiance(photo.lighting, field)
 
     def radiance(photo: Photo, field: LightField) -> Floats:

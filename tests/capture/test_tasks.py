@@ -169,13 +169,14 @@ def test_one_that_kills_its_process_is_named_and_all_others_are_done(
 def test_a_worker_of_another_version_or_without_the_folder_does_nothing(
     store: TaskStore, tmp_path: Path
 ) -> None:
-    shared = shared_stage(Stage("squares", Squared(tmp_path / "log"), "squares", store))
-    with pytest.raises(ValueError, match="another version of lightfactor"):
-        work(replace(shared, program="other"), 1)
-    with pytest.raises(ValueError, match="nowhere: this worker doesn't see it"):
-        work(replace(shared, file=tmp_path / "nowhere"), 1)
-    assert kept(work(shared, 5)) == (np.array([25]),)
-    assert program_key() == shared.program
+    with shared_stage(Stage("squares", Squared(tmp_path / "log"), "squares", store)) as shared:
+        with pytest.raises(ValueError, match="another version of lightfactor"):
+            work(replace(shared, program="other"), 1)
+        with pytest.raises(ValueError, match="nowhere: this worker doesn't see it"):
+            work(replace(shared, file=tmp_path / "nowhere"), 1)
+        assert kept(work(shared, 5)) == (np.array([25]),)
+        assert program_key() == shared.program
+    assert not list(store.folder.glob("stages/*"))
 
 
 def test_parts_that_killed_processes_left_are_removed_and_others_not(

@@ -22,8 +22,6 @@ from invrender.result.run import Run
 
 RESULT_FILES = ("result.json", "report.html", "predicted", "lighting*.exr", *TEXTURE_FILES)
 PICTURES = "predicted photographs and report"
-# Its results are in the result once that is whole.
-PICTURES_STAGE = "pictures"
 
 
 def write_fit(
@@ -56,26 +54,26 @@ def write_pictures(
     folder: Path,
     document: Mapping[str, Any],
     track: Track = silent,
-    made_of: object = None,
+    key: str = "",
 ) -> dict[str, Any]:
     """Write a run's predicted photographs, its report, and its result.json with the errors of these, which is
     returned.
 
-    made_of : what the run was made of, by which pictures are kept where a workplace is open.
+    key : of all that the run was made of, by which pictures are kept where a workplace is open.
     """
     (folder / "predicted").mkdir()
     reporting, photos = Reporting.of(run), run.photoset.photos
     names = photo_file_names([photo.label for photo in photos])
     chosen = pictured(photos)
     reports: list[PhotoReport] = []
-    made = _reports(reporting, [(photo, photo.label in chosen) for photo in photos], made_of)
+    made = _reports(reporting, [(photo, photo.label in chosen) for photo in photos], key)
     for photo in track(photos, "Predicting photographs"):
         report = next(made)
         (folder / "predicted" / names[photo.label]).write_bytes(report.predicted)
         # All of them together may be larger than memory.
         reports.append(replace(report, predicted=b""))
     poor = worst(reports)
-    again = _reports(reporting, [(photo, True) for photo in photos if photo.label in poor], made_of)
+    again = _reports(reporting, [(photo, True) for photo in photos if photo.label in poor], key)
     pictures = {report.label: report.pictures for report in again}
     reports = [replace(each, pictures=pictures.get(each.label, each.pictures)) for each in reports]
     errors = {report.label: report.error for report in reports}
@@ -85,13 +83,16 @@ def write_pictures(
     return complete
 
 
-def _reports(
-    reporting: Reporting, items: Sequence[tuple[Photo, bool]], made_of: object
-) -> Iterator[PhotoReport]:
+def pictures_stage(key: str) -> str:
+    """What the pictures of a run are kept as, by its key."""
+    return f"pictures-{key[:8]}"
+
+
+def _reports(reporting: Reporting, items: Sequence[tuple[Photo, bool]], key: str) -> Iterator[PhotoReport]:
     if reporting.run.textures is not None:
         # What predicts them may be gigabytes, which nobody else gets.
         return parallel_map(reporting, items)
-    return stage_results(PICTURES_STAGE, reporting, items, lambda item: str(item[0].file), made_of)
+    return stage_results(pictures_stage(key), reporting, items, lambda item: str(item[0].file), key)
 
 
 def photo_file_names(labels: Sequence[str]) -> dict[str, str]:

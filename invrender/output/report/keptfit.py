@@ -12,7 +12,7 @@ from capture.tasks.contentkey import content_key, program_key
 from capture.tasks.store import TaskStore, keep, packed
 from invrender.result.run import Run
 
-FITS_STAGE = "fits"
+_STAGE = "fits"
 
 
 def fit_place(
@@ -23,7 +23,7 @@ def fit_place(
     inputs : the set's `photoset_hashes`.
     """
     places = [str(path.absolute()) for path in photoset.files]
-    return store.place(FITS_STAGE, content_key(places, inputs, settings, program_key()))
+    return store.place(_STAGE, content_key(places, inputs, settings, program_key()))
 
 
 def keep_fit(place: Path, run: Run) -> Run:

@@ -16,13 +16,13 @@ from invrender.estimate.quantities import Quantity, limits
 from invrender.estimate.solution import Solution
 from invrender.output.report.files import (
     PICTURES,
-    PICTURES_STAGE,
     RESULT_FILES,
     photoset_hashes,
+    pictures_stage,
     write_fit,
     write_pictures,
 )
-from invrender.output.report.keptfit import FITS_STAGE, fit_place, keep_fit
+from invrender.output.report.keptfit import fit_place, keep_fit
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.result.document import errors_in_words, identifiability, own_numbers
 from invrender.result.run import Run
@@ -62,8 +62,10 @@ def run_process(
         _print_summary(run)
         # What was found is safe now, whatever becomes of the pictures.
         with added_files(out, PICTURES) as folder:
-            document = write_pictures(run, folder, document, track, made_of=place.name)
-        workplace.store.forget(FITS_STAGE, PICTURES_STAGE)
+            document = write_pictures(run, folder, document, track, key=place.name)
+        # It is in the result now.
+        workplace.store.forget(pictures_stage(place.name))
+        place.unlink(missing_ok=True)
     console.print(errors_in_words(document["fit"]))
     console.print(
         f"Results: {out / 'result.json'}   Open in a browser: {out / 'report.html'}", soft_wrap=True

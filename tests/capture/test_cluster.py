@@ -1,0 +1,192 @@
+"""Tasks on a Dask cluster: workers and schedulers die, and nothing is lost or done twice."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from distributed import LocalCluster
+
+from capture.tasks.cluster import Cluster
+from capture.tasks.stage import Workplace, stage_results, working_in
+from capture.tasks.store import TaskStore
+
+COUNT = 60
+
+
+@dataclass(frozen=True)
+class Slowly:
+    """Returns a number after a while, and writes down that it did; one number kills its worker."""
+
+    log: Path
+    seconds: float
+    deadly: int = -1
+
+    def __call__(self, number: int) -> int:
+        if number == self.deadly:
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(self.seconds)
+        with self.log.open("a") as stream:
+            stream.write(f"{number}\n")
+        return number
+
+    @property
+    def done(self) -> list[int]:
+        return sorted(int(line) for line in self.log.read_text().split())
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TaskStore:
+    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path / "cache"))
+    found = TaskStore.of(tmp_path / "photoset.toml")
+    found.prepare(tmp_path / "photoset.toml")
+    return found
+
+
+def numbers(store: TaskStore, address: str, function: Slowly) -> list[int]:
+    engine = Cluster(address, patience_s=60)
+    try:
+        with working_in(Workplace(store, engine)):
+            return list(stage_results("slowly", function, range(COUNT), str, "slowly"))
+    finally:
+        engine.close()
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[LocalCluster]:
+    with LocalCluster(n_workers=3, threads_per_worker=1, dashboard_address=":0") as found:
+        yield found
+
+
+@contextmanager
+def killing(cluster: LocalCluster, every_s: float) -> Iterator[list[int]]:
+    """Kill a random worker again and again; the processes that were killed."""
+    over, killed = threading.Event(), []
+
+    def kill() -> None:
+        draw = random.Random(0)
+        while not over.wait(every_s):
+            process = draw.choice([nanny.pid for nanny in cluster.workers.values() if nanny.pid])
+            os.kill(process, signal.SIGKILL)
+            killed.append(process)
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    try:
+        yield killed
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_workers_that_are_killed_change_nothing(
+    store: TaskStore, cluster: LocalCluster, tmp_path: Path
+) -> None:
+    slowly = Slowly(tmp_path / "log", 0.25)
+    with killing(cluster, 2.0) as killed:
+        assert numbers(store, cluster.scheduler_address, slowly) == list(range(COUNT))
+    assert killed
+    # What was done when its worker was killed is on disk.
+    assert len(slowly.done) <= COUNT + len(killed)
+    assert set(slowly.done) == set(range(COUNT))
+
+
+def test_one_that_kills_its_workers_is_named_and_all_others_are_done(
+    store: TaskStore, cluster: LocalCluster, tmp_path: Path
+) -> None:
+    slowly = Slowly(tmp_path / "log", 0.0, deadly=17)
+    with pytest.raises(ValueError, match=r"^17: each of the \d workers that had it was killed"):
+        numbers(store, cluster.scheduler_address, slowly)
+    assert set(slowly.done) == set(range(COUNT)) - {17}
+    assert len(list(store.folder.glob("slowly/*.kept"))) == COUNT - 1
+
+
+def _started(*command: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", *command],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+def _free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+@contextmanager
+def scheduler(port: int) -> Iterator[None]:
+    """A scheduler with two workers in processes of their own, all killed at the end."""
+    address = f"tcp://127.0.0.1:{port}"
+    options = ("--host", "127.0.0.1", "--dashboard-address", ":0")
+    workers = ("--nthreads", "1", "--nworkers", "2", "--dashboard-address", ":0")
+    processes = [
+        _started("distributed.cli.dask_scheduler", "--port", str(port), *options),
+        _started("distributed.cli.dask_worker", address, *workers),
+    ]
+    try:
+        yield
+    finally:
+        for process in processes:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def test_a_scheduler_that_is_killed_and_comes_back_does_nothing_twice(
+    store: TaskStore, tmp_path: Path
+) -> None:
+    port, slowly, found = _free_port(), Slowly(tmp_path / "log", 0.1), []
+    with scheduler(port):
+        address = f"tcp://127.0.0.1:{port}"
+        _until_it_answers(port)
+        thread = threading.Thread(target=lambda: found.extend(numbers(store, address, slowly)))
+        thread.start()
+        while not (slowly.log.exists() and len(slowly.done) > COUNT // 3):
+            time.sleep(0.05)
+    begun = len(slowly.done)
+    assert begun < COUNT
+    with scheduler(port):
+        thread.join()
+    assert found == list(range(COUNT))
+    # Two workers were killed, perhaps between writing the log and the result.
+    assert len(slowly.done) <= COUNT + 2
+
+
+def _until_it_answers(port: int) -> None:
+    while True:
+        with socket.socket() as asked:
+            if asked.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)
+
+
+def test_a_cluster_that_is_not_there_is_said(store: TaskStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("capture.tasks.cluster._ANSWER_S", 0.5)
+    address = f"tcp://127.0.0.1:{_free_port()}"
+    with pytest.raises(ValueError, match=f"{address}: no Dask scheduler answers there; start one"):
+        Cluster(address)
+    with pytest.raises(ValueError, match="nonsense: no Dask scheduler answers there"):
+        Cluster("nonsense")
+
+
+def test_workers_that_lack_or_have_another_program_are_named(
+    store: TaskStore, cluster: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture.tasks.cluster.program_key", lambda: "another")
+    with pytest.raises(
+        ValueError, match=r"^worker tcp://.*: has another version of the program, lightfactor"
+    ):
+        numbers(store, cluster.scheduler_address, Slowly(tmp_path / "log", 0))
