@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 _ROUNDS = 2
 # How many times as wide as the lobe its flanks are looked for.
 FLANKS = 3.0
-# Photographs with fewer samples are not worth their part.
-_FEWEST = 20
+# Photographs with fewer samples are not worth their part; of many photographs each has fewer, down to the second.
+_FEWEST, _LEAST = 20, 4
 
 
 def weigh(
@@ -69,9 +69,10 @@ def some_samples(
     """
     part, weighed = [], []
     total = sample_count(photos)
+    fewest = min(_FEWEST, max(2 * count // len(photos), _LEAST))
     for photo, own, tells in zip(photos, weights, telling, strict=True):
         size = len(photo.field)
-        budget = min(size, max(int(count * size / total), _FEWEST))
+        budget = min(size, max(int(count * size / total), fewest))
         # The same at any number of photographs, so that results don't hang on their order.
         rng = np.random.default_rng(0)
         even = np.full(size, budget / size)

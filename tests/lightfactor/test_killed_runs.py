@@ -11,8 +11,12 @@ import time
 from pathlib import Path
 
 import pytest
+from distributed import LocalCluster
 
+from invrender.output.report.run import run_process
+from tests.capture.test_cluster import killing
 from tests.invrender.faultysets import write_set
+from tests.invrender.test_kept_fits import assert_alike
 
 PROGRAM = [sys.executable, "-c", "from lightfactor.cli import main; main()"]
 
@@ -58,3 +62,18 @@ def test_a_run_after_killed_ones_gives_the_same_result_and_leaves_nothing_else(t
         path.name for path in (tmp_path / "undisturbed").iterdir()
     }
     assert_nothing_is_left(tmp_path, ["out", "set", "undisturbed"])
+
+
+@pytest.mark.slow
+def test_a_cluster_whose_workers_are_killed_gives_the_same_result(tmp_path: Path) -> None:
+    folder = write_set(tmp_path / "set")
+    run_process(folder, tmp_path / "serial", 2000, fresh=True)
+    with (
+        LocalCluster(n_workers=3, threads_per_worker=1, dashboard_address=":0") as cluster,
+        killing(cluster, 2.0) as killed,
+    ):
+        run_process(folder, tmp_path / "spread", 2000, fresh=True, cluster=cluster.scheduler_address)
+    assert killed
+    assert_alike(tmp_path / "spread", tmp_path / "serial")
+    run_process(folder, tmp_path / "processes", 2000, fresh=True, workers=2)
+    assert_alike(tmp_path / "processes", tmp_path / "serial")
