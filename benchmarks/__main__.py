@@ -16,6 +16,7 @@ import time
 import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from benchmarks.atlas.charts import draw_atlas
@@ -44,12 +45,19 @@ def main(arguments: list[str] | None = None) -> None:
     options = documented_parser("python -m benchmarks", __doc__)
     options.add_argument("--quick", action="store_true", help="coarse versions, to see whether all works")
     options.add_argument("--only", choices=sorted(CHARTS), help=f"one of {', '.join(CHARTS)}", metavar="NAME")
+    options.add_argument(
+        "--workers", type=int, metavar="N", help="processes of the atlas' sweeps (one per core)"
+    )
+    options.add_argument(
+        "--cluster", metavar="ADDRESS", help="a Dask scheduler, whose workers do these sweeps"
+    )
     options.add_argument("--out", type=Path, help="folder of the figures and tables (docs/benchmarks)")
     chosen = options.parse_args(arguments)
     out = chosen.out or (Path("build/benchmarks") if chosen.quick else _DOCS)
     if out.exists() and not out.is_dir():
         sys.exit(f"{out}: is a file; give the name of a folder for the figures")
-    names = [chosen.only] if chosen.only else list(CHARTS)
+    charts = CHARTS | {"atlas": partial(draw_atlas, workers=chosen.workers, cluster=chosen.cluster)}
+    names = [chosen.only] if chosen.only else list(charts)
     programs = [name for name in names if name in PROGRAMS] if chosen.quick else []
     failed: list[str] = []
 
@@ -57,7 +65,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{name} ...", flush=True)
         begin = time.perf_counter()
         try:
-            CHARTS[name](out, chosen.quick)
+            charts[name](out, chosen.quick)
         except Exception:
             traceback.print_exc()
             failed.append(name)

@@ -20,9 +20,16 @@ Result = TypeVar("Result")
 _beside_others: ContextVar[bool] = ContextVar("beside_others", default=False)
 
 
+# Names how many threads share the work, in place of one per core.
+THREADS_VARIABLE = "LIGHTFACTOR_THREADS"
+
+
 def cores() -> int:
     """How many threads share the work."""
-    return 1 if _beside_others.get() else len(usable_cores())
+    if _beside_others.get():
+        return 1
+    asked = os.environ.get(THREADS_VARIABLE, "")
+    return int(asked) if asked.isdigit() and int(asked) else len(usable_cores())
 
 
 @contextmanager

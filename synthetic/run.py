@@ -8,18 +8,29 @@ from pathlib import Path
 from rich.table import Table
 
 from capture.photoset import MANIFEST_NAME
+from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from synthetic.lights.illumination import Given
+from synthetic.render.photograph import STAGE
 from synthetic.scenes.builtin import scene_names, scene_path
 from synthetic.scenes.scenefile import read_scene_file
 from synthetic.shoot import photograph_scene
 from synthetic.writer import CONTACT_NAME, TRUTH_NAME
 
 
-def run_synth(scene: str, out: Path, given: Given | None, seed: int | None) -> None:
-    """Photograph a scene into a photo set, and say what was done."""
+def run_synth(
+    scene: str,
+    out: Path,
+    given: Given | None,
+    seed: int | None,
+    workers: int | None = None,
+    cluster: str | None = None,
+) -> None:
+    """Photograph a scene into a photo set, and say what was done. workers, cluster : as of `opened_workplace`."""
     leave_cleanly_when_stopped()
-    photograph_scene(scene, out, given, seed, track)
+    with opened_workplace(out / MANIFEST_NAME, workers, cluster) as workplace:
+        photograph_scene(scene, out, given, seed, track)
+        workplace.store.forget(STAGE)
     truth = json.loads((out / TRUTH_NAME).read_text(encoding="utf-8"))
     error = truth["integration"]["relative_rms_error"]
     console.print(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +24,14 @@ _QUICK_EVERY = 4
 _FAR = 3.0
 
 
-def draw_atlas(out: Path, quick: bool) -> None:
-    """Write atlas-NAME.json and .png of every boundary, and atlas.md."""
+def draw_atlas(out: Path, quick: bool, workers: int | None = None, cluster: str | None = None) -> None:
+    """Write atlas-NAME.json and .png of every boundary, and atlas.md.
+
+    workers : processes on this machine, one per core if None. cluster : a Dask scheduler, whose workers do it instead.
+    """
     draws = _QUICK_DRAWS if quick else _DRAWS
     sweeps = []
-    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+    with _pool(workers, cluster) as pool:
         for boundary in BOUNDARIES[::_QUICK_EVERY] if quick else BOUNDARIES:
             values = [boundary.values[k] for k in boundary.quick] if quick else boundary.values
             kept = Kept(out / f"atlas-{boundary.name}.json", {"seeds": f"0 to {draws - 1}"})
@@ -36,6 +40,18 @@ def draw_atlas(out: Path, quick: bool) -> None:
             sweeps.append(sweep)
             print(f"  {boundary.name}", flush=True)
     write_table(out / "atlas.md", atlas_table(sweeps), kept.caption)
+
+
+@contextmanager
+def _pool(workers: int | None, cluster: str | None) -> Iterator[Executor]:
+    if cluster is not None:
+        from distributed import Client
+
+        with Client(cluster, set_as_default=False) as client:
+            yield client.get_executor(pure=False)
+        return
+    with ProcessPoolExecutor(workers or os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+        yield pool
 
 
 def atlas_table(sweeps: Sequence[Sweep]) -> Iterator[str]:

@@ -86,8 +86,8 @@ Workers = Annotated[
     typer.Option(
         min=1,
         metavar="N",
-        help="Processes on this machine that photographs are spread over, instead of threads: one that is killed, for"
-        " memory or by a file that a library fails on, takes only its photograph with it.",
+        help="Processes on this machine that the work is spread over, photograph by photograph, instead of threads: one"
+        " that is killed, for memory or by a file that a library fails on, takes only its photograph with it.",
     ),
 ]
 ClusterAddress = Annotated[
@@ -95,8 +95,8 @@ ClusterAddress = Annotated[
     typer.Option(
         "--cluster",
         metavar="ADDRESS",
-        help="Dask scheduler whose workers the photographs are spread over, tcp://HOST:8786; needs"
-        " 'lightfactor[cluster]' and a folder that all see, named by LIGHTFACTOR_CACHE.",
+        help="Dask scheduler whose workers the work is spread over, tcp://HOST:8786; needs 'lightfactor[cluster]' and a"
+        " folder that all see, named by LIGHTFACTOR_CACHE.",
     ),
 ]
 JsonOut = Annotated[

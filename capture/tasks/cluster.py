@@ -6,12 +6,15 @@ The scheduler hands out tasks and knows nothing else: results lie on disk, so th
 from __future__ import annotations
 
 import platform
+import socket
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from capture.tasks.contentkey import program_key
 from capture.tasks.remote import Shared, shared_stage, work
@@ -20,6 +23,8 @@ from capture.tasks.store import CACHE_VARIABLE
 
 # Seconds in which a scheduler answers, and in which one that was lost, or its workers, may come back.
 _ANSWER_S, _PATIENCE_S = 10.0, 120.0
+# Seconds between questions, and the port that schedulers have unless they say otherwise.
+_ASK_S, _PORT = 0.5, 8786
 
 
 class Cluster:
@@ -30,7 +35,7 @@ class Cluster:
 
     def __init__(self, address: str, patience_s: float = _PATIENCE_S) -> None:
         self._address, self._patience_s = address, patience_s
-        self._client = _connected(address, _ANSWER_S)
+        self._client = _connected(address, 0.0)
 
     def outcomes(self, stage: Stage, items: Sequence[Any]) -> Iterator[Path | Exception]:
         """As of `Engine`. ValueError where a worker has another version, doesn't see the work, or none comes back."""
@@ -116,9 +121,26 @@ def _connected(address: str, patience_s: float) -> Any:
             f"--cluster needs Dask ({error}); install it: pip install 'lightfactor[cluster]'"
         ) from error
     try:
-        return Client(address, timeout=patience_s, security=Security(), set_as_default=False)
+        _await_answer(address, patience_s)
+        return Client(address, timeout=_ANSWER_S, security=Security(), set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise ValueError(
-            f"{address}: no Dask scheduler answers there; start one (dask scheduler), and workers: dask worker ADDRESS"
-            " --nthreads 1"
+            f"{address}: no Dask scheduler answers there ({error}); start one (dask scheduler), and workers: dask"
+            " worker ADDRESS --nthreads 1"
         ) from error
+
+
+def _await_answer(address: str, patience_s: float) -> None:
+    """Wait until something listens at an address; a client that waits itself leaves its connections open."""
+    parts = urlsplit(address)
+    if not parts.hostname:
+        raise ValueError("an address is like tcp://HOST:8786")
+    end = time.monotonic() + patience_s
+    while True:
+        try:
+            socket.create_connection((parts.hostname, parts.port or _PORT), timeout=_ANSWER_S).close()
+            return
+        except ConnectionError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(_ASK_S)

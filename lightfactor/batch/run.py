@@ -14,7 +14,9 @@ from lightfactor.batch.running import Outcome, outcomes, stop_all
 from lightfactor.batch.table import TABLE_NAME, table_rows, write_tables
 
 
-def run_batch(given: Sequence[str], out: Path, samples: int, workers: int, fresh: bool) -> bool:
+def run_batch(
+    given: Sequence[str], out: Path, samples: int, workers: int, fresh: bool, cluster: str | None = None
+) -> bool:
     """Process all sets that are named; whether each of them has its result. What failed is said on the terminal."""
     sets = asked_sets(given, samples)
     leave_cleanly_when_stopped(stop_all)
@@ -24,7 +26,7 @@ def run_batch(given: Sequence[str], out: Path, samples: int, workers: int, fresh
         out.mkdir(parents=True, exist_ok=True)
         found: dict[str, Outcome] = {}
         with counted(track, len(sets), f"Processing {len(sets)} photo sets") as on_step:
-            for outcome in outcomes(sets, out, workers, fresh):
+            for outcome in outcomes(sets, out, workers, fresh, cluster):
                 found[outcome.asked.name] = outcome
                 on_step(outcome.in_words)
         ordered = [found[asked.name] for asked in sets]

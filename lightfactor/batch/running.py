@@ -10,18 +10,21 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Literal
 
 from capture.files.documents import software
-from capture.parallel import usable_cores
+from capture.parallel import THREADS_VARIABLE, usable_cores
 from capture.photoset import load_photoset
+from capture.tasks.stage import Stage
+from capture.tasks.store import kept
+from capture.tasks.workplace import opened_workplace
 from invrender.output.report.files import photoset_hashes
 from invrender.result.saved import SavedResult, read_result
 from lightfactor.batch.asked import AskedSet
-from lightfactor.program import PROGRAM
+from lightfactor.program import BOUND_PROGRAM
 
 Status = Literal["done", "kept", "failed"]
 # What the program says in front of what is wrong.
@@ -76,24 +79,28 @@ def current_result(asked: AskedSet, folder: Path) -> SavedResult | None:
     return result if result.content.inputs == now else None
 
 
-def outcomes(sets: Sequence[AskedSet], out: Path, workers: int, fresh: bool) -> Iterator[Outcome]:
-    """What becomes of each set, in the order in which they end; results lie in folders of `out` by the sets' names.
+def outcomes(
+    sets: Sequence[AskedSet], out: Path, workers: int, fresh: bool, cluster: str | None = None
+) -> Iterator[Outcome]:
+    """What becomes of each set, as they end; results lie in folders of `out` by the sets' names.
 
     workers : how many are processed at a time, each on its share of the cores. fresh : whether results that are there
-    are computed again.
+    are computed again. cluster : a Dask scheduler whose workers process the sets, each on one core.
     """
+    if cluster is not None:
+        yield from _on_cluster(sets, out, fresh, cluster)
+        return
     cores = usable_cores()
     shares: SimpleQueue[set[int]] = SimpleQueue()
     for k in range(workers):
         shares.put(set(cores[k::workers]) or set(cores))
 
     def run(asked: AskedSet) -> Outcome:
-        folder = out / asked.name
-        if not fresh and (result := current_result(asked, folder)) is not None:
+        if not fresh and (result := current_result(asked, out / asked.name)) is not None:
             return Outcome(asked, "kept", result)
         share = shares.get()
         try:
-            return _processed(asked, folder, share, fresh)
+            return _processed(asked, out / asked.name, fresh, share)
         finally:
             shares.put(share)
 
@@ -107,8 +114,47 @@ def outcomes(sets: Sequence[AskedSet], out: Path, workers: int, fresh: bool) -> 
                 future.cancel()
 
 
-def _processed(asked: AskedSet, folder: Path, share: set[int], fresh: bool) -> Outcome:
-    command = [*PROGRAM, "process", str(asked.manifest), "-o", str(folder), "--samples", str(asked.samples)]
+@dataclass(frozen=True)
+class _Processing:
+    """Processes a set into a folder of `out`, as a worker of a cluster does it."""
+
+    out: Path
+    fresh: bool
+
+    def __call__(self, asked: AskedSet) -> Outcome:
+        folder = self.out / asked.name
+        if not self.fresh and current_result(asked, folder) is not None:
+            return Outcome(asked, "kept", None)
+        # What was found is on disk.
+        return replace(_processed(asked, folder, self.fresh), result=None)
+
+
+def _on_cluster(sets: Sequence[AskedSet], out: Path, fresh: bool, address: str) -> Iterator[Outcome]:
+    absolute = [replace(asked, manifest=asked.manifest.absolute()) for asked in sets]
+    with opened_workplace(out / "sets", cluster=address) as workplace:
+        assert workplace.engine is not None
+        # Whether a set is done, its result says, not what is kept of the task.
+        processing = _Processing(out.absolute(), fresh)
+        stage = Stage("sets", processing, str(out.absolute()), workplace.store, fresh=True)
+        for asked, done in zip(sets, workplace.engine.outcomes(stage, absolute), strict=True):
+            found = None if isinstance(done, Exception) else kept(done)
+            outcome: Outcome = found[0] if found else Outcome(asked, "failed", None, str(done))
+            result = whole_result(out / asked.name) if outcome.status != "failed" else None
+            yield replace(outcome, asked=asked, result=result)
+        workplace.store.forget(stage.name)
+
+
+def _processed(asked: AskedSet, folder: Path, fresh: bool, share: set[int] | None = None) -> Outcome:
+    """Process a set in a process of its own, on a share of this machine's cores, or on one core without one."""
+    command = [
+        *BOUND_PROGRAM,
+        "process",
+        str(asked.manifest),
+        "-o",
+        str(folder),
+        "--samples",
+        str(asked.samples),
+    ]
     command += (["--published"] if asked.published else []) + (["--fresh"] if fresh else [])
     begun = time.monotonic()
     # Of what it says, the last counts: a file holds it, however much it is.
@@ -116,13 +162,21 @@ def _processed(asked: AskedSet, folder: Path, share: set[int], fresh: bool) -> O
         with _starting:
             if _stopped.is_set():
                 return Outcome(asked, "failed", None, "the batch was stopped")
+            alone = os.environ if share else os.environ | {THREADS_VARIABLE: "1"}
             process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, text=True
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=said,
+                text=True,
+                env=alone,
             )
             _running.add(process)
-        if hasattr(os, "sched_setaffinity"):
+        if share and hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(process.pid, share)
         code = process.wait()
+        assert process.stdin is not None
+        process.stdin.close()
         _running.discard(process)
         said.seek(0)
         text = said.read()

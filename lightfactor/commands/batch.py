@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from capture.commands.options import ClusterAddress
 from invrender.commands.process import DEFAULT_SAMPLES
 
 
@@ -43,6 +44,7 @@ def batch(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Process sets again whose results are there and up to date.")
     ] = False,
+    cluster: ClusterAddress = None,
 ) -> None:
     """Process many photo sets: all results, one page over them, results.csv.
 
@@ -54,5 +56,5 @@ def batch(
     """
     from lightfactor.batch.run import run_batch
 
-    if not run_batch(sets, out, samples, workers, fresh):
+    if not run_batch(sets, out, samples, workers, fresh, cluster):
         raise typer.Exit(1)

@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from capture.commands.options import ClusterAddress, Workers
+
 
 class LightOfSet(StrEnum):
     ALL = "all"
@@ -55,6 +57,8 @@ def synth(
             min=0, help="Another draw of all that is random (noise, faults); default: the scene file's."
         ),
     ] = None,
+    workers: Workers = None,
+    cluster: ClusterAddress = None,
 ) -> None:
     """Photograph a synthetic scene: a photo set as a camera would have taken it, with the truth beside it.
 
@@ -68,7 +72,8 @@ def synth(
     """
     from synthetic.run import list_built_in, run_synth, show_scene
 
-    others = {"SCENE": scene, "--out": out, "--show": show or None, "--light": light, "--seed": seed}
+    spread = {"--workers": workers, "--cluster": cluster}
+    others = {"SCENE": scene, "--out": out, "--show": show or None, "--light": light, "--seed": seed} | spread
     if list_scenes:
         _refuse("--list", others)
         list_built_in()
@@ -76,12 +81,12 @@ def synth(
     if scene is None:
         raise ValueError("which scene? Give the name of a built-in one (--list shows them), or a scene file")
     if show:
-        _refuse("--show", {key: others[key] for key in ("--out", "--light", "--seed")})
+        _refuse("--show", {key: others[key] for key in ("--out", "--light", "--seed", *spread)})
         show_scene(scene)
         return
     if out is None:
         raise ValueError("where to? Give a folder for the photo set: -o SET")
-    run_synth(scene, out, light.value if light else None, seed)
+    run_synth(scene, out, light.value if light else None, seed, workers, cluster)
 
 
 def _refuse(option: str, others: Mapping[str, object]) -> None:

@@ -6,14 +6,16 @@ result depends neither on how many threads share the work nor on their order.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.parallel import parallel_map
+from capture.tasks.stage import stage_results
 from synthetic.render.gather import direct_light
 from synthetic.render.lattice import dealt
 from synthetic.render.paths import indirect_light
@@ -29,6 +31,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
+# What tiles are kept as until the whole set is there.
+STAGE = "tiles"
 _PIXELS_PER_TILE = 2048
 # Per sub-sample of a pixel.
 _MIRROR_PATHS = 4
@@ -48,6 +52,7 @@ def photographs(scene: Scene, progress: Progress | None = None) -> Iterator[tupl
     progress : called with the steps of the work and a description; iterates over what it returns.
     """
     coverages: dict[int, Floats] = {}
+    begun: deque[Tile] = deque()
 
     def work() -> Iterator[Tile]:
         for index, shot in enumerate(scene.shots):
@@ -55,9 +60,12 @@ def photographs(scene: Scene, progress: Progress | None = None) -> Iterator[tupl
             if not coverages[index].any():
                 raise ValueError(f"scene {scene.name!r}: camera {index} sees nothing of the object")
             _parts(scene, shot)
-            yield from tiles(index, coverages[index])
+            for tile in tiles(index, coverages[index]):
+                begun.append(tile)
+                yield tile
 
-    done = parallel_map(lambda tile: (tile, tile_radiance(scene, tile)), work())
+    computed = stage_results(STAGE, partial(tile_radiance, scene), work(), _named)
+    done = ((begun.popleft(), radiance) for radiance in computed)
     finished = groupby(done, key=lambda result: result[0].photograph)
     count = range(len(scene.shots))
     for _ in progress(count, "Photographing") if progress else count:
@@ -67,6 +75,10 @@ def photographs(scene: Scene, progress: Progress | None = None) -> Iterator[tupl
         for tile, means in parts:
             radiance[tile.pixels[:, 1], tile.pixels[:, 0]] = means
         yield radiance, coverage
+
+
+def _named(tile: Tile) -> str:
+    return f"photograph {tile.photograph}, tile {tile.number}"
 
 
 def tiles(index: int, coverage: Floats) -> list[Tile]:
