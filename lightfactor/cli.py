@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import sys
+import threading
 from collections.abc import Callable
 from typing import Annotated
 
@@ -118,3 +119,17 @@ def main() -> None:
             raise
         print(f"lightfactor: error: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(1)
+
+
+def main_bound() -> None:
+    """Run the command until whoever holds the other end of standard input is gone."""
+    threading.Thread(target=_end_with_input, daemon=True).start()
+    main()
+
+
+def _end_with_input() -> None:
+    # Not by `sys.stdin`, which waits for its reader when the program ends.
+    while os.read(0, 1):
+        pass
+    # What isn't finished the next run clears away.
+    os._exit(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import hashlib
 import sys
 from collections.abc import Mapping, Sequence, Set
@@ -26,10 +27,10 @@ _LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "OpenEXR", "ra
 def content_key(*values: object) -> str:
     """A hash of values, 64 hexadecimal digits, another one as soon as anything in them differs.
 
-    A path stands for the content of its file; a dataclass for its class and the fields that it is made from. TypeError
-    for what has no such content: open files, functions within functions.
+    A path stands for the content of its file; a dataclass for its class and the fields that it is made from; another
+    object for what it would be pickled as. TypeError for what has no such content: locks, functions within functions.
     """
-    return hashlib.sha256(_digest(values)).hexdigest()
+    return hashlib.sha256(_digest(values, ())).hexdigest()
 
 
 @cache
@@ -46,18 +47,29 @@ def _sources(package: str) -> list[Path]:
     return [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
 
 
-def _digest(value: object) -> bytes:
-    """What stands for a value in hashes: its kind, and its bytes or the digests of its parts."""
+def _digest(value: object, within: tuple[int, ...]) -> bytes:
+    """What stands for a value in hashes: its kind, and its bytes or the digests of its parts.
+
+    within : the objects that it is part of, by their numbers in memory.
+    """
     kind = f"{type(value).__module__}.{type(value).__qualname__}"
     digest = hashlib.sha256(kind.encode())
-    for part in _parts(value, kind):
+    if id(value) in within:
+        # An object that holds itself: where it begins.
+        return hashlib.sha256(f"{kind} {within.index(id(value))}".encode()).digest()
+    content = _content(value)
+    parts = (
+        [_digest(part, (*within, id(value))) for part in _parts(value, kind)] if content is None else content
+    )
+    for part in parts:
         # Each part by its length, so that no two values run together to the same bytes.
         digest.update(len(part).to_bytes(8, "big"))
         digest.update(part)
     return digest.digest()
 
 
-def _parts(value: object, kind: str) -> Sequence[bytes | memoryview]:
+def _content(value: object) -> Sequence[bytes | memoryview] | None:
+    """The bytes of a value that has no parts; None of others."""
     match value:
         case Enum():
             return [value.name.encode()]
@@ -70,23 +82,39 @@ def _parts(value: object, kind: str) -> Sequence[bytes | memoryview]:
         case np.ndarray() | np.generic() if value.dtype != object:
             array = np.asarray(value)
             shape = f"{array.dtype.str} {array.shape}".encode()
-            # Two dimensions more than any array lacks make even a single number one of bytes.
             return [shape, np.ascontiguousarray(array).reshape(-1).view(np.uint8).data]
         case type() | FunctionType() | BuiltinFunctionType() if "<" not in value.__qualname__:
             return [f"{value.__module__}.{value.__qualname__}".encode()]
+        case Set():
+            return sorted(_digest(part, ()) for part in value)
+    return None
+
+
+def _parts(value: object, kind: str) -> Sequence[object]:
+    match value:
         case partial():
-            return [_digest(part) for part in (value.func, value.args, value.keywords)]
+            return [value.func, value.args, value.keywords]
         case BaseModel():
-            return [_digest({name: getattr(value, name) for name in type(value).model_fields})]
+            return [getattr(value, name) for name in type(value).model_fields]
         case _ if is_dataclass(value):
             return [
-                _digest({entry.name: getattr(value, entry.name) for entry in fields(value) if entry.init})
+                part
+                for entry in fields(value)
+                if entry.init
+                for part in (entry.name, getattr(value, entry.name))
             ]
         case Mapping():
             # In their order: sums go by it.
-            return [_digest(part) for pair in value.items() for part in pair]
-        case Set():
-            return sorted(_digest(part) for part in value)
-        case Sequence():
-            return [_digest(part) for part in value]
-    raise TypeError(f"a {kind} has no content that a key could be made of")
+            return [part for pair in value.items() for part in pair]
+        case Sequence() if not isinstance(value, np.ndarray):
+            return value
+    try:
+        reduced = (
+            copyreg.dispatch_table[type(value)](value) if type(value) in copyreg.dispatch_table else None
+        )
+        found = value.__reduce_ex__(4) if reduced is None else reduced
+    except TypeError as error:
+        raise TypeError(f"a {kind} has no content that a key could be made of ({error})") from error
+    if isinstance(found, str) or isinstance(value, FunctionType | np.ndarray):
+        raise TypeError(f"a {kind} has no content that a key could be made of")
+    return found[:3]

@@ -114,6 +114,15 @@ def stage_results(
     return _gathered(stage, here.engine, list(items), named)
 
 
+def kept_result(name: str, compute: Callable[[], Result], made_of: object) -> Result:
+    """What a function returns, which this process computes; within `working_in` it is kept, as of `stage_results`."""
+    here = _here.get()
+    if here is None:
+        return compute()
+    found: Result = Stage(name, lambda _: compute(), made_of, here.store, here.fresh).result(None)
+    return found
+
+
 def _gathered(
     stage: Stage, engine: Engine, items: Sequence[Any], named: Callable[[Any], str]
 ) -> Iterator[Any]:

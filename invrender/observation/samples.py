@@ -50,12 +50,34 @@ class PhotoSamples:
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawn:
-    """Reads a photograph and draws its samples; the fields are as in `read_samples` and `sample_body`."""
+class PhotoReader:
+    """Reads the photographs of a set: how they become radiance, the body that they show, and their masks."""
 
     radiometry: Radiometry
     body: Body
     mask_of: Callable[[Photo], NDArray[np.float32] | None]
+
+    @classmethod
+    def of(cls, photoset: PhotoSet, found: FoundBody) -> PhotoReader:
+        return cls(photoset.radiometry, found.body, found.mask_of)
+
+    def pixels(self, photo: Photo, sources: NDArray[np.float64], clock: Clock) -> LightField:
+        """All pixels of a photograph that show the object and none of the terminators of sources (k, 3)."""
+        with clock.on("capture"):
+            image = decode_photo(self.radiometry, photo)
+        with clock.on("recon"), clock.on("visibility"):
+            mask, whole = self.mask_of(photo), np.random.default_rng(0)  # nothing is drawn of all
+            field = sample_body(self.body, photo.camera, image, mask, sources, None, whole)
+            field = off_terminators(field, sources)
+            check_usable(photo, image, field, mask)
+        return field
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """Reads a photograph and draws its samples; the fields are as in `read_samples` and `sample_body`."""
+
+    reader: PhotoReader
     sources: Mapping[str, NDArray[np.float64]]
     budget: int
     importance: Mapping[str, Importance]
@@ -66,14 +88,14 @@ class _Drawn:
         index, photo = numbered
         clock = Clock()
         with clock.on("capture"):
-            image = decode_photo(self.radiometry, photo)
+            image = decode_photo(self.reader.radiometry, photo)
         with clock.on("recon"):
-            mask = self.mask_of(photo)
+            mask = self.reader.mask_of(photo)
             directions = self.sources.get(photo.lighting, NO_SOURCES)
             # Seeded by place, so that neither order nor threads change what is drawn.
             rng = np.random.default_rng(index)
             informative = self.importance.get(photo.lighting)
-            view = self.body, photo.camera, image, mask, directions
+            view = self.reader.body, photo.camera, image, mask, directions
             field = sample_body(*view, self.budget, rng, informative, self.highlights)
             field = off_terminators(field, directions)
             check_usable(photo, image, field, mask, min(_TOO_FEW, self.budget // 2))
@@ -100,8 +122,7 @@ def read_samples(
     lighting, how informative pixels are; of one without it samples are spread evenly. highlights : as of `sample_body`.
     """
     budget = max(samples // len(photoset.fitted), _FEWEST)
-    body, mask_of = found.body, found.mask_of
-    drawn = _Drawn(photoset.radiometry, body, mask_of, sources, budget, importance, highlights)
+    drawn = _Drawn(PhotoReader.of(photoset, found), sources, budget, importance, highlights)
     work = stage_results("samples", drawn, enumerate(photoset.photos), lambda item: str(item[1].file))
     fields: dict[str, LightField] = {}
     cut_off: dict[str, float] = {}
@@ -125,20 +146,6 @@ def _below(ceilings: NDArray[np.floating], field: LightField) -> LightField:
     at = np.abs(field.radiance[:, None] - ceilings) <= _SAME * np.abs(ceilings)
     free = ~at.any(axis=(1, 2))
     return field if free.all() else field.where(free)
-
-
-def usable_pixels(
-    photoset: PhotoSet, found: FoundBody, photo: Photo, sources: NDArray[np.float64], clock: Clock
-) -> LightField:
-    """All pixels of a photograph that show the object and none of the terminators of sources (k, 3)."""
-    with clock.on("capture"):
-        image = decode_photo(photoset.radiometry, photo)
-    with clock.on("recon"), clock.on("visibility"):
-        mask = found.mask_of(photo)
-        drawn = sample_body(found.body, photo.camera, image, mask, sources, None, np.random.default_rng(0))
-        drawn = off_terminators(drawn, sources)
-        check_usable(photo, image, drawn, mask)
-    return drawn
 
 
 def _above(limit: float, shares: Mapping[str, float]) -> dict[str, float]:

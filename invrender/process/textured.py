@@ -18,34 +18,30 @@ from capture.lighting import Lighting
 from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
+from capture.tasks.stage import kept_result
 from invrender.brdf.form import LobeForm
-from invrender.brdf.lobes import RH01_FORM
-from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.forms import together
 from invrender.estimate.interreflection.textured import CorrectedTextures, correct_textures
 from invrender.estimate.solution import Solution
-from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
-from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked
-from invrender.estimate.textured.layout import Layout, SurfacePoints, find_layout
-from invrender.estimate.textured.observe import observe, points_for
-from invrender.estimate.textured.search import solved
-from invrender.estimate.textured.seen import Seen, rows_of, transfers_of
+from invrender.estimate.textured.layout import SurfacePoints, find_layout
+from invrender.estimate.textured.seen import Seen, rows_of
 from invrender.estimate.textured.solution import textured_solution
 from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
-from invrender.observation.samples import usable_pixels
+from invrender.observation.samples import PhotoReader
 from invrender.process.held_out_light import used_lightings
+from invrender.process.texture_passes import PointSubset, TextureBench, first_pass, second_pass
 from invrender.process.warnings import find_warnings
 from invrender.result.run import TexturedRun
 from invrender.result.scores import photo_scores
 from invrender.transport.predict import predict
-from invrender.transport.radiosity import Bounced, ConcaveMesh
+from invrender.transport.radiosity import ConcaveMesh
 from invrender.transport.reflected import ReflectedMap, prepared_map
 from invrender.transport.shading import shade
-from invrender.transport.transfer import LightElement, light_elements
+from invrender.transport.transfer import light_elements
 from invrender.wording import sentences
 from recon.mesh.bodies import MeshBody
 from recon.sampling.lightfield import LightField
@@ -53,8 +49,6 @@ from recon.sampling.lightfield import LightField
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# Pixels of all photographs that the texture is solved from, evenly taken of more: 200 bytes each.
-_MOST_PIXELS = 6_000_000
 # Kd that recovered light leaves uncertain by this share of itself isn't known.
 _UNSURE = 0.5
 # Share of the surface without a texture from which on a sentence says so.
@@ -74,37 +68,6 @@ class Recovered:
     in_gauge: Callable[[Solution], Solution]
 
 
-@dataclass(frozen=True, eq=False)
-class _Bench:
-    """What both passes need. bounced : per lighting, what parts of the mesh send each other, once that is known."""
-
-    photoset: PhotoSet
-    geometry: SceneGeometry
-    body: MeshBody
-    lightings: Mapping[str, Lighting]
-    elements: Mapping[str, Sequence[LightElement]]
-    clock: Clock
-    bounced: Mapping[str, Bounced]
-
-    def pixels(self, photo: Photo) -> LightField:
-        """All usable pixels of a photograph."""
-        sources = self.lightings[photo.lighting].sources
-        return usable_pixels(self.photoset, self.geometry.found, photo, sources, self.clock)
-
-    def direct(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
-        """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
-        return transfers_of(self.elements[photo.lighting], pixels, brdf, self.geometry.shadows)
-
-    def by_mesh(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
-        """The same by light that other parts of the mesh send."""
-        if photo.lighting not in self.bounced:
-            nothing = np.zeros((len(pixels), 3), np.float32)
-            return nothing, nothing
-        diffuse, specular = self.bounced[photo.lighting].reflected(pixels, brdf)
-        means = [pixels.mean_over_rays(rays).astype(np.float32) for rays in (diffuse, specular)]
-        return means[0], means[1]
-
-
 def solve_textured(
     photoset: PhotoSet,
     geometry: SceneGeometry,
@@ -118,20 +81,26 @@ def solve_textured(
     samples : about how many observations of points enter the search for mu and sigma; also, about how many pixels of
     all photographs the residuals are reported of. recovered : the light, where the set doesn't give it.
     """
-    assert isinstance(geometry.body, MeshBody)
-    lightings = _given(photoset, geometry.body, clock) if recovered is None else recovered.lightings
+    body = geometry.body
+    assert isinstance(body, MeshBody)
+    lightings = _given(photoset, body, clock) if recovered is None else recovered.lightings
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-    bench = _Bench(photoset, geometry, geometry.body, lightings, elements, clock, {})
+    reader = PhotoReader.of(photoset, geometry.found)
+    bench = TextureBench(reader, lightings, elements, geometry.shadows, {})
     with clock.on("recon"):
-        layout, faults = find_layout(geometry.body, _footprint(photoset, geometry.body))
-    subset = _first_pass(bench, layout.points, samples, track)
-    fit, accounted = _fit(bench, subset, track, is_absolute=recovered is None)
+        layout, faults = find_layout(body, _footprint(photoset, body))
+    subset = first_pass(bench, photoset, layout.points, samples, clock, track)
+    fit, accounted = kept_result(
+        "texture-fit",
+        partial(_fit, bench, subset, clock, track, recovered is None),
+        (bench, layout.points, samples, photoset.photos, recovered is None),
+    )
     if accounted is not None:
         bench = replace(bench, bounced=accounted.bounced)
     fields = subset.fields
     del subset
     release_memory()
-    textures, dark = _second_pass(bench, layout, fit, track)
+    textures, dark = second_pass(bench, photoset.fitted, layout, fit, clock, track)
     _check_any(photoset, textures)
     unsure, open_to = np.zeros(6), recovered or accounted
     if open_to is not None:
@@ -169,7 +138,7 @@ def solve_textured(
     def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
         # Albedo is the mean around each ray, across which light varies little. It may be as fine as the photograph's
         # own pixels: a ray to each across, and one more.
-        return shaded(photo, field, *textures.around(bench.body, photo.camera, field, binning + 1))
+        return shaded(photo, field, *textures.around(body, photo.camera, field, binning + 1))
 
     fields, residuals = _residuals(photoset, fields, radiance)
     solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure)
@@ -231,56 +200,14 @@ def _footprint(photoset: PhotoSet, body: MeshBody) -> float:
     return float(np.median(spans))
 
 
-@dataclass(frozen=True, eq=False)
-class _Subset:
-    """What photographs show of some of the points, and of each some pixels to report residuals of, by its label."""
-
-    points: SurfacePoints
-    shown: Sequence[Seen]
-    rows: Sequence[TexelRows]
-    fields: Mapping[str, LightField]
-
-
-def _first_pass(bench: _Bench, points: SurfacePoints, samples: int, track: Track) -> _Subset:
-    """A subset of the points, about as many as are seen in so many samples."""
-    photos, fitted = bench.photoset.photos, bench.photoset.fitted
-    rng = np.random.default_rng(0)
-    count = min(len(points), points_for(samples, len(fitted)))
-    chosen = np.sort(rng.choice(len(points), count, replace=False))
-    subset = points.where(chosen)
-    budget = max(samples // len(fitted), 100)
-
-    def read(index: int) -> tuple[LightField, tuple[Seen, TexelRows] | None]:
-        photo = photos[index]
-        field = bench.pixels(photo)
-        with bench.clock.on("invrender"):
-            found = None
-            if not photo.held_out:
-                seen = Seen.of(photo.lighting, observe(bench.body, photo.camera, field, subset), field)
-                found = seen, rows_of(seen, bench.elements, (RH01_FORM,), bench.geometry.shadows)[RH01_FORM]
-        keep = np.zeros(len(field), bool)
-        keep[np.random.default_rng(index).permutation(len(field))[:budget]] = True
-        return field.where(keep), found
-
-    work = parallel_map(read, range(len(photos)))
-    fields: dict[str, LightField] = {}
-    shown, rows = [], []
-    for photo in track(photos, "Reading photographs"):
-        fields[photo.label], found = next(work)
-        if found is not None:
-            shown.append(found[0])
-            rows.append(found[1])
-    return _Subset(subset, shown, rows, fields)
-
-
 def _fit(
-    bench: _Bench, subset: _Subset, track: Track, is_absolute: bool
+    bench: TextureBench, subset: PointSubset, clock: Clock, track: Track, is_absolute: bool
 ) -> tuple[TexturedFit, CorrectedTextures | None]:
     """Model, mu and sigma from a subset of the points, and what bounced light changes in them.
 
     is_absolute : whether Kd is an albedo, which what bounces hangs on.
     """
-    shadows = bench.geometry.shadows
+    shadows = bench.shadows
     # What photographs show may change by what bounces; what they would show of a BRDF doesn't.
     made: dict[tuple[Sequence[LobeForm], bytes], list[dict[LobeForm, TexelRows]]] = {}
 
@@ -302,7 +229,7 @@ def _fit(
         with counted(track, FIT_STEPS, doing) as on_step:
             return fit_textured(given, len(subset.points), in_forms, on_step)
 
-    with bench.clock.on("invrender"):
+    with clock.on("invrender"):
         fit = fitted(subset.shown, "Fitting and cross-validating")
         parts = None if shadows is None or not is_absolute else ConcaveMesh.of(shadows)
         if parts is None:
@@ -310,55 +237,6 @@ def _fit(
         again = partial(fitted, doing="Judging light that bounces")
         accounted = correct_textures(parts, subset.shown, subset.points, bench.elements, fit, again)
     return (fit, None) if accounted is None else (accounted.fit, accounted)
-
-
-def _second_pass(
-    bench: _Bench, layout: Layout, fit: TexturedFit, track: Track
-) -> tuple[FittedTextures, list[str]]:
-    """Kd and Ks of every point, and sentences on photographs that say nothing of them."""
-    finer, parents = layout.finer()
-    fitted = bench.photoset.fitted
-    brdf, most = fit.brdf, _MOST_PIXELS // len(fitted)
-
-    def read(photo: Photo) -> PixelsOfPoints:
-        field = bench.pixels(photo)
-        with bench.clock.on("invrender"):
-            if len(field) > most:
-                field = field.where(np.random.default_rng(0).permutation(len(field)) < most)
-            (d, s), (more_d, more_s) = (of(photo, field, brdf) for of in (bench.direct, bench.by_mesh))
-            lit = d.max(axis=1)
-            # What other parts send makes the albedo brighter, but not more certain.
-            direct = lit / np.maximum((d + more_d).max(axis=1), np.float32(1e-30))
-            trust = (np.maximum(field.weight, 0.01) * direct**2)[:, None].astype(np.float32)
-            covered = cover(bench.body, photo.camera, field, finer)
-            radiance = field.radiance.astype(np.float32)
-            return PixelsOfPoints(covered, d + more_d, s + more_s, lit, radiance, trust, trust)
-
-    work = parallel_map(read, fitted)
-    found = [next(work) for _ in track(fitted, "Gathering the texture")]
-    release_memory()
-    views, covered = stacked(found)
-    with bench.clock.on("invrender"):
-        grid = Grid(parents, len(layout), finer.pairs())
-        # Room for the solve: let go of 0.2 GB of the finer texels' places, and of the covers that were copied.
-        finer, found = layout, []
-        release_memory()
-        with bench.clock.on("texels"):
-            values = solve_joint(
-                views,
-                covered,
-                grid,
-                lambda sums: solved(fit.model, sums, fit.common_ks),
-                fit.noise,
-                np.random.default_rng(0),
-            )
-    dark = [
-        f"{photo.file}: all that it shows of the object lies in the object's own shadow under the given light, which"
-        " says nothing of the texture; leave it out, or check the light's direction and the photograph's pose"
-        for photo, shaded in zip(fitted, in_shadow(views), strict=True)
-        if shaded
-    ]
-    return FittedTextures.of(layout, values, fit.model.ks_varies), dark
 
 
 def _residuals(

@@ -7,16 +7,16 @@ hold what either step leaves open. Where nothing shines, albedo and light can't 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
 from capture.source_region import source_regions
+from capture.tasks.stage import kept_result, stage_results
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import SurfacePoints, scattered
@@ -30,7 +30,7 @@ from invrender.estimate.unknown_light import (
 )
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
-from invrender.observation.samples import usable_pixels
+from invrender.observation.samples import PhotoReader
 from invrender.process.held_out_light import used_tables
 from invrender.process.textured import Recovered, solve_textured
 from invrender.process.unknown_light import orders_of, recovered_lighting
@@ -77,15 +77,15 @@ def solve_unknown_texture(
     names = [photo.lighting for photo in fitted]
     photos = _at_places(photoset, geometry, geometry.body, fitted, min(samples, _SAMPLES), clock, track)
     with clock.on("invrender"):
-        with counted(track, blind_steps(orders), "Separating light and albedo") as on_step:
-            blind = factorize_blind(
-                photos,
-                names,
-                orders,
-                source_regions(photoset.lightings),
-                on_step=on_step,
-                shadows=geometry.shadows,
-            )
+        regions = source_regions(photoset.lightings)
+
+        def factorized() -> BlindSolution:
+            with counted(track, blind_steps(orders), "Separating light and albedo") as on_step:
+                given = photos, names, orders, regions
+                return factorize_blind(*given, on_step=on_step, shadows=geometry.shadows)
+
+        made_of = photos, names, orders, regions, geometry.shadows
+        blind = kept_result("texture-light", factorized, made_of)
         if (
             blind.sigma is None
             or min(_unsure_light(own).max() for own in blind.lights.values()) > _UNDETERMINED
@@ -124,14 +124,13 @@ def _at_places(
     """About so many samples of all photographs, at the same points of the surface; of those that two or more see."""
     count = points_for(samples, len(fitted))
     points = scattered(body, count, np.random.default_rng(0))
-
-    def read(photo: Photo) -> LightField:
-        field = usable_pixels(photoset, geometry.found, photo, NO_SOURCES, clock)
-        with clock.on("recon"):
-            return _samples_at(field, body, photo, points)
-
-    work = parallel_map(read, fitted)
-    photos = [next(work) for _ in track(fitted, "Reading photographs")]
+    at_points = _AtPoints(PhotoReader.of(photoset, geometry.found), body, points)
+    work = stage_results("points", at_points, fitted, lambda photo: str(photo.file))
+    photos = []
+    for _ in track(fitted, "Reading photographs"):
+        field, seconds = next(work)
+        photos.append(field)
+        clock.add(seconds)
     places = [np.asarray(photo.place) for photo in photos]
     times = np.bincount(np.concatenate(places), minlength=count)
     if times.max() < 2:
@@ -140,6 +139,21 @@ def _at_places(
             " from the unknown light; add photographs from sides between these"
         )
     return [photo.where(times[at] > 1) for photo, at in zip(photos, places, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class _AtPoints:
+    """The samples of a photograph at some points of a mesh, and seconds by package."""
+
+    reader: PhotoReader
+    body: MeshBody
+    points: SurfacePoints
+
+    def __call__(self, photo: Photo) -> tuple[LightField, Mapping[str, float]]:
+        clock = Clock()
+        field = self.reader.pixels(photo, NO_SOURCES, clock)
+        with clock.on("recon"):
+            return _samples_at(field, self.body, photo, self.points), clock.seconds
 
 
 def _samples_at(field: LightField, body: MeshBody, photo: Photo, points: SurfacePoints) -> LightField:

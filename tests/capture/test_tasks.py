@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 import pytest
@@ -97,6 +98,17 @@ def test_equal_values_have_one_key_however_they_lie_in_memory() -> None:
     assert content_key({"b", "a"}) == content_key({"a", "b"})
 
 
+class Plain:
+    """No dataclass, and holds itself."""
+
+    def __init__(self, number: int) -> None:
+        self.number, self.own = number, self
+
+
+def test_other_objects_stand_for_what_they_hold() -> None:
+    assert content_key(Plain(1)) == content_key(Plain(1)) != content_key(Plain(2))
+
+
 def test_a_path_stands_for_what_its_file_holds(tmp_path: Path) -> None:
     one, other = tmp_path / "one", tmp_path / "other"
     one.write_bytes(b"photograph")
@@ -111,7 +123,7 @@ def test_a_path_stands_for_what_its_file_holds(tmp_path: Path) -> None:
 
 
 def test_what_holds_no_content_is_refused() -> None:
-    for value in (lambda: 1, object(), np.array([object()])):
+    for value in (lambda: 1, Lock(), np.array([object()])):
         with pytest.raises(TypeError, match="no content that a key could be made of"):
             content_key(value)
 
