@@ -6,6 +6,7 @@ however it ends. So the next run knows what belongs to nobody any more, and remo
 
 from __future__ import annotations
 
+import errno
 import glob
 import os
 import re
@@ -53,9 +54,16 @@ def result_folder(out: Path, own: Sequence[str]) -> Iterator[Path]:
     """
     with _temporary_folder(out) as temporary:
         _check_replaceable(out, own)
-        yield temporary
-        with _placing:
-            _place(temporary, out)
+        try:
+            yield temporary
+            with _placing:
+                _place(temporary, out)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            raise ValueError(
+                f"{out}: cannot be written ({error.strerror}); {_NOTHING}; make room, or give another place"
+            ) from error
 
 
 @contextmanager

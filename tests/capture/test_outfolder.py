@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import re
 import shutil
 import signal
 import subprocess
@@ -122,3 +124,20 @@ def test_within_a_claim_its_own_process_writes(tmp_path: Path) -> None:
             (folder / "more").touch()
     assert sorted(path.name for path in out.iterdir()) == ["more", "result.json"]
     assert hidden(out) == []
+
+
+def test_on_a_full_disk_an_earlier_result_stays_and_a_sentence_says_so(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def write(error: OSError | None) -> None:
+        with result_folder(out, ["result.json"]) as folder:
+            (folder / "result.json").write_text("half" if error else "earlier")
+            if error:
+                raise error
+
+    write(None)
+    said = f"{out}: cannot be written (No space left on device); nothing was written, an earlier result is untouched"
+    with pytest.raises(ValueError, match=re.escape(said)):
+        write(OSError(errno.ENOSPC, "No space left on device"))
+    assert (out / "result.json").read_text() == "earlier"
+    assert list(tmp_path.iterdir()) == [out]
