@@ -128,7 +128,7 @@ def many_figure(counts: Sequence[int], costs: Sequence[Cost], by_workers: Mappin
     first = costs[0].total
     time_axes.plot(counts, [first * count / counts[0] for count in counts], ":", color=GREY, label="linear")
     time_axes.set(xscale="log", yscale="log", xlabel="photographs", ylabel="time [s]")
-    time_axes.legend(fontsize=8)
+    time_axes.legend(fontsize=7, loc="upper left")
     memory_axes.plot(counts, [each.megabytes for each in costs], "-ok")
     memory_axes.set(xscale="log", xlabel="photographs", ylabel="memory at the peak [MB]")
     memory_axes.set_ylim(0, 1.2 * max(each.megabytes for each in costs))
@@ -140,7 +140,7 @@ def many_figure(counts: Sequence[int], costs: Sequence[Cost], by_workers: Mappin
         )
         bottom += heights
     worker_axes.set_ylabel(f"time of {counts[-1] if len(counts) < 3 else counts[2]} photographs [s]")
-    worker_axes.legend(fontsize=8)
+    worker_axes.set_title("colours as at the left", fontsize=9)
     for axes in (time_axes, memory_axes):
         axes.grid(alpha=0.2)
     return figure

@@ -29,7 +29,7 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     "stream": ("", "1"),
     # At full size, which is 1, a quarter of an hour.
     "texture": ("0.15", "0.03"),
-    "many": ("DIR/many.png", "DIR/many.png 20,40"),
+    "many": ("DIR/many.png", "DIR/many.png 10"),
     "startup": ("", "1"),
     "mitsuba": ("DIR/mitsuba.png", "DIR/mitsuba.png rh01-steel"),
 }

@@ -75,6 +75,11 @@ class RadianceImage:
             np.asarray(blocks(self.saturated, factor).any(axis=(1, 3))),
         )
 
+    def noiseless(self) -> RadianceImage:
+        """The same with variance 0, for who asks for no noise: that of a JPEG's codes takes longer than decoding it."""
+        nothing = np.broadcast_to(np.float32(0), self.radiance.shape)
+        return RadianceImage(self.radiance, nothing, self.saturated)
+
     def variance_at(self, rows: Places, columns: Places) -> Image:
         """The variance (n, 3) float32 of pixels by their rows and columns (n,)."""
         if self._variance_at is None or "variance" in self.__dict__:

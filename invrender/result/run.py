@@ -113,7 +113,8 @@ class Run:
 
     def predict(self, photo: Photo) -> Prediction:
         """One photograph beside its prediction."""
-        observed, mask = decode_photo(self.photoset.radiometry, photo), self.geometry.found.mask_of(photo)
+        observed = decode_photo(self.photoset.radiometry, photo).noiseless()
+        mask = self.geometry.found.mask_of(photo)
         if self.binning > 1:
             observed = observed.binned(self.binning)
             photo = replace(photo, camera=photo.camera.binned(self.binning))
