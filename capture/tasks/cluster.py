@@ -122,7 +122,10 @@ def _connected(address: str, patience_s: float) -> Any:
         ) from error
     try:
         _await_answer(address, patience_s)
-        return Client(address, timeout=_ANSWER_S, security=Security(), set_as_default=False)
+        security = Security()
+        if address.startswith("tls:") and security.get_connection_args("client")["ssl_context"] is None:
+            raise ValueError("tls:// needs certificates, in distributed.comm.tls of Dask's configuration")
+        return Client(address, timeout=_ANSWER_S, security=security, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise ValueError(
             f"{address}: no Dask scheduler answers there ({error}); start one (dask scheduler), and workers: dask"

@@ -110,6 +110,7 @@ def stage_results(
         return parallel_map(function, items)
     stage = Stage(name, function, function if made_of is None else made_of, here.store, here.fresh)
     if here.engine is None:
+        _ = stage.key  # once, not by each thread
         return parallel_map(stage.result, items)
     return _gathered(stage, here.engine, list(items), named)
 

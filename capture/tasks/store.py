@@ -108,7 +108,7 @@ def kept(file: Path) -> tuple[Any] | None:
 def cache_folder() -> Path:
     """The folder of all that is kept: what `CACHE_VARIABLE` names, or lightfactor's in the user's cache."""
     if named := os.environ.get(CACHE_VARIABLE):
-        return Path(named)
+        return Path(named).absolute()
     caches = os.environ.get("XDG_CACHE_HOME")
     return (Path(caches) if caches else Path.home() / ".cache") / "lightfactor"
 
@@ -158,14 +158,13 @@ def _sets() -> Iterator[tuple[Path, str]]:
 def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
     for path in folder.rglob("*"):
         with suppress(OSError):
-            if path.is_file() and path.name != _NAMED:
+            if path.is_file() and path.name != _NAMED and (path.suffix != _PART or _is_orphan(path)):
                 yield path, path.stat()
 
 
 def _remove_if_empty(folder: Path) -> None:
-    if any(_files(folder)):
-        return
-    shutil.rmtree(folder, ignore_errors=True)
+    if not any(path.is_file() and path.name != _NAMED for path in folder.rglob("*")):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _owned(file: Path) -> Path:
@@ -177,7 +176,8 @@ def _is_orphan(part: Path) -> bool:
     """Whether nobody writes a part any more: its process has ended; of another machine's, after a day."""
     try:
         *_, host, process, _, _ = part.name.rsplit(".", 4)
-        if host == socket.gethostname():
+        # Windows has no signal that only asks.
+        if host == socket.gethostname() and os.name == "posix":
             os.kill(int(process), 0)
         return time.time() - part.stat().st_mtime > _PART_S
     except ProcessLookupError:

@@ -65,14 +65,18 @@ def test_a_run_after_killed_ones_gives_the_same_result_and_leaves_nothing_else(t
 
 
 @pytest.mark.slow
-def test_a_cluster_whose_workers_are_killed_gives_the_same_result(tmp_path: Path) -> None:
+def test_a_cluster_whose_workers_are_killed_gives_the_same_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = write_set(tmp_path / "set")
     run_process(folder, tmp_path / "serial", 2000, fresh=True)
     with (
         LocalCluster(n_workers=3, threads_per_worker=1, dashboard_address=":0") as cluster,
         killing(cluster, 2.0) as killed,
     ):
-        run_process(folder, tmp_path / "spread", 2000, fresh=True, cluster=cluster.scheduler_address)
+        # Workers are in another folder than what is named from here.
+        monkeypatch.chdir(tmp_path)
+        run_process(Path("set"), Path("spread"), 2000, fresh=True, cluster=cluster.scheduler_address)
     assert killed
     assert_alike(tmp_path / "spread", tmp_path / "serial")
     run_process(folder, tmp_path / "processes", 2000, fresh=True, workers=2)

@@ -106,8 +106,9 @@ def photo_file_names(labels: Sequence[str]) -> dict[str, str]:
 def photoset_hashes(photoset: PhotoSet) -> dict[str, str]:
     """Hashes of every file that the result depends on, by its place in the set's folder, or its name elsewhere."""
     hashes: dict[str, str] = {}
-    for path in photoset.files:
+    files = photoset.files
+    for path, content in zip(files, parallel_map(file_hash, files), strict=True):
         inside = path.is_relative_to(photoset.folder)
         name = str(path.relative_to(photoset.folder)) if inside else path.name
-        hashes[name if name not in hashes else str(path)] = file_hash(path)
+        hashes[name if name not in hashes else str(path)] = content
     return hashes

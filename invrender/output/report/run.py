@@ -47,7 +47,8 @@ def run_process(
     fresh, workers, cluster : as of `opened_workplace`.
     """
     leave_cleanly_when_stopped()
-    photoset = load_photoset(source)
+    # Workers elsewhere are in other folders.
+    photoset = load_photoset(source.absolute() if cluster else source)
     settings = {"samples": samples, "published": published}
     with claimed(out), opened_workplace(photoset.manifest, workers, cluster, fresh) as workplace:
         inputs = photoset_hashes(photoset)
