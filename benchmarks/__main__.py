@@ -56,8 +56,9 @@ def main(arguments: list[str] | None = None) -> None:
     out = chosen.out or (Path("build/benchmarks") if chosen.quick else _DOCS)
     if out.exists() and not out.is_dir():
         sys.exit(f"{out}: is a file; give the name of a folder for the figures")
-    charts = CHARTS | {"atlas": partial(draw_atlas, workers=chosen.workers, cluster=chosen.cluster)}
-    names = [chosen.only] if chosen.only else list(charts)
+    names = [chosen.only] if chosen.only else list(CHARTS)
+    spread = {"workers": chosen.workers, "cluster": chosen.cluster}
+    charts = CHARTS | ({"atlas": partial(draw_atlas, **spread)} if any(spread.values()) else {})
     programs = [name for name in names if name in PROGRAMS] if chosen.quick else []
     failed: list[str] = []
 

@@ -311,7 +311,7 @@ def test_a_finished_fit_outlives_its_predictions(
     out = tmp_path / "out"
     code = (
         "import os, signal, time\nfrom lightfactor.cli import main\nfrom invrender.result.run import Run\n"
-        f"def _predict(run, photo): {fate}\nRun._predict = _predict\nmain()"
+        f"def predict(run, photo): {fate}\nRun.predict = predict\nmain()"
     )
     command = [sys.executable, "-c", code, "process", str(lamp_set), "-o", str(out), "--samples", "1000"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

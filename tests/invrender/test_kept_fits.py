@@ -14,7 +14,6 @@ from invrender.output.report import run as command
 from invrender.output.report.files import photoset_hashes
 from invrender.output.report.keptfit import fit_place, keep_fit
 from invrender.process.pipeline import process
-from synthetic.demo import write_demo
 
 from .faultysets import SIZE, change_manifest, change_pixels, write_set
 
@@ -96,10 +95,11 @@ def test_a_damaged_file_is_no_solution(tmp_path: Path) -> None:
     assert kept(file) is None
 
 
-def test_under_a_map_a_kept_fit_predicts_what_the_fit_itself_did(tmp_path: Path) -> None:
+def test_under_a_map_a_kept_fit_predicts_what_the_fit_itself_did(
+    demo_set_original: Path, tmp_path: Path
+) -> None:
     """Forms of the registry are compared by identity: a copy of RH01's was integrated as any other form, 3% off."""
-    write_demo(tmp_path)
-    run = process(load_photoset(tmp_path), 3000, causes=False)
+    run = process(load_photoset(demo_set_original), 3000, causes=False)
     photo = run.photoset.photos[0]
     read = keep_fit(tmp_path / "kept", run)
     (one,), (other,) = run.predictions([photo]), read.predictions([photo])
