@@ -38,6 +38,11 @@ def assert_alike(one: Path, other: Path) -> None:
         assert path.read_bytes() == (other / "predicted" / path.name).read_bytes()
 
 
+@pytest.fixture(autouse=True)
+def _cache_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path / "cache"))
+
+
 @pytest.mark.parametrize("light", ["known", pytest.param("unknown", marks=pytest.mark.slow)])
 def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, light: str) -> None:
     folder, out = write_set(tmp_path / "set"), tmp_path / "out"

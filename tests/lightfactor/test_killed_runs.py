@@ -36,6 +36,11 @@ def assert_nothing_is_left(folder: Path, names: list[str]) -> None:
     assert {path.name for path in kept if path.suffix != ".kept"} == {"set.txt"}
 
 
+@pytest.fixture(autouse=True)
+def _cache_of_its_own(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path_factory.mktemp("cache")))
+
+
 @pytest.mark.slow
 def test_a_run_after_killed_ones_gives_the_same_result_and_leaves_nothing_else(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set")
