@@ -91,6 +91,8 @@ class Cluster:
             ) from error
         here = identity(shared.file)
         for worker, found in self._client.run(identity, shared.file, on_error="return").items():
+            if isinstance(found, OSError):
+                continue  # it died meanwhile; those that come later are asked with their first task
             if isinstance(found, Exception):
                 raise ValueError(f"worker {worker}: cannot run lightfactor ({found}); install it there")
             if found[0] != here[0]:
