@@ -47,6 +47,7 @@ class Cluster:
                 while outcome is None:
                     # What is done is on disk: workers that get it again return at once.
                     self._reconnect()
+                    self._check_workers(shared)
                     begun |= {k + n: of for n, of in self._begin(shared, items[k:]).items()}
                     outcome = self._outcome(begun[k])
                 yield outcome
