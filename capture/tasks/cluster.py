@@ -46,8 +46,7 @@ class Cluster:
                 outcome = self._outcome(begun[k])
                 while outcome is None:
                     # What is done is on disk: workers that get it again return at once.
-                    self._reconnect()
-                    self._check_workers(shared)
+                    self._reconnect(shared)
                     begun |= {k + n: of for n, of in self._begin(shared, items[k:]).items()}
                     outcome = self._outcome(begun[k])
                 yield outcome
@@ -79,9 +78,19 @@ class Cluster:
         # Tasks are no function's values to Dask: whether one is done, its file says.
         return {k: self._client.submit(work, shared, item, pure=False) for k, item in enumerate(items)}
 
-    def _reconnect(self) -> None:
-        self.close()
-        self._client = _connected(self._address, self._patience_s)
+    def _reconnect(self, shared: Shared) -> None:
+        """Find the scheduler and its workers again; one that has only begun may fail at first."""
+        end = time.monotonic() + self._patience_s
+        while True:
+            self.close()
+            try:
+                self._client = _connected(self._address, self._patience_s)
+                self._check_workers(shared)
+                return
+            except (ValueError, OSError):
+                if time.monotonic() > end:
+                    raise
+                time.sleep(_ASK_S)
 
     def _check_workers(self, shared: Shared) -> None:
         try:
