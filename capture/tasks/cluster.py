@@ -9,7 +9,6 @@ import platform
 import socket
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -57,16 +56,20 @@ class Cluster:
         from distributed.scheduler import KilledWorker
 
         try:
+            while begun.status == "pending":
+                with suppress(TimeoutError):
+                    begun.result(timeout=self._patience_s)
+                if begun.status == "pending" and not self._client.scheduler_info()["workers"]:
+                    return ValueError(f"the scheduler at {self._address} has lost its workers; start some")
             done: Path = begun.result()
         except KilledWorker as error:
             return ValueError(
                 f"each of the {error.allowed_failures + 1} workers that had it was killed; workers may lack memory, or"
                 " the file may be one that a library fails on: leave it out"
             )
-        except CancelledError:
-            return None
         except Exception as error:
-            return error if self._client.status == "running" else None
+            # The task's own, or of the connection that was lost.
+            return error if begun.status == "error" else None
         return done
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,8 +64,12 @@ def numbers(store: TaskStore, address: str, function: Slowly) -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[LocalCluster]:
-    with LocalCluster(n_workers=3, threads_per_worker=1, dashboard_address=":0") as found:
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
+    # In a folder of its own: another cluster on the machine may take one that is just made for a leftover.
+    place = str(tmp_path_factory.mktemp("dask"))
+    with LocalCluster(
+        n_workers=3, threads_per_worker=1, dashboard_address=":0", local_directory=place
+    ) as found:
         yield found
 
 
@@ -122,17 +126,21 @@ def _started(*command: str) -> subprocess.Popen[bytes]:
 
 
 def _free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
+    """One that no system hands out by itself, so that it stays free while a scheduler begins anew."""
+    for port in range(15000 + os.getpid() % 15000, 32000):
+        with suppress(OSError), socket.socket() as found:
+            found.bind(("127.0.0.1", port))
+            return port
+    raise OSError("no port is free")
 
 
 @contextmanager
-def scheduler(port: int) -> Iterator[None]:
-    """A scheduler with two workers in processes of their own, all killed at the end."""
+def scheduler(port: int, place: Path) -> Iterator[None]:
+    """A scheduler with two workers in processes of their own, all killed at the end; place : for what they write."""
     address = f"tcp://127.0.0.1:{port}"
     options = ("--host", "127.0.0.1", "--dashboard-address", ":0")
     workers = ("--nthreads", "1", "--nworkers", "2", "--dashboard-address", ":0")
+    workers += ("--local-directory", str(place))
     processes = [
         _started("distributed.cli.dask_scheduler", "--port", str(port), *options),
         _started("distributed.cli.dask_worker", address, *workers),
@@ -149,7 +157,7 @@ def test_a_scheduler_that_is_killed_and_comes_back_does_nothing_twice(
     store: TaskStore, tmp_path: Path
 ) -> None:
     port, slowly, found = _free_port(), Slowly(tmp_path / "log", 0.1), []
-    with scheduler(port):
+    with scheduler(port, tmp_path):
         address = f"tcp://127.0.0.1:{port}"
         _until_it_answers(port)
         thread = threading.Thread(target=lambda: found.extend(numbers(store, address, slowly)))
@@ -158,7 +166,7 @@ def test_a_scheduler_that_is_killed_and_comes_back_does_nothing_twice(
             time.sleep(0.05)
     begun = len(slowly.done)
     assert begun < COUNT
-    with scheduler(port):
+    with scheduler(port, tmp_path):
         thread.join()
     assert found == list(range(COUNT))
     # Two workers were killed, perhaps between writing the log and the result.

@@ -76,7 +76,9 @@ def test_a_cluster_whose_workers_are_killed_gives_the_same_result(
     folder = write_set(tmp_path / "set")
     run_process(folder, tmp_path / "serial", 2000, fresh=True)
     with (
-        LocalCluster(n_workers=3, threads_per_worker=1, dashboard_address=":0") as cluster,
+        LocalCluster(
+            n_workers=3, threads_per_worker=1, dashboard_address=":0", local_directory=str(tmp_path / "dask")
+        ) as cluster,
         killing(cluster, 2.0) as killed,
     ):
         # Workers are in another folder than what is named from here.
