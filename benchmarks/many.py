@@ -1,7 +1,7 @@
 """Thousands of photographs in one set, and more workers: time and memory of `process`, stage by stage.
 
     python -m benchmarks.many DIR/many.png          30 to 3,000 photographs, then 300 by 1 and more workers; 15 minutes
-    python -m benchmarks.many DIR/many.png 20,40    other numbers of photographs; the last by workers
+    python -m benchmarks.many DIR/many.png 20,40    other numbers of photographs; the third, or last, by workers
 
 The photographs are those of the built-in demonstration, repeated by symbolic links: the files are small, and what is
 measured is what each photograph costs beyond its pixels. Nothing is kept from one run to the next.
@@ -115,8 +115,10 @@ def _stage(log: Path) -> str:
     return _REST if line["done"] == line["of"] else _STAGES.get(line["doing"], _REST)
 
 
-def many_figure(counts: Sequence[int], costs: Sequence[Cost], by_workers: Mapping[str, Cost]) -> Figure:
-    """Time by stage and memory against photographs, and time by stage against workers."""
+def many_figure(
+    counts: Sequence[int], costs: Sequence[Cost], middle: int, by_workers: Mapping[str, Cost]
+) -> Figure:
+    """Time by stage and memory against photographs, and time by stage of the middle number against workers."""
     figure = Figure(figsize=(13, 4), layout="constrained")
     time_axes, memory_axes, worker_axes = figure.subplots(1, 3)
     for k, stage in enumerate((*_STAGES.values(), _REST)):
@@ -139,7 +141,7 @@ def many_figure(counts: Sequence[int], costs: Sequence[Cost], by_workers: Mappin
             list(by_workers), heights, bottom=bottom, color=COLOURS[k % len(COLOURS)], label=stage
         )
         bottom += heights
-    worker_axes.set_ylabel(f"time of {counts[-1] if len(counts) < 3 else counts[2]} photographs [s]")
+    worker_axes.set_ylabel(f"time of {middle} photographs [s]")
     worker_axes.set_title("colours as at the left", fontsize=9)
     for axes in (time_axes, memory_axes):
         axes.grid(alpha=0.2)
@@ -166,7 +168,7 @@ def main(figure: str, sizes: str = "") -> None:
             options = ("--workers", str(workers))
             by_workers[name] = cost(place / f"set{middle}", place / f"workers{workers}", *options)
             _print(f"{middle}, {name}", by_workers[name])
-    save(many_figure(counts, costs, by_workers), Path(figure), machine_words(machine()))
+    save(many_figure(counts, costs, middle, by_workers), Path(figure), machine_words(machine()))
 
 
 def _print(what: str, found: Cost) -> None:

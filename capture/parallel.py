@@ -15,13 +15,10 @@ from threadpoolctl import threadpool_limits
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-
-# Whether whoever calls is one of many that do the same beside each other.
-_beside_others: ContextVar[bool] = ContextVar("beside_others", default=False)
-
-
 # Names how many threads share the work, in place of one per core.
 THREADS_VARIABLE = "LIGHTFACTOR_THREADS"
+# Whether whoever calls is one of many that do the same beside each other.
+_beside_others: ContextVar[bool] = ContextVar("beside_others", default=False)
 
 
 def cores() -> int:

@@ -16,6 +16,7 @@ from benchmarks.atlas.figure import sweep_figure
 from benchmarks.atlas.sweep import Sweep, swept
 from benchmarks.ink import save, write_table
 from benchmarks.kept import Kept
+from capture.tasks.cluster import connected
 
 _DRAWS, _QUICK_DRAWS = 4, 1
 # Of the boundaries, one in so many shows that sweeps are drawn; tests/test_benchmarks.py has points of most.
@@ -45,9 +46,7 @@ def draw_atlas(out: Path, quick: bool, workers: int | None = None, cluster: str 
 @contextmanager
 def _pool(workers: int | None, cluster: str | None) -> Iterator[Executor]:
     if cluster is not None:
-        from distributed import Client
-
-        with Client(cluster, set_as_default=False) as client:
+        with connected(cluster) as client:
             yield client.get_executor(pure=False)
         return
     with ProcessPoolExecutor(workers or os.cpu_count(), multiprocessing.get_context("spawn")) as pool:

@@ -34,7 +34,7 @@ class Cluster:
 
     def __init__(self, address: str, patience_s: float = _PATIENCE_S) -> None:
         self._address, self._patience_s = address, patience_s
-        self._client = _connected(address, 0.0)
+        self._client = connected(address)
 
     def outcomes(self, stage: Stage, items: Sequence[Any]) -> Iterator[Path | Exception]:
         """As of `Engine`. ValueError where a worker has another version, doesn't see the work, or none comes back."""
@@ -87,7 +87,7 @@ class Cluster:
         while True:
             self.close()
             try:
-                self._client = _connected(self._address, self._patience_s)
+                self._client = connected(self._address, self._patience_s)
                 self._check_workers(shared)
                 return
             except (ValueError, OSError):
@@ -126,8 +126,11 @@ def identity(file: Path) -> tuple[str, str, bool]:
     return program_key(), words, file.is_file()
 
 
-def _connected(address: str, patience_s: float) -> Any:
-    """A client of the scheduler at an address; certificates for tls:// are those of Dask's configuration."""
+def connected(address: str, patience_s: float = 0.0) -> Any:
+    """A Dask client of the scheduler at an address, which may begin within so many seconds.
+
+    Certificates for tls:// are those of Dask's configuration. ValueError where none answers, or Dask isn't installed.
+    """
     try:
         from distributed import Client
         from distributed.security import Security

@@ -20,19 +20,14 @@ def run_cache(photoset: Path | None, remove: bool, older_days: float) -> None:
     source = None
     if photoset is not None:
         source = photoset if photoset.suffix == ".toml" else photoset / MANIFEST_NAME
-        if not any(kept.source == str(source.absolute()) for kept in listed()):
+        if not listed(source=source):
             raise ValueError(f"{photoset}: nothing is kept of it; `lightfactor cache` lists what is")
+    older_s = older_days * _DAY_S
     if remove:
-        count, size = prune(older_days * _DAY_S, most_bytes=0 if older_days == 0 else 1 << 62, source=source)
+        count, size = prune(older_s, most_bytes=None, source=source)
         console.print(f"Removed {count} results, {_size(size)}.")
         return
-    now = time.time()
-    shown = [
-        kept
-        for kept in listed()
-        if source is None or kept.source == str(source.absolute())
-        if now - kept.used >= older_days * _DAY_S
-    ]
+    now, shown = time.time(), listed(older_s, source)
     table = Table("photo set", "stage", "results", "size", "last used")
     before = None
     for kept in shown:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +12,7 @@ from typing import Any, Protocol, TypeVar
 
 from capture.parallel import parallel_map
 from capture.tasks.contentkey import content_key, program_key
-from capture.tasks.store import TaskStore, keep, kept, packed
+from capture.tasks.store import TaskStore, keep, keep_if_room, kept, packed
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -49,11 +48,7 @@ class Stage:
         place = self.place(item)
         if not self.fresh and (found := kept(place)) is not None:
             return found[0]
-        content = packed(self.function(item))
-        with suppress(OSError):
-            keep(place, content)
-        # As it will be read: arrays lie otherwise in memory then, and sums over them may differ in the last digit.
-        return pickle.loads(content)
+        return keep_if_room(place, self.function(item))
 
     def done(self, item: Any) -> Path:
         """The file of an item's result, once it is kept there; OSError where the disk has no room."""

@@ -94,6 +94,17 @@ def keep(file: Path, content: bytes) -> None:
         part.unlink(missing_ok=True)
 
 
+def keep_if_room(file: Path, result: Any) -> Any:
+    """Keep a result where the disk has room; the result as it will be read.
+
+    Arrays lie otherwise in memory then than those that were computed, and sums over them may differ in the last digit.
+    """
+    content = packed(result)
+    with suppress(OSError):
+        keep(file, content)
+    return pickle.loads(content)
+
+
 def kept(file: Path) -> tuple[Any] | None:
     """The result in a file, alone in a tuple; None where there is none, or it is damaged."""
     try:
@@ -113,57 +124,59 @@ def cache_folder() -> Path:
     return (Path(caches) if caches else Path.home() / ".cache") / "lightfactor"
 
 
-def listed() -> list[Kept]:
-    """What is kept, by set and stage."""
-    found = []
-    for folder, source in _sets():
-        for stage in sorted(path for path in folder.iterdir() if path.is_dir()):
-            stats = [stat for _, stat in _files(stage)]
-            if stats:
-                size, used = sum(stat.st_size for stat in stats), max(stat.st_mtime for stat in stats)
-                found.append(Kept(source, stage.name, len(stats), size, used))
-    return found
+def listed(older_s: float = 0.0, source: Path | None = None) -> list[Kept]:
+    """What is kept, by set and stage.
+
+    older_s : only what was last used so long ago, seconds. source : a set's manifest, for that set only.
+    """
+    stages: dict[tuple[str, str], list[os.stat_result]] = {}
+    for named, path, stat in _files(source):
+        if time.time() - stat.st_mtime >= older_s:
+            stages.setdefault((named, path.parent.name), []).append(stat)
+    return [
+        Kept(*place, len(stats), sum(stat.st_size for stat in stats), max(stat.st_mtime for stat in stats))
+        for place, stats in sorted(stages.items())
+    ]
 
 
 def prune(
-    older_s: float = KEPT_S, most_bytes: int = KEPT_BYTES, source: Path | None = None
+    older_s: float = KEPT_S, most_bytes: int | None = KEPT_BYTES, source: Path | None = None
 ) -> tuple[int, int]:
     """Remove what was last used so long ago, seconds, and beyond so many bytes what was used least recently.
 
-    source : a set's manifest, to remove of that set only. Returns how many results were removed, and their bytes.
+    most_bytes : None for any number. source : as of `listed`. Returns how many results were removed, and their bytes.
     """
-    own = None if source is None else str(source.absolute())
-    files = [file for folder, named in _sets() if own in (None, named) for file in _files(folder)]
-    files.sort(key=lambda file: -file[1].st_mtime)
-    left = removed = freed = 0
-    for path, stat in files:
-        left += stat.st_size
-        if left > most_bytes or time.time() - stat.st_mtime > older_s:
-            left -= stat.st_size
+    left, removed = 0, []
+    for _, path, stat in sorted(_files(source), key=lambda file: -file[2].st_mtime):
+        is_much = most_bytes is not None and left + stat.st_size > most_bytes
+        if is_much or time.time() - stat.st_mtime >= older_s:
             with suppress(OSError):
                 path.unlink()
-                removed, freed = removed + 1, freed + stat.st_size
-    for folder, _ in _sets():
+                removed.append((path.parent.parent, stat.st_size))
+        else:
+            left += stat.st_size
+    for folder in {folder for folder, _ in removed}:
         _remove_if_empty(folder)
-    return removed, freed
+    return len(removed), sum(size for _, size in removed)
 
 
-def _sets() -> Iterator[tuple[Path, str]]:
-    """Folders of sets, and the paths of their manifests."""
-    for file in sorted(cache_folder().glob(f"*/{_NAMED}")):
+def _files(source: Path | None) -> Iterator[tuple[str, Path, os.stat_result]]:
+    """What is kept of a set, or of all: the set's manifest, the file, and what the system says of it."""
+    own = None if source is None else str(source.absolute())
+    for name in sorted(cache_folder().glob(f"*/{_NAMED}")):
         with suppress(OSError, UnicodeDecodeError):
-            yield file.parent, file.read_text(encoding="utf-8").rstrip("\n")
-
-
-def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    for path in folder.rglob("*"):
-        with suppress(OSError):
-            if path.is_file() and path.name != _NAMED and (path.suffix != _PART or _is_orphan(path)):
-                yield path, path.stat()
+            named = name.read_text(encoding="utf-8").rstrip("\n")
+            if own not in (None, named):
+                continue
+            for path in name.parent.glob("*/*"):
+                # What another process is writing is its own.
+                if path.suffix != _PART or _is_orphan(path):
+                    with suppress(OSError):
+                        yield named, path, path.stat()
 
 
 def _remove_if_empty(folder: Path) -> None:
-    if not any(path.is_file() and path.name != _NAMED for path in folder.rglob("*")):
+    if not any(folder.glob("*/*")):
         shutil.rmtree(folder, ignore_errors=True)
 
 

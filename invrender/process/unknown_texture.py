@@ -39,7 +39,7 @@ from invrender.theory.operator import irradiance_operator
 from invrender.wording import sentences
 from recon.harmonics.basis import degree_of
 from recon.harmonics.latlong import project_latlong
-from recon.mesh.bodies import MeshBody
+from recon.mesh.bodies import Body, MeshBody
 from recon.sampling.draw import NO_SOURCES
 from recon.sampling.lightfield import LightField
 
@@ -124,7 +124,7 @@ def _at_places(
     """About so many samples of all photographs, at the same points of the surface; of those that two or more see."""
     count = points_for(samples, len(fitted))
     points = scattered(body, count, np.random.default_rng(0))
-    at_points = _AtPoints(PhotoReader.of(photoset, geometry.found), body, points)
+    at_points = _AtPoints(PhotoReader.of(photoset, geometry.found), points)
     work = stage_results("points", at_points, fitted, lambda photo: str(photo.file))
     photos = []
     for _ in track(fitted, "Reading photographs"):
@@ -146,17 +146,16 @@ class _AtPoints:
     """The samples of a photograph at some points of a mesh, and seconds by package."""
 
     reader: PhotoReader
-    body: MeshBody
     points: SurfacePoints
 
     def __call__(self, photo: Photo) -> tuple[LightField, Mapping[str, float]]:
         clock = Clock()
         field = self.reader.pixels(photo, NO_SOURCES, clock)
         with clock.on("recon"):
-            return _samples_at(field, self.body, photo, self.points), clock.seconds
+            return _samples_at(field, self.reader.body, photo, self.points), clock.seconds
 
 
-def _samples_at(field: LightField, body: MeshBody, photo: Photo, points: SurfacePoints) -> LightField:
+def _samples_at(field: LightField, body: Body, photo: Photo, points: SurfacePoints) -> LightField:
     """A sample for each of the points that a photograph shows: the radiance there, in the pixel around it."""
     seen = observe(body, photo.camera, field, points)
     nearest = seen.samples[np.arange(len(seen)), seen.weights.argmax(axis=1)]

@@ -46,14 +46,6 @@ class Slowly:
         return sorted(int(line) for line in self.log.read_text().split())
 
 
-@pytest.fixture
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TaskStore:
-    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path / "cache"))
-    found = TaskStore.of(tmp_path / "photoset.toml")
-    found.prepare(tmp_path / "photoset.toml")
-    return found
-
-
 def numbers(store: TaskStore, address: str, function: Slowly) -> list[int]:
     engine = Cluster(address, patience_s=60)
     try:

@@ -46,14 +46,6 @@ class Squared:
         return sorted(int(line) for line in self.log.read_text().split())
 
 
-@pytest.fixture
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TaskStore:
-    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path / "cache"))
-    found = TaskStore.of(tmp_path / "set" / "photoset.toml")
-    found.prepare(tmp_path / "set" / "photoset.toml")
-    return found
-
-
 def squares(
     workplace: Workplace, function: Squared, numbers: range, made_of: object = "squares"
 ) -> list[int]:

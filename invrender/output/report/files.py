@@ -10,7 +10,7 @@ from typing import Any
 
 from capture.files.documents import file_hash, write_json
 from capture.files.imagefile import write_exr
-from capture.parallel import parallel_map
+from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from capture.tasks.stage import stage_results
@@ -89,10 +89,15 @@ def pictures_stage(key: str) -> str:
 
 
 def _reports(reporting: Reporting, items: Sequence[tuple[Photo, bool]], key: str) -> Iterator[PhotoReport]:
-    if reporting.run.textures is not None:
-        # What predicts them may be gigabytes, which nobody else gets.
-        return parallel_map(reporting, items)
-    return stage_results(pictures_stage(key), reporting, items, lambda item: str(item[0].file), key)
+    # Of all threads together: one that ends would take the limit off the others.
+    with one_blas_thread():
+        if reporting.run.textures is not None:
+            # What predicts them may be gigabytes, which nobody else gets.
+            yield from parallel_map(reporting, items)
+        else:
+            yield from stage_results(
+                pictures_stage(key), reporting, items, lambda item: str(item[0].file), key
+            )
 
 
 def photo_file_names(labels: Sequence[str]) -> dict[str, str]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from capture.photoset import PhotoSet
 from capture.tasks.contentkey import content_key, program_key
-from capture.tasks.store import TaskStore, keep, packed
+from capture.tasks.store import TaskStore, keep_if_room
 from invrender.result.run import Run
 
 _STAGE = "fits"
@@ -33,9 +31,5 @@ def keep_fit(place: Path, run: Run) -> Run:
     """
     if run.textures is not None:
         return run
-    content = packed(run)
-    with suppress(OSError):
-        keep(place, content)
-    # Its arrays lie otherwise in memory than those of the one that was solved, and sums differ in the last digit.
-    read: Run = pickle.loads(content)
+    read: Run = keep_if_room(place, run)
     return read

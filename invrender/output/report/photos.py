@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from capture.files.imagefile import write_exr
-from capture.parallel import one_blas_thread
 from capture.photoset import Photo
 from invrender.estimate.evidence import PictureError
 from invrender.output.report.pictures import difference_picture, image_url, shrunk, tone_mapped, white_level
@@ -56,8 +55,7 @@ class Reporting:
     def __call__(self, item: tuple[Photo, bool]) -> PhotoReport:
         """A photograph's report, and whether it is to have pictures."""
         photo, with_pictures = item
-        with one_blas_thread():
-            prediction = self.run.predict(photo)
+        prediction = self.run.predict(photo)
         with tempfile.TemporaryDirectory(prefix="lightfactor-") as folder:
             file = Path(folder) / "predicted.exr"
             write_exr(file, prediction.predicted)
