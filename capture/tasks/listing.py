@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from capture.photoset import MANIFEST_NAME
 from capture.tasks.store import cache_folder, listed, prune
@@ -25,10 +25,11 @@ def run_cache(photoset: Path | None, remove: bool, older_days: float) -> None:
     older_s = older_days * _DAY_S
     if remove:
         count, size = prune(older_s, most_bytes=None, source=source)
-        console.print(f"Removed {count} results, {_size(size)}.")
+        console.print(f"Removed {count} result{'' if count == 1 else 's'}, {_size(size)}.")
         return
     now, shown = time.time(), listed(older_s, source)
-    table = Table("photo set", "stage", "results", "size", "last used")
+    # Whole paths: they are what the command takes.
+    table = Table(Column("photo set", overflow="fold"), "stage", "results", "size", "last used")
     before = None
     for kept in shown:
         place = "" if kept.source == before else escape(kept.source.removesuffix(f"/{MANIFEST_NAME}"))

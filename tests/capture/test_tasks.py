@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from capture.tasks.contentkey import content_key, program_key
+from capture.tasks.listing import run_cache
 from capture.tasks.localworkers import LocalWorkers
 from capture.tasks.remote import shared_stage, work
 from capture.tasks.stage import Stage, Workplace, stage_results, working_in
@@ -216,6 +217,27 @@ def test_what_is_old_or_too_much_is_pruned_least_used_first(store: TaskStore, tm
     assert prune(source=tmp_path / "other" / "photoset.toml", older_s=0) == (0, 0)
     assert prune(older_s=0.5) == (1, 1000)
     assert prune(older_s=-1) == (1, 1000)
+    assert not store.folder.exists()
+
+
+def test_the_command_lists_and_prunes_what_is_asked_for(
+    store: TaskStore, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for key in "ab":
+        keep(store.place("squares", key), bytes(1500))
+    old = time.time() - 5 * 24 * 3600
+    os.utime(store.place("squares", "a"), (old, old))
+    run_cache(None, remove=False, older_days=0)
+    said = capsys.readouterr().out
+    for words in ("squares", " 2 ", "3 kB", "just now", f"3 kB in {tmp_path / 'cache'}"):
+        assert words in said
+    run_cache(tmp_path / "set", remove=False, older_days=3)
+    assert "5 days ago" in capsys.readouterr().out
+    run_cache(tmp_path / "set", remove=True, older_days=3)
+    assert capsys.readouterr().out == "Removed 1 result, 1.5 kB.\n"
+    with pytest.raises(ValueError, match="other: nothing is kept of it; `lightfactor cache` lists what is"):
+        run_cache(tmp_path / "other", remove=True, older_days=0)
+    run_cache(None, remove=True, older_days=0)
     assert not store.folder.exists()
 
 
