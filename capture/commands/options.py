@@ -99,6 +99,12 @@ ClusterAddress = Annotated[
         " folder that all see, named by LIGHTFACTOR_CACHE.",
     ),
 ]
+Fresh = Annotated[
+    bool,
+    typer.Option(
+        "--fresh", help="Compute all anew, whatever earlier runs kept (`lightfactor cache` lists it)."
+    ),
+]
 JsonOut = Annotated[
     Path,
     typer.Option("-o", "--out", metavar="OUT", help="JSON file to write; an earlier one is replaced."),

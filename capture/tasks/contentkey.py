@@ -21,7 +21,7 @@ from capture.files.documents import file_hash
 
 # The program's packages whose code results depend on, and the libraries that compute them.
 _PACKAGES = ("capture", "recon", "invrender", "synthetic")
-_LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "OpenEXR", "rawpy", "embreex")
+_LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "OpenEXR", "rawpy", "embreex", "pycolmap")
 
 
 def content_key(*values: object) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import ResultOut
+from capture.commands.options import Fresh, ResultOut
 
 # Degrees of a brushed surface's harmonics: by default, and at most; coefficients go as the fourth power.
 _ANISOTROPIC, _MOST_ANISOTROPIC = 3, 4
@@ -64,6 +64,7 @@ def brdf(
             show_default=False,
         ),
     ] = None,
+    fresh: Fresh = False,
 ) -> None:
     """Measure a sphere's BRDF without assuming a formula, or fit the formulas to a BRDF that was measured.
 
@@ -109,4 +110,5 @@ def brdf(
         (_ANISOTROPIC if anisotropic else 6) if order is None else order,
         (SAMPLES[chosen.value] if samples is None else samples) or None,
         anisotropic,
+        fresh,
     )

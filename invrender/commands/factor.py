@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import ResultOut, SetFolder
+from capture.commands.options import Fresh, ResultOut, SetFolder
 
 
 def factor(
@@ -65,6 +65,7 @@ def factor(
             " with larger error bars."
         ),
     ] = 60_000,
+    fresh: Fresh = False,
 ) -> None:
     """Recover light and BRDF of a sphere together, whatever the set says of the light; as RH01 did, of a mesh too.
 
@@ -82,4 +83,5 @@ def factor(
     from invrender.factor.choices import read_choices
     from invrender.factor.run import run_factor
 
-    run_factor(photoset, out, read_choices(order, source_region, transfer, ladder, published, samples))
+    choices = read_choices(order, source_region, transfer, ladder, published, samples)
+    run_factor(photoset, out, choices, fresh)

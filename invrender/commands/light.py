@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import ResultOut, SphereSet
+from capture.commands.options import Fresh, ResultOut, SphereSet
 
 
 def light(
@@ -59,6 +59,7 @@ def light(
     samples: Annotated[
         int, typer.Option(help="Pixels of all photographs together that enter, drawn evenly.")
     ] = 20_000,
+    fresh: Fresh = False,
 ) -> None:
     """Recover the light on a sphere of known BRDF: as spherical harmonics, and as a map.
 
@@ -72,4 +73,4 @@ def light(
     """
     from invrender.inverse_lighting.run import given_brdf, run_light
 
-    run_light(photoset, out, given_brdf(brdf, kd, ks, mu, sigma), degree, rung, samples, truth)
+    run_light(photoset, out, given_brdf(brdf, kd, ks, mu, sigma), degree, rung, samples, truth, fresh)

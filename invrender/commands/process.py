@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import ClusterAddress, ResultOut, SetFolder, Workers
+from capture.commands.options import ClusterAddress, Fresh, ResultOut, SetFolder, Workers
 
 DEFAULT_SAMPLES = 60_000
 
@@ -30,12 +30,7 @@ def process(
             " over mu and sigma, Kd and Ks by least squares, no error bars.",
         ),
     ] = False,
-    fresh: Annotated[
-        bool,
-        typer.Option(
-            "--fresh", help="Compute all anew, whatever earlier runs kept (`lightfactor cache` lists it)."
-        ),
-    ] = False,
+    fresh: Fresh = False,
     workers: Workers = None,
     cluster: ClusterAddress = None,
 ) -> None:

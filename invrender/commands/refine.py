@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import SetFolder
+from capture.commands.options import Fresh, SetFolder
 
 
 def refine(
@@ -26,6 +26,7 @@ def refine(
     samples: Annotated[
         int, typer.Option(min=1000, help="As `process` has it, which is run several times; few will do.")
     ] = 20_000,
+    fresh: Fresh = False,
 ) -> None:
     """Move each photograph's pose until the photograph looks as it is predicted from the others.
 
@@ -39,4 +40,4 @@ def refine(
     """
     from invrender.refine.run import run_refine
 
-    run_refine(photoset, samples, turn_deg, shift_px)
+    run_refine(photoset, samples, turn_deg, shift_px, fresh)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from rich.table import Table
 from capture.files.outfolder import added_files, claimed, result_folder
 from capture.photoset import load_photoset
 from capture.radiance import CHANNELS
+from capture.tasks.stage import kept_result
+from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.estimate.quantities import Quantity
 from invrender.estimate.solution import Solution
@@ -19,7 +22,7 @@ from invrender.factor.choices import FactorChoices
 from invrender.factor.figure import ShownPhoto, factor_figure, pictured
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
-from invrender.output.report.files import PICTURES, RESULT_FILES, write_fit, write_pictures
+from invrender.output.report.files import PICTURES, RESULT_FILES, photoset_hashes, write_fit, write_pictures
 from invrender.result.document import errors_in_words, identifiability
 from invrender.result.run import Run
 from invrender.wording import with_error
@@ -33,17 +36,22 @@ _LABELS = {
 }
 
 
-def run_factor(source: Path, out: Path, choices: FactorChoices) -> Run:
-    """Factor a photo set into a result folder and print what was found."""
+def run_factor(source: Path, out: Path, choices: FactorChoices, fresh: bool = False) -> Run:
+    """Factor a photo set into a result folder and print what was found.
+
+    fresh : as of `opened_workplace`.
+    """
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     given = read_given(photoset)
-    with claimed(out):
+    with claimed(out), opened_workplace(photoset.manifest, fresh=fresh):
+        inputs = photoset_hashes(photoset)
         with result_folder(out, OWN_FILES) as folder:
-            run = factor(photoset, choices, track)
+            made_of = ([str(path.absolute()) for path in photoset.files], inputs, choices)
+            run = kept_result("factor", partial(factor, photoset, choices, track), made_of)
             error = light_error(given, run.solution)
             more = {"choices": choices.document(), "given": given_document(given, error)}
-            document = write_fit(run, folder, more)
+            document = write_fit(run, folder, more, inputs)
         with added_files(out, PICTURES) as folder:
             document = write_pictures(run, folder, document, track)
             shown = [

@@ -17,6 +17,7 @@ from capture.files.outfolder import result_folder
 from capture.parallel import one_blas_thread
 from capture.photoset import Photo, PhotoSet, load_photoset
 from capture.radiance import CHANNELS
+from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.brdf.form import Axis
 from invrender.inverse_brdf.brushed_harmonics import BrushedBasis
@@ -57,14 +58,16 @@ def run_brdf(
     order: int,
     samples: int | None,
     anisotropic: bool = False,
+    fresh: bool = False,
 ) -> HarmonicBRDF | Measured:
     """Measure a set's BRDF into a folder, and print what was found.
 
-    anisotropic : whether harmonics are those of a brushed sphere.
+    anisotropic : whether harmonics are those of a brushed sphere. fresh : as of `opened_workplace`.
     """
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
-    with one_blas_thread(), result_folder(out, OWN_FILES) as folder:
+    workplace = opened_workplace(photoset.manifest, fresh=fresh)
+    with one_blas_thread(), result_folder(out, OWN_FILES) as folder, workplace:
         seen = observe(photoset, samples, track)
         if method == "table":
             result: HarmonicBRDF | Measured = _table(seen, folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from capture.lighting import Lighting
 from capture.parallel import one_blas_thread
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
+from capture.tasks.stage import kept_result
 from capture.wording import some_of
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.evidence import relative_rms
@@ -124,8 +126,11 @@ def estimate_light(
                 " longer"
             )
         with one_blas_thread():
-            direct = estimate_coefficients(mine, brdf, choices.degree)
-            dual = estimate_dual(mine, brdf, direct, choices.transfer) if brdf.ks.all() else None
+            direct, dual = kept_result(
+                "lights",
+                partial(_solved, mine, brdf, choices),
+                ([photo.field for photo in mine], brdf, choices),
+            )
         scores = [_scores(photoset, rows, which, brdf, direct) for which in (fitted, other)]
         result = LightResult(
             name=name or photoset.name,
@@ -140,6 +145,13 @@ def estimate_light(
         )
         results.append(result)
     return tuple(results)
+
+
+def _solved(
+    photos: Sequence[PhotoRows], brdf: Microfacet, choices: LightingChoices
+) -> tuple[LightCoefficients, DualLight | None]:
+    direct = estimate_coefficients(photos, brdf, choices.degree)
+    return direct, estimate_dual(photos, brdf, direct, choices.transfer) if brdf.ks.all() else None
 
 
 def _check_scope(photoset: PhotoSet, choices: LightingChoices) -> None:

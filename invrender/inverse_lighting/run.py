@@ -14,6 +14,7 @@ from capture.files.imagefile import write_exr
 from capture.files.outfolder import result_folder
 from capture.lighting import Lighting, read_latlong
 from capture.photoset import PhotoSet, load_photoset
+from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
@@ -57,8 +58,12 @@ def run_light(
     rung: str,
     samples: int,
     truth: Path | None,
+    fresh: bool = False,
 ) -> None:
-    """Recover the lightings of a photo set into a result folder and print what was found."""
+    """Recover the lightings of a photo set into a result folder and print what was found.
+
+    fresh : as of `opened_workplace`.
+    """
     chosen = next((name for name in TRANSFERS if name == rung), None)
     if chosen is None:
         raise ValueError(f"--rung is {rung!r}; it must be one of {', '.join(TRANSFERS)}")
@@ -74,7 +79,7 @@ def run_light(
     photoset = load_photoset(source)
     given = _given(photoset, truth)
     choices = LightingChoices(degree, chosen, samples)
-    with result_folder(out, OWN_FILES) as folder:
+    with result_folder(out, OWN_FILES) as folder, opened_workplace(photoset.manifest, fresh=fresh):
         lights = {name: entry.lighting for name, entry in given.items()}
         results = estimate_light(photoset, brdf, choices, lights, track)
         files = [_write_maps(folder, result, len(results) > 1) for result in results]

@@ -19,6 +19,7 @@ from capture.parallel import one_blas_thread, parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from capture.radiance import RadianceImage
+from capture.tasks.stage import kept_result
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.process.pipeline import process
@@ -76,25 +77,50 @@ def refine_poses(
             f"{photoset.manifest}: [object] shape is {photoset.object.shape!r}; only poses of meshes"
             " are refined: a sphere looks the same however it is turned, and its place is read off the masks"
         )
-    poses = [RefinedPose(np.zeros(6), np.eye(6), 0, np.nan, np.nan)] * len(photoset.photos)
     best: RefinedPoses | None = None
+    poses = tuple([RefinedPose(np.zeros(6), np.eye(6), 0, np.nan, np.nan)] * len(photoset.photos))
     for _ in range(_ROUNDS + 1):
         moved = photoset if best is None else _moved(photoset, best.given, poses)
-        # Causes of what is left over would be looked for in every round, and nobody reads them.
-        run = process(moved, samples, track, causes=False)
-        error = run.solution.model.error
-        if best is not None and error > _STALLS * best.errors[-1]:
+        limit = np.inf if best is None else _STALLS * best.errors[-1]
+        given_to = (photoset, moved, poses, limit, samples, turn_deg, shift_px)
+        found = kept_result("pose-rounds", partial(_round, *given_to, track), given_to)
+        if found is None:
             break
-        centre = _middle(run.geometry.body)
-        given = [
-            LoosePose.of(photo.camera, centre, np.radians(turn_deg), shift_px) for photo in photoset.photos
-        ]
-        best = RefinedPoses(moved, tuple(given), tuple(poses), (*(best.errors if best else ()), error))
-        poses = _round(_seen(photoset, run, given), [pose.change for pose in poses], track)
-        # The next one's memory would come on top.
-        del run
+        best = RefinedPoses(moved, found.given, poses, (*(best.errors if best else ()), found.error))
+        poses = found.poses
     assert best is not None
     return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """What a round finds; as of `RefinedPoses`, with the error at the poses that it began with."""
+
+    error: float
+    given: tuple[LoosePose, ...]
+    poses: tuple[RefinedPose, ...]
+
+
+def _round(
+    photoset: PhotoSet,
+    moved: PhotoSet,
+    poses: Sequence[RefinedPose],
+    limit: float,
+    samples: int,
+    turn_deg: float,
+    shift_px: float,
+    track: Track,
+) -> _Round | None:
+    """Fit the set at the poses that it now has, and refine these; None where the error is above a limit."""
+    # Causes of what is left over would be looked for in every round, and nobody reads them.
+    run = process(moved, samples, track, causes=False)
+    error = run.solution.model.error
+    if error > limit:
+        return None
+    centre = _middle(run.geometry.body)
+    given = [LoosePose.of(photo.camera, centre, np.radians(turn_deg), shift_px) for photo in photoset.photos]
+    refined = _refined(_seen(photoset, run, given), [pose.change for pose in poses], track)
+    return _Round(error, tuple(given), tuple(refined))
 
 
 def _middle(body: Body) -> Floats:
@@ -192,7 +218,7 @@ def _patches(field: LightField, rng: np.random.Generator) -> NDArray[np.bool_]:
     return np.isin(patch[1], order[before < _PIXELS])
 
 
-def _round(
+def _refined(
     seen: Sequence[tuple[PoseTarget, Followed | None]], changes: Sequence[Floats], track: Track
 ) -> list[RefinedPose]:
     """Poses of all photographs: of those that share a texture together, of others one by one."""

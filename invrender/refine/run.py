@@ -13,6 +13,7 @@ from capture.files.documents import input_hashes, numbers, software, write_json
 from capture.files.outfolder import result_files
 from capture.found import ALIGNMENT_NAME
 from capture.photoset import load_photoset
+from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.refine.alternate import RefinedPoses, refine_poses
 from invrender.refine.posechange import pose_covariance, position_std
@@ -20,8 +21,11 @@ from invrender.refine.posechange import pose_covariance, position_std
 POSES_NAME = "refined-poses.json"
 
 
-def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float) -> None:
-    """Refine the poses of a set, write them beside its manifest, and print how far they moved."""
+def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float, fresh: bool = False) -> None:
+    """Refine the poses of a set, write them beside its manifest, and print how far they moved.
+
+    fresh : as of `opened_workplace`.
+    """
     leave_cleanly_when_stopped()
     photoset = load_photoset(source)
     output = photoset.folder / POSES_NAME
@@ -32,7 +36,8 @@ def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float) -> 
         )
     inputs = [photoset.manifest, *photoset.calibration_files, *(photo.file for photo in photoset.photos)]
     inputs += [photo.mask for photo in photoset.photos if photo.mask is not None]
-    found = refine_poses(photoset, samples, turn_deg, shift_px, track)
+    with opened_workplace(photoset.manifest, fresh=fresh):
+        found = refine_poses(photoset, samples, turn_deg, shift_px, track)
     if len(found.errors) == 1:
         console.print(
             "The poses stand as they are: moving them does not lower the error on unseen photographs"

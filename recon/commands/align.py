@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import SetFolder
+from capture.commands.options import Fresh, SetFolder
 
 
 def align(
@@ -35,6 +35,7 @@ def align(
             help="Estimate the world's scale though poses are in metres; where they are relative it always is.",
         ),
     ] = False,
+    fresh: Fresh = False,
 ) -> None:
     """Place the mesh in the photographs' world.
 
@@ -52,4 +53,4 @@ def align(
     leave_cleanly_when_stopped()
     if picks is not None and auto:
         raise ValueError("--picks and --auto both say how to align: give one of them")
-    run_align(photoset, picks, auto, free_scale)
+    run_align(photoset, picks, auto, free_scale, fresh)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.commands.options import SetFolder
+from capture.commands.options import Fresh, SetFolder
 
 if TYPE_CHECKING:
     from recon.poses.register.posesfile import Registration
@@ -54,6 +55,7 @@ def register(
         Path | None,
         typer.Option("-o", "--out", metavar="OUT", help="The poses.", show_default="SET/poses.json"),
     ] = None,
+    fresh: Fresh = False,
 ) -> None:
     """Find where the photographs of a set were taken from.
 
@@ -72,6 +74,8 @@ def register(
     from capture.files.outfolder import result_files
     from capture.found import POSES_NAME
     from capture.photoset import load_photoset
+    from capture.tasks.stage import kept_result
+    from capture.tasks.workplace import opened_workplace
     from capture.terminal import console, leave_cleanly_when_stopped, track
     from recon.poses.register.importing import register_by_colmap, register_by_transforms
     from recon.poses.register.posefigure import pose_figure
@@ -97,7 +101,8 @@ def register(
     if output.suffix.lower() != ".json":
         raise ValueError(f"{output}: must end in .json")
     inputs = [photos.manifest, *photos.calibration_files]
-    with result_files(output, [_CLOUD, _FIGURE], inputs) as folder:
+    workplace = opened_workplace(photos.manifest, fresh=fresh)
+    with result_files(output, [_CLOUD, _FIGURE], inputs) as folder, workplace:
         if colmap is not None:
             inputs += sorted(path for path in colmap.glob("*") if path.suffix in (".bin", ".txt"))
             found = register_by_colmap(photos, colmap)
@@ -111,7 +116,8 @@ def register(
             within = masks_of(photos) if masked is None else masked
             if within:
                 inputs += [photo.mask for photo in photos.photos if photo.mask is not None]
-            found = register_by_features(photos, work, within, parsed, track)
+            register_all = partial(register_by_features, photos, work, within, parsed, track)
+            found = kept_result("poses", register_all, (photos, within, parsed))
         cloud = output.stem + _CLOUD
         document = poses_document(found, cloud if len(found.points) else None)
         write_json(folder / output.name, document | {"inputs": input_hashes(inputs), "software": software()})

@@ -16,9 +16,10 @@ from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.found import POSES_NAME
 from capture.manifest import read_manifest
-from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
+from capture.radiometry import Radiometry
+from capture.tasks.stage import stage_results
 from recon.poses.align.cloud import LEAST_POINTS, read_cloud
 from recon.poses.align.outlines import Outline, outline_of
 from recon.poses.align.picks import Picks
@@ -83,19 +84,11 @@ def gather(photoset: PhotoSet, poses: Path | None, without_masks: bool, track: T
     chosen = list(range(len(photoset.photos))) if from_background else masked
     votes = np.zeros((2, 0 if cloud is None else len(cloud)))
     outlines: dict[int, Outline] = {}
-
-    def looked_at(photo: Photo) -> tuple[Outline | str, NDArray[np.bool_]]:
-        coverage = _object_on_dark(photoset, photo) if from_background else photo_mask(photo)
-        if coverage is None:
-            return "its background isn't dark", np.zeros(votes.shape, bool)
-        seen = np.zeros(votes.shape, bool) if cloud is None else _seen(photo, coverage, cloud)
-        try:
-            return outline_of(photo.camera, coverage), seen
-        except ValueError as error:
-            return str(error), seen
-
-    found = parallel_map(looked_at, track([photoset.photos[i] for i in chosen], "Reading masks"))
-    for index, (outline, seen) in zip(chosen, found, strict=True):
+    looked_at = _LookedAt(photoset.radiometry, from_background, cloud)
+    photos = [photoset.photos[i] for i in chosen]
+    found = stage_results("silhouettes", looked_at, photos, lambda photo: str(photo.file))
+    for index in track(chosen, "Reading masks"):
+        outline, seen = next(found)
         votes = votes + seen
         if isinstance(outline, Outline):
             outlines[index] = outline
@@ -113,6 +106,28 @@ def gather(photoset: PhotoSet, poses: Path | None, without_masks: bool, track: T
         # Without its background a cloud may be gone altogether: the object had no features.
         cloud = own if len(own) >= LEAST_POINTS else None
     return Evidence(outlines, cloud, metric, tuple(warnings))
+
+
+@dataclass(frozen=True, eq=False)
+class _LookedAt:
+    """Reads where a photograph shows the object. from_background : not by its mask; cloud : points (n, 3), if any."""
+
+    radiometry: Radiometry
+    from_background: bool
+    cloud: Floats | None
+
+    def __call__(self, photo: Photo) -> tuple[Outline | str, NDArray[np.bool_]]:
+        """The outline, or why there is none, and which points lie in it and in the picture, (2, n)."""
+        seen = np.zeros((2, 0 if self.cloud is None else len(self.cloud)), bool)
+        coverage = _object_on_dark(self.radiometry, photo) if self.from_background else photo_mask(photo)
+        if coverage is None:
+            return "its background isn't dark", seen
+        if self.cloud is not None:
+            seen = _seen(photo, coverage, self.cloud)
+        try:
+            return outline_of(photo.camera, coverage), seen
+        except ValueError as error:
+            return str(error), seen
 
 
 def picked_points(picks: Picks, photos: Sequence[Photo], file: str, swapped: bool = False) -> PickedPoints:
@@ -133,9 +148,9 @@ def picked_points(picks: Picks, photos: Sequence[Photo], file: str, swapped: boo
     return PickedPoints(joined(rays), picks.points, float(np.median(focal)), names)
 
 
-def _object_on_dark(photoset: PhotoSet, photo: Photo) -> Coverage | None:
+def _object_on_dark(radiometry: Radiometry, photo: Photo) -> Coverage | None:
     """The largest bright region of a photograph, if everything else is dark and it isn't all of the picture."""
-    radiance = decode_photo(photoset.radiometry, photo).radiance
+    radiance = decode_photo(radiometry, photo).radiance
     coverage = largest_blob(radiance)
     inside = coverage >= 0.5
     rim = np.concatenate([inside[0], inside[-1], inside[:, 0], inside[:, -1]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from capture.files.outfolder import result_files
 from capture.found import ALIGNMENT_NAME
 from capture.parallel import one_blas_thread
 from capture.photoset import PhotoSet, load_photoset
+from capture.tasks.stage import kept_result
+from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, track
 from recon.mesh.bodies import MeshBody, body_coverage
 from recon.mesh.rays import RayTracer
@@ -39,8 +42,11 @@ Floats = NDArray[np.float64]
 _AUTO = "auto"
 
 
-def run_align(path: Path, picks_file: Path | None, auto: bool, free_scale: bool) -> None:
-    """Align the mesh of a photo set and write where it stands beside its manifest; ValueError says what is wrong."""
+def run_align(path: Path, picks_file: Path | None, auto: bool, free_scale: bool, fresh: bool = False) -> None:
+    """Align the mesh of a photo set and write where it stands beside its manifest; ValueError says what is wrong.
+
+    fresh : as of `opened_workplace`.
+    """
     photoset = load_photoset(path, find_alignment=True)
     read = read_object_mesh(photoset)
     assert photoset.object.mesh is not None
@@ -56,12 +62,17 @@ def run_align(path: Path, picks_file: Path | None, auto: bool, free_scale: bool)
     inputs += [photo.mask for photo in photoset.photos if photo.mask is not None]
     inputs += [] if picks_file is None else [picks_file]
     output = photoset.folder / ALIGNMENT_NAME
-    with result_files(output, [".png"], inputs) as folder, one_blas_thread():
+    workplace = opened_workplace(photoset.manifest, fresh=fresh)
+    with result_files(output, [".png"], inputs) as folder, one_blas_thread(), workplace:
         evidence = gather(photoset, poses, True, track)
         warnings += evidence.warnings
         tracer = RayTracer(mesh.vertices, mesh.faces)
         task = _task(photoset, mesh, tracer, evidence, start, free_scale)
-        found = _placed(task, photoset, picks, picks_file)
+        found = kept_result(
+            "place",
+            partial(_placed, task, photoset, picks, picks_file),
+            (mesh, photoset.object.unit, evidence, start, free_scale, picks),
+        )
         warnings += found.warnings
         fits = _photo_fits(photoset, tracer, evidence, found, picks)
         if photoset.mesh_to_world is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,10 @@ from capture.boards.boardpose import board_pose
 from capture.boards.boardsearch import BoardView, board_view, check_board, missing
 from capture.camera import Camera
 from capture.decode import decode_photo
-from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
+from capture.radiometry import Radiometry
+from capture.tasks.stage import stage_results
 from recon.poses.register.structure import Landmarks, Structure
 from recon.poses.similarity import cross_matrix
 
@@ -45,11 +47,8 @@ def find_board(photoset: PhotoSet, board: Board, track: Track) -> BoardDetection
             f"--board {board.spec}: looks the same turned by half, so that no pose follows from it; use a charuco"
             " board, or a chessboard of one even and one odd count"
         )
-
-    def view(photo: Photo) -> BoardView:
-        return board_view(decode_photo(photoset.radiometry, photo).radiance, board, photo.label)
-
-    found = parallel_map(view, photoset.photos)
+    view = partial(_view, photoset.radiometry, board)
+    found = stage_results("boards", view, photoset.photos, lambda photo: str(photo.file))
     views = [next(found) for _ in track(photoset.photos, "Looking for the board")]
     check_board(views, board)
     detections, reasons = {}, {}
@@ -63,6 +62,10 @@ def find_board(photoset: PhotoSet, board: Board, track: Track) -> BoardDetection
     if not detections:
         raise ValueError(f"--board {board.spec}: no photo shows it; {views[0].name}: {reasons[0]}")
     return BoardDetections(board, detections, reasons)
+
+
+def _view(radiometry: Radiometry, board: Board, photo: Photo) -> BoardView:
+    return board_view(decode_photo(radiometry, photo).radiance, board, photo.label)
 
 
 def board_structure(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.progress import Track
+from capture.tasks.stage import stage_results
 
 # Up to so many photographs every pair is matched; of more, each with so many partners that look most alike.
 _ALL_PAIRS, _PARTNERS = 80, 40
@@ -26,8 +27,6 @@ _LARGEST, _RATIO = 150, 0.8
 _NEXT = 2
 # Pixels along a photograph's longer side beyond which it is shrunk to look for features.
 _MAX_SIDE = 2400
-# Photographs at once: progress is shown, and a stop heeded, in between.
-_BATCH = 4
 
 
 @dataclass(frozen=True)
@@ -88,23 +87,16 @@ def match_features(
 
     with quiet_colmap():
         _write_shots(database, shots, lenses)
-        extraction = _extraction_options()
-        reader = pycolmap.ImageReaderOptions()
-        if masked:
-            reader.mask_path = folder / "masks"
-        batches = [[shot.name for shot in shots[i : i + _BATCH]] for i in range(0, len(shots), _BATCH)]
-        for batch in track(batches, "Looking for features"):
-            pycolmap.extract_features(
-                database,
-                folder,
-                image_names=batch,
-                camera_mode=pycolmap.CameraMode.AUTO,
-                reader_options=reader,
-                extraction_options=extraction,
-                device=pycolmap.Device.cpu,
-            )
+        pictures = [(folder / shot.name, mask_file(folder / shot.name) if masked else None) for shot in shots]
+        found = stage_results("features", find_features, pictures, lambda files: str(files[0]))
+        shapes: list[NDArray[np.float64]] = []
         with _opened(database) as opened:
-            shapes = tuple(_shapes(opened.read_keypoints(number + 1)) for number in range(len(shots)))
+            for number in track(range(1, len(shots) + 1), "Looking for features"):
+                keypoints, descriptors = next(found)
+                opened.write_keypoints(number, keypoints)
+                kind = pycolmap.FeatureExtractorType.SIFT
+                opened.write_descriptors(number, pycolmap.FeatureDescriptors(kind, descriptors))
+                shapes.append(_shapes(keypoints))
             pairs = _pairs(opened, shapes)
         matching, verification = _matching_options()
         listed = folder / "pairs.txt"
@@ -121,11 +113,43 @@ def match_features(
             verified = [pycolmap.pair_id_to_image_pair(number) for number in numbers]
             still = [_without_parallax(opened.read_two_view_geometry(*pair).config) for pair in verified]
     return Matches(
-        shapes=shapes,
+        shapes=tuple(shapes),
         pairs=np.array(verified, np.int64).reshape(-1, 2) - 1,
         inliers=np.array(inliers, np.int64),
         still=np.array(still, bool),
     )
+
+
+def mask_file(picture: Path) -> Path:
+    """Where COLMAP looks for what of a picture counts."""
+    return picture.parent / "masks" / f"{picture.name}.png"
+
+
+def find_features(files: tuple[Path, Path | None]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """COLMAP's keypoints (k, 6), places and affine shapes in pixels, and descriptors (k, 128) of one picture.
+
+    files : the picture and, as of `mask_file`, what of it counts; None for all.
+    """
+    import pycolmap
+
+    picture, mask = files
+    reader = pycolmap.ImageReaderOptions()
+    if mask is not None:
+        reader.mask_path = mask.parent
+    database = picture.with_suffix(".db")
+    try:
+        pycolmap.extract_features(
+            database,
+            picture.parent,
+            image_names=[picture.name],
+            reader_options=reader,
+            extraction_options=_extraction_options(),
+            device=pycolmap.Device.cpu,
+        )
+        with _opened(database) as opened:
+            return opened.read_keypoints(1), opened.read_descriptors(1).data
+    finally:
+        database.unlink(missing_ok=True)
 
 
 def likely_pairs(descriptors: Sequence[NDArray[np.uint8]]) -> list[tuple[int, int]]:
@@ -200,6 +224,8 @@ def _extraction_options() -> Any:
 
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
+    # Pictures share the cores.
+    options.num_threads = 1
     options.max_image_size = _MAX_SIDE
     options.sift.estimate_affine_shape = True
     options.sift.domain_size_pooling = True

@@ -19,7 +19,7 @@ from capture.progress import Track
 from recon.poses.register.advice import nothing_matches, some_missing, unsteady
 from recon.poses.register.boards import BoardDetections, board_structure, corner_landmarks, find_board
 from recon.poses.register.bundle import Bundle, adjust, spread
-from recon.poses.register.features import Matches, PhotoRecord, match_features
+from recon.poses.register.features import Matches, PhotoRecord, mask_file, match_features
 from recon.poses.register.frame import WorldFrame, frame_of_points, frame_of_poses, free_frame
 from recon.poses.register.outcome import checked, distinct_lenses, perspective_cameras, registration_of
 from recon.poses.register.patches import refine_places
@@ -125,8 +125,8 @@ def _write_pictures(
     photoset: PhotoSet, folder: Path, masked: bool, lens_of: Ints, track: Track
 ) -> list[PhotoRecord]:
     """The photographs as pictures for COLMAP, and their masks."""
-    masks = folder / "masks"
-    masks.mkdir()
+    if masked:
+        mask_file(folder / "of").parent.mkdir()
     names = [f"{place:05d}.png" for place in range(len(photoset.photos))]
 
     def write(entry: tuple[Photo, str]) -> None:
@@ -136,7 +136,7 @@ def _write_pictures(
         if masked:
             assert photo.mask is not None
             inside = read_mask(photo.mask, radiance.shape[:2]) >= 0.5
-            cv2.imwrite(str(masks / f"{name}.png"), np.where(inside, 255, 0).astype(np.uint8))
+            cv2.imwrite(str(mask_file(folder / name)), np.where(inside, 255, 0).astype(np.uint8))
         cv2.imwrite(str(folder / name), feature_picture(radiance, inside)[:, :, ::-1])
 
     work = parallel_map(write, zip(photoset.photos, names, strict=True))
