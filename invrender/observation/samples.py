@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -18,13 +18,15 @@ from capture.radiometry import Radiometry
 from capture.tasks.stage import stage_results
 from invrender.observation.clock import Clock
 from recon.mesh.bodies import Body
-from recon.sampling.candidates import WHOLE
-from recon.sampling.draw import NO_SOURCES, Importance, sample_body
+from recon.sampling.candidates import WHOLE, candidates
+from recon.sampling.draw import NO_SOURCES, Importance, sample_body, usable_among
 from recon.sampling.find import FoundBody
 from recon.sampling.lightfield import LightField, off_terminators
 
 # Samples below which a photograph says too little, and that each has at least, however many share the budget.
 _TOO_FEW, _FEWEST = 20, 20
+# Times as many pixels are looked at as are wanted, and how many at once where all are: they take a kilobyte each.
+_SPARE, _AT_A_TIME = 8, 100_000
 # Noise about black makes half of a dark photograph's numbers negative.
 _MOSTLY_NEGATIVE = 0.6
 # Relative difference up to which two radiances are one value of a file.
@@ -61,16 +63,58 @@ class PhotoReader:
     def of(cls, photoset: PhotoSet, found: FoundBody) -> PhotoReader:
         return cls(photoset.radiometry, found.body, found.mask_of)
 
-    def pixels(self, photo: Photo, sources: NDArray[np.float64], clock: Clock) -> LightField:
-        """All pixels of a photograph that show the object and none of the terminators of sources (k, 3)."""
+    def pixels_around(
+        self,
+        photo: Photo,
+        squares: NDArray[np.int64],
+        count: int,
+        sources: NDArray[np.float64],
+        rng: np.random.Generator,
+        clock: Clock,
+    ) -> tuple[LightField, NDArray[np.bool_]]:
+        """The usable pixels among squares of four, and among others drawn at random.
+
+        squares : (n, 2), row and column of each one's upper left pixel. count : of those drawn about so many turn out
+        usable, or more. sources : (k, 3), at whose terminators no pixel is usable. Returns the samples, and which of
+        them the draw has.
+        """
         with clock.on("capture"):
             image = decode_photo(self.radiometry, photo)
         with clock.on("recon"), clock.on("visibility"):
-            mask, whole = self.mask_of(photo), np.random.default_rng(0)  # nothing is drawn of all
-            field = sample_body(self.body, photo.camera, image, mask, sources, None, whole)
+            mask, width = self.mask_of(photo), photo.camera.width
+            looked_at = candidates(self.body, photo.camera, image, mask, None, False, rng)
+            all_of = looked_at.rows * width + looked_at.columns
+            drawn = rng.choice(all_of, min(_SPARE * count, len(all_of)), replace=False)
+            around = (squares @ [width, 1])[:, None] + [0, 1, width, width + 1]
+            rows, columns = np.divmod(np.union1d(np.intersect1d(around, all_of), drawn), width)
+            field = usable_among(self.body, photo.camera, image, mask, rows, columns, sources)
             field = off_terminators(field, sources)
             check_usable(photo, image, field, mask)
-        return field
+        return field, np.isin(field.rows * width + field.columns, drawn)
+
+    def pixels(
+        self, photo: Photo, most: int, sources: NDArray[np.float64], clock: Clock
+    ) -> Iterator[LightField]:
+        """The usable pixels of a photograph, `most` of them, some at a time; sources as of `pixels_around`."""
+        with clock.on("capture"):
+            image = decode_photo(self.radiometry, photo)
+        with clock.on("recon"):
+            rng, mask = np.random.default_rng(0), self.mask_of(photo)
+            looked_at = candidates(self.body, photo.camera, image, mask, None, False, rng)
+            order = np.arange(len(looked_at.rows))
+            if len(order) > most:
+                rng.shuffle(order)
+        for first in range(0, len(order), _AT_A_TIME):
+            with clock.on("recon"), clock.on("visibility"):
+                some = looked_at.where(np.sort(order[first : first + _AT_A_TIME]))
+                field = usable_among(self.body, photo.camera, image, mask, some.rows, some.columns, sources)
+                field = off_terminators(field, sources)
+                if len(field) > most:
+                    field = field.where(rng.permutation(len(field)) < most)
+            yield field
+            most -= len(field)
+            if not most:
+                return
 
 
 @dataclass(frozen=True, eq=False)

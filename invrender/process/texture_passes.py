@@ -19,7 +19,7 @@ from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import TexturedFit
 from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked
 from invrender.estimate.textured.layout import Layout, SurfacePoints
-from invrender.estimate.textured.observe import observe, points_for
+from invrender.estimate.textured.observe import observe, points_for, squares_seen
 from invrender.estimate.textured.search import solved
 from invrender.estimate.textured.seen import Seen, rows_of, transfers_of
 from invrender.estimate.textured.texel_observations import TexelRows
@@ -49,10 +49,6 @@ class TextureBench:
     elements: Mapping[str, Sequence[LightElement]]
     shadows: Shadows | None
     bounced: Mapping[str, Bounced]
-
-    def pixels(self, photo: Photo, clock: Clock) -> LightField:
-        """All usable pixels of a photograph."""
-        return self.reader.pixels(photo, self.lightings[photo.lighting].sources, clock)
 
     def direct(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""
@@ -91,8 +87,9 @@ class _ShownPoints:
     ) -> tuple[LightField, tuple[Seen, TexelRows] | None, Mapping[str, float]]:
         """Of a photograph and its number; nothing of the points if it is held out. And seconds by package."""
         index, photo = numbered
-        clock, bench = Clock(), self.bench
-        field = bench.pixels(photo, clock)
+        clock, bench, rng = Clock(), self.bench, np.random.default_rng(index)
+        squares, sources = squares_seen(photo.camera, self.points), bench.lightings[photo.lighting].sources
+        field, drawn = bench.reader.pixels_around(photo, squares, self.budget, sources, rng, clock)
         with clock.on("invrender"):
             found = None
             if not photo.held_out:
@@ -100,7 +97,7 @@ class _ShownPoints:
                 seen = Seen.of(photo.lighting, observed, field)
                 found = seen, rows_of(seen, bench.elements, (RH01_FORM,), bench.shadows)[RH01_FORM]
         keep = np.zeros(len(field), bool)
-        keep[np.random.default_rng(index).permutation(len(field))[: self.budget]] = True
+        keep[rng.permutation(np.flatnonzero(drawn))[: self.budget]] = True
         return field.where(keep), found, clock.seconds
 
 
@@ -138,19 +135,22 @@ class _PixelsGathered:
     def __call__(self, photo: Photo) -> tuple[PixelsOfPoints, Mapping[str, float]]:
         """Of a photograph; and seconds by package."""
         clock, bench = Clock(), self.bench
-        field = bench.pixels(photo, clock)
-        with clock.on("invrender"):
-            if len(field) > self.most:
-                field = field.where(np.random.default_rng(0).permutation(len(field)) < self.most)
-            (d, s), (more_d, more_s) = (of(photo, field, self.brdf) for of in (bench.direct, bench.by_mesh))
-            lit = d.max(axis=1)
-            # What other parts send makes the albedo brighter, but not more certain.
-            direct = lit / np.maximum((d + more_d).max(axis=1), np.float32(1e-30))
-            trust = (np.maximum(field.weight, 0.01) * direct**2)[:, None].astype(np.float32)
-            covered = cover(bench.reader.body, photo.camera, field, self.layout)
-            radiance = field.radiance.astype(np.float32)
-            pixels = PixelsOfPoints(covered, d + more_d, s + more_s, lit, radiance, trust, trust)
-        return pixels, clock.seconds
+        parts = []
+        for field in bench.reader.pixels(photo, self.most, bench.lightings[photo.lighting].sources, clock):
+            with clock.on("invrender"):
+                parts.append(self._of(photo, field))
+        return PixelsOfPoints.joined(parts), clock.seconds
+
+    def _of(self, photo: Photo, field: LightField) -> PixelsOfPoints:
+        bench = self.bench
+        (d, s), (more_d, more_s) = (of(photo, field, self.brdf) for of in (bench.direct, bench.by_mesh))
+        lit = d.max(axis=1)
+        # What other parts send makes the albedo brighter, but not more certain.
+        direct = lit / np.maximum((d + more_d).max(axis=1), np.float32(1e-30))
+        trust = (np.maximum(field.weight, 0.01) * direct**2)[:, None].astype(np.float32)
+        covered = cover(bench.reader.body, photo.camera, field, self.layout)
+        radiance = field.radiance.astype(np.float32)
+        return PixelsOfPoints(covered, d + more_d, s + more_s, lit, radiance, trust, trust)
 
 
 def second_pass(

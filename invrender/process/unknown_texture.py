@@ -20,7 +20,7 @@ from capture.tasks.stage import kept_result, stage_results
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.layout import SurfacePoints, scattered
-from invrender.estimate.textured.observe import observe, points_for
+from invrender.estimate.textured.observe import observe, points_for, squares_seen
 from invrender.estimate.unknown_light import (
     BlindLight,
     BlindSolution,
@@ -47,6 +47,8 @@ Floats = NDArray[np.float64]
 
 # Samples that the light is found from.
 _SAMPLES = 12_000
+# Pixels of a photograph that show whether it is usable, beside those that samples are taken from.
+_AT_RANDOM = 100
 # Of all light that reaches a point, this share of the brightest's is the least in which the albedo is judged.
 _DARK = 1e-3
 # Light that is uncertain by this share of itself is undetermined.
@@ -149,8 +151,9 @@ class _AtPoints:
     points: SurfacePoints
 
     def __call__(self, photo: Photo) -> tuple[LightField, Mapping[str, float]]:
-        clock = Clock()
-        field = self.reader.pixels(photo, NO_SOURCES, clock)
+        clock, rng = Clock(), np.random.default_rng(0)
+        squares = squares_seen(photo.camera, self.points)
+        field, _ = self.reader.pixels_around(photo, squares, _AT_RANDOM, NO_SOURCES, rng, clock)
         with clock.on("recon"):
             return _samples_at(field, self.reader.body, photo, self.points), clock.seconds
 

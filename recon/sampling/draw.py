@@ -84,7 +84,7 @@ def sample_body(
     looked_at = candidates(body, camera, image, coverage, budget, highlights or importance is not None, rng)
     rows, columns = looked_at.rows, looked_at.columns
     geometry = body.pixel_geometry(camera, rows, columns)
-    usable = np.flatnonzero(geometry.whole & (geometry.cos >= MIN_COS_EXITANT) & (geometry.turn <= _MAX_TURN))
+    usable = _usable(geometry)
     normals, stands_for = geometry.normals[usable], looked_at.stands_for[usable]
     shares = stands_for / stands_for.mean() if len(usable) else stands_for
     if budget is not None and len(usable) > budget:
@@ -95,11 +95,7 @@ def sample_body(
             drawn, shares = spread_with_highlights(normals, looked_at.where(usable), budget, rng)
         usable = usable[drawn]
     rows, columns = rows[usable], columns[usable]
-    clear = geometry.clear[usable] & ~any_within(image.saturated, rows, columns, _CLEARANCE)
-    if coverage is not None:
-        clear &= ~any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
-    grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
-    weight = np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR)
+    weight = _weight(geometry, usable, image, coverage, rows, columns)
     sigma = None if importance is None else importance.sigma
     finest = _finest(geometry, _views(camera, rows, columns), sources, usable, sigma)
     if highlights:
@@ -109,6 +105,45 @@ def sample_body(
         body, camera, image, rows, columns, geometry.turn[usable], weight, sources, finest
     )
     return field if (shares == 1).all() else replace(field, stands_for=shares[complete])
+
+
+def usable_among(
+    body: Body,
+    camera: Camera,
+    image: RadianceImage,
+    coverage: NDArray[np.float32] | None,
+    rows: Ints,
+    columns: Ints,
+    sources: Floats,
+) -> LightField:
+    """The samples of those among given `candidates` (n,) that are usable, in their order; as of `sample_body`."""
+    geometry = body.pixel_geometry(camera, rows, columns)
+    usable = _usable(geometry)
+    rows, columns = rows[usable], columns[usable]
+    weight = _weight(geometry, usable, image, coverage, rows, columns)
+    finest = _finest(geometry, _views(camera, rows, columns), sources, usable)
+    return _gather(body, camera, image, rows, columns, geometry.turn[usable], weight, sources, finest)[0]
+
+
+def _usable(geometry: PixelGeometry) -> Ints:
+    """The numbers of pixels that show one smooth piece of surface, not too grazing."""
+    return np.flatnonzero(geometry.whole & (geometry.cos >= MIN_COS_EXITANT) & (geometry.turn <= _MAX_TURN))
+
+
+def _weight(
+    geometry: PixelGeometry,
+    usable: Ints,
+    image: RadianceImage,
+    coverage: NDArray[np.float32] | None,
+    rows: Ints,
+    columns: Ints,
+) -> Floats:
+    """How far the usable pixels of a geometry, (n,) rows and columns, are trusted: 0 to 1."""
+    clear = geometry.clear[usable] & ~any_within(image.saturated, rows, columns, _CLEARANCE)
+    if coverage is not None:
+        clear &= ~any_within(coverage < WHOLE, rows, columns, _CLEARANCE)
+    grazing = (geometry.cos[usable] - MIN_COS_EXITANT) / (_FULL_COS - MIN_COS_EXITANT)
+    return np.asarray(np.clip(grazing, 0, 1) * np.where(clear, 1, _UNCLEAR))
 
 
 def samples_at(

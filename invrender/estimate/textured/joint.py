@@ -9,7 +9,7 @@ these.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,15 @@ class PixelsOfPoints:
     radiance: Singles
     trust: Singles
     weight: Singles
+
+    @classmethod
+    def joined(cls, parts: Sequence[PixelsOfPoints]) -> PixelsOfPoints:
+        """All pixels of one photograph, of parts of them."""
+        if len(parts) == 1:
+            return parts[0]
+        cover = csr_array(vstack([part.cover for part in parts], format="csr"))
+        others = [entry.name for entry in fields(cls) if entry.name != "cover"]
+        return cls(cover, *(np.concatenate([getattr(part, name) for part in parts]) for name in others))
 
     def predicted(self, values: Singles) -> Singles:
         """Radiance (n, 3) of points' values (points, 6), Kd then Ks."""

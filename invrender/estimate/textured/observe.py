@@ -65,14 +65,16 @@ def points_for(samples: int, photographs: int) -> int:
     return int(samples / (_SEEN_SHARE * photographs)) + 1
 
 
-def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints) -> PointObservations:
-    """The points that a photograph shows, and which of its samples around them show them.
+def squares_seen(camera: Camera, points: SurfacePoints) -> Ints:
+    """Row and column (n, 2) of the upper left of the four pixels around each point that faces the camera.
 
-    field : all its usable pixels. A point counts if the camera sees it at an exitant angle of up to 81 degrees, and all
-    four pixels around it are samples that show the surface there, not another part of the object before or behind it.
+    What may lie before a point isn't looked at.
     """
-    number = np.full((camera.height + 2, camera.width + 2), -1)
-    number[field.rows, field.columns] = np.arange(len(field))
+    return np.floor(_facing(camera, points)[1]).astype(int)[:, ::-1]
+
+
+def _facing(camera: Camera, points: SurfacePoints) -> tuple[Ints, Floats, Floats]:
+    """The numbers (n,) of points that face the camera, their places from the first pixel's centre, and all views."""
     views = camera.views(points.positions)
     facing = (points.normals * views).sum(axis=1) >= MIN_COS_EXITANT
     seen = np.flatnonzero(facing & ((points.facets * views).sum(axis=1) > 0))
@@ -80,7 +82,19 @@ def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints
     edge = np.array([camera.width - 1, camera.height - 1])
     # What isn't finite lies behind the camera.
     within = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1) & (pixels < edge).all(axis=1)
-    seen, pixels = seen[within], pixels[within]
+    return seen[within], pixels[within], views
+
+
+def observe(body: Body, camera: Camera, field: LightField, points: SurfacePoints) -> PointObservations:
+    """The points that a photograph shows, and which of its samples around them show them.
+
+    field : its usable pixels, at least those of `squares_seen`. A point counts if the camera sees it at an exitant
+    angle of up to 81 degrees, and all four pixels around it are samples that show the surface there, not another part
+    of the object before or behind it.
+    """
+    number = np.full((camera.height + 2, camera.width + 2), -1)
+    number[field.rows, field.columns] = np.arange(len(field))
+    seen, pixels, views = _facing(camera, points)
     column, row = np.floor(pixels).astype(int).T
     across, down = (pixels - np.floor(pixels)).T
     samples = np.stack([number[row + i, column + j] for i in (0, 1) for j in (0, 1)], axis=1)
