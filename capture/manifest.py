@@ -64,6 +64,7 @@ class ObjectTable(Table):
     mesh_to_world: Matrix4 | None = None
     align: str | None = None
     texture: bool = False
+    texture_pixels: Annotated[int, Field(ge=0)] | None = None
     brushed_about: Vector3 | None = None
 
     @model_validator(mode="after")
@@ -72,6 +73,12 @@ class ObjectTable(Table):
             raise ValueError("brushed_about is for shape = 'sphere': a mesh has no tangents; remove the key")
         if self.brushed_about is not None and not any(self.brushed_about):
             raise ValueError("brushed_about is [0, 0, 0]; give the axis of the circles of brushing")
+        return self
+
+    @model_validator(mode="after")
+    def _pixels_of_a_texture(self) -> ObjectTable:
+        if self.texture_pixels is not None and not self.texture:
+            raise ValueError("texture_pixels is for texture = true: write that, too, or remove the key")
         return self
 
     @model_validator(mode="after")

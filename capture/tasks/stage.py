@@ -119,17 +119,30 @@ def kept_result(name: str, compute: Callable[[], Result], made_of: object) -> Re
     return found
 
 
+def workplace() -> Workplace | None:
+    """Where stages keep their results just now."""
+    return _here.get()
+
+
 def _gathered(
     stage: Stage, engine: Engine, items: Sequence[Any], named: Callable[[Any], str]
 ) -> Iterator[Any]:
+    for item, file in finished(stage, engine, items, named):
+        found = kept(file)
+        # Pruned by another run in the meantime, perhaps.
+        yield stage.result(item) if found is None else found[0]
+
+
+def finished(
+    stage: Stage, engine: Engine, items: Sequence[Any], named: Callable[[Any], str]
+) -> Iterator[tuple[Any, Path]]:
+    """Items and the files of their results as an engine has done them, until one fails; as of `stage_results`."""
     failed: list[tuple[str, Exception]] = []
     for item, outcome in zip(items, engine.outcomes(stage, items), strict=True):
         if isinstance(outcome, Exception):
             failed.append((named(item), outcome))
         elif not failed:
-            found = kept(outcome)
-            # Pruned by another run in the meantime, perhaps.
-            yield stage.result(item) if found is None else found[0]
+            yield item, outcome
     if failed:
         raise _failure(failed, len(items))
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,32 +14,46 @@ from capture.arrays import release_memory
 from capture.lighting import Lighting
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track
+from capture.tasks.parted import Parts
 from capture.tasks.stage import stage_results
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet
+from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import TexturedFit
-from invrender.estimate.textured.joint import Grid, PixelsOfPoints, in_shadow, solve_joint, stacked
+from invrender.estimate.textured.joint import Usual, in_shadow, solve_joint
 from invrender.estimate.textured.layout import Layout, SurfacePoints
 from invrender.estimate.textured.observe import observe, points_for, squares_seen
-from invrender.estimate.textured.search import solved
+from invrender.estimate.textured.search import TexturedModel, solved
 from invrender.estimate.textured.seen import Seen, rows_of, transfers_of
+from invrender.estimate.textured.texel_equations import PointValues
+from invrender.estimate.textured.texel_grid import Grid, SurfaceTiles
 from invrender.estimate.textured.texel_observations import TexelRows
+from invrender.estimate.textured.texel_pixels import PixelsOfPoints, stacked
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
 from invrender.observation.samples import PhotoReader
 from invrender.transport.radiosity import Bounced
 from invrender.transport.transfer import LightElement
 from invrender.transport.visibility import Shadows
+from recon.mesh.bodies import Body, body_coverage
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
 
 # Pixels of all photographs that the texture is solved from, evenly taken of more: 200 bytes each.
 _MOST_PIXELS = 6_000_000
-# What the second pass keeps of photographs until the result is there: all those pixels.
-PIXELS_STAGE = "texture-pixels"
+# About so many of them are worked on at once, those of a tile of the surface.
+_OF_A_TILE = 1_500_000
+# What the second pass keeps until the result is there: those pixels, and what was solved of tiles.
+PIXELS_STAGE, TILES_STAGE = "texture-pixels", "texture-tiles"
+# A tile is solved with what lies around it, as far as its pixels' blur reaches: so many texels or pixels, whichever
+# are wider, of pixels, and of texels.
+_PIXELS_AROUND, _TEXELS_AROUND = 8.0, 11.0
+# Every so manieth pixel tells how bright the brightest are; rows and columns by which a body's pixels are counted.
+_EVERY, _STRIDE = 8, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,22 +140,47 @@ def first_pass(
 
 
 @dataclass(frozen=True, eq=False)
+class _Told:
+    """What a photograph's pixels tell of it as a whole.
+
+    brightest : as of `in_shadow`. lit : diffuse transfers of some. seconds : by package.
+    """
+
+    brightest: float
+    lit: Singles
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
 class _PixelsGathered:
-    """The usable pixels of a photograph, `most` of them, by the points that they cover, of one BRDF."""
+    """The usable pixels of a photograph, `most` of them, by the points that they cover, of one BRDF.
+
+    around : metres that a tile's pixels reach beyond it.
+    """
 
     bench: TextureBench
     brdf: Microfacet
     layout: Layout
     most: int
+    tiles: SurfaceTiles
+    around: float
 
-    def __call__(self, photo: Photo) -> tuple[PixelsOfPoints, Mapping[str, float]]:
-        """Of a photograph; and seconds by package."""
+    def __call__(self, photo: Photo) -> tuple[PixelsOfPoints | _Told, ...]:
+        """Of a photograph: those of each tile, and last what they tell of it as a whole."""
         clock, bench = Clock(), self.bench
-        parts = []
+        parts: list[list[PixelsOfPoints]] = [[] for _ in range(len(self.tiles))]
+        lit, brightest = [], 0.0
         for field in bench.reader.pixels(photo, self.most, bench.lightings[photo.lighting].sources, clock):
             with clock.on("invrender"):
-                parts.append(self._of(photo, field))
-        return PixelsOfPoints.joined(parts), clock.seconds
+                pixels = self._of(photo, field)
+                lit.append(pixels.lit[::_EVERY])
+                brightest = max(brightest, pixels.brightest)
+                places = np.asarray(field.mean_over_rays(field.positions))
+                for tile, own in enumerate(parts):
+                    near = self.tiles.holds(tile, places, self.around)
+                    own.append(pixels if near.all() else pixels.where(near))
+        told = _Told(brightest, np.concatenate(lit), clock.seconds)
+        return *(PixelsOfPoints.joined(own) for own in parts), told
 
     def _of(self, photo: Photo, field: LightField) -> PixelsOfPoints:
         bench = self.bench
@@ -153,43 +194,113 @@ class _PixelsGathered:
         return PixelsOfPoints(covered, d + more_d, s + more_s, lit, radiance, trust, trust)
 
 
+@dataclass(frozen=True, eq=False)
+class _TileSolved:
+    """Solves one tile of a surface from its pixels.
+
+    solved : by tile, the points that are solved for together; given : those of them that the tile's values are of.
+    """
+
+    pixels: Parts[Photo, PixelsOfPoints | _Told]
+    grid: Grid
+    solved: Sequence[Ints]
+    given: Sequence[Ints]
+    model: TexturedModel
+    common_ks: Floats
+    noise: NoiseModel
+    usual: Usual
+
+    def __call__(self, tile: int) -> tuple[PointValues, Mapping[str, float]]:
+        """Values of a tile's points, and seconds by package."""
+        clock = Clock()
+        with clock.on("invrender"), clock.on("texels"):
+            points = self.solved[tile]
+            grid, numbers = self.grid.of_points(points, self.given[tile])
+            views = []
+            for view in self.pixels.read(tile):
+                assert isinstance(view, PixelsOfPoints)
+                # A photograph may show nothing of the tile.
+                if len(view):
+                    views.append(view if len(self.solved) == 1 else view.of_points(points))
+            if not views:
+                return PointValues.together(len(self.given[tile]), []), clock.seconds
+            stack = stacked(views)
+            del views
+            found = solve_joint(
+                *stack,
+                grid,
+                partial(solved, self.model, ks=self.common_ks),
+                self.noise,
+                self.usual,
+                np.random.default_rng(tile),
+            )
+            own = np.searchsorted(numbers, self.given[tile])
+        return found.where(own), clock.seconds
+
+
 def second_pass(
     bench: TextureBench,
     fitted: Sequence[Photo],
     layout: Layout,
     fit: TexturedFit,
+    footprint: float,
+    pixels: int | None,
     clock: Clock,
     track: Track,
 ) -> tuple[FittedTextures, list[str]]:
-    """Kd and Ks of every point, and sentences on photographs that say nothing of them."""
-    finer, parents = layout.finer()
-    gathered = _PixelsGathered(bench, fit.brdf, finer, _MOST_PIXELS // len(fitted))
-    work = stage_results(PIXELS_STAGE, gathered, fitted, lambda photo: str(photo.file))
-    found = []
+    """Kd and Ks of every point, and sentences on photographs that say nothing of them.
+
+    footprint : metres that a pixel spans on the object. pixels : of all photographs that are taken, 0 for all; by
+    default `_MOST_PIXELS`.
+    """
+    with clock.on("invrender"):
+        finer, parents = layout.finer()
+        places = layout.points.positions
+        most = (_MOST_PIXELS if pixels is None else pixels or sys.maxsize) // len(fitted)
+        seen = sum(min(_pixels_about(bench.reader.body, photo), most) for photo in fitted)
+        tiles = SurfaceTiles.cut(places, -(-seen // _OF_A_TILE))
+        grid, fine = Grid(parents, len(layout), finer.pairs()), finer.points.positions
+        wide = max(footprint, 2 * grid.spacing(fine))
+        reach = _TEXELS_AROUND * wide
+        solved_at = [np.flatnonzero(tiles.holds(tile, fine, reach)) for tile in range(len(tiles))]
+        given_at = [np.flatnonzero(tiles.holds(tile, places)) for tile in range(len(tiles))]
+        del fine
+    gathered = _PixelsGathered(bench, fit.brdf, finer, most, tiles, _PIXELS_AROUND * wide)
+    parts = Parts.of(PIXELS_STAGE, gathered, fitted, len(tiles) + 1)
+    making = parts.make(lambda photo: str(photo.file))
     for _ in track(fitted, "Gathering the texture"):
-        pixels, seconds = next(work)
-        found.append(pixels)
+        next(making)
+    told = [entry for entry in parts.read(len(tiles)) if isinstance(entry, _Told)]
+    for entry in told:
+        clock.add(entry.seconds)
+    release_memory()
+    usual = Usual(
+        np.concatenate([fit.brdf.kd, fit.brdf.ks]),
+        float(np.quantile(np.concatenate([entry.lit for entry in told]), 0.99)),
+    )
+    given_to = (grid, solved_at, given_at, fit.model, fit.common_ks, fit.noise, usual)
+    work = stage_results(
+        TILES_STAGE,
+        _TileSolved(parts, *given_to),
+        range(len(tiles)),
+        lambda tile: f"part {tile + 1} of the texture",
+        (parts.key, *given_to),
+    )
+    found = []
+    for tile in track(range(len(tiles)), "Solving the texture"):
+        values, seconds = next(work)
+        found.append((given_at[tile], values))
         clock.add(seconds)
     release_memory()
-    views, covered = stacked(found)
-    with clock.on("invrender"):
-        grid = Grid(parents, len(layout), finer.pairs())
-        # Room for the solve: let go of 0.2 GB of the finer texels' places, and of the covers that were copied.
-        finer, found = layout, []
-        release_memory()
-        with clock.on("texels"):
-            values = solve_joint(
-                views,
-                covered,
-                grid,
-                lambda sums: solved(fit.model, sums, fit.common_ks),
-                fit.noise,
-                np.random.default_rng(0),
-            )
     dark = [
         f"{photo.file}: all that it shows of the object lies in the object's own shadow under the given light, which"
         " says nothing of the texture; leave it out, or check the light's direction and the photograph's pose"
-        for photo, shaded in zip(fitted, in_shadow(views), strict=True)
+        for photo, shaded in zip(fitted, in_shadow([entry.brightest for entry in told]), strict=True)
         if shaded
     ]
-    return FittedTextures.of(layout, values, fit.model.ks_varies), dark
+    return FittedTextures.of(layout, PointValues.together(len(layout), found), fit.model.ks_varies), dark
+
+
+def _pixels_about(body: Body, photo: Photo) -> int:
+    """About how many pixels of a photograph show the object."""
+    return int(body_coverage(body, photo.camera, _STRIDE).sum()) * _STRIDE**2

@@ -100,7 +100,8 @@ def solve_textured(
     fields = subset.fields
     del subset
     release_memory()
-    textures, dark = second_pass(bench, photoset.fitted, layout, fit, clock, track)
+    asked = _footprint(photoset, body), photoset.object.texture_pixels
+    textures, dark = second_pass(bench, photoset.fitted, layout, fit, *asked, clock, track)
     _check_any(photoset, textures)
     unsure, open_to = np.zeros(6), recovered or accounted
     if open_to is not None:

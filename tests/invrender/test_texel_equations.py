@@ -10,10 +10,12 @@ from scipy.sparse import csr_array
 
 from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.estimate.noise import NoiseModel
-from invrender.estimate.textured.joint import Grid, PixelsOfPoints, solve_joint, stacked, tiny_sums
+from invrender.estimate.textured.joint import Usual, solve_joint
 from invrender.estimate.textured.search import cost_at, search_point, textured_models
 from invrender.estimate.textured.texel_equations import TexelEquations, common_ks, solve_both, solve_kd
+from invrender.estimate.textured.texel_grid import Grid, SurfaceTiles
 from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
+from invrender.estimate.textured.texel_pixels import PixelsOfPoints, stacked, tiny_sums
 from invrender.transport.column_basis import whole_range
 from invrender.transport.diffuse_base import base_columns
 from invrender.transport.transfer import LightElement
@@ -97,7 +99,8 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
         )
     pairs = np.column_stack([np.arange(points - 1), np.arange(1, points)])
     grid = Grid(np.arange(points) // 2, points // 2, pairs)
-    found = solve_joint(*stacked(views), grid, solve_both, NoiseModel(level, 0.0), rng)
+    usual = Usual(np.array([*truth.mean(axis=0), 0.2, 0.2, 0.2]), 1.0)
+    found = solve_joint(*stacked(views), grid, solve_both, NoiseModel(level, 0.0), usual, rng)
     expected = truth.reshape(-1, 2, 3).mean(axis=1)
     for off in ((found.kd - expected) / found.kd_std, (found.ks - 0.2) / found.ks_std):
         assert 0.5 < np.sqrt((off**2).mean()) < 1.3
@@ -155,3 +158,36 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
             # Noise of 1% in some 5,000 numbers, and mu shows in what is let through as in the lobe.
             assert_allclose(found, np.log([sigma, mu - 1]), atol=0.03)
     assert (costs[form] < costs[GGX_FORM]) == plastic
+
+
+def test_tiles_hold_each_point_once_and_about_equally_many(rng: np.random.Generator) -> None:
+    positions = rng.normal(size=(5000, 3)) * [3, 1, 0.2]
+    tiles = SurfaceTiles.cut(positions, 7)
+    held = np.array([tiles.holds(tile, positions) for tile in range(len(tiles))])
+    assert (held.sum(axis=0) == 1).all()
+    assert held.sum(axis=1).tolist() == pytest.approx([5000 / 7] * 7, abs=3)
+    # Wherever else a point lies, it is some tile's, too.
+    elsewhere = rng.normal(size=(100, 3)) * 50
+    assert (np.sum([tiles.holds(tile, elsewhere) for tile in range(7)], axis=0) == 1).all()
+    wider = np.array([tiles.holds(tile, positions, 0.1) for tile in range(len(tiles))])
+    near = np.array(
+        [
+            [np.abs(positions[held[tile]] - other).max(axis=1).min() < 0.1 for other in positions[:50]]
+            for tile in range(7)
+        ]
+    )
+    assert (wider[:, :50] | ~near).all()
+
+
+def test_a_part_of_a_grid_keeps_its_neighbours_and_owners() -> None:
+    parents = np.array([0, 0, 1, 1, 2, -1, 3])
+    grid = Grid(parents, 5, np.column_stack([np.arange(6), np.arange(1, 7)]))
+    part, given = grid.of_points(np.array([2, 3, 5, 6]), np.array([1, 4]))
+    # The third and fourth points belong to the second of those given; the fifth of these has none of its own.
+    assert given.tolist() == [1, 3, 4]
+    assert (part.parents.tolist(), part.count) == ([0, 0, -1, 1], 3)
+    assert part.pairs.tolist() == [[0, 1], [2, 3]]
+    whole, every = grid.of_points(np.arange(7), np.arange(5))
+    assert every.tolist() == [0, 1, 2, 3, 4]
+    np.testing.assert_array_equal(whole.parents, parents)
+    np.testing.assert_array_equal(whole.pairs, grid.pairs)

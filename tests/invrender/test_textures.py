@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,13 +18,17 @@ from scipy.sparse import csr_array
 
 from capture.blocks import block_means, blocks
 from capture.files.imagefile import read_exr_layers, read_pixels
+from capture.photoset import load_photoset
 from invrender.brdf.lobes import GGX_FORM, RH01_FORM
 from invrender.estimate.textured.fit import fit_textured
-from invrender.estimate.textured.joint import PixelsOfPoints, in_shadow
+from invrender.estimate.textured.joint import in_shadow, solve_joint
 from invrender.estimate.textured.layout import TexelLayout, VertexLayout, find_layout
 from invrender.estimate.textured.texel_observations import TexelRows
+from invrender.estimate.textured.texel_pixels import PixelsOfPoints
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.output.report.run import run_process
+from invrender.process import texture_passes
+from invrender.process.pipeline import process
 from invrender.result import run as solved
 from invrender.result.run import Run, TexturedRun
 from invrender.transport.column_basis import whole_range
@@ -79,7 +83,7 @@ def test_a_photograph_of_shadow_alone_is_told() -> None:
     lit, grazed, dark = (
         PixelsOfPoints(cover, k * one, k * one, k * one[:, 0], one, one, one) for k in (1, 0.02, 0.001)
     )
-    assert in_shadow([lit, dark, grazed]) == [False, True, False]
+    assert in_shadow([view.brightest for view in (lit, dark, grazed)]) == [False, True, False]
 
 
 def test_texels_lie_on_the_surface_where_their_coordinates_say() -> None:
@@ -231,6 +235,33 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(painted: tuple[Run, 
         assert 0.8 < np.sqrt((z**2).mean()) < 1.35
         # 90 to 99%; of some hundred texels, alike in all channels, the share is known to 2%.
         assert 0.86 < (np.abs(z) < 1.96).mean() < 0.995
+
+
+def test_a_surface_in_tiles_is_solved_as_in_one_piece(
+    painted: tuple[Run, Path], doll: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, pixels = painted[0].textures, []
+
+    def counted(views: Sequence[PixelsOfPoints], *given: object) -> object:
+        pixels.append(sum(len(view) for view in views))
+        return solve_joint(views, *given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(texture_passes, "_OF_A_TILE", 2000)
+    monkeypatch.setattr(texture_passes, "solve_joint", counted)
+    monkeypatch.setattr("invrender.estimate.textured.fit.OTHER_FORMS", (GGX_FORM,))
+    cut = process(load_photoset(doll), samples=3000)
+    tiled = cut.textures
+    assert whole is not None
+    assert tiled is not None
+    # All pixels are some tile's, and those at its border more than one's.
+    assert len(pixels) >= 5
+    assert max(pixels) < sum(pixels) / 3
+    known = whole.known & tiled.known
+    # Of those that are barely known, the noise that was drawn for a tile decides.
+    assert known.sum() > 0.98 * max(whole.known.sum(), tiled.known.sum())
+    for one, other, std in ((whole.kd, tiled.kd, whole.kd_std), (whole.ks, tiled.ks, whole.ks_std)):
+        # Conjugate gradients end where steps are a thirtieth of the noise, in tiles elsewhere than in the whole.
+        assert np.sqrt((((one - other)[known] / std[known]) ** 2).mean()) < 0.25
 
 
 def test_paint_in_larger_pixels_is_the_mean_of_what_smaller_ones_show(

@@ -9,14 +9,16 @@ these.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import csr_array
 
 from invrender.estimate.noise import NoiseModel, photo_weights
-from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, products
+from invrender.estimate.textured.texel_equations import PointValues, TexelEquations
+from invrender.estimate.textured.texel_grid import Grid
+from invrender.estimate.textured.texel_pixels import PixelsOfPoints, tiny_sums
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -27,14 +29,12 @@ _STEP = 0.5
 # Conjugate gradients end where a step moves values by less than this share of their standard deviations (RMS), before
 # the outliers are known and after; or after so many steps.
 _FIRST_NEAR, _NEAR, _MOST_STEPS = 0.2, 0.035, 24
-# Pixels' worth of coverage from which on a photograph counts as seeing a point.
-_SEEN = 0.25
 # What neighbouring texels differ by counts as error of a texel by this share; steps of Kd for Ks, and of Ks for Kd, by
 # this share again (doll: z 1.1 RMS at edges of the albedo).
 _UNRESOLVED, _SHARED = 0.2, 0.5
 # Times that a mean over a point and its neighbours is taken: over some fifty of them.
 _AROUND = 8
-# A value with a standard deviation above this share of the surface's median isn't given.
+# A value with a standard deviation above this share of what is usual on the surface isn't given.
 _HOPELESS = 0.5
 # What reaches a point in shadow is known to this share of the brightest light (doll).
 _SHADOW = 0.002
@@ -43,113 +43,14 @@ _BEYOND_NOISE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class PixelsOfPoints:
-    """What a photograph says of n pixels: cover (n, points), as of `cover.cover`; the others (n, 3) float32.
+class Usual:
+    """What is usual on the whole surface, of which a part is solved.
 
-    diffuse, specular : transfers. lit : (n,) float32, the largest channel of the diffuse one by the lighting itself,
-    without what other parts of the object send. trust : how far pixels are trusted, (n, 1) or (n, 3). weight : trust
-    over the variance of radiance; before `solve_joint` knows that, anything.
+    values : (6,), Kd and Ks. lit : the diffuse transfer where it is brightest, by the lighting itself.
     """
 
-    cover: csr_array
-    diffuse: Singles
-    specular: Singles
-    lit: Singles
-    radiance: Singles
-    trust: Singles
-    weight: Singles
-
-    @classmethod
-    def joined(cls, parts: Sequence[PixelsOfPoints]) -> PixelsOfPoints:
-        """All pixels of one photograph, of parts of them."""
-        if len(parts) == 1:
-            return parts[0]
-        cover = csr_array(vstack([part.cover for part in parts], format="csr"))
-        others = [entry.name for entry in fields(cls) if entry.name != "cover"]
-        return cls(cover, *(np.concatenate([getattr(part, name) for part in parts]) for name in others))
-
-    def predicted(self, values: Singles) -> Singles:
-        """Radiance (n, 3) of points' values (points, 6), Kd then Ks."""
-        seen = self.cover @ values
-        return np.asarray(self.diffuse * seen[:, :3] + self.specular * seen[:, 3:])
-
-    def pull(self, radiance: Singles) -> Singles:
-        """Weighed radiance (n, 3) times either transfer, (n, 6); the cover's transpose deals it to the points."""
-        weighed = self.weight * radiance
-        return np.concatenate([weighed * self.diffuse, weighed * self.specular], axis=1)
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Points that are solved for, and those that values are given at.
-
-    parents : (p,), the point that each belongs to, -1 for none. count : of these. pairs : (m, 2), neighbours.
-    """
-
-    parents: Ints
-    count: int
-    pairs: Ints
-
-    @property
-    def means(self) -> csr_array:
-        """Means (count, p) over the points that belong to each."""
-        own = np.flatnonzero(self.parents >= 0)
-        size = np.bincount(self.parents[own], minlength=self.count)
-        entries = ((1 / size[self.parents[own]]).astype(np.float32), (self.parents[own], own))
-        return csr_array(entries, shape=(self.count, len(self.parents)))
-
-    @property
-    def neighbours(self) -> csr_array:
-        """Means (count, count) over each point and those beside it."""
-        sides = self.parents[self.pairs]
-        sides = np.unique(sides[(sides >= 0).all(axis=1) & (sides[:, 0] != sides[:, 1])], axis=0)
-        itself = np.arange(self.count)
-        rows = np.concatenate([sides[:, 0], sides[:, 1], itself])
-        columns = np.concatenate([sides[:, 1], sides[:, 0], itself])
-        size = np.bincount(rows, minlength=self.count)
-        return csr_array((1 / size[rows], (rows, columns)), shape=(self.count, self.count))
-
-    @property
-    def laplacian(self) -> csr_array:
-        """The matrix (p, p) of the sum of squared differences between neighbours."""
-        one, other = self.pairs.T
-        entries = np.ones(len(one), np.float32)
-        links = csr_array((entries, (one, other)), shape=(len(self.parents),) * 2)
-        links = links + links.T
-        degree = np.asarray(links.sum(axis=1)).ravel()
-        diagonal = np.arange(len(degree))
-        return csr_array((degree, (diagonal, diagonal)), shape=links.shape) - links
-
-
-def stacked(views: Sequence[PixelsOfPoints]) -> tuple[list[PixelsOfPoints], csr_array]:
-    """The cover of all views' pixels, (n, points), and the views with its rows for theirs: they share its memory."""
-    whole = csr_array(vstack([view.cover for view in views], format="csr"))
-    ends = np.cumsum([0, *(len(view.radiance) for view in views)])
-    parts = []
-    for view, first, last in zip(views, ends[:-1], ends[1:], strict=True):
-        starts = whole.indptr[first : last + 1]
-        held = slice(starts[0], starts[-1])
-        rows = (whole.data[held], whole.indices[held], starts - starts[0])
-        parts.append(replace(view, cover=csr_array(rows, shape=view.cover.shape)))
-    return parts, whole
-
-
-def tiny_sums(views: Sequence[PixelsOfPoints], points: int, parents: Ints) -> TexelEquations:
-    """Normal equations of each point, pixels being dealt to what they cover.
-
-    parents : the point that each that is covered belongs to, -1 for none.
-    """
-    total = TexelEquations.zeros(points)
-    # What belongs to no point goes to one more, which is left out.
-    owners = np.where(parents >= 0, parents, points).astype(np.int32)
-    for view in views:
-        d, s, y, w = view.diffuse, view.specular, view.radiance, view.weight
-        ones = np.ones((len(d), 1), np.float32)
-        added = np.concatenate([products(d, s, y, w), ones], axis=1)
-        rows = (view.cover.data, owners[view.cover.indices], view.cover.indptr)
-        dealt = (csr_array(rows, shape=(len(d), points + 1)).T @ added)[:points]
-        total = total + TexelEquations.of(dealt[:, :18], (dealt[:, 18] >= _SEEN).astype(float))
-    return total
+    values: Floats
+    lit: float
 
 
 def solve_joint(
@@ -158,26 +59,28 @@ def solve_joint(
     grid: Grid,
     tiny: Callable[[TexelEquations], PointValues],
     noise: NoiseModel,
+    usual: Usual,
     rng: np.random.Generator,
 ) -> PointValues:
     """Kd and Ks of the grid's points with standard deviations, infinite where the photographs leave them open.
 
     views, cover : as `stacked` has them. tiny : solves the tiny systems under the model; the cost returned is theirs.
     """
-    views = _weighed(views, noise)
+    views = _weighed(views, noise, usual.lit)
     start = tiny(tiny_sums(views, grid.count, grid.parents))
-    sure = determined(start)
+    scale = usual.values[:3] + usual.values[3:]
+    sure = determined(start, scale)
     if not sure.any():
         return start
     both = np.concatenate([start.kd, start.ks], axis=1)
     if not (start.ks_std[sure] > 0).any():
         views = [_without_lobe(view, start.ks[0]) for view in views]
         both[:, 3:] = 0
-    # Texels that the tiny systems hardly determine begin in the middle of the others.
-    middle, mean = np.median(both[sure], axis=0), both[sure].mean(axis=0)
-    of_points = np.where(sure[:, None], both, middle).astype(np.float32)
-    at = np.where((grid.parents >= 0)[:, None], of_points[grid.parents], middle.astype(np.float32))
-    step = _STEP * np.maximum(mean, 0.1 * np.tile(mean[:3] + mean[3:], 2) + 1e-30)
+    # Texels that the tiny systems hardly determine begin as is usual.
+    level = usual.values * both.any(axis=0)
+    of_points = np.where(sure[:, None], both, level).astype(np.float32)
+    at = np.where((grid.parents >= 0)[:, None], of_points[grid.parents], level.astype(np.float32))
+    step = _STEP * np.maximum(level, 0.1 * np.tile(level[:3] + level[3:], 2) + 1e-30)
     prior = _Prior(grid.laplacian, (1 / step**2).astype(np.float32))
     _conjugate(_System(views, cover, prior), at, [view.radiance for view in views], _FIRST_NEAR)
     views = [_trusted(view, at, noise) for view in views]
@@ -186,17 +89,17 @@ def solve_joint(
     # Noise in place of the photographs: what becomes of it says what noise does to the texels.
     drawn = np.zeros_like(at)
     _conjugate(system, drawn, (_drawn(view, rng) for view in views), _NEAR)
-    return _values(views, grid, tiny, at, drawn, start)
+    return _values(views, grid, tiny, at, drawn, start, scale)
 
 
-def determined(values: PointValues) -> NDArray[np.bool_]:
+def determined(values: PointValues, scale: Floats | None = None) -> NDArray[np.bool_]:
     """Which points (n,) have seen as much as they have numbers, with standard deviations below half the scale of all.
 
-    The scale is the median of Kd + Ks over those that have a standard deviation.
+    scale : (3,), by default the median of Kd + Ks over those that have a standard deviation.
     """
     found = (values.freedom >= 0) & np.isfinite(values.kd_std + values.ks_std).all(axis=1)
     if found.any():
-        limit = _HOPELESS * np.median((values.kd + values.ks)[found], axis=0)
+        limit = _HOPELESS * (np.median((values.kd + values.ks)[found], axis=0) if scale is None else scale)
         found &= ((values.kd_std < limit) & (values.ks_std < limit)).all(axis=1)
     return np.asarray(found)
 
@@ -220,15 +123,16 @@ def _drawn(view: PixelsOfPoints, rng: np.random.Generator) -> Singles:
     return np.asarray(noise / np.sqrt(np.maximum(view.weight, np.float32(1e-30))), np.float32)
 
 
-def in_shadow(views: Sequence[PixelsOfPoints]) -> list[bool]:
-    """Which photographs show nothing that light reaches: all is below what visibility is exact to."""
-    brightest = [float(max(view.lit.max(), view.specular.max())) for view in views]
+def in_shadow(brightest: Sequence[float]) -> list[bool]:
+    """Which photographs show nothing that light reaches: all is below what visibility is exact to.
+
+    brightest : of each photograph its largest transfer.
+    """
     return [bright <= _SHADOW * max(brightest) for bright in brightest]
 
 
-def _weighed(views: Sequence[PixelsOfPoints], noise: NoiseModel) -> list[PixelsOfPoints]:
+def _weighed(views: Sequence[PixelsOfPoints], noise: NoiseModel, bright: float) -> list[PixelsOfPoints]:
     """The views weighed by noise, pixels in shadow only as far as visibility is exact."""
-    bright = float(np.quantile(np.concatenate([view.lit for view in views]), 0.99))
     result = []
     for view in views:
         brightness = np.maximum(view.radiance, 0)
@@ -329,13 +233,15 @@ def _values(
     at: Singles,
     drawn: Singles,
     start: PointValues,
+    scale: Floats,
 ) -> PointValues:
     """Means over each point's texels with their standard deviations.
 
-    at, drawn : (p, 6), solution and what noise alone gives. start : where Ks doesn't vary, it is this one's.
+    at, drawn : (p, 6), solution and what noise alone gives. start : where Ks doesn't vary, it is this one's. scale : as
+    of `determined`.
     """
     expected = tiny(tiny_sums(views, grid.count, grid.parents))
-    known = determined(expected)
+    known = determined(expected, scale)
     means = grid.means
     mean, off = (np.asarray(means @ values, np.float64) for values in (at, drawn))
     tiny_std = np.clip(np.concatenate([expected.kd_std, expected.ks_std], axis=1), 1e-30, 1e30)

@@ -6,12 +6,14 @@ points are added up photograph by photograph; what they take in memory doesn't d
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,20 @@ class PointValues:
     ks_std: Floats
     cost: Floats
     freedom: Floats
+
+    def where(self, index: Ints) -> PointValues:
+        """Those of some of the points, by their numbers (m,)."""
+        return PointValues(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @classmethod
+    def together(cls, count: int, parts: Iterable[tuple[Ints, PointValues]]) -> PointValues:
+        """Values of so many points from parts, each with the numbers of its points; those of no part are open."""
+        zeros, infinite = np.zeros((3, count, 3)), np.full((2, count, 3), np.inf)
+        whole = cls(zeros[0], zeros[1], infinite[0], infinite[1], zeros[2], np.full(count, -1.0))
+        for index, part in parts:
+            for f in fields(cls):
+                getattr(whole, f.name)[index] = getattr(part, f.name)
+        return whole
 
 
 def solve_both(sums: TexelEquations) -> PointValues:

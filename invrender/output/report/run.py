@@ -24,7 +24,7 @@ from invrender.output.report.files import (
 )
 from invrender.output.report.keptfit import fit_place, keep_fit
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
-from invrender.process.texture_passes import PIXELS_STAGE
+from invrender.process.texture_passes import PIXELS_STAGE, TILES_STAGE
 from invrender.result.document import errors_in_words, identifiability, own_numbers
 from invrender.result.run import Run
 from invrender.wording import PARAMETER_LABELS, parameter_lines
@@ -66,7 +66,7 @@ def run_process(
         with added_files(out, PICTURES) as folder:
             document = write_pictures(run, folder, document, track, key=place.name)
         # It is in the result now.
-        for stage in (pictures_stage(place.name), PIXELS_STAGE):
+        for stage in (pictures_stage(place.name), PIXELS_STAGE, TILES_STAGE):
             workplace.store.forget(stage)
         place.unlink(missing_ok=True)
     console.print(errors_in_words(document["fit"]))
