@@ -111,7 +111,9 @@ class PhotoReader:
                 field = off_terminators(field, sources)
                 if len(field) > most:
                     field = field.where(rng.permutation(len(field)) < most)
-            yield field
+            # Without masks some of them may be all beside the object.
+            if len(field):
+                yield field
             most -= len(field)
             if not most:
                 return
