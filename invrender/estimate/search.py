@@ -113,11 +113,10 @@ def _grid(model: Model) -> Floats:
     return np.array(list(product(*[axes[name] for name in model.coordinates])))
 
 
-def searched(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> Floats:
-    """Near the lowest cost: the best of a coarse grid and a rival far from it, a simplex from both."""
+def rivals(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> list[Floats]:
+    """Where to search from: the best point of a coarse grid, and the best of those far from it."""
     grid = _coarse_grid(lower, upper)
-    starts = [grid[k] for k in _rivals(np.array(grid), np.array([cost(point) for point in grid]))]
-    return min((simplex(cost, point, lower, upper) for point in starts), key=cost)
+    return [grid[k] for k in _rivals(np.array(grid), np.array([cost(point) for point in grid]))]
 
 
 def _rivals(grid: Floats, costs: Floats) -> list[int]:

@@ -9,14 +9,17 @@ from scipy.optimize import nnls
 from scipy.sparse import csr_array
 
 from invrender.brdf.lobes import GGX_FORM, PLASTICS
+from invrender.estimate.models import bounds_of
 from invrender.estimate.noise import NoiseModel
+from invrender.estimate.search import simplex
 from invrender.estimate.textured.joint import Usual, solve_joint
-from invrender.estimate.textured.search import cost_at, search_point, textured_models
+from invrender.estimate.textured.search import _about, cost_at, numbers_at, search_point, textured_models
 from invrender.estimate.textured.texel_equations import TexelEquations, common_ks, solve_both, solve_kd
 from invrender.estimate.textured.texel_grid import Grid, SurfaceTiles
 from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
 from invrender.estimate.textured.texel_pixels import PixelsOfPoints, stacked, tiny_sums
 from invrender.transport.column_basis import whole_range
+from invrender.transport.columns import column_weights
 from invrender.transport.diffuse_base import base_columns
 from invrender.transport.transfer import LightElement
 from synthetic.materials.facets import GGXSlopes
@@ -158,6 +161,45 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
             # Noise of 1% in some 5,000 numbers, and mu shows in what is let through as in the lobe.
             assert_allclose(found, np.log([sigma, mu - 1]), atol=0.03)
     assert (costs[form] < costs[GGX_FORM]) == plastic
+
+
+@pytest.mark.parametrize("rung", [0, 1, 2], ids=["without Fresnel", "common Ks", "Ks varies"])
+def test_steps_of_the_search_are_those_of_its_cost(rng: np.random.Generator, rung: int) -> None:
+    """With `made_up_for` in its matrix a step reaches the least cost."""
+    model = textured_models(GGX_FORM)[rung]
+    truth = np.log([0.15, 0.5])[: 1 + model.fresnel]
+    weights = column_weights(*numbers_at(model, truth), GGX_FORM)  # type: ignore[arg-type]
+    photos, points, basis = 6, 60, whole_range()
+    kd, ks = rng.uniform(0.05, 0.3, (2, points, 3))
+    rows = []
+    for _ in range(photos):
+        # A bell for a lobe, at every sigma that columns hold, times what stands for Fresnel's factor.
+        bells = np.exp(-((rng.uniform(0, 0.3, points)[:, None] / basis.sigmas) ** 2)) / basis.sigmas**2
+        fresnel = basis.functions(GGX_FORM)(rng.uniform(0.1, 1, points))
+        gloss = 0.05 * (fresnel[:, :, None] * bells[:, None]).reshape(points, -1)
+        columns = np.concatenate([rng.uniform(0.3, 1, (points, 1)), gloss], axis=1)[None].astype(np.float32)
+        d, s = (columns[0] @ weights).T[:, :, None]
+        seen = kd * d + (ks if model.ks_varies else 0.2) * s
+        seen = seen + 1e-3 * rng.standard_normal(seen.shape)
+        one = np.ones_like(seen)
+        rows.append(TexelRows(np.arange(points), columns, seen, one, one[:, 0], np.zeros(points, int)))
+    stack = TexelObservations.of(rows, points, NoiseModel(1e-3, 0.0), GGX_FORM)
+    near = truth + [0.02, -0.03][: len(truth)]
+    here = _about(model, stack, near)
+    # The cost's own differences; of second order, over a hundredth of the way.
+    for axis, pull in zip(1e-3 * np.eye(len(truth)), here.pull, strict=True):
+        fall = cost_at(model, stack, near - axis) - cost_at(model, stack, near + axis)
+        assert pull == pytest.approx(fall / 4e-3, rel=0.01)
+    # A step of Gauss and Newton leads to where a search without slopes ends, but for what is curved.
+    lower, upper = bounds_of(model)
+    found = search_point(model, stack, near)
+    plain = simplex(lambda at: cost_at(model, stack, at), near, lower, upper, size=0.02, near=1e-6)
+    assert_allclose(near + here.step(0.0), plain, atol=0.2 * np.abs(near - plain).max())
+    assert_allclose(found, plain, atol=1e-4)
+    # In variances of the noise; columns of single precision tell costs apart to some hundredths.
+    assert cost_at(model, stack, found) < cost_at(model, stack, plain) + 0.05
+    # From all over: rough starts of a coarse grid lead there, too.
+    assert_allclose(search_point(model, stack), plain, atol=1e-4)
 
 
 def test_tiles_hold_each_point_once_and_about_equally_many(rng: np.random.Generator) -> None:

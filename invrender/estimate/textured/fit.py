@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.parallel import parallel_map
 from capture.progress import OnStep, unwatched
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import RH01_FORM
@@ -155,27 +156,35 @@ def _climb(
     shown = [rows.radiance for rows in next(iter(photos.values()))]
     count, scale = len(shown), float(np.sqrt(np.mean(np.concatenate(shown) ** 2)))
     noise = NoiseModel(_FIRST_NOISE.floor * scale, _FIRST_NOISE.relative)
-    stacks, starts, costs = {}, {}, {}
-    for form, rows in photos.items():
-        stacks[form], richest = TexelObservations.of(rows, points, noise, form), textured_models(form)[-1]
-        starts[form] = search_point(richest, stacks[form], near)
-        costs[form] = cost_at(richest, stacks[form], starts[form])
-    best = min(costs, key=lambda form: costs[form])
+    stacks = {form: TexelObservations.of(rows, points, noise, form) for form, rows in photos.items()}
+
+    def started(form: LobeForm) -> tuple[Floats, float]:
+        richest, stack = textured_models(form)[-1], stacks[form]
+        start = search_point(richest, stack, near)
+        return start, cost_at(richest, stack, start)
+
+    found = dict(zip(stacks, parallel_map(started, stacks), strict=True))
+    starts = {form: start for form, (start, _) in found.items()}
+    best = min(found, key=lambda form: found[form][1])
     richest = textured_models(best)[-1]
     noise, weighed = _weighed(richest, stacks[best], count, starts[best])
     stacks = {
         form: replace(stack, weight=weighed.weight, trust=weighed.trust) for form, stack in stacks.items()
     }
     judged = _judged(richest, stacks[best], count, starts[best])
+
+    def climbed(model: TexturedModel) -> tuple[Floats, Candidate]:
+        place = search_point(model, stacks[model.form], starts[model.form])
+        return place, _candidate(model, stacks[model.form], count, place, judged)
+
+    rungs = {form: LADDER if form is RH01_FORM else textured_models(form) for form in stacks}
+    work = parallel_map(climbed, [model for models in rungs.values() for model in models])
     ladders = {}
-    for form, stack in stacks.items():
-        models = LADDER if form is RH01_FORM else textured_models(form)
-        places = tuple(search_point(model, stack, starts[form]) for model in models)
-        candidates = []
-        for model, point in zip(models, places, strict=True):
-            candidates.append(_candidate(model, stack, count, point, judged))
-            on_step(candidates[-1].outcome)
-        ladders[form] = _Ladder(models, places, tuple(candidates))
+    for form, models in rungs.items():
+        places, candidates = zip(*(next(work) for _ in models), strict=True)
+        ladders[form] = _Ladder(models, places, candidates)
+        for candidate in candidates:
+            on_step(candidate.outcome)
     return _Climbed(ladders, stacks, noise)
 
 
@@ -257,13 +266,12 @@ def _weighed(
 
 def _judged(model: TexturedModel, stack: TexelObservations, photos: int, point: Floats) -> NDArray[np.bool_]:
     """Which rows (r,) the richest model predicts well enough from the other photographs to be judged by."""
-    numbers = numbers_at(model, point)
-    total = stack.sums(numbers)
-    d, s = stack.transfers(numbers)
+    d, s = stack.transfers(numbers_at(model, point))
+    total = stack.equations(d, s)
     judged = np.zeros(len(d), bool)
     for photo in range(photos):
         own = np.flatnonzero(stack.photo == photo)
-        rest = total - stack.sums(numbers, photo)
+        rest = total - stack.equations(d, s, photo)
         dd, ds, ss = (part[stack.at[own]] for part in (rest.dd, rest.ds, rest.ss))
         determinant = dd * ss - ds**2
         apart = determinant > 1e-6 * dd * ss
@@ -281,7 +289,8 @@ def _candidate(
     mu and sigma are those of all photographs: two numbers that one of them moves but little.
     """
     numbers = numbers_at(model, point)
-    total = stack.sums(numbers)
+    d, s = stack.transfers(numbers)
+    total = stack.equations(d, s)
     values = solved(model, total)
     seen = total.count > 0
     brdf = Microfacet(values.kd[seen].mean(axis=0), values.ks[seen].mean(axis=0), *numbers, model.form)
@@ -289,13 +298,13 @@ def _candidate(
     for photo in range(photos):
         use = judged & (stack.photo == photo)
         if use.any():
-            unseen = solved(model, total - stack.sums(numbers, photo))
-            radiance, trust = stack.radiance[use], stack.trust[use]
-            residual = radiance - stack.predicted(unseen, numbers)[use]
+            unseen = solved(model, total - stack.equations(d, s, photo))
+            radiance, trust, at = stack.radiance[use], stack.trust[use], stack.at[use]
+            residual = radiance - unseen.kd[at] * d[use] - unseen.ks[at] * s[use]
             errors[photo] = relative_rms(residual, radiance, trust)
             square = (trust * residual**2).sum(axis=1) / max(float((trust * radiance**2).sum()), 1e-300)
             # The points are in the order of the map's rows: patches are bands of it.
-            energy += np.bincount(stack.at[use] * _PATCHES // stack.size, square, minlength=_PATCHES)
+            energy += np.bincount(at * _PATCHES // stack.size, square, minlength=_PATCHES)
     if np.isnan(errors).all():
         raise ValueError(
             "no point of the object is seen by enough photographs to judge predictions of it; take more, from"

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.gaussnewton import LocalProblem, damped_step, gauss_newton
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.models import Model, bounds_of
-from invrender.estimate.search import models_of, searched, simplex
+from invrender.estimate.search import models_of, rivals
 from invrender.estimate.textured.texel_equations import (
     PointValues,
     TexelEquations,
     common_ks,
+    made_up_for,
     solve_both,
     solve_kd,
 )
@@ -22,8 +25,10 @@ from invrender.estimate.textured.texel_observations import Numbers, TexelObserva
 
 Floats = NDArray[np.float64]
 
-# How near the search comes to mu - 1 and sigma, relative.
-_NEAR = 1e-5
+# How near the search comes to mu - 1 and sigma, of their standard deviations, and how many steps it takes at most.
+_NEAR, _STEPS = 0.003, 30
+# Widths in log sigma and log(mu - 1) that slopes are taken over.
+_WIDTH = 2e-3
 
 
 @dataclass(frozen=True)
@@ -68,8 +73,52 @@ def search_point(model: TexturedModel, stack: TexelObservations, near: Floats | 
     def cost(point: Floats) -> float:
         return cost_at(model, stack, point)
 
-    start = searched(cost, lower, upper) if near is None else np.clip(near[: len(lower)], lower, upper)
-    return simplex(cost, start, lower, upper, size=0.02, near=_NEAR)
+    def descended(start: Floats) -> Floats:
+        # What noise is shows only in what a fit leaves.
+        least = _NEAR**2 * cost(start) / stack.radiance.size
+        return gauss_newton(start, partial(_about, model, stack), least, _STEPS)
+
+    if near is not None:
+        return descended(np.clip(near[: len(lower)], lower, upper))
+    return min((descended(start) for start in rivals(cost, lower, upper)), key=cost)
+
+
+def _about(model: TexturedModel, stack: TexelObservations, point: Floats) -> LocalProblem[Floats]:
+    """The least-squares problem in the search's coordinates about a point, all points' numbers being solved for anew.
+
+    Golub and Pereyra 1973, "The differentiation of pseudo-inverses and nonlinear least squares problems whose variables
+    separate": what a step changes counts only as far as no Kd and Ks make up for it.
+    """
+    lower, upper = bounds_of(model)
+    sides = [
+        (np.clip(point - axis, lower, upper), np.clip(point + axis, lower, upper))
+        for axis in _WIDTH / 2 * np.eye(len(point))
+    ]
+    widths = np.array([(more - less).sum() for less, more in sides])
+    d, s = stack.transfers(numbers_at(model, point))
+    sums = stack.equations(d, s)
+    values = solved(model, sums)
+    kd, ks = values.kd[stack.at], values.ks[stack.at]
+    ends = [(numbers_at(model, less), numbers_at(model, more)) for less, more in sides]
+    changes = [kd * base + ks * lobe for base, lobe in stack.slopes(ends, widths)]
+    weighed = [stack.weight * change for change in changes]
+    residual = stack.radiance - kd * d - ks * s
+    pull = np.array([(change * residual).sum() for change in weighed])
+    # A bound that holds a coordinate takes it out.
+    held = ((point <= lower) & (pull < 0)) | ((point >= upper) & (pull > 0))
+    pull = np.where(held, 0.0, pull)
+    matrix = np.array([[(one * other).sum() for other in changes] for one in weighed])
+    of_points = np.concatenate([part for change in weighed for part in (change * d, change * s)], axis=1)
+    by_d, by_s = np.split(stack.added(of_points).reshape(len(sums.dd), -1, 2, 3), 2, axis=2)
+    matrix -= made_up_for(sums, values, model.ks_varies, by_d[:, :, 0], by_s[:, :, 0])
+    matrix[held] = matrix[:, held] = 0.0
+    cost = float(values.cost.sum())
+    return LocalProblem(
+        partial(damped_step, matrix, pull),
+        pull,
+        lambda step: np.clip(point + step, lower, upper),
+        lambda tried: cost - cost_at(model, stack, tried),
+    )
 
 
 def cost_at(model: TexturedModel, stack: TexelObservations, point: Floats) -> float:

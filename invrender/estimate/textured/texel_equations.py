@@ -118,6 +118,29 @@ def common_ks(sums: TexelEquations) -> tuple[Floats, Floats]:
     return np.maximum(ks, 0), np.sqrt(np.where(known, 1 / np.where(known, gram, 1), np.inf))
 
 
+def made_up_for(
+    sums: TexelEquations, values: PointValues, ks_varies: bool, by_d: Floats, by_s: Floats
+) -> Floats:
+    """How much (k, k) of the sums of products of k changes of the radiance Kd and Ks make up for, if solved for anew.
+
+    values : the solution there; what is zero stays so. ks_varies : False where all points share Ks. by_d, by_s :
+    (n, k, 3), each point's weighted sums of the changes times its transfers.
+    """
+    kd_free, ks_free = values.kd > 0, values.ks > 0
+    by_d, dd = by_d * kd_free[:, None], sums.dd * kd_free
+    by_kd = _ratio(by_d, dd[:, None])
+    total = np.einsum("nac,nbc->ab", by_d, by_kd)
+    # What Kd leaves of the changes, and of what Ks makes.
+    ds = sums.ds * kd_free
+    left, by_ks = sums.ss - _ratio(ds**2, dd), by_s - ds[:, None] * by_kd
+    if not ks_varies:
+        by_ks, left = by_ks.sum(axis=0, keepdims=True), left.sum(axis=0, keepdims=True)
+        ks_free = ks_free[:1]
+    # Transfers that are the same up to a factor, to single precision, don't separate Kd from Ks.
+    left = np.where(ks_free & (left > 1e-6 * sums.ss[: len(left)]), left, 0.0)
+    return total + np.einsum("nac,nbc->ab", by_ks, _ratio(by_ks, left[:, None]))
+
+
 def _cost(sums: TexelEquations, kd: Floats, ks: Floats) -> Floats:
     square = kd**2 * sums.dd + 2 * kd * ks * sums.ds + ks**2 * sums.ss
     return np.maximum(sums.yy - 2 * (kd * sums.dy + ks * sums.sy) + square, 0)

@@ -89,10 +89,25 @@ class TexelObservations:
 
     def transfers(self, numbers: Numbers) -> tuple[Floats, Floats]:
         """Diffuse and specular transfers (r, 3) at mu and sigma."""
-        mu, sigma = numbers
-        if sigma is None:
+        if numbers[1] is None:
             return self._lambertian, np.zeros_like(self._lambertian)
-        both = self.columns @ column_weights(mu, sigma, self.form).astype(np.float32)
+        return self._combined(self._weights(numbers))
+
+    def slopes(self, ends: Sequence[tuple[Numbers, Numbers]], widths: Floats) -> list[tuple[Floats, Floats]]:
+        """Slopes of both transfers, (r, 3) each, between pairs of mu and sigma that so much lies between."""
+        return [
+            self._combined((self._weights(more) - self._weights(less)) / width)
+            for (less, more), width in zip(ends, widths, strict=True)
+        ]
+
+    def _weights(self, numbers: Numbers) -> Floats:
+        mu, sigma = numbers
+        assert sigma is not None
+        return column_weights(mu, sigma, self.form)
+
+    def _combined(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Combinations of the columns with weights (q, 2) for the base and the lobe, (r, 3) each."""
+        both = self.columns @ weights.astype(np.float32)
         return self._in_channels(both[:, 0]), self._in_channels(both[:, 1])
 
     @cached_property
@@ -104,15 +119,24 @@ class TexelObservations:
         rows = len(self.at)
         return np.broadcast_to(values.reshape(-1, rows).T, (rows, 3)).astype(float)
 
-    def sums(self, numbers: Numbers, photo: int | None = None) -> TexelEquations:
-        """Normal equations of all points at mu and sigma, of all photographs or of one."""
+    def sums(self, numbers: Numbers) -> TexelEquations:
+        """Normal equations of all points at mu and sigma."""
+        return self.equations(*self.transfers(numbers))
+
+    def equations(self, d: Floats, s: Floats, photo: int | None = None) -> TexelEquations:
+        """Normal equations of all points by transfers (r, 3), of all photographs or of one."""
         if photo is not None:
-            return self._of_photo(photo).sums(numbers)
-        d, s = self.transfers(numbers)
+            own = self.photo == photo
+            return self._where(own)._equations(d[own], s[own])
+        return self._equations(d, s, None if self.form.interface else self._of_lambertian)
+
+    def _equations(
+        self, d: Floats, s: Floats, base: tuple[Floats, Floats, Floats, Floats] | None = None
+    ) -> TexelEquations:
         y, weighted = self.radiance, self.weight * s
         with_s = np.concatenate([weighted * d, weighted * s, weighted * y], axis=1)
-        ds, ss, sy = np.split(self._added(with_s), 3, axis=1)
-        dd, dy, yy, count = self._without_s(d) if self.form.interface else self._of_lambertian
+        ds, ss, sy = np.split(self.added(with_s), 3, axis=1)
+        dd, dy, yy, count = self._without_s(d) if base is None else base
         return TexelEquations(dd, ds, ss, dy, sy, yy, count)
 
     @cached_property
@@ -123,21 +147,20 @@ class TexelObservations:
         y = self.radiance
         parts = [part * self.weight for part in (d * d, d * y, y * y)]
         dd, dy, yy, count = np.split(
-            self._added(np.concatenate([*parts, np.ones((len(d), 1))], axis=1)), [3, 6, 9], axis=1
+            self.added(np.concatenate([*parts, np.ones((len(d), 1))], axis=1)), [3, 6, 9], axis=1
         )
         return dd, dy, yy, count[:, 0]
 
-    def _added(self, values: Floats) -> Floats:
+    def added(self, values: Floats) -> Floats:
         """Sums (size, k) over the rows of each point of values (r, k)."""
         total = np.zeros((self.size, values.shape[1]))
         if len(self.starts):
             total[self.points] = np.add.reduceat(values, self.starts)
         return total
 
-    def _of_photo(self, photo: int) -> TexelObservations:
-        own = self.photo == photo
+    def _where(self, own: NDArray[np.bool_]) -> TexelObservations:
+        """Some of the rows, without their columns."""
         points, starts = np.unique(self.at[own], return_index=True)
-        channels = len(self.columns) // len(self.at)
         return replace(
             self,
             points=points,
@@ -145,7 +168,7 @@ class TexelObservations:
             at=self.at[own],
             photo=self.photo[own],
             tiles=self.tiles[own],
-            columns=self.columns[np.tile(own, channels)],
+            columns=self.columns[:0],
             radiance=self.radiance[own],
             weight=self.weight[own],
             trust=self.trust[own],
