@@ -21,12 +21,12 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import TexturedFit
-from invrender.estimate.textured.joint import Usual, in_shadow, solve_joint
+from invrender.estimate.textured.joint import in_shadow, solve_joint
 from invrender.estimate.textured.layout import Layout, SurfacePoints
 from invrender.estimate.textured.observe import observe, points_for, squares_seen
 from invrender.estimate.textured.search import TexturedModel, solved
 from invrender.estimate.textured.seen import Seen, rows_of, transfers_of
-from invrender.estimate.textured.texel_equations import PointValues
+from invrender.estimate.textured.texel_equations import PointValues, Usual
 from invrender.estimate.textured.texel_grid import Grid, SurfaceTiles
 from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.estimate.textured.texel_pixels import PixelsOfPoints, stacked
@@ -209,6 +209,7 @@ class _TileSolved:
     common_ks: Floats
     noise: NoiseModel
     usual: Usual
+    lit: float
 
     def __call__(self, tile: int) -> tuple[PointValues, Mapping[str, float]]:
         """Values of a tile's points, and seconds by package."""
@@ -232,6 +233,7 @@ class _TileSolved:
                 partial(solved, self.model, ks=self.common_ks),
                 self.noise,
                 self.usual,
+                self.lit,
                 np.random.default_rng(tile),
             )
             own = np.searchsorted(numbers, self.given[tile])
@@ -274,11 +276,8 @@ def second_pass(
     for entry in told:
         clock.add(entry.seconds)
     release_memory()
-    usual = Usual(
-        np.concatenate([fit.brdf.kd, fit.brdf.ks]),
-        float(np.quantile(np.concatenate([entry.lit for entry in told]), 0.99)),
-    )
-    given_to = (grid, solved_at, given_at, fit.model, fit.common_ks, fit.noise, usual)
+    lit = float(np.quantile(np.concatenate([entry.lit for entry in told]), 0.99))
+    given_to = (grid, solved_at, given_at, fit.model, fit.common_ks, fit.noise, fit.usual, lit)
     work = stage_results(
         TILES_STAGE,
         _TileSolved(parts, *given_to),

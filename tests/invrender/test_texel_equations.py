@@ -12,9 +12,17 @@ from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.estimate.models import bounds_of
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.search import simplex
-from invrender.estimate.textured.joint import Usual, solve_joint
+from invrender.estimate.textured.joint import solve_joint
 from invrender.estimate.textured.search import _about, cost_at, numbers_at, search_point, textured_models
-from invrender.estimate.textured.texel_equations import TexelEquations, common_ks, solve_both, solve_kd
+from invrender.estimate.textured.texel_equations import (
+    PointValues,
+    TexelEquations,
+    Usual,
+    common_ks,
+    determined,
+    solve_both,
+    solve_kd,
+)
 from invrender.estimate.textured.texel_grid import Grid, SurfaceTiles
 from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
 from invrender.estimate.textured.texel_pixels import PixelsOfPoints, stacked, tiny_sums
@@ -102,8 +110,8 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
         )
     pairs = np.column_stack([np.arange(points - 1), np.arange(1, points)])
     grid = Grid(np.arange(points) // 2, points // 2, pairs)
-    usual = Usual(np.array([*truth.mean(axis=0), 0.2, 0.2, 0.2]), 1.0)
-    found = solve_joint(*stacked(views), grid, solve_both, NoiseModel(level, 0.0), usual, rng)
+    usual = Usual(np.array([*truth.mean(axis=0), 0.2, 0.2, 0.2]), truth.mean(axis=0) + 0.2)
+    found = solve_joint(*stacked(views), grid, solve_both, NoiseModel(level, 0.0), usual, 1.0, rng)
     expected = truth.reshape(-1, 2, 3).mean(axis=1)
     for off in ((found.kd - expected) / found.kd_std, (found.ks - 0.2) / found.ks_std):
         assert 0.5 < np.sqrt((off**2).mean()) < 1.3
@@ -161,6 +169,27 @@ def test_paint_under_an_interface_tells_its_index(rng: np.random.Generator, plas
             # Noise of 1% in some 5,000 numbers, and mu shows in what is let through as in the lobe.
             assert_allclose(found, np.log([sigma, mu - 1]), atol=0.03)
     assert (costs[form] < costs[GGX_FORM]) == plastic
+
+
+def test_what_is_usual_is_not_moved_by_points_that_are_open(rng: np.random.Generator) -> None:
+    kd, ks = rng.uniform(0.1, 0.2, (2, 100, 3))
+    std = np.full((100, 3), 0.01)
+    values = PointValues(kd, ks, std, std.copy(), np.zeros((100, 3)), np.full(100, 3.0))
+    expected = Usual.of(values)
+    assert_allclose(expected.values, np.concatenate([kd.mean(axis=0), ks.mean(axis=0)]))
+    # A fifth hardly says anything, and says it of values that are far off.
+    wild = 50.0 * np.ones((20, 3))
+    more = PointValues.together(
+        120,
+        [
+            (np.arange(100), values),
+            (np.arange(100, 120), PointValues(wild, wild, wild, wild, np.zeros((20, 3)), np.full(20, 1.0))),
+        ],
+    )
+    found = Usual.of(more)
+    assert_allclose(found.values, expected.values)
+    assert_allclose(found.scale, expected.scale, rtol=0.2)
+    assert determined(more, expected.scale).tolist() == [True] * 100 + [False] * 20
 
 
 @pytest.mark.parametrize("rung", [0, 1, 2], ids=["without Fresnel", "common Ks", "Ks varies"])

@@ -23,11 +23,10 @@ from scipy.spatial import cKDTree
 from invrender.estimate.interreflection.correction import corrected, settled
 from invrender.estimate.interreflection.statement import Interreflection, asked_for, of_all, stated
 from invrender.estimate.textured.fit import TexturedFit
-from invrender.estimate.textured.joint import determined
 from invrender.estimate.textured.layout import SurfacePoints
 from invrender.estimate.textured.search import solved
 from invrender.estimate.textured.seen import Seen, transfers_of
-from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, products
+from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, determined, products
 from invrender.transport.radiosity import Bounced, ConcaveMesh
 from invrender.transport.transfer import LightElement
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from invrender.estimate.noise import NoiseModel, photo_weights
-from invrender.estimate.textured.texel_equations import PointValues, TexelEquations
+from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, Usual, determined
 from invrender.estimate.textured.texel_grid import Grid
 from invrender.estimate.textured.texel_pixels import PixelsOfPoints, tiny_sums
 
@@ -34,23 +34,10 @@ _FIRST_NEAR, _NEAR, _MOST_STEPS = 0.2, 0.035, 24
 _UNRESOLVED, _SHARED = 0.2, 0.5
 # Times that a mean over a point and its neighbours is taken: over some fifty of them.
 _AROUND = 8
-# A value with a standard deviation above this share of what is usual on the surface isn't given.
-_HOPELESS = 0.5
 # What reaches a point in shadow is known to this share of the brightest light (doll).
 _SHADOW = 0.002
 # Residuals beyond what noise leaves by this factor, in squares, widen a point's error bars.
 _BEYOND_NOISE = 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class Usual:
-    """What is usual on the whole surface, of which a part is solved.
-
-    values : (6,), Kd and Ks. lit : the diffuse transfer where it is brightest, by the lighting itself.
-    """
-
-    values: Floats
-    lit: float
 
 
 def solve_joint(
@@ -60,16 +47,18 @@ def solve_joint(
     tiny: Callable[[TexelEquations], PointValues],
     noise: NoiseModel,
     usual: Usual,
+    lit: float,
     rng: np.random.Generator,
 ) -> PointValues:
     """Kd and Ks of the grid's points with standard deviations, infinite where the photographs leave them open.
 
     views, cover : as `stacked` has them. tiny : solves the tiny systems under the model; the cost returned is theirs.
+    usual : of the whole surface, of which the points may be a part. lit : the diffuse transfer where that is brightest,
+    by the lighting itself.
     """
-    views = _weighed(views, noise, usual.lit)
+    views = _weighed(views, noise, lit)
     start = tiny(tiny_sums(views, grid.count, grid.parents))
-    scale = usual.values[:3] + usual.values[3:]
-    sure = determined(start, scale)
+    sure = determined(start, usual.scale)
     if not sure.any():
         return start
     both = np.concatenate([start.kd, start.ks], axis=1)
@@ -89,19 +78,7 @@ def solve_joint(
     # Noise in place of the photographs: what becomes of it says what noise does to the texels.
     drawn = np.zeros_like(at)
     _conjugate(system, drawn, (_drawn(view, rng) for view in views), _NEAR)
-    return _values(views, grid, tiny, at, drawn, start, scale)
-
-
-def determined(values: PointValues, scale: Floats | None = None) -> NDArray[np.bool_]:
-    """Which points (n,) have seen as much as they have numbers, with standard deviations below half the scale of all.
-
-    scale : (3,), by default the median of Kd + Ks over those that have a standard deviation.
-    """
-    found = (values.freedom >= 0) & np.isfinite(values.kd_std + values.ks_std).all(axis=1)
-    if found.any():
-        limit = _HOPELESS * (np.median((values.kd + values.ks)[found], axis=0) if scale is None else scale)
-        found &= ((values.kd_std < limit) & (values.ks_std < limit)).all(axis=1)
-    return np.asarray(found)
+    return _values(views, grid, tiny, at, drawn, start, usual.scale)
 
 
 def _without_lobe(view: PixelsOfPoints, ks: Floats) -> PixelsOfPoints:

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# A value with a standard deviation above this share of what is usual on the surface isn't given.
+_HOPELESS = 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class TexelEquations:
@@ -81,6 +84,44 @@ class PointValues:
             for f in fields(cls):
                 getattr(whole, f.name)[index] = getattr(part, f.name)
         return whole
+
+
+def determined(values: PointValues, scale: Floats | None = None) -> NDArray[np.bool_]:
+    """Which points (n,) have seen as much as they have numbers, with standard deviations below half the scale of all.
+
+    scale : (3,), by default the median of Kd + Ks over those that have a standard deviation.
+    """
+    found = _all_seen(values)
+    if found.any():
+        limit = _HOPELESS * (np.median((values.kd + values.ks)[found], axis=0) if scale is None else scale)
+        found &= ((values.kd_std < limit) & (values.ks_std < limit)).all(axis=1)
+    return np.asarray(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Usual:
+    """What is usual on a surface.
+
+    values : (6,), Kd and Ks, means over what is determined; single points that aren't may be far off. scale : (3,), as
+    of `determined`.
+    """
+
+    values: Floats
+    scale: Floats
+
+    @classmethod
+    def of(cls, values: PointValues) -> Usual:
+        """Of some of its points; scale as of `determined`."""
+        found, sure = _all_seen(values), determined(values)
+        both = np.concatenate([values.kd, values.ks], axis=1)
+        if not sure.any():
+            return cls(np.zeros(6), np.zeros(3))
+        return cls(both[sure].mean(axis=0), np.median((values.kd + values.ks)[found], axis=0))
+
+
+def _all_seen(values: PointValues) -> NDArray[np.bool_]:
+    """Which points (n,) have seen as much as they have numbers, in all channels."""
+    return np.asarray((values.freedom >= 0) & np.isfinite(values.kd_std + values.ks_std).all(axis=1))
 
 
 def solve_both(sums: TexelEquations) -> PointValues:

@@ -12,9 +12,8 @@ from scipy.ndimage import distance_transform_edt
 
 from capture.camera import Camera
 from capture.files.imagefile import write_exr
-from invrender.estimate.textured.joint import determined
 from invrender.estimate.textured.layout import Layout, TexelLayout
-from invrender.estimate.textured.texel_equations import PointValues
+from invrender.estimate.textured.texel_equations import PointValues, determined
 from recon.mesh.bodies import MeshBody
 from recon.mesh.shape import placed
 from recon.mesh.trianglemesh import write_mesh
