@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import partial
 
 import numpy as np
@@ -21,12 +21,12 @@ from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.noise import NoiseModel
 from invrender.estimate.textured.cover import cover
 from invrender.estimate.textured.fit import TexturedFit
-from invrender.estimate.textured.joint import in_shadow, solve_joint
+from invrender.estimate.textured.joint import in_shadow, solve_apart, solve_joint
 from invrender.estimate.textured.layout import Layout, SurfacePoints
 from invrender.estimate.textured.observe import observe, points_for, squares_seen
 from invrender.estimate.textured.search import TexturedModel, solved
 from invrender.estimate.textured.seen import Seen, rows_of, transfers_of
-from invrender.estimate.textured.texel_equations import PointValues, Usual
+from invrender.estimate.textured.texel_equations import PointValues, TexelEquations, Usual
 from invrender.estimate.textured.texel_grid import Grid, SurfaceTiles
 from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.estimate.textured.texel_pixels import PixelsOfPoints, stacked
@@ -195,10 +195,11 @@ class _PixelsGathered:
 
 
 @dataclass(frozen=True, eq=False)
-class _TileSolved:
-    """Solves one tile of a surface from its pixels.
+class _TileSolver:
+    """Solves tiles of a surface from their pixels.
 
     solved : by tile, the points that are solved for together; given : those of them that the tile's values are of.
+    lit : as of `solve_joint`.
     """
 
     pixels: Parts[Photo, PixelsOfPoints | _Told]
@@ -208,15 +209,38 @@ class _TileSolved:
     model: TexturedModel
     common_ks: Floats
     noise: NoiseModel
-    usual: Usual
     lit: float
 
-    def __call__(self, tile: int) -> tuple[PointValues, Mapping[str, float]]:
-        """Values of a tile's points, and seconds by package."""
-        clock = Clock()
+    @property
+    def key(self) -> object:
+        """What stands for it in keys."""
+        return self.pixels.key, [getattr(self, entry.name) for entry in fields(self)[1:]]
+
+    def apart(self, tile: int) -> tuple[PointValues, Mapping[str, float]]:
+        """Values of a tile's points, each for itself, and seconds by package."""
+        return self._values(
+            tile,
+            lambda views, grid: solve_apart(views, grid, self._tiny, self.noise, self.lit),
+        )
+
+    def joint(self, usual: Usual, tile: int) -> tuple[PointValues, Mapping[str, float]]:
+        """Values of a tile's points, and seconds by package. usual : as of `solve_joint`."""
+
+        def solve(views: list[PixelsOfPoints], grid: Grid) -> PointValues:
+            stack = stacked(views)
+            # The covers would be there twice.
+            views.clear()
+            rng = np.random.default_rng(tile)
+            return solve_joint(*stack, grid, self._tiny, self.noise, usual, self.lit, rng)
+
+        return self._values(tile, solve)
+
+    def _values(
+        self, tile: int, solve: Callable[[list[PixelsOfPoints], Grid], PointValues]
+    ) -> tuple[PointValues, Mapping[str, float]]:
+        clock, points, given = Clock(), self.solved[tile], self.given[tile]
         with clock.on("invrender"), clock.on("texels"):
-            points = self.solved[tile]
-            grid, numbers = self.grid.of_points(points, self.given[tile])
+            grid, numbers = self.grid.of_points(points, given)
             views = []
             for view in self.pixels.read(tile):
                 assert isinstance(view, PixelsOfPoints)
@@ -224,20 +248,12 @@ class _TileSolved:
                 if len(view):
                     views.append(view if len(self.solved) == 1 else view.of_points(points))
             if not views:
-                return PointValues.together(len(self.given[tile]), []), clock.seconds
-            stack = stacked(views)
-            del views
-            found = solve_joint(
-                *stack,
-                grid,
-                partial(solved, self.model, ks=self.common_ks),
-                self.noise,
-                self.usual,
-                self.lit,
-                np.random.default_rng(tile),
-            )
-            own = np.searchsorted(numbers, self.given[tile])
-        return found.where(own), clock.seconds
+                return PointValues.together(len(given), []), clock.seconds
+            found = solve(views, grid).where(np.searchsorted(numbers, given))
+        return found, clock.seconds
+
+    def _tiny(self, sums: TexelEquations) -> PointValues:
+        return solved(self.model, sums, self.common_ks)
 
 
 def second_pass(
@@ -277,19 +293,21 @@ def second_pass(
         clock.add(entry.seconds)
     release_memory()
     lit = float(np.quantile(np.concatenate([entry.lit for entry in told]), 0.99))
-    given_to = (grid, solved_at, given_at, fit.model, fit.common_ks, fit.noise, fit.usual, lit)
-    work = stage_results(
-        TILES_STAGE,
-        _TileSolved(parts, *given_to),
-        range(len(tiles)),
-        lambda tile: f"part {tile + 1} of the texture",
-        (parts.key, *given_to),
-    )
-    found = []
-    for tile in track(range(len(tiles)), "Solving the texture"):
-        values, seconds = next(work)
-        found.append((given_at[tile], values))
-        clock.add(seconds)
+    solver = _TileSolver(parts, grid, solved_at, given_at, fit.model, fit.common_ks, fit.noise, lit)
+
+    def of_all(
+        solve: Callable[[int], tuple[PointValues, Mapping[str, float]]], made_of: object, doing: str
+    ) -> PointValues:
+        work = stage_results(TILES_STAGE, solve, range(len(tiles)), _tile_named, made_of)
+        found = []
+        for tile in track(range(len(tiles)), doing):
+            values, seconds = next(work)
+            found.append((given_at[tile], values))
+            clock.add(seconds)
+        return PointValues.together(len(layout), found)
+
+    usual = Usual.of(of_all(solver.apart, (solver.key, None), "Solving each texel"))
+    values = of_all(partial(solver.joint, usual), (solver.key, usual), "Solving the texture")
     release_memory()
     dark = [
         f"{photo.file}: all that it shows of the object lies in the object's own shadow under the given light, which"
@@ -297,7 +315,11 @@ def second_pass(
         for photo, shaded in zip(fitted, in_shadow([entry.brightest for entry in told]), strict=True)
         if shaded
     ]
-    return FittedTextures.of(layout, PointValues.together(len(layout), found), fit.model.ks_varies), dark
+    return FittedTextures.of(layout, values, fit.model.ks_varies), dark
+
+
+def _tile_named(tile: int) -> str:
+    return f"part {tile + 1} of the texture"
 
 
 def _pixels_about(body: Body, photo: Photo) -> int:

@@ -33,7 +33,7 @@ from invrender.estimate.textured.search import (
     solved,
     textured_models,
 )
-from invrender.estimate.textured.texel_equations import Usual, common_ks
+from invrender.estimate.textured.texel_equations import common_ks
 from invrender.estimate.textured.texel_observations import TexelObservations, TexelRows
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ class TexturedFit:
 
     candidates, chosen : the ladder; an estimate's Kd and Ks are means over the points. covariance, fragility : of the
     logarithms of sigma and mu - 1, as far as the chosen model has them; as of `uncertainty.Uncertainty`.
-    common_ks, common_ks_std : (3,), of all points where Ks doesn't vary. usual : of the points.
+    common_ks, common_ks_std : (3,), of all points where Ks doesn't vary.
     """
 
     candidates: tuple[Candidate, ...]
@@ -73,7 +73,6 @@ class TexturedFit:
     fragility: Floats
     common_ks: Floats
     common_ks_std: Floats
-    usual: Usual
 
     @property
     def model(self) -> TexturedModel:
@@ -118,15 +117,12 @@ def fit_textured(
     model, point = own.models[chosen], own.points[chosen]
     stack = climbed.stacks[model.form]
     ks = ks_std = np.zeros(3)
-    sums = stack.sums(numbers_at(model, point))
     if model.specular and not model.ks_varies:
-        ks, ks_std = common_ks(sums)
+        ks, ks_std = common_ks(stack.sums(numbers_at(model, point)))
     covariance, fragility = _uncertainty(model, stack, point)
     if apart is not None:
         covariance = covariance + np.diag(apart[: len(point)] ** 2)
-    return TexturedFit(
-        candidates, chosen, climbed.noise, covariance, fragility, ks, ks_std, Usual.of(solved(model, sums))
-    )
+    return TexturedFit(candidates, chosen, climbed.noise, covariance, fragility, ks, ks_std)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,17 @@ _SHADOW = 0.002
 _BEYOND_NOISE = 2.0
 
 
+def solve_apart(
+    views: Sequence[PixelsOfPoints],
+    grid: Grid,
+    tiny: Callable[[TexelEquations], PointValues],
+    noise: NoiseModel,
+    lit: float,
+) -> PointValues:
+    """Kd and Ks of the grid's points, each for itself: about a pixel's blur; arguments as of `solve_joint`."""
+    return tiny(tiny_sums(_weighed(views, noise, lit), grid.count, grid.parents))
+
+
 def solve_joint(
     views: Sequence[PixelsOfPoints],
     cover: csr_array,
@@ -78,7 +89,7 @@ def solve_joint(
     # Noise in place of the photographs: what becomes of it says what noise does to the texels.
     drawn = np.zeros_like(at)
     _conjugate(system, drawn, (_drawn(view, rng) for view in views), _NEAR)
-    return _values(views, grid, tiny, at, drawn, start, usual.scale)
+    return _values(views, grid, tiny, at, drawn, start)
 
 
 def _without_lobe(view: PixelsOfPoints, ks: Floats) -> PixelsOfPoints:
@@ -210,15 +221,13 @@ def _values(
     at: Singles,
     drawn: Singles,
     start: PointValues,
-    scale: Floats,
 ) -> PointValues:
     """Means over each point's texels with their standard deviations.
 
-    at, drawn : (p, 6), solution and what noise alone gives. start : where Ks doesn't vary, it is this one's. scale : as
-    of `determined`.
+    at, drawn : (p, 6), solution and what noise alone gives. start : where Ks doesn't vary, it is this one's.
     """
     expected = tiny(tiny_sums(views, grid.count, grid.parents))
-    known = determined(expected, scale)
+    known = determined(expected)
     means = grid.means
     mean, off = (np.asarray(means @ values, np.float64) for values in (at, drawn))
     tiny_std = np.clip(np.concatenate([expected.kd_std, expected.ks_std], axis=1), 1e-30, 1e30)
