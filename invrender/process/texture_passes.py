@@ -194,6 +194,10 @@ class _PixelsGathered:
         return PixelsOfPoints(covered, d + more_d, s + more_s, lit, radiance, trust, trust)
 
 
+# The numbers of a tile's points, their values, none where no photograph shows the tile, and seconds by package.
+_TileValues = tuple[Ints, tuple[PointValues, ...], Mapping[str, float]]
+
+
 @dataclass(frozen=True, eq=False)
 class _TileSolver:
     """Solves tiles of a surface from their pixels.
@@ -216,28 +220,28 @@ class _TileSolver:
         """What stands for it in keys."""
         return self.pixels.key, [getattr(self, entry.name) for entry in fields(self)[1:]]
 
-    def apart(self, tile: int) -> tuple[PointValues, Mapping[str, float]]:
-        """Values of a tile's points, each for itself, and seconds by package."""
+    def apart(self, tile: int) -> _TileValues:
+        """Values of a tile's points as of `solve_apart`."""
         return self._values(
             tile,
             lambda views, grid: solve_apart(views, grid, self._tiny, self.noise, self.lit),
         )
 
-    def joint(self, usual: Usual, tile: int) -> tuple[PointValues, Mapping[str, float]]:
-        """Values of a tile's points, and seconds by package. usual : as of `solve_joint`."""
+    def joint(self, usual: Usual, tile: int) -> _TileValues:
+        """Values of a tile's points as of `solve_joint`."""
 
-        def solve(views: list[PixelsOfPoints], grid: Grid) -> PointValues:
+        def solve(views: list[PixelsOfPoints], grid: Grid) -> tuple[PointValues, ...]:
             stack = stacked(views)
             # The covers would be there twice.
             views.clear()
             rng = np.random.default_rng(tile)
-            return solve_joint(*stack, grid, self._tiny, self.noise, usual, self.lit, rng)
+            return (solve_joint(*stack, grid, self._tiny, self.noise, usual, self.lit, rng),)
 
         return self._values(tile, solve)
 
     def _values(
-        self, tile: int, solve: Callable[[list[PixelsOfPoints], Grid], PointValues]
-    ) -> tuple[PointValues, Mapping[str, float]]:
+        self, tile: int, solve: Callable[[list[PixelsOfPoints], Grid], tuple[PointValues, ...]]
+    ) -> _TileValues:
         clock, points, given = Clock(), self.solved[tile], self.given[tile]
         with clock.on("invrender"), clock.on("texels"):
             grid, numbers = self.grid.of_points(points, given)
@@ -247,10 +251,9 @@ class _TileSolver:
                 # A photograph may show nothing of the tile.
                 if len(view):
                     views.append(view if len(self.solved) == 1 else view.of_points(points))
-            if not views:
-                return PointValues.together(len(given), []), clock.seconds
-            found = solve(views, grid).where(np.searchsorted(numbers, given))
-        return found, clock.seconds
+            own = np.searchsorted(numbers, given)
+            found = tuple(values.where(own) for values in solve(views, grid)) if views else ()
+        return given, found, clock.seconds
 
     def _tiny(self, sums: TexelEquations) -> PointValues:
         return solved(self.model, sums, self.common_ks)
@@ -296,18 +299,19 @@ def second_pass(
     solver = _TileSolver(parts, grid, solved_at, given_at, fit.model, fit.common_ks, fit.noise, lit)
 
     def of_all(
-        solve: Callable[[int], tuple[PointValues, Mapping[str, float]]], made_of: object, doing: str
-    ) -> PointValues:
+        solve: Callable[[int], _TileValues], count: int, made_of: object, doing: str
+    ) -> list[PointValues]:
         work = stage_results(TILES_STAGE, solve, range(len(tiles)), _tile_named, made_of)
-        found = []
-        for tile in track(range(len(tiles)), doing):
-            values, seconds = next(work)
-            found.append((given_at[tile], values))
+        found: list[list[tuple[Ints, PointValues]]] = [[] for _ in range(count)]
+        for _ in track(range(len(tiles)), doing):
+            given, values, seconds = next(work)
             clock.add(seconds)
-        return PointValues.together(len(layout), found)
+            for parts, own in zip(found, values, strict=False):
+                parts.append((given, own))
+        return [PointValues.together(len(layout), parts) for parts in found]
 
-    usual = Usual.of(of_all(solver.apart, (solver.key, None), "Solving each texel"))
-    values = of_all(partial(solver.joint, usual), (solver.key, usual), "Solving the texture")
+    usual = Usual.of(*of_all(solver.apart, 2, (solver.key, None), "Solving each texel"))
+    (values,) = of_all(partial(solver.joint, usual), 1, (solver.key, usual), "Solving the texture")
     release_memory()
     dark = [
         f"{photo.file}: all that it shows of the object lies in the object's own shadow under the given light, which"

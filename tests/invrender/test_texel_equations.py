@@ -110,7 +110,7 @@ def test_paint_narrower_than_pixels_is_found_and_its_error_known(rng: np.random.
         )
     pairs = np.column_stack([np.arange(points - 1), np.arange(1, points)])
     grid = Grid(np.arange(points) // 2, points // 2, pairs)
-    usual = Usual(np.array([*truth.mean(axis=0), 0.2, 0.2, 0.2]), truth.mean(axis=0) + 0.2)
+    usual = Usual(np.array([*truth.mean(axis=0), 0.2, 0.2, 0.2]), *[truth.mean(axis=0) + 0.2] * 2)
     found = solve_joint(*stacked(views), grid, solve_both, NoiseModel(level, 0.0), usual, 1.0, rng)
     expected = truth.reshape(-1, 2, 3).mean(axis=1)
     for off in ((found.kd - expected) / found.kd_std, (found.ks - 0.2) / found.ks_std):
@@ -175,7 +175,7 @@ def test_what_is_usual_is_not_moved_by_points_that_are_open(rng: np.random.Gener
     kd, ks = rng.uniform(0.1, 0.2, (2, 100, 3))
     std = np.full((100, 3), 0.01)
     values = PointValues(kd, ks, std, std.copy(), np.zeros((100, 3)), np.full(100, 3.0))
-    expected = Usual.of(values)
+    expected = Usual.of(values, values)
     assert_allclose(expected.values, np.concatenate([kd.mean(axis=0), ks.mean(axis=0)]))
     # A fifth hardly says anything, and says it of values that are far off.
     wild = 50.0 * np.ones((20, 3))
@@ -186,9 +186,10 @@ def test_what_is_usual_is_not_moved_by_points_that_are_open(rng: np.random.Gener
             (np.arange(100, 120), PointValues(wild, wild, wild, wild, np.zeros((20, 3)), np.full(20, 1.0))),
         ],
     )
-    found = Usual.of(more)
+    found = Usual.of(more, more)
     assert_allclose(found.values, expected.values)
     assert_allclose(found.scale, expected.scale, rtol=0.2)
+    assert_allclose(found.settled, found.scale)
     assert determined(more, expected.scale).tolist() == [True] * 100 + [False] * 20
 
 

@@ -46,9 +46,17 @@ def solve_apart(
     tiny: Callable[[TexelEquations], PointValues],
     noise: NoiseModel,
     lit: float,
-) -> PointValues:
-    """Kd and Ks of the grid's points, each for itself: about a pixel's blur; arguments as of `solve_joint`."""
-    return tiny(tiny_sums(_weighed(views, noise, lit), grid.count, grid.parents))
+) -> tuple[PointValues, PointValues]:
+    """Kd and Ks of the grid's points, each for itself, about a pixel blurred; before outliers are known, and after.
+
+    Arguments are as of `solve_joint`.
+    """
+    views = _weighed(views, noise, lit)
+    start = tiny(tiny_sums(views, grid.count, grid.parents))
+    both = np.concatenate([start.kd, start.ks], axis=1).astype(np.float32)
+    at = np.where((grid.parents >= 0)[:, None], both[grid.parents], np.float32(0))
+    views = [_trusted(view, at, noise) for view in views]
+    return start, tiny(tiny_sums(views, grid.count, grid.parents))
 
 
 def solve_joint(
@@ -89,7 +97,7 @@ def solve_joint(
     # Noise in place of the photographs: what becomes of it says what noise does to the texels.
     drawn = np.zeros_like(at)
     _conjugate(system, drawn, (_drawn(view, rng) for view in views), _NEAR)
-    return _values(views, grid, tiny, at, drawn, start)
+    return _values(views, grid, tiny, at, drawn, start, usual.settled)
 
 
 def _without_lobe(view: PixelsOfPoints, ks: Floats) -> PixelsOfPoints:
@@ -221,13 +229,15 @@ def _values(
     at: Singles,
     drawn: Singles,
     start: PointValues,
+    scale: Floats,
 ) -> PointValues:
     """Means over each point's texels with their standard deviations.
 
-    at, drawn : (p, 6), solution and what noise alone gives. start : where Ks doesn't vary, it is this one's.
+    at, drawn : (p, 6), solution and what noise alone gives. start : where Ks doesn't vary, it is this one's. scale : as
+    of `determined`.
     """
     expected = tiny(tiny_sums(views, grid.count, grid.parents))
-    known = determined(expected)
+    known = determined(expected, scale)
     means = grid.means
     mean, off = (np.asarray(means @ values, np.float64) for values in (at, drawn))
     tiny_std = np.clip(np.concatenate([expected.kd_std, expected.ks_std], axis=1), 1e-30, 1e30)

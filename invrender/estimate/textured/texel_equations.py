@@ -93,7 +93,7 @@ def determined(values: PointValues, scale: Floats | None = None) -> NDArray[np.b
     """
     found = _all_seen(values)
     if found.any():
-        limit = _HOPELESS * (np.median((values.kd + values.ks)[found], axis=0) if scale is None else scale)
+        limit = _HOPELESS * (_scale(values) if scale is None else scale)
         found &= ((values.kd_std < limit) & (values.ks_std < limit)).all(axis=1)
     return np.asarray(found)
 
@@ -102,21 +102,25 @@ def determined(values: PointValues, scale: Floats | None = None) -> NDArray[np.b
 class Usual:
     """What is usual on a surface.
 
-    values : (6,), Kd and Ks, means over what is determined; single points that aren't may be far off. scale : (3,), as
-    of `determined`.
+    values : (6,), Kd and Ks, means over what is determined; single points that aren't may be far off. scale, settled :
+    (3,), as of `determined`, before outliers are known and after.
     """
 
     values: Floats
     scale: Floats
+    settled: Floats
 
     @classmethod
-    def of(cls, values: PointValues) -> Usual:
-        """Of some of its points; scale as of `determined`."""
-        found, sure = _all_seen(values), determined(values)
-        both = np.concatenate([values.kd, values.ks], axis=1)
-        if not sure.any():
-            return cls(np.zeros(6), np.zeros(3))
-        return cls(both[sure].mean(axis=0), np.median((values.kd + values.ks)[found], axis=0))
+    def of(cls, first: PointValues, settled: PointValues) -> Usual:
+        """Of values of its points before outliers are known, and after."""
+        sure, both = determined(first), np.concatenate([first.kd, first.ks], axis=1)
+        mean = both[sure].mean(axis=0) if sure.any() else np.zeros(6)
+        return cls(mean, _scale(first), _scale(settled))
+
+
+def _scale(values: PointValues) -> Floats:
+    found = _all_seen(values)
+    return np.asarray(np.median((values.kd + values.ks)[found], axis=0)) if found.any() else np.zeros(3)
 
 
 def _all_seen(values: PointValues) -> NDArray[np.bool_]:
