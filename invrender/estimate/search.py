@@ -113,7 +113,7 @@ def _grid(model: Model) -> Floats:
     return np.array(list(product(*[axes[name] for name in model.coordinates])))
 
 
-def rivals(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> list[Floats]:
+def starting_points(cost: Callable[[Floats], float], lower: Floats, upper: Floats) -> list[Floats]:
     """Where to search from: the best point of a coarse grid, and the best of those far from it."""
     grid = _coarse_grid(lower, upper)
     return [grid[k] for k in _rivals(np.array(grid), np.array([cost(point) for point in grid]))]

@@ -12,7 +12,7 @@ from capture.gaussnewton import LocalProblem, damped_step, gauss_newton
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.models import Model, bounds_of
-from invrender.estimate.search import models_of, rivals
+from invrender.estimate.search import models_of, starting_points
 from invrender.estimate.textured.texel_equations import (
     PointValues,
     TexelEquations,
@@ -80,7 +80,7 @@ def search_point(model: TexturedModel, stack: TexelObservations, near: Floats | 
 
     if near is not None:
         return descended(np.clip(near[: len(lower)], lower, upper))
-    return min((descended(start) for start in rivals(cost, lower, upper)), key=cost)
+    return min((descended(start) for start in starting_points(cost, lower, upper)), key=cost)
 
 
 def _about(model: TexturedModel, stack: TexelObservations, point: Floats) -> LocalProblem[Floats]:
