@@ -11,7 +11,7 @@ const canvas = byId("region-map"), box = byId("regions"), choice = byId("region-
 // Of a region that is new, and of one that nothing is known of; what lies outside is dimmed so.
 const RADIUS = 20, GREY = 0.18, DIMMED = 0.3, STEP = 5, ROUND = 90;
 const ASKS = [["azimuth", 0, 360], ["elevation", -90, 90], ["radius", 1, 180]];
-let set = null, result = null, light = null, seen = null, at = null;
+let set = null, result = null, light = null, seen = null, at = null, waiting = 0, sending = Promise.resolve();
 
 /** Offers to mark where the lamps of a set's lights are, on the maps that a result has of them. */
 export function openRegions(opened, chosen) {
@@ -141,11 +141,21 @@ function outline(context, axis, radius, ratio) {
   }
 }
 
+const numbers = (region) => [...angles(unit(region.direction)), region.radiusDeg].map(Math.round);
+
 function list() {
+  const table = byId("region-list"), shown = table.querySelectorAll("input");
+  if (shown.length && shown.length === ASKS.length * light.regions.length) {
+    // In place: what a person is about to click, or types into, stays where it is.
+    light.regions.flatMap(numbers).forEach((value, place) => {
+      if (shown[place] !== document.activeElement) shown[place].value = value;
+    });
+    return;
+  }
   const rows = light.regions.map((region, k) => {
-    const values = [...angles(unit(region.direction)), region.radiusDeg];
+    const values = numbers(region);
     const inputs = ASKS.map(([name, min, max], place) => {
-      const input = element("input", { type: "number", min, max, step: 1, value: Math.round(values[place]), "aria-label": `Region ${k + 1}: ${name}, degrees` });
+      const input = element("input", { type: "number", min, max, step: 1, value: values[place], "aria-label": `Region ${k + 1}: ${name}, degrees` });
       input.addEventListener("change", () => {
         if (!input.checkValidity()) return input.reportValidity();
         const [azimuth, elevation, radius] = inputs.map((each) => Number(each.value));
@@ -158,17 +168,30 @@ function list() {
     return element("tr", {}, element("th", {}, `${k + 1}`), ...inputs.map((input) => element("td", {}, input)), element("td", {}, gone));
   });
   const heads = ["", "azimuth °", "elevation °", "radius °", ""].map((text) => element("th", {}, text));
-  byId("region-list").replaceChildren(...(rows.length ? [element("tr", {}, ...heads), ...rows] : []));
+  table.replaceChildren(...(rows.length ? [element("tr", {}, ...heads), ...rows] : []));
 }
 
-async function keep(regions) {
-  const sent = regions.map((region) => ({ ...region, direction: unit(region.direction) }));
-  try {
-    await posted(`/api/lightings/${light.id}/source-regions`, { regions: sent });
-    document.dispatchEvent(new CustomEvent("changed"));
-  } catch (error) {
-    say(error.message);
-  }
+/** Shows regions at once, and has them written after those before; the set is read again after the last. */
+function keep(regions) {
+  const mine = light, before = mine.regions;
+  mine.regions = regions.map((region) => ({ ...region, direction: unit(region.direction) }));
+  const sent = mine.regions;
+  list();
+  draw();
+  waiting += 1;
+  sending = sending.then(async () => {
+    try {
+      await posted(`/api/lightings/${mine.id}/source-regions`, { regions: sent });
+      if (waiting === 1) document.dispatchEvent(new CustomEvent("changed"));
+    } catch (error) {
+      mine.regions = before;
+      list();
+      draw();
+      say(error.message);
+    } finally {
+      waiting -= 1;
+    }
+  });
 }
 
 const add = ([azimuth, elevation]) => keep([...light.regions, { direction: direction(azimuth, elevation), radiusDeg: RADIUS }]);
