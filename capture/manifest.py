@@ -15,6 +15,8 @@ Vector3 = tuple[float, float, float]
 Matrix4 = tuple[tuple[float, float, float, float], ...]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+# The fewest pixels of all photographs that a texture is solved from.
+_FEWEST_PIXELS = 1000
 # What of a lighting isn't known and is recovered with the BRDF.
 Recoverable = Literal["irradiance", "ambient"]
 
@@ -79,6 +81,10 @@ class ObjectTable(Table):
     def _pixels_of_a_texture(self) -> ObjectTable:
         if self.texture_pixels is not None and not self.texture:
             raise ValueError("texture_pixels is for texture = true: write that, too, or remove the key")
+        if self.texture_pixels and self.texture_pixels < _FEWEST_PIXELS:
+            raise ValueError(
+                f"texture_pixels is {self.texture_pixels}; give {_FEWEST_PIXELS} or more, or 0 for all pixels"
+            )
         return self
 
     @model_validator(mode="after")

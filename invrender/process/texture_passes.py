@@ -277,9 +277,9 @@ def second_pass(
     with clock.on("invrender"):
         finer, parents = layout.finer()
         places = layout.points.positions
-        most = (_MOST_PIXELS if pixels is None else pixels or sys.maxsize) // len(fitted)
+        most = max((_MOST_PIXELS if pixels is None else pixels or sys.maxsize) // len(fitted), 1)
         seen = sum(min(_pixels_about(bench.reader.body, photo), most) for photo in fitted)
-        tiles = SurfaceTiles.cut(places, -(-seen // _OF_A_TILE))
+        tiles = SurfaceTiles.cut(places, max(-(-seen // _OF_A_TILE), 1))
         grid, fine = Grid(parents, len(layout), finer.pairs()), finer.points.positions
         wide = max(footprint, 2 * grid.spacing(fine))
         reach = _TEXELS_AROUND * wide

@@ -294,10 +294,12 @@ def test_paint_in_larger_pixels_is_the_mean_of_what_smaller_ones_show(
     ("pattern", "replacement", "words"),
     [
         (r'shape = "mesh"', 'shape = "sphere"', ["texture = true", "meshes"]),
+        (r"texture = true", "texture = true\ntexture_pixels = 3", ["texture_pixels is 3", "1000 or more"]),
+        (r"texture = true", "texture_pixels = 5000", ["texture_pixels is for texture = true"]),
         (r"(?m)^directional = ", 'recover = ["ambient"]\ndirectional = ', ["ambient", "can't be separated"]),
         (r"(?m)^(map|directional) = .*\n", "", ["says nothing of the light"]),
     ],
-    ids=["sphere", "recovered light", "no light"],
+    ids=["sphere", "few pixels", "no texture", "recovered light", "no light"],
 )
 def test_bad_input_of_textures_is_one_clear_sentence(
     lightfactor: Command, lamp_lit: Path, tmp_path: Path, pattern: str, replacement: str, words: list[str]
