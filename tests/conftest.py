@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
@@ -38,6 +39,31 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LIGHTFACTOR_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+@pytest.fixture
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a cache that the test shares with no other."""
+    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, str], list[None]]:
+    """`counted(module, name)`: a list that grows with each call of a module's function."""
+
+    def of(module: Any, name: str) -> list[None]:
+        calls: list[None] = []
+        function = getattr(module, name)
+
+        def call(*arguments: object, **more: object) -> object:
+            calls.append(None)
+            return function(*arguments, **more)
+
+        monkeypatch.setattr(module, name, call)
+        return calls
+
+    return of
 
 
 def _find_data(environ: Mapping[str, str]) -> Path:

@@ -20,6 +20,8 @@ from .faultysets import SIZE, change_manifest, change_pixels, write_set
 SETTINGS = {"samples": 2000, "published": False}
 LAMPS = r"directional = .*"
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 
 def place_of(folder: Path, settings: dict[str, object]) -> Path:
     photoset = load_photoset(folder)
@@ -36,11 +38,6 @@ def assert_alike(one: Path, other: Path) -> None:
     assert first | {"timing_s": None} == second | {"timing_s": None}
     for path in (one / "predicted").iterdir():
         assert path.read_bytes() == (other / "predicted" / path.name).read_bytes()
-
-
-@pytest.fixture(autouse=True)
-def _cache_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path / "cache"))
 
 
 @pytest.mark.parametrize("light", ["known", pytest.param("unknown", marks=pytest.mark.slow)])

@@ -9,39 +9,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
 from capture.files.imagefile import read_pixels, write_exr
 from invrender.factor import run as factoring
 from invrender.inverse_lighting import estimate as lighting
 from invrender.refine import alternate
-from recon.mesh.trianglemesh import TriangleMesh, smooth_normals, write_mesh
-from synthetic.scenes.build import read_staging
-from synthetic.writer import write_photoset
 
 from .faultysets import LAMPS, change_pixels, write_set
-from .test_refine import EGG
+from .test_refine import write_egg_set
 
 Command = Callable[..., tuple[int, str, str]]
+Counted = Callable[[Any, str], list[None]]
 BRDF = ["--kd", "0.2", "--ks", "0.1", "--mu", "1.5", "--sigma", "0.15", "--degree", "3"]
 
 
-@pytest.fixture(autouse=True)
-def _cache_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path / "cache"))
-
-
-def counting(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[None]:
-    """A list that grows with each call of a module's function."""
-    calls: list[None] = []
-    function = getattr(module, name)
-
-    def call(*arguments: object, **more: object) -> object:
-        calls.append(None)
-        return function(*arguments, **more)
-
-    monkeypatch.setattr(module, name, call)
-    return calls
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 def numbers(path: Path) -> dict[str, Any]:
@@ -60,14 +42,14 @@ def test_solved_once(
     lightfactor: Command,
     small_set: Path,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    counted: Counted,
     command: str,
     options: list[str],
     module: Any,
     solver: str,
     document: str,
 ) -> None:
-    solved = counting(monkeypatch, module, solver)
+    solved = counted(module, solver)
 
     def run(name: str, *more: str) -> dict[str, Any]:
         out = tmp_path / name
@@ -87,10 +69,10 @@ def test_solved_once(
 
 
 def test_of_many_lightings_those_that_changed_are_solved_anew(
-    lightfactor: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lightfactor: Command, tmp_path: Path, counted: Counted
 ) -> None:
     folder = write_set(tmp_path / "set")
-    solved = counting(monkeypatch, lighting, "_solved")
+    solved = counted(lighting, "_solved")
     for _ in range(2):
         assert lightfactor("light", folder, "-o", tmp_path / "out", "--samples", 2000, *BRDF)[0] == 0
     assert len(solved) == len(LAMPS)
@@ -100,15 +82,10 @@ def test_of_many_lightings_those_that_changed_are_solved_anew(
 
 
 def test_rounds_of_refinement_are_not_repeated(
-    lightfactor: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lightfactor: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, counted: Counted
 ) -> None:
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    vertices = ball.vertices * [0.02, 0.03, 0.025]
-    write_mesh(tmp_path / "egg.ply", TriangleMesh(vertices, ball.faces, smooth_normals(vertices, ball.faces)))
-    (tmp_path / "egg.toml").write_text(EGG)
-    folder = tmp_path / "set"
-    write_photoset(read_staging(tmp_path / "egg.toml"), folder)
-    rounds = counting(monkeypatch, alternate, "process")
+    folder = write_egg_set(tmp_path)
+    rounds = counted(alternate, "process")
     refined = alternate._refined
 
     def stopped(*_: object) -> None:

@@ -278,13 +278,18 @@ elevation_deg = 0
 """
 
 
-def test_command_refines_a_set_and_writes_poses_that_it_can_use(lightfactor: Command, tmp_path: Path) -> None:
+def write_egg_set(folder: Path) -> Path:
+    """A photo set of the egg in a folder, whose poses are off; where it is."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     vertices = ball.vertices * [0.02, 0.03, 0.025]
-    write_mesh(tmp_path / "egg.ply", TriangleMesh(vertices, ball.faces, smooth_normals(vertices, ball.faces)))
-    (tmp_path / "egg.toml").write_text(EGG)
-    folder = tmp_path / "set"
-    write_photoset(read_staging(tmp_path / "egg.toml"), folder)
+    write_mesh(folder / "egg.ply", TriangleMesh(vertices, ball.faces, smooth_normals(vertices, ball.faces)))
+    (folder / "egg.toml").write_text(EGG)
+    write_photoset(read_staging(folder / "egg.toml"), folder / "set")
+    return folder / "set"
+
+
+def test_command_refines_a_set_and_writes_poses_that_it_can_use(lightfactor: Command, tmp_path: Path) -> None:
+    folder = write_egg_set(tmp_path)
     code, out, err = lightfactor("refine", folder, "--samples", 1000, "--turn-deg", 1.5)
     assert (code, err) == (0, "")
     assert 'poses = "refined-poses.json"' in out

@@ -23,28 +23,7 @@ from .test_align_command import lump  # noqa: F401  (a fixture)
 POSES = sets.ring(3, 14)
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("LIGHTFACTOR_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
-@pytest.fixture
-def counted(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, str], list[None]]:
-    """`counted(module, name)`: a list that grows with each call of a function."""
-
-    def of(module: Any, name: str) -> list[None]:
-        calls: list[None] = []
-        function = getattr(module, name)
-
-        def call(*arguments: object) -> object:
-            calls.append(None)
-            return function(*arguments)
-
-        monkeypatch.setattr(module, name, call)
-        return calls
-
-    return of
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 def run(*arguments: object) -> str:
@@ -60,7 +39,7 @@ def numbers(path: Path) -> dict[str, Any]:
 
 
 def test_registering_goes_on_with_the_features_that_it_has(
-    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "set"
     sets.write_set(folder, POSES, given=(0, 2))
@@ -72,7 +51,7 @@ def test_registering_goes_on_with_the_features_that_it_has(
     monkeypatch.setattr(registration, "map_incrementally", stopped)
     assert CliRunner().invoke(app, ["register", str(folder)]).exit_code != 0
     assert not (folder / "poses.json").exists()
-    assert len(list(cache.glob("*/features/*.kept"))) == len(POSES)
+    assert len(list(own_cache.glob("*/features/*.kept"))) == len(POSES)
     monkeypatch.setattr(registration, "map_incrementally", map_incrementally)
 
     # The first photograph gets darker by a code or two: its features alone are looked for again.
@@ -80,7 +59,7 @@ def test_registering_goes_on_with_the_features_that_it_has(
     codes = cv2.imread(str(first), cv2.IMREAD_UNCHANGED)
     cv2.imwrite(str(first), (codes * 0.99).astype(codes.dtype))
     run("register", folder)
-    assert len(list(cache.glob("*/features/*.kept"))) == len(POSES) + 1
+    assert len(list(own_cache.glob("*/features/*.kept"))) == len(POSES) + 1
     found = numbers(folder / "poses.json")
 
     # What is registered already is there at once; anew, and with features found in other places, it is the same.
@@ -101,7 +80,7 @@ def test_a_picture_without_features_has_none(tmp_path: Path) -> None:
 
 def test_aligning_reads_and_places_what_has_changed(
     tmp_path: Path,
-    cache: Path,
+    own_cache: Path,
     lump: Any,  # noqa: F811
     counted: Callable[[Any, str], list[None]],
 ) -> None:
@@ -112,7 +91,7 @@ def test_aligning_reads_and_places_what_has_changed(
     (folder / "alignment.json").unlink()
     run("align", folder)
     assert (len(placed), numbers(folder / "alignment.json")) == (1, found)
-    assert len(list(cache.glob("*/silhouettes/*.kept"))) == len(lumps.CAMERAS)
+    assert len(list(own_cache.glob("*/silhouettes/*.kept"))) == len(lumps.CAMERAS)
 
     # One mask gets a softer outline.
     mask = cv2.imread(str(folder / "1_mask.png"), cv2.IMREAD_UNCHANGED)
@@ -120,7 +99,7 @@ def test_aligning_reads_and_places_what_has_changed(
     run("align", folder)
     changed = numbers(folder / "alignment.json")
     assert len(placed) == 2
-    assert len(list(cache.glob("*/silhouettes/*.kept"))) == len(lumps.CAMERAS) + 1
+    assert len(list(own_cache.glob("*/silhouettes/*.kept"))) == len(lumps.CAMERAS) + 1
     assert changed["mesh_to_world"] != found["mesh_to_world"]
     run("align", folder, "--fresh")
     assert (len(placed), numbers(folder / "alignment.json")) == (3, changed)
