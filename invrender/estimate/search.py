@@ -12,7 +12,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import BECKMANN, GGX_FORM, PHONG, PLASTICS, RH01_FORM
@@ -23,8 +22,6 @@ from invrender.estimate.statistics import Statistics, Subsets, with_known_as_one
 
 Floats = NDArray[np.float64]
 
-# What the simplex must have come near, in the coordinates.
-_NEAR = 0.02
 # Part of a standard deviation to which rivals are fitted before the better one is.
 _TELLING = 0.3
 # Steps after which most of many starts are given up.
@@ -142,25 +139,3 @@ def _coarse_grid(lower: Floats, upper: Floats) -> list[Floats]:
 def _axes(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
     """Points over log sigma and over log(mu - 1)."""
     return np.linspace(lower[0] + 0.2, upper[0] - 0.2, 18), np.log(np.array([0.2, 0.4, 0.7, 1.2]))
-
-
-def simplex(
-    cost: Callable[[Floats], float],
-    start: Floats,
-    lower: Floats,
-    upper: Floats,
-    size: float = 0.1,
-    near: float = _NEAR,
-) -> Floats:
-    """The least cost from a start, by a simplex of a size at first, until it is as small as `near`."""
-    scale = cost(start) + 1e-300
-    simplex = np.vstack([start, start + size * np.eye(len(start))])
-    simplex = np.where(simplex > upper, simplex - 2 * size, simplex)
-    found = minimize(
-        lambda x: cost(x) / scale,
-        start,
-        method="Nelder-Mead",
-        bounds=list(zip(lower, upper, strict=True)),
-        options={"initial_simplex": simplex, "xatol": near, "fatol": 2.5 * near**2, "maxfev": 1000},
-    )
-    return np.asarray(found.x)

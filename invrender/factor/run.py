@@ -23,6 +23,7 @@ from invrender.factor.figure import ShownPhoto, factor_figure, pictured
 from invrender.factor.given import Given, LightError, given_document, light_error, read_given
 from invrender.factor.solve import factor
 from invrender.output.report.files import PICTURES, RESULT_FILES, photoset_hashes, write_fit, write_pictures
+from invrender.output.report.keptfit import solved_from
 from invrender.result.document import errors_in_words, identifiability
 from invrender.result.run import Run
 from invrender.wording import with_error
@@ -47,7 +48,7 @@ def run_factor(source: Path, out: Path, choices: FactorChoices, fresh: bool = Fa
     with claimed(out), opened_workplace(photoset.manifest, fresh=fresh):
         inputs = photoset_hashes(photoset)
         with result_folder(out, OWN_FILES) as folder:
-            made_of = ([str(path.absolute()) for path in photoset.files], inputs, choices)
+            made_of = solved_from(photoset, inputs, choices)
             run = kept_result("factor", partial(factor, photoset, choices, track), made_of)
             error = light_error(given, run.solution)
             more = {"choices": choices.document(), "given": given_document(given, error)}

@@ -18,15 +18,15 @@ from capture.radiometry import Radiometry
 from capture.tasks.stage import stage_results
 from invrender.observation.clock import Clock
 from recon.mesh.bodies import Body
-from recon.sampling.candidates import WHOLE, candidates
+from recon.sampling.candidates import WHOLE, candidates, within_mask
 from recon.sampling.draw import NO_SOURCES, Importance, sample_body, usable_among
 from recon.sampling.find import FoundBody
 from recon.sampling.lightfield import LightField, off_terminators
 
 # Samples below which a photograph says too little, and that each has at least, however many share the budget.
 _TOO_FEW, _FEWEST = 20, 20
-# Times as many pixels are looked at as are wanted, and how many at once where all are: they take a kilobyte each.
-_SPARE, _AT_A_TIME = 8, 100_000
+# Pixels that are looked at together where all are: they take a kilobyte each.
+_AT_A_TIME = 100_000
 # Noise about black makes half of a dark photograph's numbers negative.
 _MOSTLY_NEGATIVE = 0.6
 # Relative difference up to which two radiances are one value of a file.
@@ -74,7 +74,7 @@ class PhotoReader:
     ) -> tuple[LightField, NDArray[np.bool_]]:
         """The usable pixels among squares of four, and among others drawn at random.
 
-        squares : (n, 2), row and column of each one's upper left pixel. count : of those drawn about so many turn out
+        squares : (n, 2), row and column of each one's upper left pixel. count : about so many of those drawn turn out
         usable, or more. sources : (k, 3), at whose terminators no pixel is usable. Returns the samples, and which of
         them the draw has.
         """
@@ -82,11 +82,13 @@ class PhotoReader:
             image = decode_photo(self.radiometry, photo)
         with clock.on("recon"), clock.on("visibility"):
             mask, width = self.mask_of(photo), photo.camera.width
-            looked_at = candidates(self.body, photo.camera, image, mask, None, False, rng)
-            all_of = looked_at.rows * width + looked_at.columns
-            drawn = rng.choice(all_of, min(_SPARE * count, len(all_of)), replace=False)
-            around = (squares @ [width, 1])[:, None] + [0, 1, width, width + 1]
-            rows, columns = np.divmod(np.union1d(np.intersect1d(around, all_of), drawn), width)
+            looked_at = candidates(self.body, photo.camera, image, mask, count, False, rng)
+            drawn = looked_at.rows * width + looked_at.columns
+            around = np.unique((squares @ [width, 1])[:, None] + [0, 1, width, width + 1])
+            around = around[~image.saturated.ravel()[around]]
+            if mask is not None:
+                around = around[within_mask(mask, *np.divmod(around, width))]
+            rows, columns = np.divmod(np.union1d(around, drawn), width)
             field = usable_among(self.body, photo.camera, image, mask, rows, columns, sources)
             field = off_terminators(field, sources)
             check_usable(photo, image, field, mask)

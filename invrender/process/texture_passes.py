@@ -217,7 +217,7 @@ class _TileSolver:
 
     @property
     def key(self) -> object:
-        """What stands for it in keys."""
+        """What stands for it in keys: its fields, the pixels by what they are made of."""
         return self.pixels.key, [getattr(self, entry.name) for entry in fields(self)[1:]]
 
     def apart(self, tile: int) -> _TileValues:

@@ -97,7 +97,12 @@ def candidates(
     looked_at = Candidates(rows + top, columns + left, at_random, bright.ravel()[chosen], chance, found)
     if coverage is None:
         return looked_at
-    return looked_at.where(~any_within(coverage < WHOLE, looked_at.rows, looked_at.columns, _BORDER))
+    return looked_at.where(within_mask(coverage, looked_at.rows, looked_at.columns))
+
+
+def within_mask(coverage: NDArray[np.float32], rows: Ints, columns: Ints) -> NDArray[np.bool_]:
+    """Whether a mask (h, w) is whole in given pixels and in those around them."""
+    return ~any_within(coverage < WHOLE, rows, columns, _BORDER)
 
 
 def any_within(marked: NDArray[np.bool_], rows: Ints, columns: Ints, reach: int) -> NDArray[np.bool_]:

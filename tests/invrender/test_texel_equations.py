@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.optimize import nnls
+from scipy.optimize import minimize, nnls
 from scipy.sparse import csr_array
 
 from invrender.brdf.lobes import GGX_FORM, PLASTICS
 from invrender.estimate.models import bounds_of
 from invrender.estimate.noise import NoiseModel
-from invrender.estimate.search import simplex
 from invrender.estimate.textured.joint import solve_joint
 from invrender.estimate.textured.search import _about, cost_at, numbers_at, search_point, textured_models
 from invrender.estimate.textured.texel_equations import (
@@ -223,7 +222,14 @@ def test_steps_of_the_search_are_those_of_its_cost(rng: np.random.Generator, run
     # A step of Gauss and Newton leads to where a search without slopes ends, but for what is curved.
     lower, upper = bounds_of(model)
     found = search_point(model, stack, near)
-    plain = simplex(lambda at: cost_at(model, stack, at), near, lower, upper, size=0.02, near=1e-6)
+    corners = np.vstack([near, near + 0.02 * np.eye(len(near))])
+    plain = minimize(
+        lambda at: cost_at(model, stack, at),
+        near,
+        method="Nelder-Mead",
+        bounds=list(zip(lower, upper, strict=True)),
+        options={"initial_simplex": corners, "xatol": 1e-6, "fatol": 1e-6, "maxfev": 1000},
+    ).x
     assert_allclose(near + here.step(0.0), plain, atol=0.2 * np.abs(near - plain).max())
     assert_allclose(found, plain, atol=1e-4)
     # In variances of the noise; columns of single precision tell costs apart to some hundredths.

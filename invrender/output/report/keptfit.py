@@ -16,12 +16,16 @@ _STAGE = "fits"
 def fit_place(
     store: TaskStore, photoset: PhotoSet, inputs: Mapping[str, str], settings: Mapping[str, object]
 ) -> Path:
-    """Where a set's solution is kept, by what it depends on: the set's files and their places, settings, the program.
+    """Where a set's solution is kept; inputs, settings : as of `solved_from`."""
+    return store.place(_STAGE, content_key(solved_from(photoset, inputs, settings), program_key()))
+
+
+def solved_from(photoset: PhotoSet, inputs: Mapping[str, str], settings: object) -> tuple[object, ...]:
+    """All that a set's solution depends on beside the program: its files, where they lie, and settings.
 
     inputs : the set's `photoset_hashes`.
     """
-    places = [str(path.absolute()) for path in photoset.files]
-    return store.place(_STAGE, content_key(places, inputs, settings, program_key()))
+    return [str(path.absolute()) for path in photoset.files], inputs, settings
 
 
 def keep_fit(place: Path, run: Run) -> Run:
