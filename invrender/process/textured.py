@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +34,11 @@ from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import PhotoReader
 from invrender.process.held_out_light import used_lightings
 from invrender.process.texture_passes import PointSubset, TextureBench, first_pass, second_pass
+from invrender.process.textured_pictures import TexturedPictures
 from invrender.process.warnings import find_warnings
 from invrender.result.run import TexturedRun
 from invrender.result.scores import photo_scores
-from invrender.transport.predict import predict
 from invrender.transport.radiosity import ConcaveMesh
-from invrender.transport.reflected import ReflectedMap, prepared_map
-from invrender.transport.shading import shade
 from invrender.transport.transfer import light_elements
 from invrender.wording import sentences
 from recon.mesh.bodies import MeshBody
@@ -112,36 +110,8 @@ def solve_textured(
             _check_any(photoset, textures)
         unsure = np.concatenate([textures.mean(of) for of in np.split(shares, 2, axis=1)])
 
-    def radiance(photo: Photo, field: LightField) -> Floats:
-        brdf = fit.brdf
-        kd, ks = textures.at(field)
-        own = replace(brdf, kd=kd, ks=ks)
-        ones = np.ones((len(elements[photo.lighting]), 3))
-        shown = predict(own, elements[photo.lighting], ones, field, geometry.shadows)
-        bounced = bench.bounced.get(photo.lighting)
-        return shown if bounced is None else shown + bounced.radiance(field, own)
-
-    def transfers(photo: Photo, field: LightField) -> tuple[Floats, Floats]:
-        (d, s), (more_d, more_s) = (of(photo, field, fit.brdf) for of in (bench.direct, bench.by_mesh))
-        return (d + more_d).astype(float), (s + more_s).astype(float)
-
-    @cache
-    def prepared(lighting: str) -> ReflectedMap | None:
-        return prepared_map(fit.brdf, elements[lighting][0])
-
-    def shaded(photo: Photo, field: LightField, kd: Floats, ks: Floats) -> Floats:
-        own = replace(fit.brdf, kd=kd, ks=ks)
-        # All that is known of a lighting is one element. Its map integrated pixel by pixel takes twenty times as long.
-        element, light = elements[photo.lighting][0], prepared(photo.lighting)
-        bounced = bench.bounced.get(photo.lighting)
-        return shade(own, element, field, geometry.shadows, light, bounced)
-
-    def pictured(photo: Photo, field: LightField, binning: int) -> Floats:
-        # Albedo is the mean around each ray, across which light varies little. It may be as fine as the photograph's
-        # own pixels: a ray to each across, and one more.
-        return shaded(photo, field, *textures.around(body, photo.camera, field, binning + 1))
-
-    fields, residuals = _residuals(photoset, fields, radiance)
+    pictures = TexturedPictures(bench, body, fit.brdf, textures)
+    fields, residuals = _residuals(photoset, fields, pictures.radiance)
     solution = textured_solution(photoset, lightings, fit, textures, fields, residuals, unsure)
     if recovered is not None:
         solution = recovered.in_gauge(solution)
@@ -157,12 +127,12 @@ def solve_textured(
         residuals,
         photo_scores(photoset, solution, fields, residuals),
         warnings,
-        radiance,
-        pictured,
+        pictures.radiance,
+        pictures.pictured,
         interreflection=None if accounted is None else accounted.found,
         textures=textures,
-        transfers=transfers,
-        shaded=shaded,
+        transfers=pictures.transfers,
+        shaded=pictures.shaded,
     )
 
 

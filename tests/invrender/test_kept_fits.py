@@ -16,6 +16,7 @@ from invrender.output.report.keptfit import fit_place, keep_fit
 from invrender.process.pipeline import process
 
 from .faultysets import SIZE, change_manifest, change_pixels, write_set
+from .test_textures import LAMP_LIT, write_doll_set
 
 SETTINGS = {"samples": 2000, "published": False}
 LAMPS = r"directional = .*"
@@ -40,10 +41,14 @@ def assert_alike(one: Path, other: Path) -> None:
         assert path.read_bytes() == (other / "predicted" / path.name).read_bytes()
 
 
-@pytest.mark.parametrize("light", ["known", pytest.param("unknown", marks=pytest.mark.slow)])
-def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, light: str) -> None:
-    folder, out = write_set(tmp_path / "set"), tmp_path / "out"
-    if light == "unknown":
+@pytest.mark.parametrize(
+    "kind", ["known", *(pytest.param(k, marks=pytest.mark.slow) for k in ("unknown", "paint"))]
+)
+def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    paint = kind == "paint"
+    folder = write_doll_set(tmp_path, LAMP_LIT) if paint else write_set(tmp_path / "set")
+    out = tmp_path / "out"
+    if kind == "unknown":
         change_manifest(folder, LAMPS, lambda _: "unknown = true\ndark = true")
     command.run_process(folder, tmp_path / "whole", 2000)
     write, solve = command.write_pictures, command.process
@@ -56,11 +61,13 @@ def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         command.run_process(folder, out, 2000)
     monkeypatch.setattr(command, "write_pictures", write)
     monkeypatch.setattr(command, "process", lambda *_, **__: pytest.fail("it was solved anew"))
-    command.run_process(folder, out, 2000)
+    # Threads predicted the first one's pictures.
+    command.run_process(folder, out, 2000, workers=2)
     assert_alike(out, tmp_path / "whole")
     monkeypatch.setattr(command, "process", solve)
     # What is in the result isn't kept any longer.
-    assert {each.stage for each in listed()} == {"outlines", "samples"}
+    kept_on = {"texture-points", "texture-fit"} if paint else {"outlines", "samples"}
+    assert {each.stage for each in listed()} == kept_on
 
 
 def test_whatever_changes_what_is_solved_changes_the_key(tmp_path: Path) -> None:

@@ -91,13 +91,7 @@ def pictures_stage(key: str) -> str:
 def _reports(reporting: Reporting, items: Sequence[tuple[Photo, bool]], key: str) -> Iterator[PhotoReport]:
     # Of all threads together: one that ends would take the limit off the others.
     with one_blas_thread():
-        if reporting.run.textures is not None:
-            # What predicts them may be gigabytes, which nobody else gets.
-            yield from parallel_map(reporting, items)
-        else:
-            yield from stage_results(
-                pictures_stage(key), reporting, items, lambda item: str(item[0].file), key
-            )
+        yield from stage_results(pictures_stage(key), reporting, items, lambda item: str(item[0].file), key)
 
 
 def photo_file_names(labels: Sequence[str]) -> dict[str, str]:

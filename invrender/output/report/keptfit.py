@@ -29,11 +29,6 @@ def solved_from(photoset: PhotoSet, inputs: Mapping[str, str], settings: object)
 
 
 def keep_fit(place: Path, run: Run) -> Run:
-    """Keep a solved set, where the disk has room; the set as it will be read.
-
-    Textures aren't kept: what they are solved from may be gigabytes.
-    """
-    if run.textures is not None:
-        return run
+    """Keep a solved set, where the disk has room; the set as it will be read."""
     read: Run = keep_if_room(place, run)
     return read
