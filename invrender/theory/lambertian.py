@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates, spline_filter
@@ -39,17 +41,15 @@ def irradiance(normals: ArrayLike, lighting_coefficients: ArrayLike) -> Floats:
     check_unit(normals, "normals")
     if len(normals) < _MANY:
         return evaluate_harmonics(normals, l_max) @ reflected
-    return _from_grid(synthesise_latlong(reflected, max(_ROWS_PER_DEGREE * (l_max + 1), _ROWS)), normals)
+    splines = _splines(reflected.tobytes(), l_max)
+    places = np.array(latlong_pixels(normals, splines.shape[1] - 2 * _BEYOND)) + (_BEYOND - 0.5)
+    return np.stack([map_coordinates(channel, places, prefilter=False) for channel in splines], axis=-1)
 
 
-def _from_grid(grid: Floats, directions: Floats) -> Floats:
-    """Values (n, c) of a lat-long grid (H, 2H, c) at directions (n, 3), by cubic splines."""
-    around = padded_latlong(grid, _BEYOND)
-    places = np.array(latlong_pixels(directions, len(grid))) + (_BEYOND - 0.5)
-    return np.stack(
-        [
-            map_coordinates(spline_filter(channel), places, prefilter=False)
-            for channel in np.moveaxis(around, -1, 0)
-        ],
-        axis=-1,
-    )
+# All parts of all photographs under a light ask for the same.
+@lru_cache(maxsize=8)
+def _splines(reflected: bytes, l_max: int) -> Floats:
+    """Cubic splines (c, H + 32, 2H + 32) over a padded lat-long grid of harmonics ((l_max + 1)^2, c)."""
+    coefficients = np.frombuffer(reflected).reshape((l_max + 1) ** 2, -1)
+    grid = synthesise_latlong(coefficients, max(_ROWS_PER_DEGREE * (l_max + 1), _ROWS))
+    return np.stack([spline_filter(channel) for channel in np.moveaxis(padded_latlong(grid, _BEYOND), -1, 0)])

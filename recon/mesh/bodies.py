@@ -24,6 +24,8 @@ Ints = NDArray[np.int64]
 
 # Rays that are traced at once, to bound memory.
 _RAYS_AT_A_TIME = 200_000
+# Pixels so near a sphere's outline, as they appear undistorted, may have a corner beyond it.
+_RIM_PX = 2.0
 # A pixel's corners, in half its side, around it.
 _CORNERS: Floats = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 # Pixels around a pixel of a mesh in which no edge of it may be for the pixel to count as clear.
@@ -111,12 +113,15 @@ class SphereBody:
 
     def pixel_geometry(self, camera: Camera, rows: Ints, columns: Ints) -> PixelGeometry:
         centres = _centres(rows, columns)
-        whole = np.ones(len(centres), bool)
-        for corner in _CORNERS:
-            whole &= self.hits(camera, centres + 0.5 * corner).hit
         at = self.hits(camera, centres)
         cos = (at.normals * at.views).sum(axis=1)
-        turn = 1 / (self.sphere.pixel_radius(camera) * np.maximum(cos, 1e-9))
+        radius = self.sphere.pixel_radius(camera)
+        whole = at.hit.copy()
+        # Corners of pixels well within the outline lie on the sphere, too.
+        near = np.flatnonzero(whole & (1 - np.sqrt(np.clip(1 - cos**2, 0, 1)) < _RIM_PX / radius))
+        for corner in _CORNERS:
+            whole[near] &= self.hits(camera, centres[near] + 0.5 * corner).hit
+        turn = 1 / (radius * np.maximum(cos, 1e-9))
         return PixelGeometry(whole, whole, at.normals, cos, turn, at.positions)
 
     def hits(self, camera: Camera, pixels: Floats) -> SurfaceHits:
