@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.parallel import parallel_map
 from capture.tasks.stage import stage_results
 from synthetic.render.gather import direct_light
 from synthetic.render.lattice import dealt
@@ -55,8 +56,10 @@ def photographs(scene: Scene, progress: Progress | None = None) -> Iterator[tupl
     begun: deque[Tile] = deque()
 
     def work() -> Iterator[Tile]:
-        for index, shot in enumerate(scene.shots):
-            coverages[index] = pixel_coverage(scene.surface, shot.camera)
+        cameras = [shot.camera for shot in scene.shots]
+        seen = parallel_map(partial(pixel_coverage, scene.surface), cameras)
+        for index, (shot, coverage) in enumerate(zip(scene.shots, seen, strict=True)):
+            coverages[index] = coverage
             if not coverages[index].any():
                 raise ValueError(f"scene {scene.name!r}: camera {index} sees nothing of the object")
             _parts(scene, shot)
@@ -92,7 +95,9 @@ def tiles(index: int, coverage: Floats) -> list[Tile]:
 def tile_radiance(scene: Scene, tile: Tile) -> Floats:
     """Mean radiance (n, 3) over a tile's pixels; what misses the surface is black."""
     shot = scene.shots[tile.photograph]
-    smooth = sphere_means(scene.surface, scene.material, shot.illumination, shot.camera, tile.pixels)
+    smooth = sphere_means(
+        scene.surface, scene.material, shot.illumination, shot.camera, tile.pixels, len(scene.shots)
+    )
     return _means(scene, tile, plain=False) if smooth is None else smooth
 
 

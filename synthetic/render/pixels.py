@@ -79,7 +79,7 @@ def _near(surface: Surface, camera: Camera) -> Ints:
 
 def _hits(surface: Surface, camera: Camera, points: Floats) -> NDArray[np.bool_]:
     """Whether the surface is seen at image points (n, 2)."""
-    return surface.first_hits(*camera_rays(surface, camera, points))[0]
+    return surface.met(*camera_rays(surface, camera, points))
 
 
 def _subsamples(pixels: Ints, steps: Floats) -> Floats:

@@ -15,6 +15,7 @@ from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.material import Material
 from synthetic.materials.microfacet import MicrofacetMaterial
+from synthetic.render.lobe_table import node_count
 from synthetic.render.lobes import reflected_radiance
 from synthetic.render.pixels import looked_at
 from synthetic.shapes.ball import Ball
@@ -31,14 +32,22 @@ _TURN_PER_SUBSAMPLE = 0.015
 _FEWEST_SUBSAMPLES, _MOST_SUBSAMPLES = 2, 6
 # `lobes` is good to 1e-4 for area lights no narrower than so many sigma.
 _NARROWEST_LIGHT = 2.0
+# A table serves where it has fewer nodes than this share of the points that are looked at.
+_SHARED = 0.5
 
 
 def sphere_means(
-    surface: Surface, material: Material, illumination: Illumination, camera: Camera, pixels: Ints
+    surface: Surface,
+    material: Material,
+    illumination: Illumination,
+    camera: Camera,
+    pixels: Ints,
+    cameras: int = 1,
 ) -> Floats | None:
     """Mean radiance (n, 3) over pixels (n, 2), (column, row); what misses the sphere is black.
 
-    None where it doesn't apply: to other surfaces, materials and lights.
+    None where it doesn't apply: to other surfaces, materials and lights. cameras : how many photographs like this one
+    there are: many share tables of their integrals.
     """
     areas = [light for light in illumination.extended if isinstance(light, AreaLight)]
     sources = [source for source in illumination.sources if isinstance(source, DirectionalSource)]
@@ -52,12 +61,16 @@ def sphere_means(
     hit, points = surface.first_hits(origins, directions)
     cos_o = np.full(len(pixels), 1e-3)
     cos_o[hit] = np.maximum(-(points.normals * directions[hit]).sum(axis=1), 1e-3)
-    turn = 1 / (surface.sphere.pixel_radius(camera) * cos_o)
+    radius = surface.sphere.pixel_radius(camera)
+    turn = 1 / (radius * cos_o)
+    points_in_all = cameras * np.pi * radius**2 * _FEWEST_SUBSAMPLES**2
+    nodes = sum(node_count(material.sigma, width) for width in {light.width_rad for light in areas})
     per_side = np.clip(np.ceil(turn / _TURN_PER_SUBSAMPLE), _FEWEST_SUBSAMPLES, _MOST_SUBSAMPLES).astype(int)
     total = np.zeros((len(pixels), 3))
     for count in np.unique(per_side):
         chosen = np.flatnonzero(per_side == count)
         pixel, _, weight, points, views = looked_at(surface, camera, pixels[chosen], count)
-        radiance = reflected_radiance(material, areas, sources, points.normals, views)
+        tabled = nodes < _SHARED * points_in_all
+        radiance = reflected_radiance(material, areas, sources, points.normals, views, tabled=tabled)
         total[chosen] = sums_by_row(pixel, weight[:, None] * radiance, len(chosen))
     return total

@@ -61,6 +61,13 @@ class Ball:
             hit[:] = False
         return hit, self._points(normals[hit])
 
+    def met(self, origins: Floats, directions: AnyFloats) -> NDArray[np.bool_]:
+        towards = self.centre - origins
+        along = np.einsum("nc,nc->n", towards, directions)
+        beside = towards - along[:, None] * directions
+        half_chord = np.sqrt(np.maximum(self.radius**2 - np.einsum("nc,nc->n", beside, beside), 0))
+        return np.asarray((half_chord > 0) & (along + half_chord > 0))
+
     def occluded(
         self,
         positions: Floats,

@@ -69,6 +69,9 @@ class MeshSurface:
         hit = found.faces >= 0
         return hit, self._points(found.faces[hit], found.weights[hit])
 
+    def met(self, origins: Floats, directions: AnyFloats) -> NDArray[np.bool_]:
+        return np.asarray(self._tracer.first_hits(origins, directions).faces >= 0)
+
     def vertex_points(self) -> Points:
         """The vertices as points of the surface, (v), facing as they are shaded."""
         mesh = self.mesh

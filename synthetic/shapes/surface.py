@@ -62,6 +62,10 @@ class Surface(Protocol):
         """
         ...
 
+    def met(self, origins: Floats, directions: AnyFloats) -> NDArray[np.bool_]:
+        """Whether rays (n, 3), (n, 3) unit meet the surface (n,), as of `first_hits`."""
+        ...
+
     def occluded(
         self,
         positions: Floats,

@@ -17,6 +17,7 @@ from synthetic.lights.sources import DirectionalSource, PointSource
 from synthetic.materials.microfacet import MicrofacetMaterial
 from synthetic.render.photograph import photographs
 from synthetic.render.pixels import pixel_coverage
+from synthetic.render.spherepixels import sphere_means
 from synthetic.scene import Scene, Shot
 from synthetic.sensing.noise import Noise
 from synthetic.shapes.ball import Ball
@@ -86,6 +87,17 @@ def test_pixels_are_means_over_their_area(index: int, monkeypatch: pytest.Monkey
     assert np.sqrt((error[usable] ** 2).mean()) < 1e-3  # a tenth of the sensor's noise
     assert error[usable].max() < 0.02  # where a grazing highlight ends at the source's horizon
     assert error[cos_o > 0.6].max() < 1e-5  # away from that horizon all is smooth
+
+
+def test_many_photographs_share_tables_of_their_integrals_and_look_the_same() -> None:
+    scene, (rows, columns) = demo_staging().scene, np.mgrid[60:120:6, 60:120:6].reshape(2, -1)
+    shot, pixels = scene.shots[3], np.column_stack([columns, rows])
+    given = scene.surface, scene.material, shot.illumination, shot.camera, pixels
+    few, many = sphere_means(*given, cameras=1), sphere_means(*given, cameras=60)
+    assert few is not None
+    assert many is not None
+    assert not np.array_equal(few, many)
+    assert_allclose(many, few, atol=1e-6 * few.max())  # splines' error, far below a sensor's noise
 
 
 def test_noise_has_the_deviation_that_it_is_told() -> None:
