@@ -58,7 +58,8 @@ def read_experiment(scene: str, given: Given | None = None) -> tuple[Experiment,
     given : what the set gives of the light, instead of what the file says. ValueError says what is wrong.
     """
     path = scene_path(scene)
-    return experiment_of(read_staging(path, given)), path
+    # Paint is planned by its mean, so that nobody asks where on the surface it lies.
+    return experiment_of(read_staging(path, given, atlas=False)), path
 
 
 def experiment_of(staging: Staging) -> Experiment:

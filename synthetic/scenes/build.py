@@ -63,12 +63,17 @@ _EDGE = 0.0012
 _TEXTURE_HEIGHT = 1024
 
 
-def read_staging(path: Path, given: Given | None = None, seed: int | None = None) -> Staging:
+def read_staging(
+    path: Path, given: Given | None = None, seed: int | None = None, atlas: bool = True
+) -> Staging:
     """Read a scene file and build all of it; files that it names are relative to it. ValueError says what is wrong.
 
     given : instead of the file's, for the lightings of photographs that are not held out. seed : instead of the file's.
+    atlas : whether the cat gets the texture coordinates that the file asks for, which take seconds.
     """
     file = read_scene_file(path)
+    if not atlas:
+        file = file.model_copy(update={"object": file.object.model_copy(update={"atlas": False})})
     if seed is not None:
         file = file.model_copy(update={"seed": seed})
     if given is not None:
