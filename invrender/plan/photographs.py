@@ -46,7 +46,7 @@ def draw(
     some = np.zeros(count, bool)
     some[rng.choice(count, min(looked_at, count), replace=False)] = True
     # Borders of shadows are left out: nobody asks how much of a pixel is lit.
-    field = replace(taken.where(some), footprints=None)
+    field = replace(taken.where(some).with_few_rays(), footprints=None)
     lit = off_terminators(replace(field, sources_visible=visible_sources(body, field, sources)), sources)
     return Draw(lit, count * step**2 / max(int(some.sum()), 1))
 

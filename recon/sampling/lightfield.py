@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 # Cosine to a source within which its disc may be cut by the horizon: a lamp of a degree's radius.
 _PENUMBRA = 0.02
+# Rays along the side of a pixel from which on one of each row and column may do.
+_FEW_ALONG = 4
 # Rays that are worked on at once: fewer take numpy as long.
 _POOL = 6000
 _INTEGERS = {
@@ -164,6 +166,18 @@ class LightField:
             normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
             views=views / np.linalg.norm(views, axis=1, keepdims=True),
         )
+
+    def with_few_rays(self) -> LightField:
+        """The same samples; of grids of four by four rays and more, one ray of each row and column."""
+        counts = np.bincount(self.ray_sample, minlength=len(self))
+        side = np.sqrt(counts).round().astype(np.int64)
+        if (side < _FEW_ALONG).all() or (side**2 != counts).any():
+            return self
+        wide = side[self.ray_sample]
+        which = np.arange(len(self.ray_sample)) - (np.cumsum(counts) - counts)[self.ray_sample]
+        # Steps of two around an odd number of columns meet each once, the last of which isn't there.
+        latin = which % wide == (2 * (which // wide) + 1) % (wide + 1)
+        return self._kept(np.ones(len(self), bool), (wide < _FEW_ALONG) | latin)
 
     def _kept(self, keep: NDArray[np.bool_], rays: NDArray[np.bool_]) -> LightField:
         """Samples (n,) and rays (m,) that are marked; each kept sample keeps a ray."""
