@@ -168,10 +168,13 @@ class LightField:
         )
 
     def with_few_rays(self) -> LightField:
-        """The same samples; of grids of four by four rays and more, one ray of each row and column."""
+        """The same samples of a mesh; of grids of four by four rays and more, one ray of each row and column.
+
+        Those of smooth bodies stay as they are: `merged` makes fewer of them, and takes them for whole grids.
+        """
         counts = np.bincount(self.ray_sample, minlength=len(self))
         side = np.sqrt(counts).round().astype(np.int64)
-        if (side < _FEW_ALONG).all() or (side**2 != counts).any():
+        if self.faces is None or (side < _FEW_ALONG).all() or (side**2 != counts).any():
             return self
         wide = side[self.ray_sample]
         which = np.arange(len(self.ray_sample)) - (np.cumsum(counts) - counts)[self.ray_sample]

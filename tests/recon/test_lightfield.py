@@ -279,3 +279,22 @@ def test_merged_rays_are_means_over_squares_that_turn_little(flat_ball):
     squares = rays.reshape(2, 2, 2, 2, 3).mean(axis=(1, 3)).reshape(4, 3)
     assert_allclose(merged, squares)
     assert_allclose(half.mean_over_rays(half.positions), samples.mean_over_rays(samples.positions))
+
+
+def test_few_rays_are_one_of_each_row_and_column(flat_ball):
+    body = SphereBody(flat_ball)
+    smooth = samples_at(body, FLAT, picture(), *body_pixels(body, FLAT), NO_SOURCES)
+    assert smooth.with_few_rays() is smooth
+    samples = replace(smooth, faces=np.zeros(len(smooth.ray_sample), int))
+    few = samples.with_few_rays()
+    counts, left = np.bincount(samples.ray_sample), np.bincount(few.ray_sample)
+    # Grids of two by two stay whole.
+    assert_array_equal(left, np.where(counts == 16, 4, counts))
+    for sample in np.flatnonzero(counts == 16)[:20]:
+        all_, own = (each.positions[each.ray_sample == sample] for each in (samples, few))
+        for axis in (0, 1):
+            assert_allclose(np.sort(own[:, axis]), np.unique(all_[:, axis].round(9)), atol=1e-8)
+    # Of what varies linearly over a pixel the mean is the same.
+    places = [each.mean_over_rays(each.positions[:, :2]) for each in (samples, few)]
+    assert_allclose(*places, atol=1e-12)
+    assert np.array_equal(few.with_few_rays().ray_sample, few.ray_sample)

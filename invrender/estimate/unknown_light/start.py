@@ -189,8 +189,8 @@ def thinned(search: Search, l_max: int, most: int, per_lighting: int) -> Search:
     """The same with at most about `most` samples, or `per_lighting` of each if that is more, evenly taken.
 
     Of small highlights that the even choice would leave a few samples of, more are taken, up to a tenth of all: they
-    determine lamps and lobe best, and few that stand alone look like dust. Of a part of the samples few rays do: what is
-    chosen there is fitted to all of them in the end.
+    determine lamps and lobe best, and few that stand alone look like dust. Of a part of a mesh's samples few rays do:
+    what is chosen there is fitted to all of them in the end.
     """
     total = sum(len(design.field) for design in search.designs)
     every = max(1, int(np.ceil(total / max(most, per_lighting * len(search.lightings)))))
