@@ -30,6 +30,7 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
     # At full size, which is 1, a quarter of an hour.
     "texture": ("0.15", "0.03"),
     "many": ("DIR/many.png", "DIR/many.png 10"),
+    "whole": ("DIR/whole.png", "DIR/whole.png --only plan-sphere"),
     "startup": ("", "1"),
     "mitsuba": ("DIR/mitsuba.png", "DIR/mitsuba.png rh01-steel"),
 }

@@ -172,12 +172,13 @@ def main(arguments: list[str]) -> None:
     try:
         for command in commands:
             photoset = None
-            for version, module, checkout in _versions(chosen.before):
+            for version, (module, checkout) in _versions(chosen.before).items():
                 key = f"{command.name}, {version}"
-                if key not in kept:
+                if key not in kept and checkout is not None:
                     photoset = photoset or written_set(command, place)
                     kept[key] = vars(taken(command, photoset, module, checkout))
-                _print(command.what, version, Taken(**kept[key]))
+                if key in kept:
+                    _print(command.what, version, Taken(**kept[key]))
     finally:
         shutil.rmtree(place, ignore_errors=True)
     now, before = (
@@ -188,9 +189,10 @@ def main(arguments: list[str]) -> None:
     save(whole_figure(commands, done, before), chosen.figure, kept.caption)
 
 
-def _versions(before: Sequence[str] | None) -> list[tuple[str, str, Path]]:
-    own = ("now", _MODULE, _ROOT)
-    return [own] if before is None else [("before", before[1], Path(before[0]).resolve()), own]
+def _versions(before: Sequence[str] | None) -> dict[str, tuple[str, Path | None]]:
+    """Command lines of the versions and their checkouts; None of one that may have been measured earlier only."""
+    module, checkout = ("", None) if before is None else (before[1], Path(before[0]).resolve())
+    return {"before": (module, checkout), "now": (_MODULE, _ROOT)}
 
 
 def _print(what: str, version: str, found: Taken) -> None:

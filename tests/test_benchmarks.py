@@ -17,7 +17,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import benchmarks.__main__ as command
-from benchmarks import programs, witness
+from benchmarks import programs, stagewatch, witness
 from benchmarks.atlas import BOUNDARIES
 from benchmarks.atlas.charts import atlas_table
 from benchmarks.atlas.faults import (
@@ -77,6 +77,17 @@ def noise() -> dict[str, Finding]:
 
 
 @pytest.mark.slow
+def test_time_is_of_the_innermost_stage() -> None:
+    def read_samples() -> str:
+        return stagewatch.stage(sys._getframe())
+
+    def explain() -> str:
+        return read_samples()
+
+    assert explain() == stagewatch.STAGES["read_samples"] != stagewatch.STAGES["explain"]
+    assert stagewatch.stage(sys._getframe()) == stagewatch.REST
+
+
 def test_roughness_shows_in_known_light_that_the_lobe_can_blur() -> None:
     assert soft_light_at(0.8) < 1 < soft_light_at(0.17)
     assert soft_light_draw(0.8, 0)["sigma"].status == soft_light_theory(0.8)["sigma"].status == "undetermined"
