@@ -146,10 +146,8 @@ def whole_figure(commands: Sequence[Whole], now: Sequence[Taken], before: Sequen
             axes.plot([command.asked] * 2, [place, place + 0.4], "k-", lw=2)
     axes.set_yticks(range(len(commands)), [command.what for command in commands])
     axes.invert_yaxis()
-    axes.set_xlabel(
-        "time on the clock, in parts of the version's before; above it, below this one; black: the goal"
-    )
-    axes.legend(fontsize=8, loc="lower right")
+    axes.set_xlabel("time in parts of the earlier version's, whose bars are the upper ones; black: asked for")
+    figure.legend(fontsize=8, loc="outside right upper")
     axes.grid(axis="x", alpha=0.2)
     axes.set_xlim(right=1.08 * axes.get_xlim()[1])
     return figure
