@@ -22,7 +22,7 @@ from capture.parallel import cores
 from synthetic.lights.arealight import AreaLight
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.microfacet import MicrofacetMaterial
-from synthetic.render.lobe_table import LobeTable
+from synthetic.render.specular_table import SpecularTable
 
 Floats = NDArray[np.float64]
 
@@ -139,19 +139,19 @@ def _tabled_specular(
 _ONE_AT_A_TIME = Lock()
 
 
-def _table(sigma: float, width_rad: float, order: int) -> LobeTable:
+def _table(sigma: float, width_rad: float, order: int) -> SpecularTable:
     with _ONE_AT_A_TIME:
         return _kept_table(sigma, width_rad, order)
 
 
 @lru_cache(maxsize=8)
-def _kept_table(sigma: float, width_rad: float, order: int) -> LobeTable:
+def _kept_table(sigma: float, width_rad: float, order: int) -> SpecularTable:
     material = MicrofacetMaterial(np.zeros(3), np.ones(3), None, sigma)
 
     def gathered(normals: Floats, views: Floats, axis: Floats) -> Floats:
         return _specular(material, [AreaLight(axis, np.ones(3), width_rad)], normals, views, order)[:, 0]
 
-    return LobeTable.of(gathered, sigma, width_rad)
+    return SpecularTable.of(gathered, sigma, width_rad)
 
 
 def _specular_chunk(

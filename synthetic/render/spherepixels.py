@@ -15,9 +15,9 @@ from synthetic.lights.illumination import Illumination
 from synthetic.lights.sources import DirectionalSource
 from synthetic.materials.material import Material
 from synthetic.materials.microfacet import MicrofacetMaterial
-from synthetic.render.lobe_table import node_count
 from synthetic.render.lobes import reflected_radiance
 from synthetic.render.pixels import looked_at
+from synthetic.render.specular_table import node_count
 from synthetic.shapes.ball import Ball
 from synthetic.shapes.surface import Surface
 from synthetic.vectors import sums_by_row

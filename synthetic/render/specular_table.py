@@ -39,7 +39,7 @@ def _counts(sigma: float, width_rad: float) -> tuple[int, int, int]:
 
 
 @dataclass(frozen=True, eq=False)
-class LobeTable:
+class SpecularTable:
     """Splines over what a lobe gathers, times the exitant cosine, for a light of unit radiance."""
 
     splines: Floats
@@ -48,7 +48,7 @@ class LobeTable:
     @classmethod
     def of(
         cls, gathered: Callable[[Floats, Floats, Floats], Floats], sigma: float, width_rad: float
-    ) -> LobeTable:
+    ) -> SpecularTable:
         """Tabulate `gathered`: (n,) of unit normals, unit views (n, 3) and the light's axis (3,)."""
         counts = _counts(sigma, width_rad)
         angles = [np.linspace(0, end, count + 1) for end, count in zip((90, 180, 180), counts, strict=True)]
