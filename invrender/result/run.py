@@ -32,9 +32,8 @@ Floats = NDArray[np.float64]
 Radiance = Callable[[Photo, LightField], Floats]
 Pictured = Callable[[Photo, LightField, int], Floats]
 
-# Places in a pixel at the outline that rays go through, in parts of it, and every how manieth of them is shaded.
+# Places in a pixel at the outline that rays go through, in parts of it.
 _WITHIN = (np.stack(np.meshgrid(*2 * [np.arange(8)]), axis=-1).reshape(-1, 2) + 0.5) / 8
-_SHADED = 3
 # Predictions go through a photograph in blocks of this many pixels, or rays at its outline: memory stays small.
 _PIXELS_AT_A_TIME, _RAYS_AT_A_TIME = 16_000, 32_000
 # About how many pixels an object has in predictions, what is around it included: one of 12 megapixels would show no
@@ -151,18 +150,16 @@ class Run:
         self, photo: Photo, observed: RadianceImage, rows: NDArray[np.int64], columns: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """Radiance (n, 3) of pixels that the object covers partly, by a few rays through each."""
-        body = self.geometry.body
-        places = np.column_stack([columns, rows])[:, None] + _WITHIN
-        on_body = body.hits(photo.camera, places.reshape(-1, 2)).hit.reshape(len(rows), -1)
-        # All of them tell how much of the pixel is covered, every few of those that meet the body what it shows there.
-        which = on_body & (np.cumsum(on_body, axis=1) % _SHADED == 1)
-        rays, met = samples_around(body, photo.camera, observed, places[which], across=False)
-        radiance = np.zeros((*on_body.shape, 3))
-        which[which] = met
-        if which.any():
-            radiance[which] = self.pictured(photo, facing(rays), self.binning)
-        mean = radiance.sum(axis=1) / np.maximum(which.sum(axis=1), 1)[:, None]
-        return mean * on_body.mean(axis=1)[:, None]
+        places = np.column_stack([columns, rows]).repeat(len(_WITHIN), axis=0) + np.tile(
+            _WITHIN, (len(rows), 1)
+        )
+        rays, on_body = samples_around(
+            self.geometry.body, photo.camera, observed, places.astype(float), across=False
+        )
+        radiance = np.zeros((len(places), 3))
+        if on_body.any():
+            radiance[on_body] = self.pictured(photo, facing(rays), self.binning)
+        return radiance.reshape(len(rows), len(_WITHIN), 3).mean(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
