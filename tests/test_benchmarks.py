@@ -76,7 +76,6 @@ def noise() -> dict[str, Finding]:
     return noise_theory(0.01)
 
 
-@pytest.mark.slow
 def test_time_is_of_the_innermost_stage() -> None:
     def read_samples() -> str:
         return stagewatch.stage(sys._getframe())
@@ -88,6 +87,7 @@ def test_time_is_of_the_innermost_stage() -> None:
     assert stagewatch.stage(sys._getframe()) == stagewatch.REST
 
 
+@pytest.mark.slow
 def test_roughness_shows_in_known_light_that_the_lobe_can_blur() -> None:
     assert soft_light_at(0.8) < 1 < soft_light_at(0.17)
     assert soft_light_draw(0.8, 0)["sigma"].status == soft_light_theory(0.8)["sigma"].status == "undetermined"

@@ -35,7 +35,8 @@ def _counts(sigma: float, width_rad: float) -> tuple[int, int, int]:
     step = width_rad / _PER_LIGHT
     # As the normal turns the mirrored view turns twice as far.
     exitant = min(step / 2, sigma / _PER_LOBE)
-    return int(np.ceil(np.pi / 2 / exitant)), int(np.ceil(np.pi / step)), int(np.ceil(np.pi / step))
+    exitants, turns = (max(int(np.ceil(count)), 2 * _BEYOND) for count in (np.pi / 2 / exitant, np.pi / step))
+    return exitants, turns, turns
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,7 +103,9 @@ def test_two_orders_of_quadrature_agree(name: str, rng: np.random.Generator) -> 
     assert_allclose(coarse, fine, rtol=1e-4, atol=1e-6 * fine.max())
 
 
-@pytest.mark.parametrize(("name", "width"), [("teflon", 0.35), ("steel", 0.35), ("painted", 0.6)])
+@pytest.mark.parametrize(
+    ("name", "width"), [("teflon", 0.35), ("steel", 0.35), ("painted", 0.6), ("teflon", 4.0)]
+)
 def test_tables_of_integrals_agree_with_the_integrals(
     name: str, width: float, rng: np.random.Generator
 ) -> None:
