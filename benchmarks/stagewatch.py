@@ -1,19 +1,21 @@
-"""Where a command's time goes: python benchmarks/stagewatch.py OUT.json MODULE WORDS ...
+"""Where a command's time goes: python -P benchmarks/stagewatch.py OUT.json MODULE WORDS ...
 
 Runs `main` of a module that is a command line, of whatever version of the program is on the path, and looks every 20 ms
-at what its first thread does. Its standard library alone is imported, so that nothing of this version runs with it.
+at what its first thread does. Only the standard library is imported, so that nothing of this version runs with another.
+-P keeps this folder, which has a module `statistics`, off the path.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
-import os
 import resource
+import runpy
 import sys
 import threading
 import time
 from collections import Counter
+from pathlib import Path
 from types import FrameType
 
 # Functions, of this version and of earlier ones, whose time is a stage's; the innermost counts.
@@ -77,26 +79,24 @@ def main(out: str, module: str, words: list[str]) -> None:
     watch = threading.Thread(target=look, daemon=True)
     watch.start()
     sys.argv = ["lightfactor", *words]
-    code: object = 0
+    code = None
     try:
         importlib.import_module(module).main()
     except SystemExit as end:
         code = end.code
+    total = time.perf_counter() - begin
     over.set()
     watch.join()
     usage = resource.getrusage(resource.RUSAGE_SELF)
+    peak = runpy.run_path(str(Path(__file__).with_name("memory.py")))["peak_megabytes"]
     found = {
         "seconds": dict(seen),
-        "total": time.perf_counter() - begin,
+        "total": total,
         "processor": usage.ru_utime + usage.ru_stime,
-        "megabytes": usage.ru_maxrss / 2**10,
+        "megabytes": peak(),
     }
-    with open(out, "w", encoding="utf-8") as file:
-        json.dump(found, file)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    # A command that leaves threads behind has done its work.
-    os._exit(code if isinstance(code, int) else 1)
+    Path(out).write_text(json.dumps(found), encoding="utf-8")
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +30,8 @@ from capture.tasks.store import CACHE_VARIABLE
 
 _ROOT = Path(__file__).parents[1]
 _MODULE = "lightfactor.cli"
+# For stages beyond the colours that charts share.
+_PALE = ("#b3b3b3", "#999933", "#882255", "#44AA99", "#AA4499", "#DDCC77", "#117733")
 
 
 @dataclass(frozen=True)
@@ -38,15 +39,15 @@ class Whole:
     """A command that is measured.
 
     words : of it, SET standing for the set, OUT for a folder. scene : of the set, with what `synth` is told; none if
-    empty. asked : the share of an earlier version's time that it should take. of : which time that is.
+    empty. asked : the share of an earlier version's time on the clock that it should take; None where that was asked
+    of the processor's.
     """
 
     name: str
     what: str
     words: str
     scene: str
-    asked: float
-    of: str = "total"
+    asked: float | None
 
 
 COMMANDS = (
@@ -71,9 +72,7 @@ COMMANDS = (
         "rh01-cat --light nothing",
         30 / 113,
     ),
-    Whole(
-        "doll", "process: painted doll, known light", "process SET -o OUT", "rh01-doll", 1 / 4, "processor"
-    ),
+    Whole("doll", "process: painted doll, known light", "process SET -o OUT", "rh01-doll", None),
     Whole(
         "doll-unknown",
         "process: painted doll, unknown light",
@@ -102,7 +101,7 @@ def taken(command: Whole, photoset: Path, module: str, checkout: Path = _ROOT) -
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         words = [{"SET": str(photoset), "OUT": str(place / "out")}.get(w, w) for w in command.words.split()]
-        watch = [sys.executable, str(_ROOT / "benchmarks" / "stagewatch.py"), str(place / "found.json")]
+        watch = [sys.executable, "-P", str(_ROOT / "benchmarks" / "stagewatch.py"), str(place / "found.json")]
         environment = os.environ | {"PYTHONPATH": str(checkout), CACHE_VARIABLE: str(place / "cache")}
         done = subprocess.run(
             [*watch, module, *words], cwd=place, env=environment, capture_output=True, text=True
@@ -122,14 +121,15 @@ def written_set(command: Whole, place: Path) -> Path:
     return folder
 
 
-def whole_figure(commands: Sequence[Whole], now: Sequence[Taken], before: Sequence[Taken | None]) -> Figure:
-    """Bars by stage: this version below the other one, in parts of the other one's time."""
+def whole_figure(commands: Sequence[Whole], now: Mapping[str, Taken], before: Mapping[str, Taken]) -> Figure:
+    """Bars by stage, of this version below the other one, in parts of the other one's time; by the commands' names."""
     figure = Figure(figsize=(11, 1.0 + 0.8 * len(commands)), layout="constrained")
     axes = figure.subplots()
     stages = [*dict.fromkeys(STAGES.values()), REST]
     colours = dict(zip(stages, [*COLOURS, *_PALE, GREY], strict=False))
     drawn: set[str] = set()
-    for place, (command, own, other) in enumerate(zip(commands, now, before, strict=True)):
+    for place, command in enumerate(commands):
+        own, other = now[command.name], before.get(command.name)
         unit = (other or own).total
         for offset, each in ((0.2, own), (-0.2, other)):
             left = 0.0
@@ -142,7 +142,7 @@ def whole_figure(commands: Sequence[Whole], now: Sequence[Taken], before: Sequen
                 left += share
             if each is not None:
                 axes.text(left + 0.01, place + offset, f"{each.total:.0f} s", va="center", fontsize=8)
-        if other is not None and command.of == "total":
+        if other is not None and command.asked is not None:
             axes.plot([command.asked] * 2, [place, place + 0.4], "k-", lw=2)
     axes.set_yticks(range(len(commands)), [command.what for command in commands])
     axes.invert_yaxis()
@@ -151,10 +151,6 @@ def whole_figure(commands: Sequence[Whole], now: Sequence[Taken], before: Sequen
     axes.grid(axis="x", alpha=0.2)
     axes.set_xlim(right=1.08 * axes.get_xlim()[1])
     return figure
-
-
-# For stages beyond the colours that charts share.
-_PALE = ("#b3b3b3", "#999933", "#882255", "#44AA99", "#AA4499", "#DDCC77", "#117733")
 
 
 def main(arguments: list[str]) -> None:
@@ -166,25 +162,19 @@ def main(arguments: list[str]) -> None:
     chosen = options.parse_args(arguments)
     commands = [command for command in COMMANDS if chosen.only in (None, command.name)]
     kept = Kept(chosen.figure.with_suffix(".json"), {})
-    place = Path(tempfile.mkdtemp(prefix="lightfactor-whole-"))
-    try:
+    found: dict[str, dict[str, Taken]] = {"before": {}, "now": {}}
+    with tempfile.TemporaryDirectory(prefix="lightfactor-whole-") as folder:
         for command in commands:
             photoset = None
             for version, (module, checkout) in _versions(chosen.before).items():
                 key = f"{command.name}, {version}"
                 if key not in kept and checkout is not None:
-                    photoset = photoset or written_set(command, place)
+                    photoset = photoset or written_set(command, Path(folder))
                     kept[key] = vars(taken(command, photoset, module, checkout))
                 if key in kept:
-                    _print(command.what, version, Taken(**kept[key]))
-    finally:
-        shutil.rmtree(place, ignore_errors=True)
-    now, before = (
-        [Taken(**kept[key]) if (key := f"{each.name}, {version}") in kept else None for each in commands]
-        for version in ("now", "before")
-    )
-    done = [each for each in now if each is not None]
-    save(whole_figure(commands, done, before), chosen.figure, kept.caption)
+                    found[version][command.name] = Taken(**kept[key])
+                    _print(command.what, version, found[version][command.name])
+    save(whole_figure(commands, found["now"], found["before"]), chosen.figure, kept.caption)
 
 
 def _versions(before: Sequence[str] | None) -> dict[str, tuple[str, Path | None]]:
@@ -196,7 +186,7 @@ def _versions(before: Sequence[str] | None) -> dict[str, tuple[str, Path | None]
 def _print(what: str, version: str, found: Taken) -> None:
     parts = ", ".join(
         f"{stage} {found.seconds[stage]:.1f}"
-        for stage in sorted(found.seconds, key=found.seconds.__getitem__)[::-1]
+        for stage in sorted(found.seconds, key=found.seconds.__getitem__, reverse=True)
     )
     print(
         f"{what:42} {version:7} {found.total:6.1f} s, processor {found.processor:6.1f} s,"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from dataclasses import field as defaulted
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from invrender.process.texture_passes import TextureBench
 from invrender.transport.predict import predict
 from invrender.transport.reflected import ReflectedMap, prepared_map
 from invrender.transport.shading import shade
-from invrender.transport.transfer import LightElement
 from recon.mesh.bodies import MeshBody
 from recon.sampling.lightfield import LightField
 
@@ -26,19 +25,19 @@ Floats = NDArray[np.float64]
 class TexturedPictures:
     """Radiance of a textured mesh under its lightings, with what its parts send each other.
 
-    body : the mesh. brdf : what all its points share. made : its lightings' maps for quick sums, of those that were
-    asked for.
+    body : the mesh. brdf : what all its points share.
     """
 
     bench: TextureBench
     body: MeshBody
     brdf: Microfacet
     textures: FittedTextures
-    made: dict[str, ReflectedMap | None] = field(default_factory=dict)
+    # Of the lightings that were asked for, by name: `prepared_map` keeps the last two only.
+    _prepared: dict[str, ReflectedMap | None] = defaulted(default_factory=dict, repr=False)
 
     def radiance(self, photo: Photo, field: LightField) -> Floats:
         """Of samples (n, 3) in a photograph; NaN where the texture isn't known."""
-        own, elements = self._with(*self.textures.at(field)), self._elements[photo.lighting]
+        own, elements = self._with(*self.textures.at(field)), self.bench.elements[photo.lighting]
         shown = predict(own, elements, np.ones((len(elements), 3)), field, self.bench.shadows)
         bounced = self.bench.bounced.get(photo.lighting)
         return shown if bounced is None else shown + bounced.radiance(field, own)
@@ -53,10 +52,10 @@ class TexturedPictures:
     def shaded(self, photo: Photo, field: LightField, kd: Floats, ks: Floats) -> Floats:
         """What rays of given Kd and Ks, (m, 3) each, would show, (n, 3), for many."""
         # All that is known of a lighting is one element. Its map integrated pixel by pixel takes twenty times as long.
-        element, bounced = self._elements[photo.lighting][0], self.bench.bounced.get(photo.lighting)
-        if photo.lighting not in self.made:
-            self.made[photo.lighting] = prepared_map(self.brdf, element)
-        light = self.made[photo.lighting]
+        element, bounced = self.bench.elements[photo.lighting][0], self.bench.bounced.get(photo.lighting)
+        if photo.lighting not in self._prepared:
+            self._prepared[photo.lighting] = prepared_map(self.brdf, element)
+        light = self._prepared[photo.lighting]
         return shade(self._with(kd, ks), element, field, self.bench.shadows, light, bounced)
 
     def pictured(self, photo: Photo, field: LightField, binning: int) -> Floats:
@@ -64,10 +63,6 @@ class TexturedPictures:
         # Albedo is the mean around each ray, across which light varies little. It may be as fine as the photograph's
         # own pixels: a ray to each across, and one more.
         return self.shaded(photo, field, *self.textures.around(self.body, photo.camera, field, binning + 1))
-
-    @property
-    def _elements(self) -> Mapping[str, Sequence[LightElement]]:
-        return self.bench.elements
 
     def _with(self, kd: Floats, ks: Floats) -> Microfacet:
         return replace(self.brdf, kd=kd, ks=ks)

@@ -63,14 +63,13 @@ def sphere_means(
     cos_o[hit] = np.maximum(-(points.normals * directions[hit]).sum(axis=1), 1e-3)
     radius = surface.sphere.pixel_radius(camera)
     turn = 1 / (radius * cos_o)
-    points_in_all = cameras * np.pi * radius**2 * _FEWEST_SUBSAMPLES**2
     nodes = sum(node_count(material.sigma, width) for width in {light.width_rad for light in areas})
+    tabled = nodes < _SHARED * cameras * np.pi * radius**2 * _FEWEST_SUBSAMPLES**2
     per_side = np.clip(np.ceil(turn / _TURN_PER_SUBSAMPLE), _FEWEST_SUBSAMPLES, _MOST_SUBSAMPLES).astype(int)
     total = np.zeros((len(pixels), 3))
     for count in np.unique(per_side):
         chosen = np.flatnonzero(per_side == count)
         pixel, _, weight, points, views = looked_at(surface, camera, pixels[chosen], count)
-        tabled = nodes < _SHARED * points_in_all
         radiance = reflected_radiance(material, areas, sources, points.normals, views, tabled=tabled)
         total[chosen] = sums_by_row(pixel, weight[:, None] * radiance, len(chosen))
     return total

@@ -50,23 +50,13 @@ class Ball:
         self, origins: Floats, directions: AnyFloats, facets: Floats | None = None
     ) -> tuple[NDArray[np.bool_], Points]:
         """As every surface's; rays that begin on the ball leave it and never meet it again."""
-        hit, normals = self.sphere.hits(origins, directions.astype(float, copy=False))
-        along = np.einsum("nc,nc->n", normals, directions)
-        towards = np.einsum("nc,nc->n", self.centre - origins, directions)
-        # From the line's middle it is half the chord, -along r >= 0, to either side.
-        inside = hit & (towards + along * self.radius <= 0)
-        normals[inside] -= 2 * along[inside, None] * directions[inside]
-        hit &= towards - along * self.radius > 0
+        hit, normals = self._first_normals(origins, directions)
         if facets is not None:
             hit[:] = False
         return hit, self._points(normals[hit])
 
     def met(self, origins: Floats, directions: AnyFloats) -> NDArray[np.bool_]:
-        towards = self.centre - origins
-        along = np.einsum("nc,nc->n", towards, directions)
-        beside = towards - along[:, None] * directions
-        half_chord = np.sqrt(np.maximum(self.radius**2 - np.einsum("nc,nc->n", beside, beside), 0))
-        return np.asarray((half_chord > 0) & (along + half_chord > 0))
+        return self._first_normals(origins, directions)[0]
 
     def occluded(
         self,
@@ -80,6 +70,17 @@ class Ball:
 
     def contains(self, points: Floats) -> NDArray[np.bool_]:
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) < self.radius)
+
+    def _first_normals(self, origins: Floats, directions: AnyFloats) -> tuple[NDArray[np.bool_], Floats]:
+        """Whether rays meet the ball (n,), and the outward normals (n, 3) where they first do."""
+        hit, normals = self.sphere.hits(origins, directions.astype(float, copy=False))
+        along = np.einsum("nc,nc->n", normals, directions)
+        towards = np.einsum("nc,nc->n", self.centre - origins, directions)
+        # From the line's middle it is half the chord, -along r >= 0, to either side.
+        inside = hit & (towards + along * self.radius <= 0)
+        normals[inside] -= 2 * along[inside, None] * directions[inside]
+        hit &= towards - along * self.radius > 0
+        return hit, normals
 
     def _points(self, normals: Floats) -> Points:
         phi = np.arctan2(normals[:, 1], normals[:, 0])
