@@ -17,6 +17,7 @@ from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.refine.alternate import RefinedPoses, refine_poses
 from invrender.refine.posechange import pose_covariance, position_std
+from invrender.transport.columns import COLUMNS_STAGE
 
 POSES_NAME = "refined-poses.json"
 
@@ -36,8 +37,10 @@ def run_refine(source: Path, samples: int, turn_deg: float, shift_px: float, fre
         )
     inputs = [photoset.manifest, *photoset.calibration_files, *(photo.file for photo in photoset.photos)]
     inputs += [photo.mask for photo in photoset.photos if photo.mask is not None]
-    with opened_workplace(photoset.manifest, fresh=fresh):
+    with opened_workplace(photoset.manifest, fresh=fresh) as workplace:
         found = refine_poses(photoset, samples, turn_deg, shift_px, track)
+        # Rounds are kept as a whole.
+        workplace.store.forget(COLUMNS_STAGE)
     if len(found.errors) == 1:
         console.print(
             "The poses stand as they are: moving them does not lower the error on unseen photographs"

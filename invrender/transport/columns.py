@@ -12,15 +12,17 @@ interface transmits is a short sum in i.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as defaulted
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
+from capture.tasks.stage import stage_results
 from invrender.brdf.form import LobeForm, Numbers
 from invrender.brdf.lobes import RH01_FORM
 from invrender.transport.column_basis import ColumnBasis, basis_of, whole_range
@@ -34,6 +36,8 @@ Floats = NDArray[np.float64]
 # Of each lighting, by name.
 Elements = Mapping[str, Sequence[LightElement]]
 
+# What is kept of columns until the result is there.
+COLUMNS_STAGE = "columns"
 # Memory then doesn't grow with a photograph's rays.
 _RAYS_AT_A_TIME = 4096
 
@@ -105,18 +109,24 @@ def photo_columns(
     shadows : of a mesh, if it has any. diffuse : (channels, n, elements), d of a Lambertian base if it is known.
     basis : `basis_of` the form if None.
     """
-    return _photo_columns(lighting, elements, field, (form,), shadows, diffuse, basis or basis_of(form))[0]
+    basis = basis or basis_of(form)
+    (columns,) = _columns(elements, field, (form,), shadows, diffuse, basis)
+    return PhotoColumns(lighting, _names(elements), columns, field, form, shadows, basis)
 
 
-def _photo_columns(
-    lighting: str,
+def _names(elements: Sequence[LightElement]) -> tuple[str, ...]:
+    return tuple(element.name for element in elements)
+
+
+def _columns(
     elements: Sequence[LightElement],
     field: LightField,
     forms: Sequence[LobeForm],
     shadows: Shadows | None,
     diffuse: NDArray[np.float32] | None,
     basis: ColumnBasis,
-) -> list[PhotoColumns]:
+) -> list[NDArray[np.float32]]:
+    """Columns of a field's samples, of each form; fields of the arguments as of `columns_of_forms`."""
     nodes, fresnel = basis.sigmas, basis.functions(forms[0])
     channels = max(element.channels for element in elements)
     tabulated = {form: basis.tabulated(form) for form in forms}
@@ -159,11 +169,7 @@ def _photo_columns(
                 for k, lobe in enumerate(held):
                     place = slice(first + k * of_lobe, first + (k + 1) * of_lobe)
                     columns[:, block, e, place] = means[:, lobes.index(lobe)].transpose(2, 0, 1)
-    names = tuple(element.name for element in elements)
-    return [
-        PhotoColumns(lighting, names, found[tabulated[form], base_size(form)], field, form, shadows, basis)
-        for form in forms
-    ]
+    return [found[tabulated[form], base_size(form)] for form in forms]
 
 
 def _by_rays(element: LightElement, field: LightField) -> list[tuple[LightElement, LightField]]:
@@ -186,7 +192,7 @@ def all_columns(
     diffuse: Sequence[NDArray[np.float32]] | None = None,
     basis: ColumnBasis | None = None,
 ) -> list[PhotoColumns]:
-    """`photo_columns` of each photograph, spread over the cores, those with few samples made together.
+    """`photo_columns` of each photograph, as tasks of a stage, those with few samples made together.
 
     lightings : the name of each one's. elements : of lightings by their names. diffuse : the column d of each, of a
     Lambertian base. basis : `basis_of` the form if None.
@@ -205,32 +211,54 @@ def columns_of_forms(
 ) -> dict[LobeForm, list[PhotoColumns]]:
     """`all_columns` of several forms of facets, or of one form of any kind: facets look at the same rays of light.
 
-    So do brushed forms of one window.
+    So do brushed forms of one window. What the tasks return is kept as of `stage_results`.
     """
+    made = _Made(lightings, elements, fields, forms, shadows, diffuse, basis or basis_of(forms[0]))
+    return made.by_form(stage_results(COLUMNS_STAGE, made, made.pools, made.named))
 
-    def of(pool: list[int]) -> list[list[PhotoColumns]]:
-        parts, name = [fields[k] for k in pool], lightings[pool[0]]
-        known = None if diffuse is None else np.concatenate([diffuse[k] for k in pool], axis=1)
-        wholes = _photo_columns(
-            name, elements[name], joined(parts), forms, shadows, known, basis or basis_of(forms[0])
-        )
-        ends = np.cumsum([len(part) for part in parts])[:-1]
-        return [
-            [replace(whole, columns=own, field=part) for whole, own in zip(wholes, each, strict=True)]
-            for part, each in zip(
-                parts,
-                zip(*(np.split(whole.columns, ends, axis=1) for whole in wholes), strict=True),
-                strict=True,
-            )
-        ]
 
-    groups = pools(fields, lightings)
-    found = {
-        k: own
-        for pool, columns in zip(groups, parallel_map(of, groups), strict=True)
-        for k, own in zip(pool, columns, strict=True)
-    }
-    return {form: [found[k][place] for k in range(len(fields))] for place, form in enumerate(forms)}
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """Makes columns of photographs under one lighting, of each form; as of `columns_of_forms`."""
+
+    lightings: Sequence[str]
+    elements: Elements
+    fields: Sequence[LightField]
+    forms: Sequence[LobeForm]
+    shadows: Shadows | None
+    diffuse: Sequence[NDArray[np.float32]] | None
+    basis: ColumnBasis
+
+    @cached_property
+    def pools(self) -> list[list[int]]:
+        """Places of photographs that are worked on at once."""
+        return pools(self.fields, self.lightings)
+
+    def __call__(self, pool: Sequence[int]) -> list[NDArray[np.float32]]:
+        """Columns of the samples of photographs, by their places, one after the other."""
+        elements, field = self.elements[self.lightings[pool[0]]], joined([self.fields[k] for k in pool])
+        known = None if self.diffuse is None else np.concatenate([self.diffuse[k] for k in pool], axis=1)
+        return _columns(elements, field, self.forms, self.shadows, known, self.basis)
+
+    def named(self, pool: Sequence[int]) -> str:
+        """Photographs in words."""
+        return f"what samples of {len(pool)} photographs under {self.lightings[pool[0]]!r} reflect"
+
+    def by_form(self, results: Iterable[list[NDArray[np.float32]]]) -> dict[LobeForm, list[PhotoColumns]]:
+        """What was made of all pools, photograph by photograph."""
+        found: list[list[PhotoColumns]] = [[] for _ in self.forms]
+        for pool, wholes in zip(self.pools, results, strict=True):
+            ends = np.cumsum([len(self.fields[k]) for k in pool])[:-1]
+            for own, form, whole in zip(found, self.forms, wholes, strict=True):
+                parts = np.split(whole, ends, axis=1)
+                own += [self._photo(k, form, part) for k, part in zip(pool, parts, strict=True)]
+        order = np.argsort([k for pool in self.pools for k in pool])
+        return {form: [own[place] for place in order] for own, form in zip(found, self.forms, strict=True)}
+
+    def _photo(self, k: int, form: LobeForm, columns: NDArray[np.float32]) -> PhotoColumns:
+        name = self.lightings[k]
+        names = _names(self.elements[name])
+        return PhotoColumns(name, names, columns, self.fields[k], form, self.shadows, self.basis)
 
 
 def columns_of(
@@ -248,9 +276,13 @@ def columns_of(
 
 
 def columns_under(elements: Elements, photos: Sequence[PhotoColumns], form: LobeForm) -> list[PhotoColumns]:
-    """The same samples under other light, its elements by the lightings' names, in columns of a form."""
+    """The same samples under other light, its elements by the lightings' names, in columns of a form.
+
+    They are kept nowhere: each step of a search has its own.
+    """
     names, fields = [photo.lighting for photo in photos], [photo.field for photo in photos]
-    return all_columns(names, elements, fields, form, photos[0].shadows)
+    made = _Made(names, elements, fields, (form,), photos[0].shadows, None, basis_of(form))
+    return made.by_form(parallel_map(made, made.pools))[form]
 
 
 def column_weights(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from numpy.testing import assert_allclose
@@ -13,11 +15,14 @@ from capture.tasks.store import TaskStore, kept, listed
 from invrender.output.report import run as command
 from invrender.output.report.files import photoset_hashes
 from invrender.output.report.keptfit import fit_place, keep_fit
+from invrender.process import known_light
 from invrender.process.pipeline import process
+from invrender.transport import columns
 
 from .faultysets import SIZE, change_manifest, change_pixels, write_set
 from .test_textures import LAMP_LIT, write_doll_set
 
+Counted = Callable[[Any, str], list[None]]
 SETTINGS = {"samples": 2000, "published": False}
 LAMPS = r"directional = .*"
 
@@ -113,3 +118,28 @@ def test_under_a_map_a_kept_fit_predicts_what_the_fit_itself_did(
     read = keep_fit(tmp_path / "kept", run)
     (one,), (other,) = run.predictions([photo]), read.predictions([photo])
     assert_allclose(other.predicted, one.predicted, rtol=1e-5, atol=1e-7)  # single precision's rounding
+
+
+@pytest.mark.parametrize("workers", [None, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_fit_that_was_stopped_takes_the_columns_that_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, counted: Counted, workers: int | None
+) -> None:
+    folder, out = write_set(tmp_path / "set"), tmp_path / "out"
+    made = counted(columns, "_columns")
+    command.run_process(folder, tmp_path / "whole", 2000)
+    assert made
+
+    def stopped(*_: object, **__: object) -> None:
+        raise ValueError("stopped")
+
+    # The last that a solution needs: all else of it was computed by then.
+    with monkeypatch.context() as within:
+        within.setattr(known_light, "photo_scores", stopped)
+        with pytest.raises(ValueError, match="stopped"):
+            command.run_process(folder, out, 2000, workers=workers)
+    assert "columns" in {each.stage for each in listed()}
+    made.clear()
+    command.run_process(folder, out, 2000)
+    assert not made
+    assert_alike(out, tmp_path / "whole")
+    assert "columns" not in {each.stage for each in listed()}

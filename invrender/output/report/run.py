@@ -27,6 +27,7 @@ from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.process.texture_passes import PIXELS_STAGE, TILES_STAGE
 from invrender.result.document import errors_in_words, identifiability, own_numbers
 from invrender.result.run import Run
+from invrender.transport.columns import COLUMNS_STAGE
 from invrender.wording import PARAMETER_LABELS, parameter_lines
 
 # Models whose errors are printed; the report has all of them.
@@ -66,7 +67,7 @@ def run_process(
         with added_files(out, PICTURES) as folder:
             document = write_pictures(run, folder, document, track, key=place.name)
         # It is in the result now.
-        for stage in (pictures_stage(place.name), PIXELS_STAGE, TILES_STAGE):
+        for stage in (COLUMNS_STAGE, pictures_stage(place.name), PIXELS_STAGE, TILES_STAGE):
             workplace.store.forget(stage)
         place.unlink(missing_ok=True)
     console.print(errors_in_words(document["fit"]))
