@@ -1,4 +1,4 @@
-"""How far off the geometry that a photo set gives may be: poses, lenses, the mesh and its place, sources."""
+"""How far off what a photo set gives may be: poses, lenses, the mesh and its place, sources, the camera's colours."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ class CalibrationErrors:
     height : metres, standard deviation of each vertex along its normal. height_correlation : metres, over which it
         varies, as in `recon.mesh.scannoise`; 0 where each vertex is off by itself.
     stated : whether the manifest states any of them, or of light directions.
+    color : (9, 9) of dM M^-1, row by row, where M makes linear sRGB of the camera's colours.
     """
 
     poses: tuple[SharedError, ...] = ()
@@ -56,13 +57,13 @@ class CalibrationErrors:
     height: float = 0.0
     height_correlation: float = 0.0
     stated: bool = False
+    color: Floats | None = None
 
     @property
-    def of_geometry(self) -> bool:
-        """Whether any error moves what rays meet."""
-        return bool(
-            self.poses or self.stated_pose or self.lenses or self.mesh_place is not None or self.height
-        )
+    def named(self) -> bool:
+        """Whether there is any, of light directions apart."""
+        moved = self.poses or self.stated_pose or self.lenses or self.mesh_place is not None or self.height
+        return bool(moved) or self.color is not None
 
     def poses_about(self, centre: Floats, cameras: Mapping[str, Camera]) -> tuple[SharedError, ...]:
         """Errors of poses; centre : the object's, (3,). cameras : of photographs by their labels."""

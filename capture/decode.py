@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from capture.arrays import reused_empty
 from capture.bracket.response import Response
+from capture.chart.colormatrix import ColorMatrix
 from capture.clipping import cut_off
 from capture.exposure import ExposureSettings, relative_exposure
 from capture.files.imagefile import read_cover, read_exr_layers, read_file, read_image, rgbe_step
@@ -40,6 +41,7 @@ def decode(
     noise: SensorNoise | None = None,
     flat_field: FlatField | None = None,
     white_balance: NDArray[np.floating] | None = None,
+    color: ColorMatrix | None = None,
 ) -> RadianceImage:
     """Decode one photograph to linear radiance.
 
@@ -53,6 +55,7 @@ def decode(
         state where they are saturated are so where they were cut off (`clipping`).
     flat_field : relative illumination over the image, divided out.
     white_balance : (3,) factors that the channels are multiplied by.
+    color : to linear sRGB, by a chart; without it colours are the camera's own.
     """
     scale = (np.ones(3) if white_balance is None else np.asarray(white_balance, float)) / exposure
     if is_raw(path):
@@ -63,7 +66,8 @@ def decode(
             image = _decode_float(path, pixels, header.kind, noise, scale)
         else:
             image = _decode_integers(path, pixels, header, encoding, noise, scale)
-    return image if flat_field is None else _flattened(path, image, flat_field)
+    image = image if flat_field is None else _flattened(path, image, flat_field)
+    return image if color is None else color.applied(image)
 
 
 def decode_photo(radiometry: Radiometry, photo: Photo) -> RadianceImage:
@@ -90,6 +94,7 @@ def decode_in_set(
         noise=radiometry.noise,
         flat_field=radiometry.flat_field,
         white_balance=radiometry.white_balance,
+        color=radiometry.color,
     )
     check_size(path, image.radiance, size)
     return image

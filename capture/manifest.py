@@ -37,9 +37,14 @@ class RadiometryTable(Table):
     flat_field: str | None = None
     # "none", "camera" or three factors; a union would lose its place in error messages.
     white_balance: Any = "none"
+    color: str | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> RadiometryTable:
+        if self.color is not None and self.white_balance != "none":
+            raise ValueError(
+                f"color balances white already, but white_balance is {self.white_balance!r}: remove one of them"
+            )
         if self.file is not None and self.encoding != "response":
             raise ValueError(
                 f"file is for encoding = 'response', but that is {self.encoding!r}: remove one of them"

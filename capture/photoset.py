@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -163,10 +163,12 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
     light_arc = read_arc(manifest_path, "light_arc", manifest.light_arc)
     target = np.array(manifest.object.centre or (0.0, 0.0, 0.0))
     found_files = ([] if poses is None else [poses.path]) + alignment_files
+    radiometry = _radiometry(manifest_path, manifest.radiometry, [photo.file for photo in photos])
+    color = None if radiometry.color is None else radiometry.color.relative_covariance
     return PhotoSet(
         name=manifest.name,
         manifest=manifest_path,
-        radiometry=_radiometry(manifest_path, manifest.radiometry, [photo.file for photo in photos]),
+        radiometry=radiometry,
         object=manifest.object,
         lightings=tuple(
             _with_directions(manifest_path, light_arc, target, table)
@@ -176,7 +178,7 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         calibration_files=(*_calibration_files(manifest_path, manifest), *found_files),
         mesh_to_world=None if placement is None else placement.mesh_to_world,
         own_frame=poses is not None and poses.own_frame,
-        errors=_errors(manifest_path, manifest, photos, poses, placement),
+        errors=replace(_errors(manifest_path, manifest, photos, poses, placement), color=color),
         direction_std_deg=manifest.uncertainty.direction_deg or 0.0,
     )
 
@@ -255,6 +257,7 @@ def _calibration_files(manifest_path: Path, manifest: Manifest) -> tuple[Path, .
         manifest.radiometry.file,
         manifest.radiometry.noise,
         manifest.radiometry.flat_field,
+        manifest.radiometry.color,
         *(arc.file for arc in (manifest.gantry, manifest.light_arc) if arc is not None),
     ]
     return tuple(resolve(manifest_path, name) for name in named if name is not None)

@@ -1,4 +1,4 @@
-"""How the numbers in a set's files stand for light: response, noise, flat field, white balance, exposure."""
+"""How the numbers in a set's files stand for light: response, noise, flat field, colours, exposure."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.bracket.response import Response, read_response
+from capture.chart.colormatrix import ColorMatrix, read_color
 from capture.exposure import ExposureSource
 from capture.files.imageheader import is_raw
 from capture.files.rawfile import camera_white_balance
@@ -28,6 +29,7 @@ class Radiometry:
     noise: SensorNoise | None = None
     flat_field: FlatField | None = None
     white_balance: NDArray[np.float64] | None = None
+    color: ColorMatrix | None = None
 
 
 def read_radiometry(
@@ -55,6 +57,7 @@ def read_radiometry(
         noise=read_noise_model(resolve(table.noise)) if table.noise else None,
         flat_field=read_flat_field(resolve(table.flat_field)) if table.flat_field else None,
         white_balance=white_balance,
+        color=read_color(resolve(table.color)) if table.color else None,
     )
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from capture.arc.gantrycalibration import calibrate_gantry
     from capture.bracket.hdrfiles import merge_hdr
     from capture.bracket.responserecovery import recover_response as calibrate_response
+    from capture.chart.colorrecovery import recover_color as calibrate_color
     from capture.lens.intrinsics import calibrate_camera
     from capture.sensor.flatrecovery import recover_flat_field as calibrate_flatfield
     from capture.sensor.noiserecovery import recover_noise as calibrate_noise
@@ -30,6 +31,7 @@ _HOME = {
     "Fit": ("lightfactor.fit", "Fit"),
     "MeasuredBrdf": ("lightfactor.measured", "MeasuredBrdf"),
     "calibrate_camera": ("capture.lens.intrinsics", "calibrate_camera"),
+    "calibrate_color": ("capture.chart.colorrecovery", "recover_color"),
     "calibrate_flatfield": ("capture.sensor.flatrecovery", "recover_flat_field"),
     "calibrate_gantry": ("capture.arc.gantrycalibration", "calibrate_gantry"),
     "calibrate_noise": ("capture.sensor.noiserecovery", "recover_noise"),
@@ -50,6 +52,7 @@ __all__ = [
     "Fit",
     "MeasuredBrdf",
     "calibrate_camera",
+    "calibrate_color",
     "calibrate_flatfield",
     "calibrate_gantry",
     "calibrate_noise",

@@ -5,13 +5,14 @@ from __future__ import annotations
 import typer
 
 from capture.commands.camera import camera
+from capture.commands.color import color
 from capture.commands.flatfield import flatfield
 from capture.commands.gantry import gantry
 from capture.commands.noise import noise
 from capture.commands.response import response
 
 calibrate = typer.Typer(
-    help="Calibrate a camera, a sensor or a gantry from photographs of boards, brackets and white walls.",
+    help="Calibrate a camera, a sensor or a gantry from photographs of boards, brackets, white walls and charts.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -23,4 +24,7 @@ calibrate.command(short_help="What the file's numbers stand for: the response cu
 )
 calibrate.command(short_help="Read and shot noise of the sensor, from repeated photographs.")(noise)
 calibrate.command(short_help="Vignetting, from photographs of an even surface.")(flatfield)
+calibrate.command(short_help="Linear sRGB of the camera's colours, from photographs of a colour chart.")(
+    color
+)
 calibrate.command(short_help="The arc that a camera travels along, from photographs of a board.")(gantry)

@@ -65,7 +65,7 @@ def calibration_scores(
     gave their directions, (2 m, 2 m), radians, the covariance about `tangents`.
     """
     directions = {name: own for name, own in lightings.items() if own.direction_std_deg is not None}
-    if not errors.of_geometry and not directions:
+    if not errors.named and not directions:
         return {}
     tally = _Tally(list(photos))
     if poses := errors.poses_about(body.centre, {photo.label: photo.scene.camera for photo in tally.photos}):
@@ -76,6 +76,9 @@ def calibration_scores(
         for error in _principal(errors.mesh_place, body.size):
             motion = mesh_motion(error)
             tally.add("mesh_place", [photo.moved(motion) for photo in tally.photos])
+    if errors.color is not None:
+        for error in _principal(errors.color, 1.0):
+            tally.add("color", [photo.field.radiance @ error.reshape(3, 3).T for photo in tally.photos])
     if errors.height and isinstance(body, MeshBody):
         _add_heights(tally, body, errors)
     if directions:

@@ -23,6 +23,7 @@ CALIBRATION = {
     "mesh_place": "mesh's place",
     "heights": "scan noise",
     "light_directions": "light directions",
+    "color": "camera's colours",
 }
 CAUSES = {
     "noise": "pixel noise",

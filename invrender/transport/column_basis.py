@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,19 +105,20 @@ def _of_window(window: Window) -> ColumnBasis:
         for (low, high), width in zip(window, _PER_NODE, strict=True)
     )
 
-    def sigma_share(value: float | Floats) -> Floats:
-        # As over the whole range, sigma^2 times the lobe is interpolated.
-        scaled = chebyshev_weights(sigma, sigma_count, value) * chebyshev_nodes(sigma, sigma_count) ** 2
-        return np.asarray(scaled / np.asarray(value)[..., None] ** 2)
-
     return ColumnBasis(
         chebyshev_nodes(sigma, sigma_count),
-        sigma_share,
+        partial(_share_of_sigma, sigma, sigma_count),
         whole_range().fresnel,
         whole_range().fresnel_weights,
         stretches=chebyshev_nodes(stretch, stretch_count),
-        stretch_weights=lambda value: chebyshev_weights(stretch, stretch_count, value),
+        stretch_weights=partial(chebyshev_weights, stretch, stretch_count),
     )
+
+
+def _share_of_sigma(window: tuple[float, float], count: int, value: float | Floats) -> Floats:
+    # As over the whole range, sigma^2 times the lobe is interpolated.
+    scaled = chebyshev_weights(window, count, value) * chebyshev_nodes(window, count) ** 2
+    return np.asarray(scaled / np.asarray(value)[..., None] ** 2)
 
 
 @lru_cache(maxsize=1)
@@ -134,14 +135,19 @@ def around(mu: float | None, sigma: float | None) -> ColumnBasis:
     columns of the base alone.
     """
     if sigma is None:
-        return ColumnBasis(np.zeros(0), lambda _: np.zeros(0), OneIndex(None), lambda _: np.ones(1))
+        return ColumnBasis(np.zeros(0), partial(_always, 0), OneIndex(None), partial(_always, 1))
     low, high = step_ends(sigma)
     sigmas = np.array([low, sigma, high])
     if mu is None:
-        return ColumnBasis(sigmas, _quadratic(sigmas), OneIndex(None), lambda _: np.ones(1), splits=False)
+        return ColumnBasis(sigmas, _quadratic(sigmas), OneIndex(None), partial(_always, 1), splits=False)
     low, high = step_ends(mu)
     mus = (low, mu, high)
     return ColumnBasis(sigmas, _quadratic(sigmas), _Indices(mus), _quadratic(np.array(mus)), splits=False)
+
+
+def _always(count: int, _: float | Floats | None) -> Floats:
+    """So many weights of 1, whatever the place."""
+    return np.ones(count)
 
 
 def step_ends(value: float) -> tuple[float, float]:
@@ -163,13 +169,13 @@ class _Indices:
 
 def _quadratic(nodes: Floats) -> Callable[[float | Floats | None], Floats]:
     """Lagrange's weights (..., 3) of three nodes at any place (...,)."""
+    return partial(_lagrange, nodes)
+
+
+def _lagrange(nodes: Floats, place: float | Floats | None) -> Floats:
     low, middle, high = nodes
     scale = np.array(
         [(low - middle) * (low - high), (middle - low) * (middle - high), (high - low) * (high - middle)]
     )
-
-    def weights(place: float | Floats | None) -> Floats:
-        off = np.asarray(place, float)[..., None] - nodes
-        return off[..., [1, 0, 0]] * off[..., [2, 2, 1]] / scale
-
-    return weights
+    off = np.asarray(place, float)[..., None] - nodes
+    return off[..., [1, 0, 0]] * off[..., [2, 2, 1]] / scale

@@ -57,7 +57,7 @@ def test_calibrations_say_how_sure_they_are(tmp_path: Path) -> None:
     assert_allclose(np.diag(errors.lenses[0].covariance), [4, 4, 1, 1])
     assert errors.mesh_place is not None
     assert_allclose(errors.mesh_place, 1e-6 * np.eye(7))
-    assert errors.of_geometry
+    assert errors.named
     assert not errors.stated
 
 

@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from invrender.brdf.lobes import GGX_FORM, RH01_FORM
+from capture.tasks.stage import Workplace, working_in
+from capture.tasks.store import TaskStore
+from invrender.brdf.brushed import brushed, window_about
+from invrender.brdf.lobes import GGX_FORM, RH01_FORM, UNCORRELATED
 from invrender.brdf.microfacet import Microfacet
-from invrender.brdf.richer import COATED_HAZY
+from invrender.brdf.richer import COATED_HAZY, extended, tabulated
+from invrender.brdf.smith import Smith
+from invrender.estimate.search import OTHER_FORMS
+from invrender.transport import columns
 from invrender.transport.column_basis import around, step_ends
-from invrender.transport.columns import photo_columns
+from invrender.transport.columns import all_columns, photo_columns
 from invrender.transport.diffuse_base import base_size
 from invrender.transport.predict import predict, predict_columns
 from invrender.transport.transfer import light_elements
@@ -75,3 +81,27 @@ def test_columns_of_the_base_alone_hold_no_lobe(bench):
     assert photo.columns.shape[-1] == 1
     direct = predict(matte, elements, np.ones((1, 3)), field)
     assert np.abs(predict_columns(photo, matte, np.ones((1, 3))) - direct).max() < 1e-6 * direct.max()
+
+
+def test_columns_of_all_forms_are_kept_and_read_again(bench, tmp_path, monkeypatch: pytest.MonkeyPatch):
+    lighting = bench.known_lighting()
+    elements = {lighting.name: light_elements(lighting)}
+    fields = [bench.sphere_field(angle, samples=20) for angle in (0.0, 100.0, 150.0)]
+    names = [lighting.name] * len(fields)
+    single = [form for form in OTHER_FORMS if isinstance(form, Smith)]
+    richer = [more for form in single for more in (*extended(form), *tabulated(form), UNCORRELATED[form])]
+    window = brushed(GGX_FORM, (0.6, 0.0, 0.8), window_about(0.15, 0.4, (0.35, 0.6)))
+
+    def made() -> list[np.ndarray]:
+        return [
+            photo.columns
+            for form in (RH01_FORM, *OTHER_FORMS, *richer, window)
+            for photo in all_columns(names, elements, fields, form)
+        ]
+
+    expected = made()
+    with working_in(Workplace(TaskStore(tmp_path))):
+        made()
+        monkeypatch.setattr(columns, "_columns", lambda *_: pytest.fail("they were made anew"))
+        found = made()
+    assert all(np.array_equal(*pair) for pair in zip(found, expected, strict=True))

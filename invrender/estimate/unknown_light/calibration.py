@@ -48,7 +48,7 @@ def with_calibration(
     photos : the fitted ones, with their labels, cameras and lightings' names. found : (4,), what of a sphere's place
     its outlines gave.
     """
-    if not errors.of_geometry:
+    if not errors.named:
         return solution
     kept = list(some_rays(photos, slow=solution.l_max > 0))
     search = _search(solution, photos, [(keep, field) for keep, field, _ in kept], lighting_of, shadows)
