@@ -108,11 +108,15 @@ def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
     pixels = read_cover(path)
     check_size(path, pixels, size, "give the mask of this photo, drawn at its size")
     peak = float(pixels.max())
-    if not np.isfinite(pixels.sum(dtype=np.float64)):
+    if np.issubdtype(pixels.dtype, np.floating) and not np.isfinite(pixels.sum(dtype=np.float64)):
         bad = int((~np.isfinite(pixels)).sum())
         raise ValueError(f"{path}: the mask holds {bad} values that are not finite")
     if not peak > 0:
         raise ValueError(f"{path}: the mask is empty; it must be nonzero where the object is")
+    if pixels.dtype == np.uint8:
+        # Twice as fast as dividing, and the same.
+        shares = np.divide(np.arange(256), np.float32(peak), dtype=np.float32)
+        return np.asarray(cv2.LUT(np.ascontiguousarray(pixels), shares))
     return np.divide(pixels, np.float32(peak), dtype=np.float32)
 
 
@@ -145,7 +149,7 @@ def _decode_integers(
 
     @cache
     def noise_model() -> tuple[SensorNoise, JpegTables | None]:
-        model = noise or _own_noise(_looked_up(pixels, table), _step_at(table.mean(axis=1)))
+        model = noise or _own_noise(pixels, _step_at(table.mean(axis=1)), table.astype(np.float32))
         return model, jpeg_tables(read_file(path).data) if header.kind == "JPEG" else None
 
     def variance_of(codes: Codes) -> Image:
@@ -199,10 +203,10 @@ def _step_at(table: Floats) -> Callable[[NDArray[np.floating]], Floats]:
     return lambda signal: np.interp(signal, table, steps)
 
 
-def _own_noise(linear: Image, step: Step) -> SensorNoise:
-    """The noise that a photograph shows of itself; none where all of it is black or saturated."""
+def _own_noise(linear: Codes, step: Step, table: Image | None = None) -> SensorNoise:
+    """The noise that a photograph shows of itself, as of `estimate_noise`; none where all is black or saturated."""
     try:
-        return estimate_noise(linear, step)
+        return estimate_noise(linear, step, table)
     except ValueError:
         return SensorNoise(np.zeros(3), np.zeros(3))
 

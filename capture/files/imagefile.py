@@ -32,8 +32,8 @@ def read_pixels(path: Path) -> NDArray[np.generic]:
 
 def read_image(path: Path) -> tuple[NDArray[np.generic], Header]:
     """As `read_pixels`, with what the file is."""
-    pixels, _, header = _contents(path)
-    return pixels, header
+    stored, _, header = _contents(path)
+    return _in_rgb(stored, header.kind), header
 
 
 def read_cover(path: Path) -> NDArray[np.generic]:
@@ -41,15 +41,18 @@ def read_cover(path: Path) -> NDArray[np.generic]:
 
     Its alpha where that varies, as programs that cut objects out write it; else the largest of its channels.
     """
-    pixels, alpha, _ = _contents(path)
+    stored, alpha, header = _contents(path)
     if alpha is not None and alpha.min() < alpha.max():
         return alpha
+    if stored.ndim == 2:
+        return stored
+    pixels = _in_rgb(stored, header.kind)
     # Channel by channel: numpy's maximum over three neighbours takes ten times as long.
     return np.asarray(np.maximum(np.maximum(pixels[..., 0], pixels[..., 1]), pixels[..., 2]))
 
 
 def _contents(path: Path) -> tuple[NDArray[np.generic], NDArray[np.generic] | None, Header]:
-    """Pixels (h, w, 3), alpha (h, w) or None, and what the file is."""
+    """What a file stores, as `_stored` has it, alpha (h, w) or None, and what the file is."""
     data = read_file(path)
     header = check_header(path, data)
     kind = header.kind
@@ -71,7 +74,7 @@ def _contents(path: Path) -> tuple[NDArray[np.generic], NDArray[np.generic] | No
         raise ValueError(f"{path}: {_DAMAGED} ({fault})")
     stored = _stored(path, data, kind)
     alpha = stored[..., 3] if stored.ndim == 3 and stored.shape[2] == 4 else None
-    return _in_rgb(stored, kind), alpha, header
+    return stored, alpha, header
 
 
 @lru_cache(maxsize=10_000)
@@ -169,7 +172,7 @@ def _in_rgb(image: NDArray[Any], kind: str) -> NDArray[np.generic]:
     """Pixels (h, w, 3) of what OpenCV makes of a file, see `_stored`."""
     import cv2
 
-    if kind == "JPEG":
+    if kind in ("JPEG", "EXR"):
         return image
     if kind == "Radiance":
         # Writers cut mantissas off (Ward, Real Pixels, 1991): a number stands for the middle of its step.
@@ -180,7 +183,7 @@ def _in_rgb(image: NDArray[Any], kind: str) -> NDArray[np.generic]:
 
 
 def _stored(path: Path, data: NDArray[np.uint8], kind: str) -> NDArray[Any]:
-    """What OpenCV makes of a file's bytes: (h, w), or (h, w, c) in BGR or BGRA order, of JPEG in RGB order."""
+    """What OpenCV makes of a file's bytes: (h, w), or (h, w, c) in BGR or BGRA order, of JPEG and EXR in RGB order."""
     import cv2
 
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it

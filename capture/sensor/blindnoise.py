@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Step = float | Callable[[NDArray[np.floating]], NDArray[np.floating]]
+Places = NDArray[np.intp]
+# Linear values of pixels and the distance of neighbouring codes there, by their rows and columns.
+Picked = Callable[[Places, Places], tuple[NDArray[np.floating], NDArray[np.floating]]]
 
 _BLOCK = 8
 # Blocks looked at: enough for a tenth on each number, and done in milliseconds whatever the size.
@@ -24,18 +26,16 @@ _FEWEST_BLOCKS = 24
 _SMOOTHEST = 0.1
 
 
-def noise_line(linear: NDArray[np.floating], step: Step) -> tuple[Floats, Floats]:
+def noise_line(shape: tuple[int, ...], picked: Picked) -> tuple[Floats, Floats]:
     """Variance in the dark (c,) and variance per unit signal (c,), both >= 0, of one photograph's noise.
 
-    linear : (h, w, c), or (h, w) a Bayer mosaic, whose photosites all count as of one kind: c = 1.
-    step : distance of neighbouring codes in the same unit, a number or a function of the signal; the variance of
-        rounding to them, step^2 / 12, is taken out, never more than there is.
+    shape : (h, w, c), or (h, w) of a Bayer mosaic, whose photosites all count as of one kind: c = 1. picked : gives the
+        values (n, size, size, c), or (n, size, size), of a few blocks of pixels, and the steps between codes there, in
+        the same unit: the variance of rounding to them, step^2 / 12, is taken out, never more than there is.
     ValueError if too little of the photograph is neither saturated nor black.
     """
-    mosaic = linear.ndim == 2
-    rows, columns = _places(linear.shape, 2 * _BLOCK if mosaic else _BLOCK)
-    blocks = linear[rows, columns]
-    steps = np.broadcast_to(step(blocks) if callable(step) else step, blocks.shape)
+    mosaic = len(shape) == 2
+    blocks, steps = picked(*_places(shape, 2 * _BLOCK if mosaic else _BLOCK))
     if mosaic:
         # The four cells of the filter's pattern apart: differences are between photosites of one colour.
         cells = [np.s_[:, row::2, column::2] for row, column in np.ndindex(2, 2)]
@@ -47,7 +47,7 @@ def noise_line(linear: NDArray[np.floating], step: Step) -> tuple[Floats, Floats
     return np.array(offsets), np.array(slopes)
 
 
-def _places(shape: tuple[int, ...], size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _places(shape: tuple[int, ...], size: int) -> tuple[Places, Places]:
     """Row and column indices (n, size, size) of blocks spread evenly, beginning at even pixels."""
     height, width = shape[:2]
     if height < size or width < size:

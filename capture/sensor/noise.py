@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +13,11 @@ from numpy.typing import NDArray
 from capture.arrays import frozen_array
 from capture.files.documents import read_json
 from capture.files.tables import Table
-from capture.sensor.blindnoise import Step, noise_line
+from capture.sensor.blindnoise import Places, noise_line
 
 Floats = NDArray[np.float64]
+# Distance of neighbouring codes, a number or a function of the signal.
+Step = float | Callable[[NDArray[np.floating]], NDArray[np.floating]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +54,13 @@ class SensorNoise:
         return read + self.shot.astype(np.float32) * np.maximum(linear, 0).astype(np.float32, copy=False)
 
 
-def estimate_noise(linear: NDArray[np.floating], step: Step = 0.0) -> SensorNoise:
+def estimate_noise(
+    linear: NDArray[Any], step: Step = 0.0, table: NDArray[np.floating] | None = None
+) -> SensorNoise:
     """Read and shot noise guessed from one photograph, where nobody has measured them.
 
-    linear : (h, w, 3), or (h, w) the mosaic of a RAW file; 1 at the white level. step : distance of neighbouring
+    linear : (h, w, 3), or (h, w) the mosaic of a RAW file; 1 at the white level. table : (levels, 3), what codes stand
+    for where `linear` holds codes (h, w, 3) instead: a few of them are looked at. step : distance of neighbouring
     codes in the same unit, a number, or a function of the signal (same shape) where the encoding is curved.
     ValueError if too little of it is neither saturated nor black.
 
@@ -63,8 +70,23 @@ def estimate_noise(linear: NDArray[np.floating], step: Step = 0.0) -> SensorNois
     """
     if linear.ndim not in (2, 3) or linear.shape[2:] not in ((), (1,), (3,)):
         raise ValueError(f"the photograph is {linear.shape}; it must be (h, w, 3), or (h, w) for a mosaic")
-    offsets, slopes = noise_line(linear[..., 0] if linear.shape[2:] == (1,) else linear, step)
+    values = linear[..., 0] if linear.shape[2:] == (1,) else linear
+
+    def picked(rows: Places, columns: Places) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        found = values[rows, columns]
+        if table is not None:
+            # Steps by code, not by signal: a look-up in place of a search.
+            return table[found, np.arange(3)], np.broadcast_to(_steps(step, table), table.shape)[
+                found, np.arange(3)
+            ]
+        return found, np.broadcast_to(_steps(step, found), found.shape)
+
+    offsets, slopes = noise_line(values.shape, picked)
     return SensorNoise(np.broadcast_to(np.sqrt(offsets), 3), np.broadcast_to(slopes, 3))
+
+
+def _steps(step: Step, signal: NDArray[np.floating]) -> NDArray[np.floating] | float:
+    return step(signal) if callable(step) else step
 
 
 class _Estimates(Table):
