@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import get_args
 
 from capture.files.outfolder import result_files
+from capture.primaries import PRIMARIES
 from capture.progress import silent
 from capture.terminal import track as terminal_track
 from invrender.output.compare.page import write_page
@@ -15,6 +16,7 @@ from invrender.output.compare.sides import SideComparison, compare_sides, read_s
 from invrender.output.export.exported import ExportedResult, export_result
 from invrender.output.export.html import ExportedPage
 from invrender.output.export.html import export_page as write_page_of
+from invrender.output.render.files import in_primaries
 from invrender.output.render.files import save_picture as write_picture
 from invrender.output.render.picture import Picture
 from invrender.output.render.view import view_of
@@ -159,16 +161,23 @@ def synth(
 
 
 @naming_arguments
-def save_picture(picture: Picture, path: Path | str, exposure: float | None = None) -> Path:
+def save_picture(
+    picture: Picture, path: Path | str, exposure: float | None = None, primaries: str | None = None
+) -> Path:
     """Write a picture of `Fit.render`, and return its path: .exr, linear, with alpha and std; .png to look at.
 
     exposure : EV of a PNG, sRGB; radiance 1 is white at 0. None lets only the brightest half percent clip.
+    primaries : "srgb", "p3", "rec2020", or of an .exr "acescg", that the file says, of a picture in linear sRGB.
     """
     out = Path(path)
     if out.suffix.lower() not in (".exr", ".png"):
         raise ValueError(f"{out}: the name must end in .exr or .png")
+    if primaries is not None and primaries not in PRIMARIES:
+        raise ValueError(f"primaries is {primaries!r}; {nearest(primaries, tuple(PRIMARIES))}")
+    chosen = None if primaries is None else PRIMARIES[primaries]
     with result_files(out) as folder:
-        write_picture(folder / out.name, picture, exposure)
+        shown = picture if chosen is None else in_primaries(picture, chosen)
+        write_picture(folder / out.name, shown, exposure, chosen)
     return out
 
 

@@ -7,16 +7,14 @@ from numpy.typing import NDArray
 from skimage.color import deltaE_ciede2000, lab2xyz, xyz2lab, xyz_tristimulus_values
 from skimage.color.colorconv import rgb_from_xyz, xyz_from_rgb
 
+from capture.primaries import adaptation
+
 Floats = NDArray[np.float64]
 
 # XYZ of daylight D50 and D65, 2 degrees, Y = 1.
 _D50, _D65 = (
     np.asarray(xyz_tristimulus_values(illuminant=name, observer="2"), float) for name in ("D50", "D65")
 )
-# What cones see of XYZ, as Bradford has it [Lam 1985].
-_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-# XYZ under D65 that look like those under D50.
-_D65_FROM_D50 = np.linalg.inv(_BRADFORD) @ np.diag((_BRADFORD @ _D65) / (_BRADFORD @ _D50)) @ _BRADFORD
 # XYZ (D65) from linear sRGB.
 XYZ_FROM_SRGB = np.asarray(xyz_from_rgb, float)
 
@@ -24,7 +22,7 @@ XYZ_FROM_SRGB = np.asarray(xyz_from_rgb, float)
 def lab_d50_to_srgb(lab: Floats) -> Floats:
     """Linear sRGB (n, 3) of CIE L*a*b* (n, 3) under D50, adapted to sRGB's white by Bradford's transform."""
     xyz = np.asarray(lab2xyz(np.asarray(lab, float), illuminant="D50"))
-    return np.asarray(xyz @ (rgb_from_xyz @ _D65_FROM_D50).T)
+    return np.asarray(xyz @ (rgb_from_xyz @ adaptation(_D50, _D65)).T)
 
 
 def srgb_to_lab(srgb: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -133,14 +133,18 @@ def write_exr(
     pixels: NDArray[np.floating],
     half: bool = False,
     layers: Mapping[str, NDArray[np.floating]] | None = None,
+    chromaticities: Sequence[float] | None = None,
 ) -> None:
     """Write an RGB image (h, w, 3) as a ZIP-compressed EXR, float32 unless `half`.
 
     layers : further channels by name, (h, w), or (h, w, 3) for name.R, name.G and name.B; always float32.
+    chromaticities : x, y of red, green, blue and white, to be written; None where nobody knows them.
     """
     import OpenEXR
 
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if chromaticities is not None:
+        header["chromaticities"] = tuple(chromaticities)
     channels = {"RGB": np.ascontiguousarray(pixels, dtype=np.float16 if half else np.float32)}
     for name, layer in (layers or {}).items():
         parts = (

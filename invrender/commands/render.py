@@ -131,6 +131,15 @@ def render(
             " just clips.",
         ),
     ] = None,
+    primaries: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Primaries that the picture is in, and that its file says: srgb, p3, rec2020, or of an .exr acescg."
+            " PNG keeps sRGB's curve. Results count as linear sRGB, which they are of photographs with a color.json"
+            " (`calibrate color`). Without it, numbers are written as they are, and no file says what they are.",
+        ),
+    ] = None,
     std: Annotated[
         bool,
         typer.Option(
@@ -191,6 +200,7 @@ def render(
             mesh_to_world=mesh_to_world,
             mean=mean,
             exposure_ev=exposure,
+            primaries=primaries,
             std=std,
             preview=preview,
             tolerance=tolerance,

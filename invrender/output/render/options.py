@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture.primaries import PRIMARIES
 from invrender.output.render.frames import TURNS
 from invrender.result.saved import nearest
 
@@ -37,6 +38,7 @@ class RenderOptions:
     mesh_to_world: Path | None = None
     mean: bool = False
     exposure_ev: float | None = None
+    primaries: str | None = None
     std: bool = False
     preview: bool = False
     tolerance: float | None = None
@@ -89,10 +91,31 @@ def _check_output(options: RenderOptions) -> None:
         )
     if options.std and ending in (".png", ".mp4"):
         raise ValueError(f"--std: {ending} has no room for standard deviations; write an .exr")
+    if options.primaries is not None:
+        _check_primaries(options, options.primaries, ending)
     if options.exposure_ev is not None and ending == ".exr":
         raise ValueError("--exposure is for looking at; an .exr holds the radiance itself: leave it out")
     if options.exposure_ev is not None and not abs(options.exposure_ev) <= 100:
         raise ValueError(f"--exposure is {options.exposure_ev:g} EV; it must be -100 to 100")
+
+
+def _check_primaries(options: RenderOptions, named: str, ending: str) -> None:
+    if named not in PRIMARIES:
+        raise ValueError(f"--primaries {named}: {nearest(named, tuple(PRIMARIES))}")
+    if ending == ".mp4" and named != "srgb":
+        raise ValueError(
+            f"--primaries {named}: an .mp4 is written in sRGB's; give a folder, an .exr or a .png"
+        )
+    if options.std and named != "srgb":
+        raise ValueError(
+            f"--std is known of sRGB's channels, not of {named}'s, which mix them; leave --primaries or --std out"
+        )
+    # A turntable's folder has both.
+    if ending != ".exr" and PRIMARIES[named].png_code is None:
+        raise ValueError(
+            f"--primaries {named}: its white isn't D65, so no PNG is written in it; write an .exr, or give p3 or"
+            " rec2020"
+        )
 
 
 def _check_turntable(options: RenderOptions) -> None:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from functools import partial
 
 from capture.files.outfolder import result_files, result_folder
+from capture.primaries import PRIMARIES
 from capture.terminal import console, leave_cleanly_when_stopped
-from invrender.output.render.files import exposure_note, save_picture
+from invrender.output.render.files import exposure_note, in_primaries, save_picture
 from invrender.output.render.frames import TurntableFrame, light_frames, view_frames
 from invrender.output.render.light import chosen_lighting, own_lighting, parse_source
 from invrender.output.render.options import DEFAULT_FPS, RenderOptions, check_options
@@ -54,17 +55,20 @@ def run_render(options: RenderOptions) -> None:
     prepared = time.perf_counter() - begin
     errors: list[float | None] = []
 
+    primaries = None if options.primaries is None else PRIMARIES[options.primaries]
+
     def take(frame: TurntableFrame) -> Picture:
         if quick is not None:
-            return quick.take(frame.camera, frame.light_turn)
-        picture = studio.take(frame.camera, frame.light_turn, options.std, options.tolerance)
-        errors.append(picture.interpolated)
-        return picture
+            picture = quick.take(frame.camera, frame.light_turn)
+        else:
+            picture = studio.take(frame.camera, frame.light_turn, options.std, options.tolerance)
+            errors.append(picture.interpolated)
+        return picture if primaries is None else in_primaries(picture, primaries)
 
     if options.turntable is None:
         (frame,) = frames
         with result_files(options.out, inputs=inputs) as folder:
-            notes += save_picture(folder / options.out.name, take(frame), options.exposure_ev)
+            notes += save_picture(folder / options.out.name, take(frame), options.exposure_ev, primaries)
             notes += interpolation_note(errors)
     else:
         named = {f"{k:03d}": frame for k, frame in enumerate(frames)}
@@ -76,12 +80,12 @@ def run_render(options: RenderOptions) -> None:
             else result_folder(options.out, TURNTABLE_FILES)
         )
         with place as folder:
-            exposure = write_frames(folder, named, take)
+            exposure = write_frames(folder, named, take, primaries)
             if options.exposure_ev is None:
                 notes.append(exposure_note(exposure))
             else:
                 exposure = options.exposure_ev
-            develop(folder, list(named), options.out, exposure, options.fps or DEFAULT_FPS)
+            develop(folder, list(named), options.out, exposure, options.fps or DEFAULT_FPS, primaries)
             notes += interpolation_note(errors)
             write_views(folder, named, studio.lighting.name, inputs, notes)
     under = studio.lighting.name

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.files.documents import input_hashes, software, write_json
+from capture.primaries import Primaries
 from capture.terminal import track
 from invrender.output.render.files import (
     automatic_exposure,
@@ -29,30 +30,46 @@ _MOST_STRIP_PIXELS = 100_000_000
 
 
 def write_frames(
-    folder: Path, frames: Mapping[str, TurntableFrame], take: Callable[[TurntableFrame], Picture]
+    folder: Path,
+    frames: Mapping[str, TurntableFrame],
+    take: Callable[[TurntableFrame], Picture],
+    primaries: Primaries | None = None,
 ) -> float:
-    """Write NAME.exr of each frame, and return the exposure in EV at which the brightest of them just clips."""
+    """Write NAME.exr of each frame, and return the exposure in EV at which the brightest of them just clips.
+
+    primaries : as of `write_picture`.
+    """
     exposures = []
     for name, frame in track(list(frames.items()), "Rendering"):
         picture = take(frame)
-        write_picture(folder / f"{name}.exr", picture)
+        write_picture(folder / f"{name}.exr", picture, primaries)
         exposures.append(automatic_exposure(picture))
     # Of frames in the dark it is 0, which would hold the others down.
     lit = [exposure for exposure in exposures if exposure is not None]
     return min(lit, default=0.0)
 
 
-def develop(folder: Path, names: Sequence[str], out: Path, exposure_ev: float, fps: float) -> None:
-    """Make of the EXR files of a folder what one looks at: PNG beside them; or out.mp4, or a strip out.png, there."""
+def develop(
+    folder: Path,
+    names: Sequence[str],
+    out: Path,
+    exposure_ev: float,
+    fps: float,
+    primaries: Primaries | None = None,
+) -> None:
+    """Make of the EXR files of a folder what one looks at: PNG beside them; or out.mp4, or a strip out.png, there.
+
+    primaries : as of `write_png`.
+    """
     pictures = (read_picture(folder / f"{name}.exr") for name in track(list(names), "Encoding"))
     match out.suffix.lower():
         case ".mp4":
             write_video(folder / out.name, (before_black(each, exposure_ev) for each in pictures), fps)
         case ".png":
-            _write_strip(folder / out.name, pictures, len(names), exposure_ev)
+            _write_strip(folder / out.name, pictures, len(names), exposure_ev, primaries)
         case _:
             for name, picture in zip(names, pictures, strict=True):
-                write_png(folder / f"{name}.png", picture, exposure_ev)
+                write_png(folder / f"{name}.png", picture, exposure_ev, primaries)
 
 
 def check_strip(out: Path, frames: Mapping[str, TurntableFrame]) -> None:
@@ -95,7 +112,9 @@ def write_views(
     write_json(folder / "views.json", document)
 
 
-def _write_strip(path: Path, pictures: Iterator[Picture], count: int, exposure_ev: float) -> None:
+def _write_strip(
+    path: Path, pictures: Iterator[Picture], count: int, exposure_ev: float, primaries: Primaries | None
+) -> None:
     """Pictures side by side, with alpha, in as few rows of up to eight as hold them."""
     columns = -(-count // -(-count // _STRIP_COLUMNS))
     strip: np.ndarray | None = None
@@ -107,4 +126,4 @@ def _write_strip(path: Path, pictures: Iterator[Picture], count: int, exposure_e
         place = np.s_[row * height : (row + 1) * height, column * width : (column + 1) * width]
         strip[place] = encoded(picture, exposure_ev)
     assert strip is not None
-    write_rgba(path, strip)
+    write_rgba(path, strip, primaries)
