@@ -66,8 +66,8 @@ def export(
 ) -> ExportedResult:
     """Write a fit for another program: `files`, the `mapping` to its material with what is lost by that, and `notes`.
 
-    fit : a fit or a result folder. folder : an earlier export in it is replaced. form : "gltf", "mitsuba" or
-        "materialx". light : glTF also has the light. lighting : which, where there are several.
+    fit : a fit or a result folder. folder : an earlier export in it is replaced. form : "gltf", "mitsuba",
+        "materialx" or "openpbr". light : glTF also has the light. lighting : which, where there are several.
     albedo : in a relative gauge, pi Kd + Ks of the brightest channel, or three; 0.5 if not given. assume : values of mu
         or sigma where they are undetermined. view : of Mitsuba's camera, azimuth and elevation (degrees), and maybe
         the distance (metres). photoset : the set that the fit was made from, looked for around it otherwise.

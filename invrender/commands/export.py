@@ -25,7 +25,10 @@ def export(
     form: Annotated[
         str,
         typer.Option(
-            "--format", metavar="FORMAT", help="gltf, mitsuba, materialx or html.", show_default=False
+            "--format",
+            metavar="FORMAT",
+            help="gltf, mitsuba, materialx, openpbr or html.",
+            show_default=False,
         ),
     ],
     light: Annotated[
@@ -60,7 +63,8 @@ def export(
     Each program has a formula of its own; its numbers are those that come nearest to the BRDF that was found. What is
     lost by that is printed, and stands with the numbers in OUT/export.json.
 
-    gltf: object.glb, metres, +Y up. mitsuba: scene.xml, with light and camera. materialx: material.mtlx and object.obj.
+    gltf: object.glb, metres, +Y up. mitsuba: scene.xml, with light and camera. materialx: material.mtlx, with a
+    standard_surface, and object.obj. openpbr: the same with an open_pbr_surface.
     html: object.html, one page that shows the object under light that you turn, without a server or a network. It has
     the result's own material; how far its pictures are off from `lightfactor render` is printed and stands on it.
     """

@@ -217,7 +217,7 @@ def test_matte_results_are_exact(lightfactor: Command, result: Path, tmp_path: P
         document["brdf"]["covariance"] = {"names": [], "values": []}
 
     change(result, edit)
-    for form in ("gltf", "mitsuba", "materialx"):
+    for form in ("gltf", "mitsuba", "materialx", "openpbr"):
         code, _, err = lightfactor("export", result, "--format", form, "-o", tmp_path / form)
         assert (code, err) == (0, "")
         lost = json.loads((tmp_path / form / "export.json").read_text())["lost"]
@@ -247,27 +247,36 @@ def test_metal_in_places_keeps_its_strength(lightfactor: Command, result: Path, 
     specular, index = extensions["KHR_materials_specular"], extensions["KHR_materials_ior"]["ior"]
     factor = specular["specularFactor"] * glb_image(tmp_path / "gltf" / "object.glb", 1)[:, :, 3] / 255
     f0 = factor * max(specular["specularColorFactor"]) * ((index - 1) / (index + 1)) ** 2
-    assert lightfactor("export", result, "--format", "materialx", "-o", tmp_path / "materialx")[0] == 0
-    layer = json.loads((tmp_path / "materialx" / "export.json").read_text())["material"]["parameters"]
-    colour = read_pixels(tmp_path / "materialx" / "specular_color.exr")[:, :, 1]
-    index = layer["specular_IOR"]
-    layer_f0 = layer["specular"] * colour * ((index - 1) / (index + 1)) ** 2
+    layers = []
+    for form, name, weight in (
+        ("materialx", "specular_IOR", "specular"),
+        ("openpbr", "specular_ior", "specular_weight"),
+    ):
+        assert lightfactor("export", result, "--format", form, "-o", tmp_path / form)[0] == 0
+        layer = json.loads((tmp_path / form / "export.json").read_text())["material"]["parameters"]
+        colour = read_pixels(tmp_path / form / "specular_color.exr")[:, :, 1]
+        index = layer[name]
+        layers.append(layer[weight] * colour * ((index - 1) / (index + 1)) ** 2)
     # The mapping of the mean puts F0 up to a tenth elsewhere, for the sake of grazing angles. Cut off at what the
     # mean's index gives at most, the gilt texels' was too small by two fifths.
-    for theirs in (f0, layer_f0):
+    for theirs in (f0, *layers):
         assert_allclose(theirs, gilt[:, :, 0], rtol=0.15)
 
 
+@pytest.mark.parametrize(
+    ("form", "node"), [("materialx", "standard_surface"), ("openpbr", "open_pbr_surface")]
+)
 def test_materialx_is_one_document_with_what_it_names(
-    lightfactor: Command, result: Path, tmp_path: Path
+    lightfactor: Command, result: Path, tmp_path: Path, form: str, node: str
 ) -> None:
     make_mesh(result, np.full((4, 8, 3), 0.1), np.linspace(0.01, 0.02, 32).reshape(4, 8, 1) * np.ones(3))
     out = tmp_path / "out"
-    assert lightfactor("export", result, "--format", "materialx", "-o", out)[0] == 0
+    assert lightfactor("export", result, "--format", form, "-o", out)[0] == 0
     root = ET.parse(out / "material.mtlx").getroot()
     assert root.tag == "materialx"
     assert root.get("colorspace") == "lin_rec709"
     nodes = {child.get("name"): child for child in root}
+    assert nodes["reflectance"].tag == node
     inputs = {entry.get("name"): entry for entry in nodes["reflectance"]}
     written = json.loads((out / "export.json").read_text())["material"]["parameters"]
     assert set(inputs) == set(written)
@@ -323,7 +332,7 @@ def test_what_cannot_be_exported_is_refused_in_words(
         return err
 
     assert "did you mean 'gltf'" in refused(form="glft")
-    assert "there are 'gltf', 'mitsuba', 'materialx'" in refused(form="usd")
+    assert "there are 'gltf', 'mitsuba', 'materialx', 'openpbr'" in refused(form="usd")
     assert "has no light" in refused("--light", form="materialx")
     assert "has no camera" in refused("--view", "0,20")
     assert "did you mean 'lighting'" in refused("--light", "--lighting", "lightnig")

@@ -15,7 +15,7 @@ from invrender.output.export.directions import direction_pairs
 from invrender.output.export.gltf_target import GLTF
 from invrender.output.export.lights import panorama
 from invrender.output.export.mapping import map_brdf
-from invrender.output.export.materialx_target import STANDARD_SURFACE, StandardSurface
+from invrender.output.export.materialx_target import STANDARD_SURFACE, OpenPbr, StandardSurface
 from invrender.output.export.mitsuba_target import MITSUBA, MitsubaBlend
 from invrender.output.export.rough_interface import passed_and_kept
 from invrender.output.export.target import Numbers
@@ -137,6 +137,19 @@ def test_white_standard_surface_keeps_all_light() -> None:
     # Of a perfect mirror the light that bounces between facets is made up for, too.
     assert_allclose(pairs.per_view(lobe), 1, atol=7e-3)
     assert (pairs.per_view(single) < 0.999).all()
+
+
+def test_open_pbr_tints_the_layer_and_not_what_it_leaves() -> None:
+    pairs = direction_pairs(0.2)
+    white = Numbers(0.2, 1.5, np.ones(3), np.ones(3))
+    surface, tint, base = OpenPbr(), np.array([0.2, 0.5, 1.0]), np.array([0.7, 0.4, 0.1])
+    reflected = pairs.per_view(surface.lobe(pairs.angles, white))
+    expected = tint * reflected + base * (1 - reflected)
+    found = pairs.per_view(surface.reflected(pairs.angles, Numbers(0.2, 1.5, base, tint)))
+    # The rule's own error, as above.
+    assert_allclose(found, expected, atol=7e-3)
+    matte = pairs.per_view(surface.reflected(pairs.angles, surface.matte(base)))
+    assert_allclose(matte, np.broadcast_to(base, matte.shape), atol=7e-3)
 
 
 def test_the_sphere_of_triangles_is_one() -> None:

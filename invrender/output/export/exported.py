@@ -14,8 +14,8 @@ from invrender.output.export.gltf import write_gltf
 from invrender.output.export.gltf_target import GLTF
 from invrender.output.export.mapping import Mapping, map_brdf
 from invrender.output.export.material import ExportedBRDF, material_of
-from invrender.output.export.materialx import write_materialx
-from invrender.output.export.materialx_target import STANDARD_SURFACE
+from invrender.output.export.materialx import NODES, write_materialx
+from invrender.output.export.materialx_target import OPEN_PBR, STANDARD_SURFACE
 from invrender.output.export.mitsuba import write_mitsuba
 from invrender.output.export.mitsuba_target import MITSUBA
 from invrender.output.export.shape import Shape, result_shape
@@ -30,6 +30,7 @@ TARGETS: dict[str, tuple[Target, ...]] = {
     "gltf": (GLTF,),
     "mitsuba": MITSUBA,
     "materialx": (STANDARD_SURFACE,),
+    "openpbr": (OPEN_PBR,),
 }
 # The page of `html.export_page`, whose material is the result's own.
 PAGE_FORM = "html"
@@ -96,7 +97,7 @@ def export_result(
             camera = _camera(shape, view or DEFAULT_VIEW)
             written = write_mitsuba(folder, shape, material, mapping, shown, camera)
         else:
-            written = write_materialx(folder, shape, material, mapping)
+            written = write_materialx(folder, shape, material, mapping, NODES[form])
         notes = (*material.notes, *shape.warnings, *written.notes, *warnings(mapping))
         inputs = [result.path, *([] if shape.file is None else [shape.file])]
         document = export_document(result, form, material, mapping, written, shown, notes, inputs)
@@ -107,8 +108,8 @@ def export_result(
 def _check(form: str, light: bool, lighting: str | None, view: View | None) -> None:
     if form not in TARGETS:
         raise ValueError(f"--format {form}: there is no such format; {nearest(form, [*TARGETS, PAGE_FORM])}")
-    if form == "materialx" and (light or lighting):
-        raise ValueError("--format materialx: a material has no light; leave out --light and --lighting")
+    if form in NODES and (light or lighting):
+        raise ValueError(f"--format {form}: a material has no light; leave out --light and --lighting")
     if form == "gltf" and lighting and not light:
         raise ValueError("--lighting names a lighting to be exported; give --light, too")
     if form != "mitsuba" and view:

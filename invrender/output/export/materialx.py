@@ -1,7 +1,8 @@
-"""A result's material as a MaterialX document with a standard_surface, its textures and the object beside it."""
+"""A result's material as a MaterialX document, its textures and the object beside it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -21,10 +22,42 @@ Floats = NDArray[np.float64]
 MATERIAL_NAME, _MESH_NAME = "material.mtlx", "object.obj"
 
 
-def write_materialx(folder: Path, shape: Shape, material: ExportedBRDF, mapping: Mapping) -> WrittenExport:
+@dataclass(frozen=True)
+class SurfaceNode:
+    """A node of MaterialX's that has a dielectric layer over a base: what it and its inputs are called.
+
+    version : of MaterialX that has it. scales : whether its weight scales the layer, and with it what that leaves of
+    the base; otherwise the layer's colour holds its strength.
+    """
+
+    name: str
+    version: str
+    weight: str
+    base: str
+    roughness: str
+    metalness: str
+    index: str
+    scales: bool
+
+
+NODES = {
+    "materialx": SurfaceNode(
+        "standard_surface", "1.38", "specular", "base", "diffuse_roughness", "metalness", "specular_IOR", True
+    ),
+    "openpbr": SurfaceNode(
+        "open_pbr_surface", "1.39", "specular_weight", "base_weight", "base_diffuse_roughness", "base_metalness",
+        "specular_ior", False,
+    ),
+}  # fmt: skip
+
+
+def write_materialx(
+    folder: Path, shape: Shape, material: ExportedBRDF, mapping: Mapping, node: SurfaceNode
+) -> WrittenExport:
     """Write material.mtlx, the object as object.obj (metres, +Z up), and textures."""
     numbers = mapping.numbers
-    weight = float(numbers.specular.max())
+    strongest = float(numbers.specular.max())
+    weight = strongest if node.scales or strongest == 0 else 1.0
     tint = numbers.specular / weight if weight > 0 else np.ones(3)
     maps: dict[str, Floats] = {}
     notes: list[str] = []
@@ -33,7 +66,7 @@ def write_materialx(folder: Path, shape: Shape, material: ExportedBRDF, mapping:
         texels = texels_of(material.textures, material.brdf.ks)
         varies = np.ptp(texels.strength) > 0 and weight > 0
         # One weight for all, the strongest's: it says how far the lobe darkens the base; its colour does the rest.
-        most = min(float(texels.strength.max()), 1 / weight) if varies else 1.0
+        most = min(float(texels.strength.max()), 1 / weight) if varies and node.scales else 1.0
         maps["base_color"], note = clipped(
             base_texels(texels, mapping, material.brdf, most), "Kd", "base colour"
         )
@@ -43,23 +76,23 @@ def write_materialx(folder: Path, shape: Shape, material: ExportedBRDF, mapping:
             maps["specular_color"], note = clipped(tint * texels.strength / most, "Ks", "specular weight")
             notes += note
     parameters = {
-        "base": 1.0,
+        node.base: 1.0,
         "base_color": base.tolist(),
-        "diffuse_roughness": 0.0,
-        "metalness": 0.0,
-        "specular": weight,
+        node.roughness: 0.0,
+        node.metalness: 0.0,
+        node.weight: weight,
         "specular_color": tint.tolist(),
         "specular_roughness": float(np.sqrt(numbers.alpha)),
-        "specular_IOR": numbers.fresnel,
+        node.index: numbers.fresnel,
     }
-    document = ET.Element("materialx", version="1.38", colorspace="lin_rec709")
+    document = ET.Element("materialx", version=node.version, colorspace="lin_rec709")
     files = [MATERIAL_NAME, _MESH_NAME]
     for name, texels_map in maps.items():
         files.append(f"{name}.exr")
         write_exr(folder / files[-1], texels_map)
         image = ET.SubElement(document, "image", name=f"{name}_map", type="color3")
         ET.SubElement(image, "input", name="file", type="filename", value=files[-1], colorspace="lin_rec709")
-    shader = ET.SubElement(document, "standard_surface", name="reflectance", type="surfaceshader")
+    shader = ET.SubElement(document, node.name, name="reflectance", type="surfaceshader")
     for name, value in parameters.items():
         kind = "float" if isinstance(value, float) else "color3"
         entry = ET.SubElement(shader, "input", name=name, type=kind)

@@ -1,6 +1,6 @@
-"""MaterialX's standard_surface (Autodesk Standard Surface): a dielectric layer over a Lambertian base.
+"""MaterialX's standard_surface (Autodesk) and open_pbr_surface (OpenPBR): a dielectric layer over a Lambertian base.
 
-As its reference implementation has it: GGX, heights correlated [Heitz 2014], Fresnel's equations, light that bounces
+As their reference implementation has it: GGX, heights correlated [Heitz 2014], Fresnel's equations, light that bounces
 between facets made up for [Turquin 2019, eq. 14, 16]; the base gets what the layer doesn't reflect to the viewer.
 """
 
@@ -56,6 +56,21 @@ class StandardSurface(Target):
         return single[place], reflected[place]
 
 
+class OpenPbr(StandardSurface):
+    """`fresnel` is specular_ior, `specular` the colour specular_color, which tints the layer and not what it leaves.
+
+    specular_weight, which would scale the layer by way of its index, is 1.
+    """
+
+    model = "MaterialX open_pbr_surface"
+
+    def base_shown(self, angles: Angles, numbers: Numbers) -> Floats:
+        if not numbers.specular.any():
+            return super().base_shown(angles, numbers)
+        _, reflected = self._per_view(angles, numbers)
+        return np.asarray(1 - reflected[:, None])
+
+
 # Slopes in base and specular ask for the same integrals again.
 @lru_cache(maxsize=4)
 def _integrals(views: tuple[float, ...], alpha: float, index: float) -> tuple[Floats, Floats]:
@@ -72,4 +87,4 @@ def _layer(angles: Angles, alpha: float, index: float, single: Floats) -> Floats
     return np.asarray(GGX_FORM.shape(angles, alpha) * fresnel * (1 + fresnel * (1 - single) / single))
 
 
-STANDARD_SURFACE = StandardSurface()
+STANDARD_SURFACE, OPEN_PBR = StandardSurface(), OpenPbr()
