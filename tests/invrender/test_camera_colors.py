@@ -28,12 +28,12 @@ OFF = 0.01 * np.array([[1.0, -0.5, 0.2], [0.3, 1.5, -0.4], [-0.2, 0.6, -1.2]]) @
 def solved(folder: Path, matrix: Floats, covariance: Floats) -> dict[str, Any]:
     document = {"format": 1, "matrix": matrix.tolist(), "covariance": covariance.tolist()}
     (folder / "color.json").write_text(json.dumps(document))
-    return dict(process(load_photoset(folder), 2000, causes=False).solution.quantities)
+    return dict(process(load_photoset(folder), 1000, causes=False).solution.quantities)
 
 
 def test_a_cameras_colours_are_undone_and_error_bars_hold_the_matrix(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set")
-    given = process(load_photoset(folder), 2000, causes=False).solution.quantities
+    given = process(load_photoset(folder), 1000, causes=False).solution.quantities
     change_pixels(folder, lambda _, pixels: pixels @ CAMERA.T)
     change_manifest(folder, r'encoding = "linear"', lambda found: f'{found[0]}\ncolor = "color.json"')
     exact = solved(folder, MATRIX, np.zeros((9, 9)))

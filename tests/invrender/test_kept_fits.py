@@ -120,9 +120,9 @@ def test_under_a_map_a_kept_fit_predicts_what_the_fit_itself_did(
     assert_allclose(other.predicted, one.predicted, rtol=1e-5, atol=1e-7)  # single precision's rounding
 
 
-@pytest.mark.parametrize("workers", [None, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_fit_that_was_stopped_takes_the_columns_that_are_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, counted: Counted, workers: int | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, counted: Counted
 ) -> None:
     folder, out = write_set(tmp_path / "set"), tmp_path / "out"
     made = counted(columns, "_columns")
@@ -136,7 +136,7 @@ def test_a_fit_that_was_stopped_takes_the_columns_that_are_there(
     with monkeypatch.context() as within:
         within.setattr(known_light, "photo_scores", stopped)
         with pytest.raises(ValueError, match="stopped"):
-            command.run_process(folder, out, 2000, workers=workers)
+            command.run_process(folder, out, 2000, workers=2)
     assert "columns" in {each.stage for each in listed()}
     made.clear()
     command.run_process(folder, out, 2000)
