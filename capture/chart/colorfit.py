@@ -126,8 +126,8 @@ def fit_color(chart: Chart, photos: Sequence[SeenPatches]) -> ColorFit:
     matrix, light, tint, glare = seen.parts(solved.x)
     covariance = _covariance(solved.jac, solved.fun)
     scaled, change = _keeping_green(matrix)
-    # Of the numbers of photographs, the first of which isn't among those that were solved for.
-    std = np.insert(np.sqrt(np.diag(covariance)), 9, 0.0)[9:].reshape(len(photos), -1)
+    # The level of the first photograph has none.
+    _, light_std, tint_std, glare_std = seen.parts(np.sqrt(np.diag(covariance)))
     evened = np.einsum("pnt,pt->pn", places, light)
     shares = (1 / evened) / (1 / evened).mean(axis=1, keepdims=True)
     return ColorFit(
@@ -136,11 +136,11 @@ def fit_color(chart: Chart, photos: Sequence[SeenPatches]) -> ColorFit:
         shares,
         # Where s makes up for less light, light grows the other way.
         -light[:, 1:3] / light[:, :1],
-        std[:, 1:3] / np.abs(light[:, :1]),
+        light_std[:, 1:3] / np.abs(light[:, :1]),
         -tint,
-        std[:, _LIGHT : _LIGHT + _TINT].reshape(tint.shape),
+        tint_std,
         glare,
-        std[:, _LIGHT + _TINT :],
+        glare_std,
         seen.shown(solved.x),
         reference,
         float(np.sqrt(np.mean(scatter**2))),

@@ -77,8 +77,8 @@ class ColorRecovery:
         mean = float(self.delta_e.mean())
         if mean > _POOR:
             found.append(
-                f"Patches differ from the reference by {mean:.1f} (mean CIEDE2000): is the chart old or soiled, is its"
-                " light no daylight, or is it another make"
+                f"Patches differ from the reference by {mean:.1f} (mean CIEDE2000): the chart may be old or soiled,"
+                " its light no daylight, or it is another make"
             )
         if self.rival is not None:
             found.append(

@@ -83,7 +83,7 @@ def check_png(primaries: Primaries) -> None:
     """ValueError for primaries that no PNG is written in."""
     if primaries.png_code is None:
         raise ValueError(
-            f"no PNG is in {primaries.name}, whose white isn't D65: write an .exr, or give p3 or rec2020"
+            f"{primaries.name}: its white isn't D65, so no PNG is written in it; write an .exr, or give p3 or rec2020"
         )
 
 

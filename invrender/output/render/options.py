@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture.primaries import PRIMARIES
+from invrender.output.render.files import check_png
 from invrender.output.render.frames import TURNS
 from invrender.result.saved import nearest
 
@@ -110,12 +111,9 @@ def _check_primaries(options: RenderOptions, named: str, ending: str) -> None:
         raise ValueError(
             f"--std is known of sRGB's channels, not of {named}'s, which mix them; leave --primaries or --std out"
         )
-    # A turntable's folder has both.
-    if ending != ".exr" and PRIMARIES[named].png_code is None:
-        raise ValueError(
-            f"--primaries {named}: its white isn't D65, so no PNG is written in it; write an .exr, or give p3 or"
-            " rec2020"
-        )
+    if ending != ".exr":
+        # A turntable's folder has both.
+        check_png(PRIMARIES[named])
 
 
 def _check_turntable(options: RenderOptions) -> None:
