@@ -63,13 +63,15 @@ class RadiometryTable(Table):
 
 
 class ObjectTable(Table):
-    shape: Literal["sphere", "mesh"] = "sphere"
+    shape: Literal["sphere", "mesh", "normals"] = "sphere"
     centre: Vector3 | None = None
     radius: Positive | None = None
     mesh: str | None = None
     unit: Literal["m", "cm", "mm"] = "m"
     mesh_to_world: Matrix4 | None = None
     align: str | None = None
+    # The file of a normal map, or "unknown".
+    normals: str | None = None
     texture: bool = False
     texture_pixels: Annotated[int, Field(ge=0)] | None = None
     brushed_about: Vector3 | None = None
@@ -93,12 +95,20 @@ class ObjectTable(Table):
         return self
 
     @model_validator(mode="after")
-    def _no_mesh_for_a_sphere(self) -> ObjectTable:
-        for key in ("mesh", "mesh_to_world", "align"):
-            if self.shape == "sphere" and getattr(self, key) is not None:
+    def _keys_of_the_shape(self) -> ObjectTable:
+        owners = dict.fromkeys(("mesh", "mesh_to_world", "align"), "mesh") | {"normals": "normals"}
+        for key, shape in owners.items():
+            if self.shape != shape and getattr(self, key) is not None:
                 raise ValueError(
-                    f"{key} is for shape = 'mesh', but the shape is 'sphere': remove one of them"
+                    f"{key} is for shape = {shape!r}, but the shape is {self.shape!r}: remove one of them"
                 )
+        if self.shape == "normals" and self.normals is None:
+            raise ValueError(
+                "shape = 'normals' needs normals = the file of a normal map, or 'unknown' to have them found"
+            )
+        for key in ("texture", "radius"):
+            if self.shape == "normals" and getattr(self, key):
+                raise ValueError(f"{key} is not for shape = 'normals': every pixel has its own Kd; remove the key")
         return self
 
 

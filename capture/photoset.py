@@ -39,6 +39,8 @@ from capture.radiometry import Radiometry, read_radiometry
 MANIFEST_NAME = "photoset.toml"
 # What the light is called of which a manifest says nothing.
 UNNAMED = "lighting"
+# What a manifest says of normals that are to be found.
+UNKNOWN_NORMALS = "unknown"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +107,8 @@ class PhotoSet:
         """Every file that the set is made of, the manifest first; each once."""
         paths = [self.manifest, *self.calibration_files]
         paths += [self.resolve(self.object.mesh)] if self.object.mesh else []
+        if self.object.normals not in (None, UNKNOWN_NORMALS):
+            paths += [self.resolve(self.object.normals)]
         paths += [file for photo in self.photos for file in (photo.file, photo.mask) if file is not None]
         for table in self.lightings:
             named = (table.map, *(table.mirror_ball.files if table.mirror_ball else ()))

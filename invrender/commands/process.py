@@ -39,10 +39,32 @@ def process(
     Writes OUT/result.json (every number with its standard deviation), OUT/report.html (open it in a
     browser), OUT/predicted/ (EXR) and the lighting as used. Kd is in 1/sr, so the albedo is pi Kd; sigma is
     in radians.
+
+    Of a set with shape = "normals" (one camera, many lamps, no mesh) it finds normals, albedo and the lobe that all
+    pixels share, by photometric stereo: OUT/normals.npz, .exr and .png (x right, y up, z to the camera) with standard
+    deviations in degrees, albedo.exr, depth.exr, and stereo.png: look at it. `integrate` makes a mesh of it.
     """
-    from capture.photoset import check_present
+    from capture.photoset import check_present, load_photoset
 
     check_present(photoset)
+    loaded = load_photoset(photoset)
+    if loaded.object.shape == "normals":
+        from invrender.photometric_stereo.run import run_stereo
+
+        check_stereo_options(samples != DEFAULT_SAMPLES, published, fresh, workers is not None, cluster is not None)
+        run_stereo(loaded, out)
+        return
     from invrender.output.report.run import run_process
 
     run_process(photoset, out, samples, published, fresh, workers, cluster)
+
+
+def check_stereo_options(samples: bool, published: bool, fresh: bool, workers: bool, cluster: bool) -> None:
+    """ValueError for options that were given and do nothing of a set whose shape is normals."""
+    given = {"--samples": samples, "--published": published, "--workers": workers, "--cluster": cluster, "--fresh": fresh}
+    useless = [name for name, is_given in given.items() if is_given]
+    if useless:
+        raise ValueError(
+            f"{useless[0]} does nothing for a set with shape = 'normals', whose pixels are all solved in this process;"
+            " leave it out"
+        )

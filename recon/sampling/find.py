@@ -42,6 +42,11 @@ class FoundBody:
 
 def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
     """The body of a set, checked against all masks; ValueError says what contradicts what."""
+    if photoset.object.shape == "normals":
+        raise ValueError(
+            f"{photoset.manifest}: [object] shape = 'normals' has no body that rays could meet; `lightfactor process`"
+            " finds normals, `lightfactor integrate` makes a mesh of them, and shape = 'mesh' takes that"
+        )
     frame = frame_warnings(photoset)
     if photoset.object.shape == "sphere":
         sphere = find_sphere(photoset, track)

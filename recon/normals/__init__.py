@@ -1,0 +1,1 @@
+"""Normal maps: their files, and the surface that has the normals."""
