@@ -175,7 +175,7 @@ def _depth(photoset: PhotoSet) -> float:
     """Depth of the object's plane, metres: of [object] centre, the world's origin unless given."""
     camera = photoset.photos[0].camera
     depth = float(camera.depth(np.array(photoset.object.centre or (0.0, 0.0, 0.0)))[0])
-    if depth <= 0:
+    if depth <= 0 and not camera.is_orthographic:
         raise ValueError(
             f"{photoset.manifest}: [object] centre lies {-depth:.3g} m behind the camera; give centre, in metres in the"
             " world, or world_to_camera, so that the object is in front of it"
@@ -193,11 +193,16 @@ def _around(camera: Camera, inside: NDArray[np.bool_], depth: float) -> Sphere:
 
 def _check_lamp(photoset: PhotoSet, photo: Photo, lighting: Lighting) -> None:
     where = f'{photoset.manifest}: photo {photo.label}: [[lighting]] "{lighting.name}"'
-    if lighting.radiance_map is not None or len(lighting.directions) != 1 or lighting.recovers:
-        has = f"{len(lighting.directions)} lamps" if len(lighting.directions) != 1 else "more than a measured lamp"
+    if lighting.radiance_map is not None or len(lighting.directions) != 1:
+        has = f"{len(lighting.directions)} lamps" if len(lighting.directions) != 1 else "a map of light"
         raise ValueError(
-            f"{where}: has {has}; shape = 'normals' takes one measured lamp per photograph in a dark room: one"
-            " directional or near source with its irradiance or intensity, no map and nothing to recover"
+            f"{where}: has {has}; shape = 'normals' takes one lamp per photograph in a dark room: a directional or near"
+            " source (`lightfactor mirrorball` finds its direction)"
+        )
+    if lighting.recovers:
+        raise ValueError(
+            f"{where}: recovers {lighting.recovers[0]}; shape = 'normals' takes measured lamps, and fits the light that"
+            " comes back from the room anyway: give the lamp's irradiance, [1, 1, 1] for lamps that are all alike"
         )
     if not (lighting.irradiances > 0).all():
         raise ValueError(f"{where}: the lamp is dark in a channel: irradiance {lighting.irradiances[0].tolist()}")

@@ -76,8 +76,10 @@ def _radiance(result: StereoResult, photo: int) -> Floats:
 
 def _toned(picture: Floats, like: Floats | None = None) -> Floats:
     """A linear picture as sRGB; like : the picture whose white it has, itself unless given."""
-    white = np.nanquantile(np.nanmax(picture if like is None else like, axis=2), _WITHIN)
-    return np.where(np.isfinite(picture), linear_to_srgb(np.clip(np.nan_to_num(picture) / max(white, 1e-300), 0, 1)), np.nan)
+    brightest = np.max(picture if like is None else like, axis=2)
+    white = max(float(np.nanquantile(brightest, _WITHIN)), 1e-300)
+    toned = linear_to_srgb(np.clip(np.nan_to_num(picture) / white, 0, 1))
+    return np.where(np.isfinite(picture), toned, np.nan)
 
 
 def _cut(result: StereoResult) -> tuple[slice, slice]:

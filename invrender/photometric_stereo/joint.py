@@ -50,19 +50,19 @@ def joint_equations(
     turning: bool = True,
 ) -> JointEquations:
     """The equations about a state; squares : squared scales (p, j); damping : of the pixels' numbers."""
-    about = linearised(reflection, surface, stack, with_shared=True)
+    about = linearised(reflection, surface, stack, turning, with_shared=True)
     assert about.shared is not None
     weights, _ = robust_weights(stack, about.predicted, squares)
-    matrix, right = pixel_equations(about, stack, weights, turning)
+    matrix, right = pixel_equations(about, stack, weights)
     weighted = weights[..., None, None] * about.shared
-    with_turns = np.einsum("pjca,pjcg->pag", about.turns * turning, weighted, optimize=True)
+    with_turns = np.einsum("pjca,pjcg->pag", about.turns, weighted, optimize=True)
     with_kd = np.einsum("pj,pjcg->pcg", about.base, weighted, optimize=True)
     coupling = np.concatenate([with_turns, with_kd], axis=1)
     solved = np.linalg.solve(damped(matrix, damping), np.concatenate([coupling, right[..., None]], axis=2))
     answer, own = solved[..., :-1], solved[..., -1]
     # What is left of a shared number's derivative once the pixels' numbers have answered to it.
     left = weighted - weights[..., None, None] * (
-        np.einsum("pjca,pag->pjcg", about.turns * turning, answer[:, :2], optimize=True)
+        np.einsum("pjca,pag->pjcg", about.turns, answer[:, :2], optimize=True)
         + about.base[..., None, None] * answer[:, None, 2:]
     )
     residuals = stack.reflected - about.predicted

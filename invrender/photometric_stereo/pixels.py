@@ -26,18 +26,17 @@ _DAMPING, _RISE, _FALL = 1e-3, 8.0, 5.0
 _RIDGE = 1e-9
 
 
-def pixel_equations(about: Linearised, stack: PixelStack, weights: Floats, turning: bool) -> tuple[Floats, Floats]:
-    """Normal matrices (p, 5, 5) and right sides (p, 5) of steps: two turns, three Kd; turning : False holds normals."""
+def pixel_equations(about: Linearised, stack: PixelStack, weights: Floats) -> tuple[Floats, Floats]:
+    """Normal matrices (p, 5, 5) and right sides (p, 5) of steps: two turns, three Kd."""
     residuals = stack.reflected - about.predicted
     count = len(residuals)
     matrix, right = np.zeros((count, 5, 5)), np.zeros((count, 5))
-    if turning:
-        turns = about.turns.reshape(count, -1, 2)
-        weighted = (weights[..., None, None] * about.turns).reshape(count, -1, 2)
-        matrix[:, :2, :2] = weighted.transpose(0, 2, 1) @ turns
-        right[:, :2] = (weighted * residuals.reshape(count, -1, 1)).sum(axis=1)
-        mixed = np.einsum("pj,pjca->pac", weights * about.base, about.turns)
-        matrix[:, :2, 2:], matrix[:, 2:, :2] = mixed, mixed.transpose(0, 2, 1)
+    turns = about.turns.reshape(count, -1, 2)
+    weighted = (weights[..., None, None] * about.turns).reshape(count, -1, 2)
+    matrix[:, :2, :2] = weighted.transpose(0, 2, 1) @ turns
+    right[:, :2] = (weighted * residuals.reshape(count, -1, 1)).sum(axis=1)
+    mixed = np.einsum("pj,pjca->pac", weights * about.base, about.turns)
+    matrix[:, :2, 2:], matrix[:, 2:, :2] = mixed, mixed.transpose(0, 2, 1)
     weighted_base = weights * about.base
     matrix[:, (2, 3, 4), (2, 3, 4)] = (weighted_base * about.base).sum(axis=1)[:, None]
     right[:, 2:] = (weighted_base[..., None] * residuals).sum(axis=1)
@@ -94,9 +93,9 @@ def _block(
     left = np.arange(len(surface))
     for _ in range(steps):
         own, here = stack.at(left), Surface(normals[left], kd[left])
-        about = linearised(reflection, here, own, with_shared=False)
+        about = linearised(reflection, here, own, turning)
         weights, loss = robust_weights(own, about.predicted, squares[left])
-        matrix, right = pixel_equations(about, own, weights, turning)
+        matrix, right = pixel_equations(about, own, weights)
         step = np.linalg.solve(damped(matrix, damping[left]), right[..., None])[..., 0]
         tried = here.moved(shortened(step), own.views)
         gain = loss - robust_weights(own, reflection.predicted(tried, own), squares[left])[1]

@@ -76,11 +76,13 @@ def photometric_stereo(photoset: PhotoSet, track: Track = silent) -> StereoResul
         normals[capture.inside] = surface.normals
         return integrate(NormalMap(normals), capture.camera, capture.depth)
 
-    def surroundings(surface: Surface) -> PixelStack:
+    def surroundings(surface: Surface) -> PixelStack | None:
         depths = depths_of(surface)
         stack = capture.stack(fitted, depths) if near else plane
         bounced, share = bounced_light(surface, stack, capture.camera, depths)
-        return replace(stack, bounced=bounced) if share > CONCAVE_FROM else stack
+        if share > CONCAVE_FROM:
+            return replace(stack, bounced=bounced)
+        return stack if near else None
 
     solved = solve_stereo(plane, capture.inside, surroundings, capture.normals, track)
     return StereoResult(capture, solved, depths_of(solved.surface))

@@ -94,17 +94,26 @@ class Linearised:
 
 
 def linearised(
-    reflection: SharedReflection, surface: Surface, stack: PixelStack, with_shared: bool
+    reflection: SharedReflection,
+    surface: Surface,
+    stack: PixelStack,
+    turning: bool = True,
+    with_shared: bool = False,
 ) -> Linearised:
-    """The model about what all pixels share and what each has; with_shared : whether to take the former's derivatives."""
+    """The model about what all pixels share and what each has.
+
+    turning : False of normals that are held, whose derivatives are 0. with_shared : whether to take the derivatives by
+    what all pixels share.
+    """
     base, gloss = reflection.shaded(surface.normals, stack)
 
     def derivative(changed: tuple[Floats, Floats]) -> Floats:
         of_base, of_gloss = ((after - before) / _CHANGE for after, before in zip(changed, (base, gloss), strict=True))
         return reflection._mixed(surface, of_base, of_gloss)
 
-    turned = [surface.normals + _CHANGE * along for along in tangents(surface.normals)]
-    turns = np.stack([derivative(reflection.shaded(normals, stack)) for normals in turned], axis=-1)
+    turns = np.zeros((*stack.reflected.shape, 2))
+    for k, along in enumerate(tangents(surface.normals) if turning else ()):
+        turns[..., k] = derivative(reflection.shaded(surface.normals + _CHANGE * along, stack))
     shared = None
     if with_shared:
         numbers = reflection.numbers

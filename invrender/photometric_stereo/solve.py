@@ -19,13 +19,15 @@ from invrender.photometric_stereo.uncertainty import Deviations, deviations, sha
 from invrender.photometric_stereo.weights import floor_of
 
 Floats = NDArray[np.float64]
-# Gives the stack as it is once the surface is known: near lamps from where each pixel lies, light that bounces.
-Surroundings = Callable[[Surface], PixelStack]
+# Gives the stack as it is once the surface is known: near lamps from where each pixel lies, light that bounces. None
+# where the surface changes nothing.
+Surroundings = Callable[[Surface], PixelStack | None]
 # Pixels that the shared numbers are fitted to, and that forms are compared on.
 _SHARED_PIXELS, _COMPARED_PIXELS = 1500, 400
-_STEPS = 10
+# Steps of a search from afar, and from a surface that was nearly right.
+_STEPS, _FEW_STEPS = 10, 4
 # The surface and its surroundings are found in turns: at most so many, until normals turn by less on average, degrees.
-_MOST_ROUNDS, _SETTLED_DEG = 6, 0.05
+_MOST_ROUNDS, _SETTLED_DEG = 6, 0.15
 # What is assumed off of the light that bounces: this share of what it did to the normals.
 _BOUNCE_OFF = 0.5
 
@@ -73,7 +75,8 @@ def solve_stereo(
     reflection, surface, unbounced = chosen.reflection, robust, None
     for turn in range(_MOST_ROUNDS):
         reflection, _ = fit_renewed(reflection, surface.at(some), stack.at(some), floor, turning)
-        found = solve_pixels(reflection, surface, stack, floor, _STEPS, turning, track, "Solving pixels")
+        steps = _FEW_STEPS if turn else _STEPS
+        found = solve_pixels(reflection, surface, stack, floor, steps, turning, track, "Solving pixels")
         if turning:
             found = with_neighbours_starts(reflection, found, stack, floor, inside, 2 if turn < 2 else 1, track)
         moved = float(np.degrees(angles(found.normals, surface.normals)).mean())
@@ -82,7 +85,7 @@ def solve_stereo(
         if turn and moved < _SETTLED_DEG:
             break
         around = surroundings(surface)
-        if around is stack:
+        if around is None:
             break
         if stack.bounced is None and around.bounced is not None:
             reflection = replace(reflection, bounce=1.0)
@@ -111,5 +114,7 @@ def _turned(
     """By how much another form's normals differ, radians (p,)."""
     first = replace(model.reflection, bounce=0.0 if stack.bounced is None else 1.0)
     reflection, _ = fit_renewed(first, surface.at(some), stack.at(some), floor, True)
-    solved = solve_pixels(reflection, surface, stack, floor, _STEPS, True, track, "Solving pixels with another lobe")
+    solved = solve_pixels(
+        reflection, surface, stack, floor, _FEW_STEPS, True, track, "Solving pixels with another lobe"
+    )
     return angles(solved.normals, surface.normals)

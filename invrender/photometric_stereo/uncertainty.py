@@ -101,11 +101,11 @@ def _block(
 ) -> Deviations:
     predicted = reflection.predicted(surface, stack)
     squares = scales(stack, predicted, floor)
-    about = linearised(reflection, surface, stack, with_shared=False)
+    about = linearised(reflection, surface, stack, turning)
     weights, _ = robust_weights(stack, predicted, squares)
-    matrix, _ = pixel_equations(about, stack, weights, turning)
+    matrix, _ = pixel_equations(about, stack, weights)
     # (p, j, 5, 5) and (p, j, 5): each photograph's part.
-    own, pull = _by_photo(about.turns * turning, about.base, stack.reflected - predicted, weights)
+    own, pull = _by_photo(about.turns, about.base, stack.reflected - predicted, weights)
     member = np.eye(groups.max() + 1)[groups]
     own, pull = np.einsum("pjab,jk->pkab", own, member, optimize=True), np.einsum("pja,jk->pka", pull, member)
     without = matrix[:, None] - own
