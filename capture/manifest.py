@@ -108,7 +108,9 @@ class ObjectTable(Table):
             )
         for key in ("texture", "radius"):
             if self.shape == "normals" and getattr(self, key):
-                raise ValueError(f"{key} is not for shape = 'normals': every pixel has its own Kd; remove the key")
+                raise ValueError(
+                    f"{key} is not for shape = 'normals': every pixel has its own Kd; remove the key"
+                )
         return self
 
 

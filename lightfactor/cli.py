@@ -31,6 +31,7 @@ from lightfactor.commands.batch import batch
 from lightfactor.commands.studio import studio
 from recon.commands.align import align
 from recon.commands.hull import hull
+from recon.commands.integrate import integrate
 from recon.commands.mirrorball import mirrorball
 from recon.commands.register import register
 from recon.commands.samples import samples
@@ -81,6 +82,9 @@ app.command(
 )(samples)
 app.command(short_help="Poses by what the photographs show, under known light.")(refine)
 app.command(short_help="A mesh of an object that nobody scanned, from its silhouettes.")(hull)
+app.command(short_help="A mesh of a surface whose normals are known, as photometric stereo finds them.")(
+    integrate
+)
 app.command(short_help="Light and BRDF from the same photographs, whatever is known of the light.")(factor)
 app.command(short_help="The light on a sphere of known BRDF, as harmonics and as a map.")(light)
 app.command(short_help="What a result looks like from other sides and under other light.")(render)

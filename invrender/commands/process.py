@@ -51,7 +51,9 @@ def process(
     if loaded.object.shape == "normals":
         from invrender.photometric_stereo.run import run_stereo
 
-        check_stereo_options(samples != DEFAULT_SAMPLES, published, fresh, workers is not None, cluster is not None)
+        check_stereo_options(
+            samples != DEFAULT_SAMPLES, published, fresh, workers is not None, cluster is not None
+        )
         run_stereo(loaded, out)
         return
     from invrender.output.report.run import run_process
@@ -61,7 +63,13 @@ def process(
 
 def check_stereo_options(samples: bool, published: bool, fresh: bool, workers: bool, cluster: bool) -> None:
     """ValueError for options that were given and do nothing of a set whose shape is normals."""
-    given = {"--samples": samples, "--published": published, "--workers": workers, "--cluster": cluster, "--fresh": fresh}
+    given = {
+        "--samples": samples,
+        "--published": published,
+        "--workers": workers,
+        "--cluster": cluster,
+        "--fresh": fresh,
+    }
     useless = [name for name, is_given in given.items() if is_given]
     if useless:
         raise ValueError(

@@ -4,8 +4,8 @@ Patches of a few pixels each give their light to each other, once, as diffuse su
 
     E_b(x) = sum_y F(x, y) pi Kd(y) max(n_y . l, 0),   F = cos_x cos_y A_y / (pi r^2)
 
-[Nayar, Ikeuchi, Kanade, "Shape from interreflections", 1991]. Where lamps' irradiance is in relative units so is Kd, and
-nothing hides patches from each other here: the share of E_b that arrives is one of the numbers that are fitted.
+[Nayar, Ikeuchi, Kanade, "Shape from interreflections", 1991]. Kd is in relative units where lamps' irradiance
+is, and nothing hides patches from each other here: the share of E_b that arrives is one of the numbers that are fitted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from capture.camera import Camera
 from capture.lighting import cosines
-from invrender.photometric_stereo.stack import PixelStack, Surface
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface
 from recon.normals.integration import surface_points
 
 Floats = NDArray[np.float64]
@@ -25,7 +25,9 @@ _PATCHES = 3000
 CONCAVE_FROM = 0.02
 
 
-def bounced_light(surface: Surface, stack: PixelStack, camera: Camera, depths: Floats) -> tuple[Floats, float]:
+def bounced_light(
+    surface: PixelSurface, stack: PixelStack, camera: Camera, depths: Floats
+) -> tuple[Floats, float]:
     """E_b of each pixel and photograph over the lamp's irradiance, (p, j), and the largest share of a patch's
     surroundings that is the object itself.
 
@@ -45,7 +47,11 @@ def bounced_light(surface: Surface, stack: PixelStack, camera: Camera, depths: F
     pixel = _pixel_area(camera, float(np.nanmean(depths)))
     areas = count * pixel / np.maximum(normals[:, 2], 0.2)
     factors = form_factors(mean(points), normals, areas)
-    lamps = stack.lamps[0] if len(stack.lamps) == 1 else np.stack([mean(lamp) for lamp in stack.lamps.transpose(1, 0, 2)], axis=1)
+    lamps = (
+        stack.lamps[0]
+        if len(stack.lamps) == 1
+        else np.stack([mean(lamp) for lamp in stack.lamps.transpose(1, 0, 2)], axis=1)
+    )
     lit = np.maximum(cosines(normals, lamps), 0)
     albedo = np.pi * mean(surface.kd).mean(axis=1)
     return np.asarray((factors @ (albedo[:, None] * lit))[patch]), float(factors.sum(axis=1).max())

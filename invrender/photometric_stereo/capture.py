@@ -37,8 +37,8 @@ class StereoCapture:
     """Photographs of one camera, each under one lamp.
 
     inside : (h, w), the object's pixels, p of them. radiance, variance : (p, j, 3) and (p, j) float32; usable : (p, j).
-    lightings : of each photograph, one source each. normals : (p, 3), in the picture's axes; None where they are sought.
-    depth : metres, of the plane that the object lies about. warnings : sentences.
+    lightings : of each photograph, one source each. normals : (p, 3), in the picture's axes; None where they are
+    sought. depth : metres, of the plane that the object lies about. warnings : sentences.
     """
 
     photoset: PhotoSet
@@ -105,7 +105,9 @@ def read_capture(photoset: PhotoSet, track: Track = silent) -> StereoCapture:
     lightings = tuple(by_name[photo.lighting] for photo in photoset.photos)
     for photo in photoset.photos:
         _check_lamp(photoset, photo, by_name[photo.lighting])
-    fitted = [lighting for photo, lighting in zip(photoset.photos, lightings, strict=True) if not photo.held_out]
+    fitted = [
+        lighting for photo, lighting in zip(photoset.photos, lightings, strict=True) if not photo.held_out
+    ]
     _check_span(photoset, fitted)
     rows, columns = np.nonzero(inside)
     read = partial(_read, photoset, rows, columns)
@@ -205,7 +207,9 @@ def _check_lamp(photoset: PhotoSet, photo: Photo, lighting: Lighting) -> None:
             " comes back from the room anyway: give the lamp's irradiance, [1, 1, 1] for lamps that are all alike"
         )
     if not (lighting.irradiances > 0).all():
-        raise ValueError(f"{where}: the lamp is dark in a channel: irradiance {lighting.irradiances[0].tolist()}")
+        raise ValueError(
+            f"{where}: the lamp is dark in a channel: irradiance {lighting.irradiances[0].tolist()}"
+        )
 
 
 def _check_span(photoset: PhotoSet, lightings: Sequence[Lighting]) -> None:

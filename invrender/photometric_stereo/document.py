@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from capture.files.documents import numbers, software
 from capture.radiance import CHANNELS
+from invrender.photometric_stereo.result import StereoResult
 from invrender.photometric_stereo.shading import ASSUMED_MU
 from invrender.photometric_stereo.solve import SolvedSurface
 from invrender.wording import with_error
-
-if TYPE_CHECKING:
-    from invrender.photometric_stereo.run import StereoResult
 
 KIND = "photometric stereo"
 
@@ -49,7 +47,9 @@ def shared_quantities(solved: SolvedSurface) -> dict[str, SharedQuantity]:
     return found
 
 
-def stereo_document(result: StereoResult, errors: Sequence[float], inputs: Mapping[str, str]) -> dict[str, Any]:
+def stereo_document(
+    result: StereoResult, errors: Sequence[float], inputs: Mapping[str, str]
+) -> dict[str, Any]:
     """The content of result.json; errors : relative RMS of the set's photographs."""
     capture, solved = result.capture, result.solved
     sought, bars = capture.normals is None, solved.deviations.normal_deg
@@ -93,7 +93,12 @@ def stereo_document(result: StereoResult, errors: Sequence[float], inputs: Mappi
             for model in solved.models
         ],
         "photos": [
-            {"file": photo.name, "lighting": photo.lighting, "held_out": photo.held_out, "rms_relative": error}
+            {
+                "file": photo.name,
+                "lighting": photo.lighting,
+                "held_out": photo.held_out,
+                "rms_relative": error,
+            }
             for photo, error in zip(capture.photoset.photos, errors, strict=True)
         ],
         "warnings": list(capture.warnings),

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from capture.figures import short_name
 from capture.srgb import linear_to_srgb
+from invrender.photometric_stereo.result import StereoResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from invrender.photometric_stereo.run import StereoResult
 
 Floats = NDArray[np.float64]
 # Pixels around the object that are shown; of values, the share that is within the scale.
@@ -35,8 +35,11 @@ def stereo_figure(result: StereoResult, errors: Sequence[float]) -> Figure:
         ("albedo (pi Kd), brightest hundredth white", _toned(result.as_picture(result.solved.surface.kd))),
         (f"photograph {short_name(photos[shown].name)}", _toned(result.as_picture(_radiance(result, shown)))),
         (
-            f"prediction, off by {errors[shown]:.1%}" + (" (not used in the fit)" if photos[shown].held_out else ""),
-            _toned(result.as_picture(result.predicted(shown)[0]), result.as_picture(_radiance(result, shown))),
+            f"prediction, off by {errors[shown]:.1%}"
+            + (" (not used in the fit)" if photos[shown].held_out else ""),
+            _toned(
+                result.as_picture(result.predicted(shown)[0]), result.as_picture(_radiance(result, shown))
+            ),
         ),
     )
     for axes, (title, picture) in zip(panels.flat[[0, 1, 3, 4]], pictures, strict=True):
@@ -49,7 +52,13 @@ def stereo_figure(result: StereoResult, errors: Sequence[float]) -> Figure:
         share = 100 * result.solved.deviations.kd.mean(axis=1) / np.maximum(kd, 1e-12)
         scaled, title = result.as_picture(share), "error bar of the albedo (percent of it)"
     _scale(figure, panels.flat[2], title, scaled[_cut(result)])
-    _scale(figure, panels.flat[5], "depth from the mean (metres)", (np.nanmean(result.depths) - result.depths)[_cut(result)], 1.0)
+    _scale(
+        figure,
+        panels.flat[5],
+        "depth from the mean (metres)",
+        (np.nanmean(result.depths) - result.depths)[_cut(result)],
+        1.0,
+    )
     for axes in panels.flat:
         axes.set_xticks([])
         axes.set_yticks([])

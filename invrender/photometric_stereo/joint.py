@@ -15,7 +15,7 @@ from invrender.brdf.microfacet import SIGMA_RANGE
 from invrender.brdf.richer import NUMBER_RANGE
 from invrender.photometric_stereo.pixels import damped, pixel_equations, shortened
 from invrender.photometric_stereo.shading import SharedReflection, linearised
-from invrender.photometric_stereo.stack import PixelStack, Surface
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface
 from invrender.photometric_stereo.weights import robust_weights, scales
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ class JointEquations:
 
 def joint_equations(
     reflection: SharedReflection,
-    surface: Surface,
+    surface: PixelSurface,
     stack: PixelStack,
     squares: Floats,
     damping: float,
@@ -73,17 +73,17 @@ def joint_equations(
 
 def fit_shared(
     reflection: SharedReflection,
-    surface: Surface,
+    surface: PixelSurface,
     stack: PixelStack,
     floor: float,
     steps: int,
     turning: bool = True,
-) -> tuple[SharedReflection, Surface]:
+) -> tuple[SharedReflection, PixelSurface]:
     """What all pixels share, and the pixels' own numbers, from a start; arguments as of `pixels.solve_pixels`."""
     squares = scales(stack, reflection.predicted(surface, stack), floor)
     damping = _DAMPING
 
-    def loss_of(reflection: SharedReflection, surface: Surface) -> float:
+    def loss_of(reflection: SharedReflection, surface: PixelSurface) -> float:
         return float(robust_weights(stack, reflection.predicted(surface, stack), squares)[1].sum())
 
     loss = loss_of(reflection, surface)
@@ -92,7 +92,7 @@ def fit_shared(
             equations = joint_equations(reflection, surface, stack, squares, damping, turning)
             diagonal = np.diag(equations.matrix).clip(0)
             raised = damping * diagonal + _ENOUGH**2 * diagonal.max() + 1e-30
-            step = np.linalg.solve(equations.matrix + np.diag(raised), equations.right)
+            step = np.asarray(np.linalg.solve(equations.matrix + np.diag(raised), equations.right), float)
             tried = moved(reflection, step)
             pixels = surface.moved(shortened(equations.own + equations.answer @ step), stack.views)
             after = loss_of(tried, pixels)

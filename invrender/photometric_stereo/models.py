@@ -16,8 +16,8 @@ from invrender.brdf.lobes import BECKMANN, GGX_FORM, PLASTICS
 from invrender.brdf.richer import COATED, COATED_HAZY
 from invrender.photometric_stereo.joint import fit_shared
 from invrender.photometric_stereo.shading import SharedReflection
-from invrender.photometric_stereo.stack import PixelStack, Surface
-from invrender.photometric_stereo.weights import robust_weights, scales
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface
+from invrender.photometric_stereo.weights import error_of_loss, robust_weights, scales
 
 Floats = NDArray[np.float64]
 # Lambertian first; lobes above a Lambertian base, under an interface, on a coated base, and with a haze.
@@ -52,8 +52,7 @@ class StereoModel:
     @property
     def error(self) -> float:
         """Typical error on unseen photographs, of the prediction: RMS, robust."""
-        loss = float(self.losses.mean())
-        return float(np.sqrt(loss / max(1 - loss, 1e-6))) * 0.1
+        return error_of_loss(float(self.losses.mean()))
 
 
 def first_reflection(form: LobeForm | None) -> SharedReflection:
@@ -63,8 +62,8 @@ def first_reflection(form: LobeForm | None) -> SharedReflection:
 
 
 def fit_renewed(
-    reflection: SharedReflection, surface: Surface, stack: PixelStack, floor: float, turning: bool
-) -> tuple[SharedReflection, Surface]:
+    reflection: SharedReflection, surface: PixelSurface, stack: PixelStack, floor: float, turning: bool
+) -> tuple[SharedReflection, PixelSurface]:
     """`joint.fit_shared`, its scales renewed a few times."""
     for _ in range(RENEWALS):
         reflection, surface = fit_shared(reflection, surface, stack, floor, _STEPS, turning)
@@ -72,7 +71,7 @@ def fit_renewed(
 
 
 def compare_forms(
-    surface: Surface, stack: PixelStack, floor: float, turning: bool = True, track: Track = silent
+    surface: PixelSurface, stack: PixelStack, floor: float, turning: bool = True, track: Track = silent
 ) -> list[StereoModel]:
     """All candidates, fitted to some pixels and scored on photographs that were left out.
 
@@ -88,7 +87,7 @@ def compare_forms(
 
 
 def _scored(
-    first: SharedReflection, surface: Surface, stack: PixelStack, floor: float, turning: bool
+    first: SharedReflection, surface: PixelSurface, stack: PixelStack, floor: float, turning: bool
 ) -> StereoModel:
     reflection, fitted = fit_renewed(first, surface, stack, floor, turning)
     photos = np.arange(stack.photos)
@@ -103,10 +102,8 @@ def _scored(
         without, pixels = fit_shared(reflection, fitted, seen, floor, _STEPS, turning)
         unseen = stack.of_photos(photos[left_out])
         predicted = without.predicted(pixels, unseen)
-        weights, _ = robust_weights(unseen, predicted, squares[:, left_out])
-        off = 1 - np.sqrt(weights * squares[:, left_out])
-        usable = unseen.usable
-        losses[left_out] = np.where(usable, off, 0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
+        _, loss = robust_weights(unseen, predicted, squares[:, left_out])
+        losses[left_out] = loss.sum(axis=0) / np.maximum(unseen.usable.sum(axis=0), 1)
     return StereoModel(reflection, losses)
 
 
@@ -114,7 +111,5 @@ def choose_form(models: Sequence[StereoModel]) -> tuple[StereoModel, list[Stereo
     """The simplest of the candidates that predict best, and those that may be the truth as well."""
     sizes = [len(model.reflection.numbers) + 3 * (model.reflection.form is not None) for model in models]
     chosen = models[simplest([model.losses for model in models], sizes)]
-    others = [
-        model for model in models if model is not chosen and model.error <= _ALTERNATIVE * chosen.error
-    ]
+    others = [model for model in models if model is not chosen and model.error <= _ALTERNATIVE * chosen.error]
     return chosen, others

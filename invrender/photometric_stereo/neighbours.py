@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from capture.progress import Track, silent
 from invrender.photometric_stereo.pixels import pixel_blocks, solve_pixels
 from invrender.photometric_stereo.shading import SharedReflection
-from invrender.photometric_stereo.stack import PixelStack, Surface
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface
 from invrender.photometric_stereo.weights import pixel_losses
 
 Ints = NDArray[np.int64]
@@ -26,13 +26,13 @@ _STEPS = 10
 
 def with_neighbours_starts(
     reflection: SharedReflection,
-    surface: Surface,
+    surface: PixelSurface,
     stack: PixelStack,
     floor: float,
     inside: NDArray[np.bool_],
     rounds: int,
     track: Track = silent,
-) -> Surface:
+) -> PixelSurface:
     """The surface with each pixel solved from its neighbours' normals as well, where that explains it better.
 
     inside : (h, w), the pixels, in the stack's order. rounds : with neighbours 1, 2 and 4 pixels away in turns.
@@ -49,10 +49,10 @@ def with_neighbours_starts(
         pixels, offered = pixels[other], offered[other]
         if not len(pixels):
             continue
-        own, here = stack.at(pixels), Surface(normals[pixels], kd[pixels])
+        own, here = stack.at(pixels), PixelSurface(normals[pixels], kd[pixels])
         before = _losses(reflection, here, own, floor)
         # Kd alone first: it says at once whether a normal is worth a search.
-        tried = solve_pixels(reflection, Surface(offered, kd[pixels]), own, floor, 4, turning=False)
+        tried = solve_pixels(reflection, PixelSurface(offered, kd[pixels]), own, floor, 4, turning=False)
         worth = np.flatnonzero(_losses(reflection, tried, own, floor) < before - _BETTER)
         if not len(worth):
             continue
@@ -60,7 +60,7 @@ def with_neighbours_starts(
         better = _losses(reflection, solved, own.at(worth), floor) < before[worth] - _BETTER
         taken = pixels[worth[better]]
         normals[taken], kd[taken] = solved.normals[better], solved.kd[better]
-    return Surface(normals, kd)
+    return PixelSurface(normals, kd)
 
 
 _SIDES = ((0, 1), (1, 0), (0, -1), (-1, 0))
@@ -75,8 +75,12 @@ def _shifted(place: Ints, shift: tuple[int, int]) -> Ints:
     return wide[down : down + height, along : along + width]
 
 
-def _losses(reflection: SharedReflection, surface: Surface, stack: PixelStack, floor: float) -> NDArray[np.float64]:
+def _losses(
+    reflection: SharedReflection, surface: PixelSurface, stack: PixelStack, floor: float
+) -> NDArray[np.float64]:
     return np.concatenate(
-        [pixel_losses(reflection.predicted(surface.at(block), stack.at(block)), stack.at(block), floor)
-         for block in pixel_blocks(len(stack))]
+        [
+            pixel_losses(reflection.predicted(surface.at(block), stack.at(block)), stack.at(block), floor)
+            for block in pixel_blocks(len(stack))
+        ]
     )

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from capture.parallel import one_blas_thread, parallel_map
 from capture.progress import Track, silent
-from invrender.photometric_stereo.shading import Linearised, SharedReflection, linearised
-from invrender.photometric_stereo.stack import PixelStack, Surface
+from invrender.photometric_stereo.shading import LinearisedShading, SharedReflection, linearised
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface
 from invrender.photometric_stereo.weights import robust_weights, scales
 
 Floats = NDArray[np.float64]
@@ -26,7 +26,7 @@ _DAMPING, _RISE, _FALL = 1e-3, 8.0, 5.0
 _RIDGE = 1e-9
 
 
-def pixel_equations(about: Linearised, stack: PixelStack, weights: Floats) -> tuple[Floats, Floats]:
+def pixel_equations(about: LinearisedShading, stack: PixelStack, weights: Floats) -> tuple[Floats, Floats]:
     """Normal matrices (p, 5, 5) and right sides (p, 5) of steps: two turns, three Kd."""
     residuals = stack.reflected - about.predicted
     count = len(residuals)
@@ -58,25 +58,27 @@ def shortened(steps: Floats) -> Floats:
 
 def solve_pixels(
     reflection: SharedReflection,
-    start: Surface,
+    start: PixelSurface,
     stack: PixelStack,
     floor: float,
     steps: int,
     turning: bool = True,
     track: Track = silent,
     what: str = "Solving pixels",
-) -> Surface:
+) -> PixelSurface:
     """Normals and Kd of all pixels, from a start; turning : False holds the normals.
 
     floor : of `weights.floor_of`. steps : at most. track, what : to show progress by.
     """
 
-    def solved(block: slice) -> Surface:
+    def solved(block: slice) -> PixelSurface:
         return _block(reflection, start.at(block), stack.at(block), floor, steps, turning)
 
     with one_blas_thread():
         parts = list(parallel_map(solved, track(list(pixel_blocks(len(stack))), what)))
-    return Surface(np.concatenate([part.normals for part in parts]), np.concatenate([part.kd for part in parts]))
+    return PixelSurface(
+        np.concatenate([part.normals for part in parts]), np.concatenate([part.kd for part in parts])
+    )
 
 
 def pixel_blocks(count: int) -> Iterator[slice]:
@@ -86,19 +88,25 @@ def pixel_blocks(count: int) -> Iterator[slice]:
 
 
 def _block(
-    reflection: SharedReflection, surface: Surface, stack: PixelStack, floor: float, steps: int, turning: bool
-) -> Surface:
+    reflection: SharedReflection,
+    surface: PixelSurface,
+    stack: PixelStack,
+    floor: float,
+    steps: int,
+    turning: bool,
+) -> PixelSurface:
     squares = scales(stack, reflection.predicted(surface, stack), floor)
     normals, kd, damping = surface.normals.copy(), surface.kd.copy(), np.full(len(surface), _DAMPING)
     left = np.arange(len(surface))
     for _ in range(steps):
-        own, here = stack.at(left), Surface(normals[left], kd[left])
+        own, here = stack.at(left), PixelSurface(normals[left], kd[left])
         about = linearised(reflection, here, own, turning)
-        weights, loss = robust_weights(own, about.predicted, squares[left])
+        weights, losses = robust_weights(own, about.predicted, squares[left])
         matrix, right = pixel_equations(about, own, weights)
-        step = np.linalg.solve(damped(matrix, damping[left]), right[..., None])[..., 0]
+        step = np.asarray(np.linalg.solve(damped(matrix, damping[left]), right[..., None])[..., 0], float)
         tried = here.moved(shortened(step), own.views)
-        gain = loss - robust_weights(own, reflection.predicted(tried, own), squares[left])[1]
+        loss = losses.sum(axis=1)
+        gain = loss - robust_weights(own, reflection.predicted(tried, own), squares[left])[1].sum(axis=1)
         better = gain >= 0
         normals[left[better]], kd[left[better]] = tried.normals[better], tried.kd[better]
         damping[left] = np.where(better, damping[left] / _FALL, damping[left] * _RISE)
@@ -106,4 +114,4 @@ def _block(
         left = left[damping[left] < 1e3]
         if not len(left):
             break
-    return Surface(normals, kd)
+    return PixelSurface(normals, kd)

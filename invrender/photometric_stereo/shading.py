@@ -2,9 +2,9 @@
 
     B / E = Kd (t(theta_i) t(theta_o) cos theta_i + a + b E_b) + Ks F W cos theta_i
 
-Lobes are those of `brdf`, bases those of `transport.diffuse_base`. a is what of the lamp's own light comes back from the
-room, E_b what comes by way of the rest of the object (`bounces`), both over the lamp's irradiance. Shadows aren't in the
-model: robust weights count them for less.
+Lobes are those of `brdf`, bases those of `transport.diffuse_base`. a is what of the lamp's own light comes back from
+the room, E_b what comes by way of the rest of the object (`bounces`), both over the lamp's irradiance. Shadows aren't
+in the model: robust weights count them for less.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from capture.lighting import cosines
 from invrender.brdf.form import Angles, LobeForm
-from invrender.photometric_stereo.stack import PixelStack, Surface, tangents
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface, tangents
 from invrender.transport.diffuse_base import base_share
 
 Floats = NDArray[np.float64]
@@ -31,8 +31,8 @@ ASSUMED_MU = 1.5
 class SharedReflection:
     """What all pixels share.
 
-    form : of the lobe; None of a Lambertian surface. sigma : its width, radians. ks : (3,). ambient, bounce : a and b, 0 or
-    more.
+    form : of the lobe; None of a Lambertian surface. sigma : its width, radians. ks : (3,). ambient, bounce : a and b,
+    0 or more.
     """
 
     form: LobeForm | None
@@ -52,8 +52,9 @@ class SharedReflection:
         form = self.form
         if form is not None and form.numbers:
             form = form.with_numbers({name: numbers[name] for name in form.numbers})
-        kept = {name: value for name, value in numbers.items() if name in ("sigma", "ambient", "bounce")}
-        return replace(self, form=form, **kept)
+        return SharedReflection(
+            form, numbers.get("sigma", self.sigma), self.ks, numbers["ambient"], numbers["bounce"]
+        )
 
     def shaded(self, normals: Floats, stack: PixelStack) -> tuple[Floats, Floats]:
         """What pixels reflect per unit of Kd and of Ks, (p, j) each."""
@@ -71,16 +72,16 @@ class SharedReflection:
         """What arrives from elsewhere than the lamp, over its irradiance."""
         return self.ambient if stack.bounced is None else self.ambient + self.bounce * stack.bounced
 
-    def predicted(self, surface: Surface, stack: PixelStack) -> Floats:
+    def predicted(self, surface: PixelSurface, stack: PixelStack) -> Floats:
         """Radiance over the lamp's irradiance (p, j, 3), 1/sr."""
         return self._mixed(surface, *self.shaded(surface.normals, stack))
 
-    def _mixed(self, surface: Surface, base: Floats, gloss: Floats) -> Floats:
+    def _mixed(self, surface: PixelSurface, base: Floats, gloss: Floats) -> Floats:
         return np.asarray(surface.kd[:, None] * base[..., None] + self.ks * gloss[..., None])
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class LinearisedShading:
     """The model about a state, and its derivatives.
 
     predicted : (p, j, 3). turns : (p, j, 3, 2), by turns of the normal along `tangents`, radians. base : (p, j), by Kd
@@ -95,11 +96,11 @@ class Linearised:
 
 def linearised(
     reflection: SharedReflection,
-    surface: Surface,
+    surface: PixelSurface,
     stack: PixelStack,
     turning: bool = True,
     with_shared: bool = False,
-) -> Linearised:
+) -> LinearisedShading:
     """The model about what all pixels share and what each has.
 
     turning : False of normals that are held, whose derivatives are 0. with_shared : whether to take the derivatives by
@@ -108,7 +109,9 @@ def linearised(
     base, gloss = reflection.shaded(surface.normals, stack)
 
     def derivative(changed: tuple[Floats, Floats]) -> Floats:
-        of_base, of_gloss = ((after - before) / _CHANGE for after, before in zip(changed, (base, gloss), strict=True))
+        of_base, of_gloss = (
+            (after - before) / _CHANGE for after, before in zip(changed, (base, gloss), strict=True)
+        )
         return reflection._mixed(surface, of_base, of_gloss)
 
     turns = np.zeros((*stack.reflected.shape, 2))
@@ -125,4 +128,4 @@ def linearised(
         ]
         columns += [gloss[..., None] * channel for channel in np.eye(3)]
         shared = np.stack(columns, axis=-1)
-    return Linearised(reflection._mixed(surface, base, gloss), turns, base, shared)
+    return LinearisedShading(reflection._mixed(surface, base, gloss), turns, base, shared)

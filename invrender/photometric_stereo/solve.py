@@ -9,11 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.progress import Track, silent
-from invrender.photometric_stereo.models import StereoModel, choose_form, compare_forms, first_reflection, fit_renewed
+from invrender.photometric_stereo.models import (
+    StereoModel,
+    choose_form,
+    compare_forms,
+    first_reflection,
+    fit_renewed,
+)
 from invrender.photometric_stereo.neighbours import with_neighbours_starts
 from invrender.photometric_stereo.pixels import solve_pixels
 from invrender.photometric_stereo.shading import SharedReflection
-from invrender.photometric_stereo.stack import PixelStack, Surface
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface
 from invrender.photometric_stereo.start import least_squares
 from invrender.photometric_stereo.uncertainty import Deviations, deviations, shared_covariance
 from invrender.photometric_stereo.weights import floor_of
@@ -21,7 +27,7 @@ from invrender.photometric_stereo.weights import floor_of
 Floats = NDArray[np.float64]
 # Gives the stack as it is once the surface is known: near lamps from where each pixel lies, light that bounces. None
 # where the surface changes nothing.
-Surroundings = Callable[[Surface], PixelStack | None]
+Surroundings = Callable[[PixelSurface], PixelStack | None]
 # Pixels that the shared numbers are fitted to, and that forms are compared on.
 _SHARED_PIXELS, _COMPARED_PIXELS = 1500, 400
 # Steps of a search from afar, and from a surface that was nearly right.
@@ -40,7 +46,7 @@ class SolvedSurface:
     one; models : all that were compared. covariance : (g, g) of the shared numbers and Ks.
     """
 
-    surface: Surface
+    surface: PixelSurface
     deviations: Deviations
     reflection: SharedReflection
     covariance: Floats
@@ -62,7 +68,7 @@ def solve_stereo(
     """Solve a stack; inside : (h, w), its pixels; normals : (p, 3), where they are known, else sought."""
     turning, floor = normals is None, floor_of(stack)
     least = least_squares(stack)
-    start = least if normals is None else Surface(normals, least.kd)
+    start = least if normals is None else PixelSurface(normals, least.kd)
     robust = solve_pixels(
         first_reflection(None), start, stack, floor, _STEPS, turning, track, "Robust least squares"
     )
@@ -78,7 +84,9 @@ def solve_stereo(
         steps = _FEW_STEPS if turn else _STEPS
         found = solve_pixels(reflection, surface, stack, floor, steps, turning, track, "Solving pixels")
         if turning:
-            found = with_neighbours_starts(reflection, found, stack, floor, inside, 2 if turn < 2 else 1, track)
+            found = with_neighbours_starts(
+                reflection, found, stack, floor, inside, 2 if turn < 2 else 1, track
+            )
         moved = float(np.degrees(angles(found.normals, surface.normals)).mean())
         surface = found
         unbounced = unbounced or surface
@@ -109,7 +117,12 @@ def angles(one: Floats, other: Floats) -> Floats:
 
 
 def _turned(
-    model: StereoModel, surface: Surface, stack: PixelStack, floor: float, some: NDArray[np.int64], track: Track
+    model: StereoModel,
+    surface: PixelSurface,
+    stack: PixelStack,
+    floor: float,
+    some: NDArray[np.int64],
+    track: Track,
 ) -> Floats:
     """By how much another form's normals differ, radians (p,)."""
     first = replace(model.reflection, bounce=0.0 if stack.bounced is None else 1.0)

@@ -60,7 +60,7 @@ class PixelStack:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class PixelSurface:
     """What pixels show: unit normals (p, 3) in the world, and Kd (p, 3), 1/sr."""
 
     normals: Floats
@@ -69,11 +69,11 @@ class Surface:
     def __len__(self) -> int:
         return len(self.normals)
 
-    def at(self, pixels: NDArray[np.integer] | slice) -> Surface:
+    def at(self, pixels: NDArray[np.integer] | slice) -> PixelSurface:
         """The same of some pixels."""
-        return Surface(self.normals[pixels], self.kd[pixels])
+        return PixelSurface(self.normals[pixels], self.kd[pixels])
 
-    def moved(self, steps: Floats, views: Floats) -> Surface:
+    def moved(self, steps: Floats, views: Floats) -> PixelSurface:
         """The surface after steps (p, 5): along both tangents, radians, and in Kd, which never falls below 0."""
         right, up = tangents(self.normals)
         normals = self.normals + steps[:, :1] * right + steps[:, 1:2] * up

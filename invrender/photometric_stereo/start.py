@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from invrender.photometric_stereo.stack import PixelStack, Surface, facing
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface, facing
 
 
-def least_squares(stack: PixelStack) -> Surface:
+def least_squares(stack: PixelStack) -> PixelSurface:
     """Normals by least squares over all usable samples, means of the channels, and Kd of each channel with them."""
     grey = stack.reflected.mean(axis=2) * stack.usable
     used = stack.usable.astype(float)
@@ -23,4 +23,4 @@ def least_squares(stack: PixelStack) -> Surface:
     normals = facing(np.linalg.solve(matrix + ridge * np.eye(3), right[..., None])[..., 0], stack.views)
     cos = np.maximum(np.einsum("pk,pjk->pj", normals, lamps), 0) * used
     kd = np.einsum("pj,pjc->pc", cos, stack.reflected) / np.maximum((cos**2).sum(axis=1), 1e-12)[:, None]
-    return Surface(normals, np.maximum(kd, 0))
+    return PixelSurface(normals, np.maximum(kd, 0))

@@ -16,9 +16,9 @@ from scipy.cluster.vq import kmeans2
 from capture.parallel import one_blas_thread, parallel_map
 from capture.progress import Track, silent
 from invrender.photometric_stereo.joint import joint_equations
-from invrender.photometric_stereo.pixels import damped, pixel_blocks, pixel_equations
+from invrender.photometric_stereo.pixels import pixel_blocks, pixel_equations
 from invrender.photometric_stereo.shading import SharedReflection, linearised
-from invrender.photometric_stereo.stack import PixelStack, Surface
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface
 from invrender.photometric_stereo.weights import robust_weights, scales
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Deviations:
 
 
 def shared_covariance(
-    reflection: SharedReflection, surface: Surface, stack: PixelStack, floor: float, turning: bool = True
+    reflection: SharedReflection, surface: PixelSurface, stack: PixelStack, floor: float, turning: bool = True
 ) -> Floats:
     """Covariance (g, g) of the shared numbers and Ks by how photographs disagree; those that nothing moves have 0."""
     squares = scales(stack, reflection.predicted(surface, stack), floor)
@@ -61,7 +61,7 @@ def shared_covariance(
 
 def deviations(
     reflection: SharedReflection,
-    surface: Surface,
+    surface: PixelSurface,
     stack: PixelStack,
     floor: float,
     shared: Floats,
@@ -92,7 +92,7 @@ def lamp_groups(lamps: Floats) -> NDArray[np.int64]:
 
 def _block(
     reflection: SharedReflection,
-    surface: Surface,
+    surface: PixelSurface,
     stack: PixelStack,
     floor: float,
     shared: Floats,

@@ -27,12 +27,17 @@ def scales(stack: PixelStack, predicted: Floats, floor: float) -> Floats:
 
 
 def robust_weights(stack: PixelStack, predicted: Floats, squares: Floats) -> tuple[Floats, Floats]:
-    """Weights (p, j) of samples, over squared scales (p, j), and the loss (p,) of pixels."""
+    """Weights (p, j) of samples, over squared scales (p, j), and their losses (p, j), 0 to 1."""
     off = ((stack.reflected - predicted) ** 2).mean(axis=2) / squares
     weights = np.where(stack.usable, 1 / (squares * (1 + off) ** 2), 0)
-    return weights, np.where(stack.usable, off / (1 + off), 0).sum(axis=1)
+    return weights, np.where(stack.usable, off / (1 + off), 0)
 
 
 def pixel_losses(predicted: Floats, stack: PixelStack, floor: float) -> Floats:
     """The loss (p,) of pixels of which (p, j, 3) is predicted."""
-    return robust_weights(stack, predicted, scales(stack, predicted, floor))[1]
+    return np.asarray(robust_weights(stack, predicted, scales(stack, predicted, floor))[1].sum(axis=1))
+
+
+def error_of_loss(loss: float) -> float:
+    """The error, as a share of what is predicted, that has a loss, 0 to 1, on average."""
+    return _RELATIVE * float(np.sqrt(loss / max(1 - loss, 1e-6)))

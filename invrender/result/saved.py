@@ -41,6 +41,12 @@ class _Lenient(Table):
     model_config = ConfigDict(extra="ignore")
 
 
+class _Kind(_Lenient):
+    """What a result is of, where it isn't of a body."""
+
+    kind: str | None = None
+
+
 class SavedQuantity(_Lenient):
     """A number, or one per channel; `value` is None where it is undetermined.
 
@@ -340,6 +346,12 @@ def read_result(path: Path) -> SavedResult:
             )
             raise ValueError(f"{path}: holds no {RESULT_NAME}; {remedy}")
         path = path / RESULT_NAME
+    kind = read_json(path, _Kind, (), _WHAT, optional=("kind",)).kind
+    if kind is not None:
+        raise ValueError(
+            f"{path}: is a result of {kind}, of normals without a body; `lightfactor integrate` makes a mesh of it:"
+            " process a set with shape = 'mesh' and give that result"
+        )
     return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=_OPTIONAL))
 
 

@@ -1,10 +1,12 @@
 """The surface that has given normals: depths by weighted least squares, and a mesh through them.
 
-Along a picture's axis u, a ray's origin o and direction d change, and the depth Z with them: n . (do/du + d(Z d)/du) = 0.
-Orthographic: dZ/du = -(n . do/du) / (n . d). Perspective: d log Z / du = -(n . dd/du) / (n . d), d scaled to unit depth
-[Durou et al., "A comprehensive introduction to photometric 3D-reconstruction", 2020, section 2]. Neighbours share the
-mean of their slopes; a slope counts for less where the surface is seen from the side [Queau et al., "Normal integration:
-a survey", 2018, on weighted least squares].
+Along a picture's axis u, a ray's origin o and direction d change, and the depth Z with them:
+
+    n . (do/du + d(Z d)/du) = 0
+    orthographic: dZ/du = -(n . do/du) / (n . d);  perspective: d log Z / du = -(n . dd/du) / (n . d)
+
+where d reaches unit depth. Neighbours share the mean of their slopes; a slope counts for less where the surface is seen
+from the side [Queau, Durou, Aujol, "Normal integration: a survey", 2018, section 2 and on weighted least squares].
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from capture.camera import Camera
-from recon.mesh.trianglemesh import TriangleMesh
+from recon.mesh.trianglemesh import TriangleMesh, area_vectors
 from recon.normals.normalmap import NormalMap, picture_axes
 
 Floats = NDArray[np.float64]
@@ -44,7 +46,9 @@ def integrate(found: NormalMap, camera: Camera, depth: float) -> Floats:
     """
     inside = found.inside
     if inside.sum() < 3:
-        raise ValueError(f"the normal map has {int(inside.sum())} pixels with a normal; a surface takes three")
+        raise ValueError(
+            f"the normal map has {int(inside.sum())} pixels with a normal; a surface takes three"
+        )
     rows, columns = np.nonzero(inside)
     normals = found.normals[inside]
     place = np.full(inside.shape, -1)
@@ -130,3 +134,14 @@ def surface_mesh(found: NormalMap, camera: Camera, depths: Floats) -> TriangleMe
         found.normals[inside][used] @ axes,
         uv,
     )
+
+
+def slope_errors(found: NormalMap, camera: Camera, depths: Floats) -> float:
+    """Median angle between the normals of a surface's triangles and those of the map at their corners, degrees."""
+    mesh = surface_mesh(found, camera, depths)
+    facets = area_vectors(mesh.vertices, mesh.faces)
+    facets /= np.maximum(np.linalg.norm(facets, axis=1, keepdims=True), 1e-300)
+    corners = mesh.normals[mesh.faces].mean(axis=1)
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+    cosines = np.clip(np.einsum("fk,fk->f", facets, corners), -1, 1)
+    return float(np.degrees(np.median(np.arccos(cosines))))

@@ -83,7 +83,9 @@ def _of_npz(path: Path) -> tuple[Floats, Floats | None]:
     try:
         with np.load(path) as file:
             if "normals" not in file.files:
-                raise ValueError(f"{path}: holds {', '.join(file.files)}; the normals must be named 'normals'")
+                raise ValueError(
+                    f"{path}: holds {', '.join(file.files)}; the normals must be named 'normals'"
+                )
             normals = np.asarray(file["normals"], float)
             std_deg = np.asarray(file["std_deg"], float) if "std_deg" in file.files else None
     except (OSError, KeyError) as error:
