@@ -56,7 +56,11 @@ class StereoResult:
 
 def photometric_stereo(photoset: PhotoSet, track: Track = silent) -> StereoResult:
     """Normals, albedo and the shared lobe of a set whose [object] shape is "normals"; ValueError says what it lacks."""
-    capture = read_capture(photoset, track)
+    return solve_capture(read_capture(photoset, track), track)
+
+
+def solve_capture(capture: StereoCapture, track: Track = silent) -> StereoResult:
+    """The same of photographs that were read."""
     fitted = capture.places(held_out=False)
     plane = capture.stack(fitted, capture.plane())
     near = len(plane.lamps) > 1

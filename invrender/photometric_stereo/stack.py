@@ -75,9 +75,12 @@ class PixelSurface:
 
     def moved(self, steps: Floats, views: Floats) -> PixelSurface:
         """The surface after steps (p, 5): along both tangents, radians, and in Kd, which never falls below 0."""
+        kd = np.maximum(self.kd + steps[:, 2:], 0)
+        if not steps[:, :2].any():
+            return replace(self, kd=kd)
         right, up = tangents(self.normals)
         normals = self.normals + steps[:, :1] * right + steps[:, 1:2] * up
-        return replace(self, normals=facing(normals, views), kd=np.maximum(self.kd + steps[:, 2:], 0))
+        return PixelSurface(facing(normals, views), kd)
 
 
 def tangents(normals: Floats) -> tuple[Floats, Floats]:
