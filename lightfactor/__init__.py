@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from lightfactor.actions import compare, export, export_page, plan, save_picture, synth
     from lightfactor.fit import Fit
     from lightfactor.measured import MeasuredBrdf, fit_brdf
-    from lightfactor.runs import load_photoset, process, read_fit
+    from lightfactor.runs import load_photoset, photometric_stereo, process, read_fit
 
 # Loaded at first use, so that importing one part does not wait for all libraries.
 _HOME = {
@@ -42,6 +42,7 @@ _HOME = {
     "fit_brdf": ("lightfactor.measured", "fit_brdf"),
     "load_photoset": ("lightfactor.runs", "load_photoset"),
     "merge_hdr": ("capture.bracket.hdrfiles", "merge_hdr"),
+    "photometric_stereo": ("lightfactor.runs", "photometric_stereo"),
     "plan": ("lightfactor.actions", "plan"),
     "process": ("lightfactor.runs", "process"),
     "read_fit": ("lightfactor.runs", "read_fit"),
@@ -63,6 +64,7 @@ __all__ = [
     "fit_brdf",
     "load_photoset",
     "merge_hdr",
+    "photometric_stereo",
     "plan",
     "process",
     "read_fit",

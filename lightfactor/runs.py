@@ -12,6 +12,8 @@ from capture.photoset import load_photoset as read_photoset
 from capture.progress import silent
 from capture.terminal import track as terminal_track
 from invrender.output.report.files import write_fit, write_pictures
+from invrender.photometric_stereo.result import StereoResult
+from invrender.photometric_stereo.result import photometric_stereo as solve_stereo_set
 from invrender.process.pipeline import DEFAULT_SAMPLES
 from invrender.process.pipeline import process as run_pipeline
 from invrender.result.saved import read_result
@@ -39,6 +41,10 @@ def process(photoset: PhotoSet | Path | str, samples: int = DEFAULT_SAMPLES, pro
     if samples < 1000:
         raise ValueError(f"samples is {samples}; give 1000 or more")
     given = photoset if isinstance(photoset, PhotoSet) else load_photoset(photoset)
+    if given.object.shape == "normals":
+        raise ValueError(
+            f"{given.manifest}: [object] shape is 'normals': lf.photometric_stereo(photoset) solves it"
+        )
     track = terminal_track if progress else silent
     folder = Path(tempfile.mkdtemp(prefix="lightfactor-"))
     try:
@@ -50,6 +56,23 @@ def process(photoset: PhotoSet | Path | str, samples: int = DEFAULT_SAMPLES, pro
         raise
     weakref.finalize(fit, shutil.rmtree, folder, ignore_errors=True)
     return fit
+
+
+@naming_arguments
+def photometric_stereo(photoset: PhotoSet | Path | str, progress: bool = False) -> StereoResult:
+    """Normals, albedo and the shared lobe of a photo set with shape = "normals": one camera, many lamps.
+
+    photoset, progress : as of `process`. The result's `normal_map` has normals (h, w, 3), x right, y up, z to the
+    camera, and std_deg (h, w), degrees; `depths` (h, w) is in metres. The numbers are those of `lightfactor process`.
+    ValueError says what is wrong with the set.
+    """
+    given = photoset if isinstance(photoset, PhotoSet) else load_photoset(photoset)
+    if given.object.shape != "normals":
+        raise ValueError(
+            f"{given.manifest}: [object] shape is {given.object.shape!r}: lf.process(photoset) solves it, or write"
+            " shape = 'normals'"
+        )
+    return solve_stereo_set(given, terminal_track if progress else silent)
 
 
 @naming_arguments

@@ -33,9 +33,9 @@ _SHARED_PIXELS, _COMPARED_PIXELS = 1500, 400
 # Steps of a search from afar, and from a surface that was nearly right.
 _STEPS, _FEW_STEPS = 10, 4
 # The surface and its surroundings are found in turns: at most so many, until normals turn by less on average, degrees.
-_MOST_ROUNDS, _SETTLED_DEG = 6, 0.15
+_MOST_ROUNDS, _SETTLED_DEG = 6, 0.08
 # What is assumed off of the light that bounces: this share of what it did to the normals.
-_BOUNCE_OFF = 0.5
+_BOUNCE_OFF = 1.0
 
 
 @dataclass(frozen=True, eq=False)
