@@ -198,7 +198,8 @@ def _errors(
     given = manifest.uncertainty
     if given.height and manifest.object.shape != "mesh":
         raise ValueError(
-            f"{manifest_path}: [uncertainty] height is of a mesh's vertices, but [object] shape is 'sphere': remove it"
+            f"{manifest_path}: [uncertainty] height is of a mesh's vertices, but [object] shape is"
+            f" {manifest.object.shape!r}: remove it"
         )
     cameras = {photo.label: photo.camera for photo in photos}
     scaled = np.repeat([1.0, 1.0 if placement is None else placement.world_scale], 3)

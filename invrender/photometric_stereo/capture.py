@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 # Photographs that a normal and an albedo take, under lamps that span space by at least this (least over largest
 # singular value of their directions).
 _FEWEST, _LEAST_SPAN = 3, 0.03
+# Photographs from which on residuals show what else is wrong (as many as a lobe takes in `models`).
+_FOR_BARS = 6
 # Cameras are one where their matrices differ by no more.
 _ONE_CAMERA = 1e-9
 # Coverage from which a pixel counts as the object.
@@ -112,19 +114,26 @@ def read_capture(photoset: PhotoSet, track: Track = silent) -> StereoCapture:
     rows, columns = np.nonzero(inside)
     read = partial(_read, photoset, rows, columns)
     photos = list(parallel_map(read, track(photoset.photos, "Reading photographs")))
+    for photo, (seen, _, good) in zip(photoset.photos, photos, strict=True):
+        _check_light(photo, seen, good)
     radiance, variance, usable = (np.stack(parts, axis=1) for parts in zip(*photos, strict=True))
-    bad = ~np.isfinite(radiance).all(axis=2)
-    usable &= ~bad
+    is_fitted = np.array([not photo.held_out for photo in photoset.photos])
+    enough = usable[:, is_fitted].sum(axis=1) >= _FEWEST
+    if not enough.any():
+        raise ValueError(
+            f"{photoset.manifest}: no pixel is unsaturated in {_FEWEST} photographs; expose them for less light"
+        )
+    inside[inside] = enough
     return StereoCapture(
         photoset,
         inside,
-        np.where(bad[..., None], 0, radiance),
-        variance,
-        usable,
+        radiance[enough],
+        variance[enough],
+        usable[enough],
         lightings,
         _given_normals(photoset, inside),
         depth,
-        tuple(frame_warnings(photoset)),
+        (*frame_warnings(photoset), *_shortcomings(int(is_fitted.sum()), enough)),
     )
 
 
@@ -134,6 +143,34 @@ def _read(
     image = decode_photo(photoset.radiometry, photo)
     variance = image.variance_at(rows, columns).mean(axis=1)
     return image.radiance[rows, columns], variance, ~image.saturated[rows, columns]
+
+
+def _check_light(photo: Photo, radiance: NDArray[np.float32], usable: NDArray[np.bool_]) -> None:
+    """ValueError for a photograph that shows nothing of the object."""
+    if not usable.any():
+        raise ValueError(
+            f"{photo.file}: the whole object is saturated; expose for less, or leave the photograph out"
+        )
+    if not (radiance[usable] > 0).any():
+        raise ValueError(
+            f"{photo.file}: the object is black; name the photograph of that lamp, or leave it out"
+        )
+
+
+def _shortcomings(photos: int, enough: NDArray[np.bool_]) -> list[str]:
+    """Sentences on what so many photographs, and pixels that most of them saturate, leave open."""
+    said = []
+    if not enough.all():
+        said.append(
+            f"{int((~enough).sum())} of {len(enough)} pixels are saturated in all but {_FEWEST - 1} photographs or"
+            " fewer and have no normal; expose for less light"
+        )
+    if photos < _FOR_BARS:
+        said.append(
+            f"{photos} photographs don't show what is shadow, highlight or noise: the surface is taken for Lambertian,"
+            f" and error bars hold little but noise; photograph it under {_FOR_BARS} lamps or more"
+        )
+    return said
 
 
 def _check_camera(photoset: PhotoSet) -> None:

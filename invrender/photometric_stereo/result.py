@@ -78,5 +78,6 @@ def solve_capture(capture: StereoCapture, track: Track = silent) -> StereoResult
             return replace(stack, bounced=bounced)
         return stack if near else None
 
-    solved = solve_stereo(plane, capture.inside, surroundings, capture.normals, track)
+    lamp_std = float(np.radians(capture.photoset.direction_std_deg))
+    solved = solve_stereo(plane, capture.inside, surroundings, capture.normals, lamp_std, track)
     return StereoResult(capture, solved, depths_of(solved.surface))

@@ -18,6 +18,12 @@ from invrender.photometric_stereo.figure import stereo_figure
 from invrender.photometric_stereo.result import StereoResult, photometric_stereo
 from recon.normals.normalmap import write_normal_map
 
+# What tables call the shared numbers, where not by their names.
+_LABELS = {
+    "ambient": "light from the room, of the lamp's",
+    "bounce": "light from the object, of one bounce",
+    "sigma": "sigma (rad)",
+}
 STEREO_FILES = ("result.json", "normals.*", "albedo.exr", "depth.exr", "stereo.png", "predicted")
 
 
@@ -59,7 +65,7 @@ def _write_maps(folder: Path, result: StereoResult) -> list[float]:
 def _print_summary(result: StereoResult, errors: list[float]) -> None:
     table = Table("quantity", "value ± std", title=result.solved.model.name, title_justify="left")
     for name, quantity in shared_quantities(result.solved).items():
-        table.add_row(name, quantity.text)
+        table.add_row(_LABELS.get(name, name), quantity.text)
     if result.capture.normals is None:
         bars = result.solved.deviations.normal_deg
         table.add_row(

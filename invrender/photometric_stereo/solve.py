@@ -63,9 +63,13 @@ def solve_stereo(
     inside: NDArray[np.bool_],
     surroundings: Surroundings,
     normals: Floats | None = None,
+    lamp_std: float = 0.0,
     track: Track = silent,
 ) -> SolvedSurface:
-    """Solve a stack; inside : (h, w), its pixels; normals : (p, 3), where they are known, else sought."""
+    """Solve a stack; inside : (h, w), its pixels; normals : (p, 3), where they are known, else sought.
+
+    lamp_std : radians, by which lamps' directions may be off, either way across.
+    """
     turning, floor = normals is None, floor_of(stack)
     least = least_squares(stack)
     start = least if normals is None else PixelSurface(normals, least.kd)
@@ -99,7 +103,7 @@ def solve_stereo(
             reflection = replace(reflection, bounce=1.0)
         stack = around
     covariance = shared_covariance(reflection, surface.at(some), stack.at(some), floor, turning)
-    own = deviations(reflection, surface, stack, floor, covariance, turning, track)
+    own = deviations(reflection, surface, stack, floor, covariance, lamp_std, turning, track)
     if turning:
         assert unbounced is not None
         off = [_BOUNCE_OFF * angles(surface.normals, unbounced.normals)]

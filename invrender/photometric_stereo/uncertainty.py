@@ -1,13 +1,14 @@
-"""Standard deviations: what leaving out lamps changes, and what the shared numbers may be off.
+"""Standard deviations: what leaving out lamps changes, what noise does, and what is off that all pixels share.
 
 Residuals of shadows, bounces and of a lobe that is nearly right are alike for lamps side by side, and differ from side
 to side. So the jackknife leaves out a group of neighbouring lamps at a time; it counts all causes without knowing
-their size [Tukey 1958; Kott, "The delete-a-group jackknife", 2001].
+their size [Tukey 1958; Kott, "The delete-a-group jackknife", 2001]. Few lamps leave small residuals whatever is wrong:
+what the photographs' noise implies is the least that a bar can be.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,8 @@ from capture.parallel import one_blas_thread, parallel_map
 from capture.progress import Track, silent
 from invrender.photometric_stereo.joint import joint_equations
 from invrender.photometric_stereo.pixels import pixel_blocks, pixel_equations
-from invrender.photometric_stereo.shading import SharedReflection, linearised
-from invrender.photometric_stereo.stack import PixelStack, PixelSurface
+from invrender.photometric_stereo.shading import LinearisedShading, SharedReflection, linearised
+from invrender.photometric_stereo.stack import PixelStack, PixelSurface, tangents
 from invrender.photometric_stereo.weights import robust_weights, scales
 
 Floats = NDArray[np.float64]
@@ -26,6 +27,8 @@ Floats = NDArray[np.float64]
 WIDEST_DEG = 90.0
 # Groups of lamps, where there are enough of them.
 _GROUPS = 6
+# Of a normal matrix's diagonal, so that it has an inverse; and by how much lamps are turned for derivatives, radians.
+_RIDGE, _TURN = 1e-6, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +68,20 @@ def deviations(
     stack: PixelStack,
     floor: float,
     shared: Floats,
+    lamp_std: float = 0.0,
     turning: bool = True,
     track: Track = silent,
 ) -> Deviations:
-    """Standard deviations of all pixels; shared : of `shared_covariance`."""
+    """Standard deviations of all pixels.
+
+    shared : of `shared_covariance`. lamp_std : radians, of each lamp's direction, either way across.
+    """
     groups = lamp_groups(stack.lamps.mean(axis=0))
 
     def of_block(block: slice) -> Deviations:
-        return _block(reflection, surface.at(block), stack.at(block), floor, shared, turning, groups)
+        return _block(
+            reflection, surface.at(block), stack.at(block), floor, shared, lamp_std, turning, groups
+        )
 
     with one_blas_thread():
         parts = list(parallel_map(of_block, track(list(pixel_blocks(len(stack))), "Computing error bars")))
@@ -96,6 +105,7 @@ def _block(
     stack: PixelStack,
     floor: float,
     shared: Floats,
+    lamp_std: float,
     turning: bool,
     groups: NDArray[np.int64],
 ) -> Deviations:
@@ -108,16 +118,38 @@ def _block(
     own, pull = _by_photo(about.turns, about.base, stack.reflected - predicted, weights)
     member = np.eye(groups.max() + 1)[groups]
     own, pull = np.einsum("pjab,jk->pkab", own, member, optimize=True), np.einsum("pja,jk->pka", pull, member)
-    without = matrix[:, None] - own
-    ridge = 1e-6 * np.einsum("paa->pa", matrix) + 1e-30
-    without = without + ridge[:, None, :, None] * np.eye(5)
-    changes = np.linalg.solve(without, pull[..., None])[..., 0]
+    ridge = (_RIDGE * np.einsum("paa->pa", matrix) + 1e-30)[:, :, None] * np.eye(5)
+    changes = np.linalg.solve(matrix[:, None] - own + ridge[:, None], pull[..., None])[..., 0]
     count = member.shape[1]
     variance = (changes**2).sum(axis=1) * (count - 1) / count
+    inverse = np.linalg.inv(matrix + ridge)
+    noise, _ = pixel_equations(about, stack, weights**2 * stack.variance)
+    variance = np.maximum(variance, np.einsum("pab,pbc,pac->pa", inverse, noise, inverse, optimize=True))
+    if lamp_std:
+        variance += lamp_std**2 * _turned_lamps(reflection, surface, stack, about, weights, inverse)
     equations = joint_equations(reflection, surface, stack, squares, 1e-6, turning)
     variance += np.einsum("pag,gh,pah->pa", equations.answer, shared, equations.answer, optimize=True)
     degrees = np.degrees(np.sqrt(variance[:, :2].sum(axis=1)))
     return Deviations(np.minimum(degrees, WIDEST_DEG), np.sqrt(variance[:, 2:]))
+
+
+def _turned_lamps(
+    reflection: SharedReflection,
+    surface: PixelSurface,
+    stack: PixelStack,
+    about: LinearisedShading,
+    weights: Floats,
+    inverse: Floats,
+) -> Floats:
+    """What a radian of each lamp's direction, either way across, adds to the variances (p, 5)."""
+    total = np.zeros(inverse.shape[:2])
+    flat = stack.lamps.reshape(-1, 3)
+    for across in tangents(flat):
+        turned = replace(stack, lamps=(flat + _TURN * across).reshape(stack.lamps.shape))
+        change = (reflection.predicted(surface, turned) - about.predicted) / _TURN
+        _, pull = _by_photo(about.turns, about.base, change, weights)
+        total += (np.einsum("pab,pjb->pja", inverse, pull, optimize=True) ** 2).sum(axis=1)
+    return total
 
 
 def _by_photo(turns: Floats, base: Floats, residuals: Floats, weights: Floats) -> tuple[Floats, Floats]:

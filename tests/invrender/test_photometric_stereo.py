@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import load_photoset
 from invrender.photometric_stereo.bounces import form_factors
 from invrender.photometric_stereo.capture import read_capture
@@ -193,6 +194,40 @@ def test_process_writes_maps_numbers_and_a_figure(
         status, _, error = lightfactor(*command)
         assert status
         assert "lightfactor integrate" in error
+
+
+def test_error_bars_hold_what_lamps_directions_are_off(glossy: Path) -> None:
+    capture = read_capture(load_photoset(glossy))
+    lamps = np.stack([lighting.directions[0] for lighting in capture.lightings])
+    rng = np.random.default_rng(5)
+    turned = lamps + np.radians(1) * rng.normal(size=lamps.shape)
+    lightings = tuple(
+        replace(lighting, directions=direction[None])
+        for lighting, direction in zip(capture.lightings, turned, strict=True)
+    )
+    off = replace(capture, lightings=lightings)
+    stated = replace(off, photoset=replace(off.photoset, direction_std_deg=1.0))
+    truth = rendered_normals(glossy)
+    silent, said = (of_pixels(solve_capture(one), truth) for one in (off, stated))
+    assert np.array_equal(silent[0], said[0])
+    # A degree of 24 lamps each, without a number for it and with one.
+    assert (said[1] > silent[1]).all()
+    assert (said[0] < 2 * said[1]).mean() > 0.9
+    assert np.sqrt((said[0] ** 2).mean() / (said[1] ** 2).mean()) > 0.4
+
+
+def test_saturated_pixels_have_no_normal_and_are_counted(small: Path) -> None:
+    capture = read_capture(load_photoset(small))
+    assert not any("saturated" in warning for warning in capture.warnings)
+    # With four photographs, two that are cut off at a pixel leave too few.
+    for name in ("000.exr", "001.exr"):
+        pixels = read_pixels(small / name).astype(np.float32)
+        write_exr(small / name, np.minimum(pixels, np.quantile(pixels[capture.inside], 0.6)))
+    again = read_capture(load_photoset(small))
+    lost = int(capture.inside.sum() - again.inside.sum())
+    assert lost > 20
+    assert any(warning.startswith(f"{lost} of {capture.inside.sum()} pixels") for warning in again.warnings)
+    assert (again.usable.sum(axis=1) >= 3).all()
 
 
 FAULTS = {
