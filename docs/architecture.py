@@ -101,7 +101,7 @@ def draw(axes: Axes) -> None:
         box(axes, x, y, width, height, COLOURS[colour], title, text)
     for start, end, label in ARROWS:
         arrow(axes, start, end, label)
-    others = "inverse_lighting, inverse_brdf,\nfactor, refine, plan:\nother questions, the same parts"
+    others = "inverse_lighting, inverse_brdf,\nfactor, refine, plan,\nphotometric_stereo:\nother questions, same parts"
     axes.text(13.15, TOP + 0.4, others, ha="center", va="center", fontsize=8, color=INK)
     axes.set(xlim=(-0.1, 14.3), ylim=(0, TOP + 0.9), aspect="equal")
     axes.set_axis_off()
