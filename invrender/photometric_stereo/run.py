@@ -15,6 +15,7 @@ from capture.terminal import console, leave_cleanly_when_stopped, track
 from invrender.output.report.files import photo_file_names, photoset_hashes
 from invrender.photometric_stereo.document import shared_quantities, stereo_document
 from invrender.photometric_stereo.figure import stereo_figure
+from invrender.photometric_stereo.ptm import FEWEST_PHOTOS, polynomial_texture, write_ptm
 from invrender.photometric_stereo.result import StereoResult, photometric_stereo
 from recon.normals.normalmap import write_normal_map
 
@@ -24,7 +25,15 @@ _LABELS = {
     "bounce": "light from the object, of one bounce",
     "sigma": "sigma (rad)",
 }
-STEREO_FILES = ("result.json", "normals.*", "albedo.exr", "depth.exr", "stereo.png", "predicted")
+STEREO_FILES = (
+    "result.json",
+    "normals.*",
+    "albedo.exr",
+    "depth.exr",
+    "relight.ptm",
+    "stereo.png",
+    "predicted",
+)
 
 
 def run_stereo(photoset: PhotoSet, out: Path) -> StereoResult:
@@ -50,6 +59,8 @@ def _write_maps(folder: Path, result: StereoResult) -> list[float]:
     write_exr(folder / "albedo.exr", albedo, layers={"std": std})
     depths = np.nan_to_num(result.depths)
     write_exr(folder / "depth.exr", np.repeat(depths[..., None], 3, axis=2))
+    if result.solved.stack.photos >= FEWEST_PHOTOS:
+        write_ptm(folder / "relight.ptm", polynomial_texture(result.solved.stack), result.capture.inside)
     (folder / "predicted").mkdir()
     names = photo_file_names([photo.name for photo in result.capture.photoset.photos])
     errors = []

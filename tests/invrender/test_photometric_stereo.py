@@ -14,8 +14,10 @@ import pytest
 
 from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import load_photoset
+from capture.srgb import linear_to_srgb
 from invrender.photometric_stereo.bounces import form_factors
 from invrender.photometric_stereo.capture import read_capture
+from invrender.photometric_stereo.ptm import polynomial_texture, write_ptm
 from invrender.photometric_stereo.result import StereoResult, photometric_stereo, solve_capture
 from invrender.photometric_stereo.shading import SharedReflection, linearised
 from invrender.photometric_stereo.stack import PixelStack
@@ -214,6 +216,44 @@ def test_error_bars_hold_what_lamps_directions_are_off(glossy: Path) -> None:
     assert (said[1] > silent[1]).all()
     assert (said[0] < 2 * said[1]).mean() > 0.9
     assert np.sqrt((said[0] ** 2).mean() / (said[1] ** 2).mean()) > 0.4
+
+
+def read_ptm(path: Path, lamp: np.ndarray) -> np.ndarray:
+    """The picture (h, w, 3), 0 to 255, that a viewer shows of a .ptm, by the format's description."""
+    data = path.read_bytes()
+    lines = data.split(b"\n", 6)
+    assert lines[:2] == [b"PTM_1.2", b"PTM_FORMAT_LRGB"]
+    width, height = int(lines[2]), int(lines[3])
+    scales, biases = (np.array(line.split(), float) for line in lines[4:6])
+    body = np.frombuffer(lines[6], np.uint8).astype(float)
+    assert len(body) == 9 * width * height
+    a = (body[: 6 * width * height].reshape(height, width, 6) - biases) * scales
+    colour = body[6 * width * height :].reshape(height, width, 3)
+    u, v = lamp[:2]
+    level = (
+        a[..., 0] * u * u + a[..., 1] * v * v + a[..., 2] * u * v + a[..., 3] * u + a[..., 4] * v + a[..., 5]
+    )
+    # The last row comes first.
+    return np.clip(level[..., None] * colour / 255, 0, 255)[::-1]
+
+
+def test_a_polynomial_texture_map_shows_the_photographs(glossy: Path, tmp_path: Path) -> None:
+    capture = read_capture(load_photoset(glossy))
+    stack = capture.stack(capture.places(held_out=False), capture.plane())
+    found = polynomial_texture(stack)
+    write_ptm(tmp_path / "relight.ptm", found, capture.inside)
+    white = np.quantile(stack.reflected, 0.995)
+    for photo in (0, 10, 20):
+        lamp = stack.lamps[0, photo]
+        shown = read_ptm(tmp_path / "relight.ptm", lamp)[capture.inside]
+        truth = 255 * linear_to_srgb(np.clip(stack.reflected[:, photo] / white, 0, 1).astype(float))
+        # A polynomial of second degree follows shading to a tenth; highlights and the terminator are beyond it.
+        assert np.median(np.abs(shown - truth)) < 12
+        # Coefficients are bytes: six roundings of half a step each.
+        assert np.abs(shown - found.shown(lamp)).max() < 20
+    assert (read_ptm(tmp_path / "relight.ptm", stack.lamps[0, 0])[~capture.inside] == 0).all()
+    with pytest.raises(ValueError, match="takes 6 photographs; there are 4"):
+        polynomial_texture(stack.of_photos(np.arange(4)))
 
 
 def test_saturated_pixels_have_no_normal_and_are_counted(small: Path) -> None:
