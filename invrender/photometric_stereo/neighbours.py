@@ -21,7 +21,10 @@ _REACH = (1, 2, 4)
 _ALIKE = float(np.cos(np.radians(3)))
 # By how much a pixel's loss must fall, in samples that fit, for another normal to be taken.
 _BETTER = 0.02
-_STEPS = 10
+# The loss of a photograph on average up to which a pixel fits.
+_FITS = 0.05
+# Steps of Kd alone, and of a whole search.
+_KD_STEPS, _STEPS = 2, 10
 
 
 def with_neighbours_starts(
@@ -49,10 +52,17 @@ def with_neighbours_starts(
         pixels, offered = pixels[other], offered[other]
         if not len(pixels):
             continue
-        own, here = stack.at(pixels), PixelSurface(normals[pixels], kd[pixels])
-        before = _losses(reflection, here, own, floor)
+        before = _losses(reflection, PixelSurface(normals[pixels], kd[pixels]), stack.at(pixels), floor)
+        # What fits all photographs needs no better start.
+        bad = before > _FITS * stack.photos
+        pixels, offered, before = pixels[bad], offered[bad], before[bad]
+        if not len(pixels):
+            continue
+        own = stack.at(pixels)
         # Kd alone first: it says at once whether a normal is worth a search.
-        tried = solve_pixels(reflection, PixelSurface(offered, kd[pixels]), own, floor, 4, turning=False)
+        tried = solve_pixels(
+            reflection, PixelSurface(offered, kd[pixels]), own, floor, _KD_STEPS, turning=False
+        )
         worth = np.flatnonzero(_losses(reflection, tried, own, floor) < before - _BETTER)
         if not len(worth):
             continue

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from capture.progress import Track, silent
 from invrender.photometric_stereo.models import (
@@ -34,6 +35,8 @@ _SHARED_PIXELS, _COMPARED_PIXELS = 1500, 400
 _STEPS, _FEW_STEPS = 10, 4
 # The surface and its surroundings are found in turns: at most so many, until normals turn by less on average, degrees.
 _MOST_ROUNDS, _SETTLED_DEG = 6, 0.08
+# Other forms' normals are compared at one pixel of so many in each row and column.
+_SPREAD_STEP = 3
 # What is assumed off of the light that bounces: this share of what it did to the normals.
 _BOUNCE_OFF = 1.0
 
@@ -106,10 +109,9 @@ def solve_stereo(
     own = deviations(reflection, surface, stack, floor, covariance, lamp_std, turning, track)
     if turning:
         assert unbounced is not None
-        off = [_BOUNCE_OFF * angles(surface.normals, unbounced.normals)]
-        spread = [_turned(model, surface, stack, floor, some, track) for model in others]
-        off += [np.sqrt(np.mean(np.square(spread), axis=0))] if spread else []
-        own = own.widened(np.degrees(np.sqrt(np.sum(np.square(off), axis=0))))
+        off = _BOUNCE_OFF * angles(surface.normals, unbounced.normals)
+        spread = _spread(others, surface, stack, floor, inside, few, track)
+        own = own.widened(np.degrees(np.hypot(off, spread)))
     return SolvedSurface(
         surface, own, reflection, covariance, chosen, models, least.normals, robust.normals, stack, floor
     )
@@ -120,18 +122,26 @@ def angles(one: Floats, other: Floats) -> Floats:
     return np.asarray(2 * np.arcsin(np.clip(np.linalg.norm(one - other, axis=1) / 2, 0, 1)))
 
 
-def _turned(
-    model: StereoModel,
+def _spread(
+    others: Sequence[StereoModel],
     surface: PixelSurface,
     stack: PixelStack,
     floor: float,
+    inside: NDArray[np.bool_],
     some: NDArray[np.int64],
     track: Track,
 ) -> Floats:
-    """By how much another form's normals differ, radians (p,)."""
-    first = replace(model.reflection, bounce=0.0 if stack.bounced is None else 1.0)
-    reflection, _ = fit_renewed(first, surface.at(some), stack.at(some), floor, True)
-    solved = solve_pixels(
-        reflection, surface, stack, floor, _FEW_STEPS, True, track, "Solving pixels with another lobe"
-    )
-    return angles(solved.normals, surface.normals)
+    """By how much other forms turn the normals of pixels, or of one nearby, radians (p,): RMS over the forms."""
+    if not others:
+        return np.zeros(len(surface))
+    places = np.argwhere(inside)
+    few = np.flatnonzero((places % _SPREAD_STEP == 0).all(axis=1))
+    few = few if len(few) else np.arange(len(places))
+    squares = np.zeros(len(few))
+    for model in track(others, "Comparing with other lobes"):
+        first = replace(model.reflection, bounce=0.0 if stack.bounced is None else 1.0)
+        reflection, _ = fit_renewed(first, surface.at(some), stack.at(some), floor, True)
+        solved = solve_pixels(reflection, surface.at(few), stack.at(few), floor, _FEW_STEPS)
+        squares += angles(solved.normals, surface.normals[few]) ** 2 / len(others)
+    nearest = cKDTree(places[few]).query(places)[1]
+    return np.asarray(np.sqrt(squares)[nearest])
