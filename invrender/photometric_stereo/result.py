@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.photometric_stereo.bounces import CONCAVE_FROM, bounced_light
-from invrender.photometric_stereo.capture import StereoCapture, read_capture
+from invrender.photometric_stereo.photographs import StereoCapture, read_capture
 from invrender.photometric_stereo.solve import SolvedSurface, solve_stereo
 from invrender.photometric_stereo.stack import PixelStack, PixelSurface
 from recon.normals.integration import integrate

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.photoset import load_photoset
-from invrender.photometric_stereo.capture import StereoCapture
+from invrender.photometric_stereo.photographs import StereoCapture
 from recon.normals.normalmap import picture_axes
 from synthetic.scenes.build import read_staging
 from synthetic.writer import write_photoset

@@ -16,7 +16,7 @@ from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import load_photoset
 from capture.srgb import linear_to_srgb
 from invrender.photometric_stereo.bounces import form_factors
-from invrender.photometric_stereo.capture import read_capture
+from invrender.photometric_stereo.photographs import read_capture
 from invrender.photometric_stereo.ptm import polynomial_texture, write_ptm
 from invrender.photometric_stereo.result import StereoResult, photometric_stereo, solve_capture
 from invrender.photometric_stereo.shading import SharedReflection, linearised
