@@ -9,10 +9,10 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from capture.files.documents import file_hash, read_json
-from capture.files.tables import Table
+from capture.files.tables import LenientTable
 
 Floats = NDArray[np.float64]
 
@@ -27,34 +27,28 @@ _Six = tuple[float, float, float, float, float, float]
 _Seven = tuple[float, float, float, float, float, float, float]
 
 
-class _Lenient(Table):
-    """Results hold more than what is read back."""
-
-    model_config = ConfigDict(extra="ignore")
-
-
-class _PosedPhoto(_Lenient):
+class _PosedPhoto(LenientTable):
     file: str
     world_to_camera: _Rows
     covariance: tuple[_Six, ...] | None = None
 
 
-class _UnposedPhoto(_Lenient):
+class _UnposedPhoto(LenientTable):
     file: str
     reason: str
 
 
-class _Scale(_Lenient):
+class _Scale(LenientTable):
     metric: bool
 
 
-class _Poses(_Lenient):
+class _Poses(LenientTable):
     photos: tuple[_PosedPhoto, ...]
     unregistered: tuple[_UnposedPhoto, ...]
     scale: _Scale
 
 
-class _Alignment(_Lenient):
+class _Alignment(LenientTable):
     mesh_to_world: _Rows
     world_scale: Annotated[float, Field(gt=0)]
     covariance: tuple[_Seven, ...] | None = None

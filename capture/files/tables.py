@@ -16,6 +16,12 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
+class LenientTable(Table):
+    """A part of a file that holds more than what is read back."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
 AnyTable = TypeVar("AnyTable", bound=Table)
 
 

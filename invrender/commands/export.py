@@ -67,7 +67,17 @@ def export(
     standard_surface, and object.obj. openpbr: the same with an open_pbr_surface.
     html: object.html, one page that shows the object under light that you turn, without a server or a network. It has
     the result's own material; how far its pictures are off from `lightfactor render` is printed and stands on it.
+
+    Of a result of normals without a mesh gltf, materialx and openpbr are a flat panel with a normal map.
     """
+    from invrender.result.saved import result_kind
+
+    if result_kind(result) is not None:
+        from invrender.photometric_stereo.panel import run_panel
+
+        _check_panel(light, lighting, albedo, assume, view, photoset)
+        run_panel(result, output, form)
+        return
     from invrender.output.export.run import ExportOptions, run_export
 
     run_export(
@@ -83,3 +93,13 @@ def export(
             photoset=photoset,
         )
     )
+
+
+def _check_panel(*options: object) -> None:
+    """ValueError for options that do nothing of a result of normals."""
+    names = ("--light", "--lighting", "--albedo", "--assume", "--view", "--set")
+    for name, value in zip(names, options, strict=True):
+        if value:
+            raise ValueError(
+                f"{name} does nothing for a result of normals, which is exported as a panel; leave it out"
+            )

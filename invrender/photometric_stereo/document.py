@@ -54,6 +54,7 @@ def stereo_document(
     capture, solved = result.capture, result.solved
     sought, bars = capture.normals is None, solved.deviations.normal_deg
     quantities = shared_quantities(solved)
+    form_numbers = [] if solved.reflection.form is None else list(solved.reflection.form.numbers)
     return {
         "format": 1,
         "kind": KIND,
@@ -78,7 +79,7 @@ def stereo_document(
             "depth": capture.depth,
         },
         "brdf": {
-            "model": solved.model.name,
+            "model": "lambertian" if solved.reflection.form is None else solved.reflection.form.name,
             "albedo": {"file": "albedo.exr", "mean": numbers(np.pi * solved.surface.kd.mean(axis=0))},
             "mu": {
                 "value": None,
@@ -86,7 +87,11 @@ def stereo_document(
                 " angles",
                 "remedy": "process a mesh of the object (`lightfactor integrate`) from several sides",
             },
-            **{name: {"value": of.value, "std": of.std} for name, of in quantities.items()},
+            "ks": _channels(quantities),
+            "sigma": _entry(quantities.get("sigma")),
+            "form_numbers": {name: _entry(quantities[name]) for name in form_numbers},
+            "ambient": _entry(quantities["ambient"]),
+            "bounce": _entry(quantities.get("bounce")),
         },
         "models": [
             {"model": model.name, "error_unseen": model.error, "chosen": model is solved.model}
@@ -105,3 +110,13 @@ def stereo_document(
         "inputs": dict(inputs),
         "software": software(),
     }
+
+
+def _entry(quantity: SharedQuantity | None) -> dict[str, float] | None:
+    return None if quantity is None else {"value": quantity.value, "std": quantity.std}
+
+
+def _channels(quantities: Mapping[str, SharedQuantity]) -> dict[str, list[float]] | None:
+    """Ks of all channels; None of a Lambertian surface."""
+    found = [quantities[f"Ks {channel}"] for channel in CHANNELS if f"Ks {channel}" in quantities]
+    return {"value": [of.value for of in found], "std": [of.std for of in found]} if found else None

@@ -11,11 +11,11 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, Field
 
 from capture.files.documents import read_json
 from capture.files.imagefile import read_pixels
-from capture.files.tables import Table
+from capture.files.tables import LenientTable
 from capture.lighting import Lighting, check_latlong
 from invrender.brdf.brushed import FACETS, brushed
 from invrender.brdf.form import Axis, LobeForm
@@ -35,19 +35,13 @@ _Triple = tuple[float, float, float]
 _Row = tuple[float, float, float, float]
 
 
-class _Lenient(Table):
-    """Results hold more than what is read back."""
-
-    model_config = ConfigDict(extra="ignore")
-
-
-class _Kind(_Lenient):
+class _Kind(LenientTable):
     """What a result is of, where it isn't of a body."""
 
     kind: str | None = None
 
 
-class SavedQuantity(_Lenient):
+class SavedQuantity(LenientTable):
     """A number, or one per channel; `value` is None where it is undetermined.
 
     variance_shares : what each cause has of its variance (`quantities.CAUSES`); empty where nobody split it.
@@ -59,12 +53,12 @@ class SavedQuantity(_Lenient):
     variance_shares: dict[str, float] = Field(default_factory=dict)
 
 
-class _Shares(_Lenient):
+class _Shares(LenientTable):
     kd: SavedQuantity | None
     ks: SavedQuantity | None
 
 
-class _Covariance(_Lenient):
+class _Covariance(LenientTable):
     names: tuple[str, ...]
     values: tuple[tuple[float | None, ...], ...]
 
@@ -74,7 +68,7 @@ def _is_known(model: str) -> str:
     return model
 
 
-class SavedBrdf(_Lenient):
+class SavedBrdf(LenientTable):
     """The BRDF's numbers; None where the chosen model has no such parameter.
 
     model : the name of the lobe's form, or "lambertian". specular : "neutral", "coloured", or None where undetermined.
@@ -104,7 +98,7 @@ class SavedBrdf(_Lenient):
         return saved_form(self.model, values, self.brushed_about)
 
 
-class _Object(_Lenient):
+class _Object(LenientTable):
     """A sphere, or a mesh with the sphere that holds it; the mesh itself lies in the photo set."""
 
     shape: Literal["sphere", "mesh"] = "sphere"
@@ -113,7 +107,7 @@ class _Object(_Lenient):
     mesh_to_world: tuple[_Row, _Row, _Row, _Row] | None = None
 
 
-class _Texture(_Lenient):
+class _Texture(LenientTable):
     """Where Kd and Ks vary.
 
     kd, kd_std, ks, ks_std : the files beside result.json, None for what doesn't vary. known : the share of the surface
@@ -136,7 +130,7 @@ class _Texture(_Lenient):
         return tuple(name for name in named if name is not None)
 
 
-class _Bounces(_Lenient):
+class _Bounces(LenientTable):
     """Light that bounces between the object's parts.
 
     taken_off : whether Kd and Ks are without it. albedo : of Kd and Ks that are known up to a scale.
@@ -146,18 +140,18 @@ class _Bounces(_Lenient):
     albedo: _Triple | None = None
 
 
-class _Source(_Lenient):
+class _Source(LenientTable):
     direction: _Triple
     irradiance: _Triple
     irradiance_std: tuple[float | None, float | None, float | None]
     position: _Triple | None = None
 
 
-class _Coefficients(_Lenient):
+class _Coefficients(LenientTable):
     value: tuple[_Triple, ...]
 
 
-class SavedLighting(_Lenient):
+class SavedLighting(LenientTable):
     """A lighting; `sh` are its first nine coefficients, `map` the file beside result.json.
 
     recovered : what of it was fitted: "irradiance", "ambient", "direction", "distance", "scale", "all". centre : (3,)
@@ -177,7 +171,7 @@ class SavedLighting(_Lenient):
         return np.array([source.irradiance_std for source in self.directional], float).reshape(-1, 3)
 
 
-class SavedPhoto(_Lenient):
+class SavedPhoto(LenientTable):
     """A photograph, the name of its lighting, and how well it is explained, relative RMS.
 
     samples : how many of its pixels were used. cross_validated_rms_relative : its error by a fit that has not seen it;
@@ -192,7 +186,7 @@ class SavedPhoto(_Lenient):
     cross_validated_rms_relative: float | None = None
 
 
-class SavedErrors(_Lenient):
+class SavedErrors(LenientTable):
     """Relative RMS, means over photographs, None where there are none of the kind.
 
     fitted : of those in the fit. unseen : of each of them by a fit that has not seen it. held_out : of those never
@@ -205,7 +199,7 @@ class SavedErrors(_Lenient):
     structured: float | None = Field(default=None, alias="structured_rms_relative")
 
 
-class SavedModel(_Lenient):
+class SavedModel(LenientTable):
     """A candidate model. parameters : how many numbers were fitted. unseen : relative RMS on unseen photographs."""
 
     name: str
@@ -215,7 +209,7 @@ class SavedModel(_Lenient):
     chosen: bool
 
 
-class SavedFinding(_Lenient):
+class SavedFinding(LenientTable):
     """Why a parameter isn't determined, and what would settle it; empty where it is."""
 
     parameter: str
@@ -223,7 +217,7 @@ class SavedFinding(_Lenient):
     remedy: str
 
 
-class _Result(_Lenient):
+class _Result(LenientTable):
     format: int
     name: str
     gauge: str
@@ -346,13 +340,19 @@ def read_result(path: Path) -> SavedResult:
             )
             raise ValueError(f"{path}: holds no {RESULT_NAME}; {remedy}")
         path = path / RESULT_NAME
-    kind = read_json(path, _Kind, (), _WHAT, optional=("kind",)).kind
+    kind = result_kind(path)
     if kind is not None:
         raise ValueError(
             f"{path}: is a result of {kind}, of normals without a body; `lightfactor integrate` makes a mesh of it:"
             " process a set with shape = 'mesh' and give that result"
         )
     return SavedResult(path, read_json(path, _Result, _KEYS, _WHAT, optional=_OPTIONAL))
+
+
+def result_kind(path: Path) -> str | None:
+    """What a result.json, or the one of a folder, is of, where it isn't of a body; else None."""
+    path = path / RESULT_NAME if path.is_dir() else path
+    return read_json(path, _Kind, (), _WHAT, optional=("kind",)).kind if path.is_file() else None
 
 
 def saved_form(

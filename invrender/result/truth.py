@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict
 
 from capture.files.documents import read_json
-from capture.files.tables import Table
+from capture.files.tables import LenientTable
 from capture.lighting import Lighting, read_latlong
 from invrender.brdf.brushed import brushed
 from invrender.brdf.form import LobeForm
@@ -29,11 +28,7 @@ _Triple = tuple[float, float, float]
 _FORMS: dict[str, LobeForm] = {"microfacet": RH01_FORM, "smith": BECKMANN, "ggx": GGX_FORM, "phong": PHONG}
 
 
-class _Lenient(Table):
-    model_config = ConfigDict(extra="ignore")
-
-
-class _Brdf(_Lenient):
+class _Brdf(LenientTable):
     model: str
     kd: _Triple
     ks: _Triple
@@ -66,17 +61,17 @@ class _Brdf(_Lenient):
         return None if self.width is None else _FORMS.get(self.model)
 
 
-class _Source(_Lenient):
+class _Source(LenientTable):
     direction: _Triple
     irradiance: _Triple
 
 
-class _Lamp(_Lenient):
+class _Lamp(LenientTable):
     position: _Triple
     intensity: _Triple
 
 
-class _TrueLighting(_Lenient):
+class _TrueLighting(LenientTable):
     name: str
     map: str | None
     directional: tuple[_Source, ...]
@@ -84,21 +79,21 @@ class _TrueLighting(_Lenient):
     mirror_ball: dict[str, Any] | None
 
 
-class _Photo(_Lenient):
+class _Photo(LenientTable):
     file: str
     radiance: str
 
 
-class _Object(_Lenient):
+class _Object(LenientTable):
     centre: _Triple = (0.0, 0.0, 0.0)
     mesh: str | None = None
 
 
-class _Sensor(_Lenient):
+class _Sensor(LenientTable):
     radiance_factor: float = 1.0
 
 
-class _Truth(_Lenient):
+class _Truth(LenientTable):
     brdf: _Brdf
     object: _Object = _Object()
     lighting: tuple[_TrueLighting, ...]

@@ -29,7 +29,7 @@ _STEEPEST = 0.1
 _HELD = 1e-8
 
 
-def pixel_rays(camera: Camera, rows: Ints, columns: Ints) -> tuple[Floats, Floats]:
+def pixel_rays(camera: Camera, rows: Ints | Floats, columns: Ints | Floats) -> tuple[Floats, Floats]:
     """Origins and directions (p, 3) of pixels' rays in the picture's axes; directions reach unit depth."""
     origins, directions = camera.rays(np.column_stack([columns, rows]) + 0.5)
     axes = picture_axes(camera)

@@ -6,22 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydantic import ConfigDict
 
 from capture.camera import ORTHOGRAPHIC, Camera
 from capture.files.documents import read_json
-from capture.files.tables import Table
+from capture.files.tables import LenientTable
 from recon.normals.normalmap import NormalMap, read_normal_map
 
 RESULT_NAME = "result.json"
 _WHAT = "`lightfactor process` writes normals for photo sets with [object] shape = 'normals'"
 
 
-class _Lenient(Table):
-    model_config = ConfigDict(extra="ignore")
-
-
-class _CameraTable(_Lenient):
+class _CameraTable(LenientTable):
     model: str
     params: tuple[float, ...]
     width: int
@@ -29,17 +24,17 @@ class _CameraTable(_Lenient):
     world_to_camera: tuple[tuple[float, float, float, float], ...]
 
 
-class _NormalsTable(_Lenient):
+class _NormalsTable(LenientTable):
     file: str
 
 
-class _ObjectTable(_Lenient):
+class _ObjectTable(LenientTable):
     normals: _NormalsTable
     camera: _CameraTable
     depth: float
 
 
-class _ResultTable(_Lenient):
+class _ResultTable(LenientTable):
     object: _ObjectTable
 
 

@@ -8,9 +8,11 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import trimesh
 
 from capture.files.imagefile import read_pixels, write_exr
 from capture.photoset import load_photoset
@@ -173,6 +175,23 @@ def changed(folder: Path, change: Callable[[str], str]) -> None:
     path.write_text(change(path.read_text(encoding="utf-8")), encoding="utf-8")
 
 
+def check_panel(file: Path, photoset: Path, result: Path) -> None:
+    """A panel as trimesh reads it: its normal map is the result's, and photographs see its corners at their own."""
+    (panel,) = trimesh.load(file).geometry.values()
+    texture = np.asarray(panel.visual.material.normalTexture, float) / 255 * 2 - 1
+    found = read_normal_map(result / "normals.npz")
+    # Eight bits.
+    assert np.abs(texture - found.normals)[found.inside].max() < 0.005
+    camera = load_photoset(photoset).photos[0].camera
+    # glTF's +Y is the world's +Z.
+    world = np.asarray(panel.vertices) @ np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    seen = camera.project(world)
+    uv = np.asarray(panel.visual.uv)
+    assert (
+        np.abs(seen - np.column_stack([uv[:, 0] * camera.width, (1 - uv[:, 1]) * camera.height])).max() < 1e-3
+    )
+
+
 def test_process_writes_maps_numbers_and_a_figure(
     small: Path, tmp_path: Path, lightfactor: Lightfactor
 ) -> None:
@@ -182,13 +201,27 @@ def test_process_writes_maps_numbers_and_a_figure(
     assert names >= {"result.json", "normals.npz", "normals.exr", "normals.png", "albedo.exr", "stereo.png"}
     result = json.loads((tmp_path / "out/result.json").read_text())
     # With four lamps nothing but a Lambertian surface can be told.
-    assert result["brdf"]["model"] == "Lambertian"
+    assert result["brdf"]["model"] == "lambertian"
     assert result["brdf"]["mu"]["value"] is None
     assert result["brdf"]["mu"]["remedy"]
     found = read_normal_map(tmp_path / "out/normals.npz")
     errors = angles_to(found.normals, rendered_normals(small))[found.inside]
     assert np.median(errors) < 1
     assert "Lambertian" in said
+    assert lightfactor("export", tmp_path / "out", "--format", "gltf", "-o", tmp_path / "panel")[0] == 0
+    check_panel(tmp_path / "panel/object.glb", small, tmp_path / "out")
+    status, _, error = lightfactor("export", tmp_path / "out", "--format", "mitsuba", "-o", tmp_path / "m")
+    assert status
+    assert "make a panel of it; for mitsuba make a mesh with `lightfactor integrate`" in error
+    assert lightfactor("export", tmp_path / "out", "--format", "openpbr", "-o", tmp_path / "x")[0] == 0
+    document = ElementTree.parse(tmp_path / "x/material.mtlx").getroot()
+    named = {node.get("name"): node for node in document.iter() if node.get("name")}
+    assert named["geometry_normal"].get("nodename") == "normals"
+    assert named["in"].get("nodename") == "normals_image"
+    # Eight bits, made unit again.
+    written = read_normal_map(tmp_path / "x/normals.png")
+    found = read_normal_map(tmp_path / "out/normals.npz")
+    assert np.abs(written.normals - found.normals)[found.inside].max() < 0.008
     for command in (
         ("render", tmp_path / "out", "-o", tmp_path / "x.exr"),
         ("compare", tmp_path / "out", small),

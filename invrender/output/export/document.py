@@ -35,7 +35,6 @@ def export_document(
         "mu": brdf.mu,
         "sigma": brdf.sigma,
     }
-    worst = mapping.worst
     return {
         "format": 1,
         "name": result.content.name,
@@ -49,34 +48,40 @@ def export_document(
             **{name: _quantity(value, getattr(saved, name)) for name, value in values.items()},
         },
         "material": {"model": mapping.target.model, "parameters": dict(written.parameters)},
-        "lost": {
-            "relative_rms": mapping.relative_rms,
-            "views": [
-                {
-                    "view_deg": degrees,
-                    "relative_rms": rms,
-                    "albedo": numbers(albedo),
-                    "albedo_error": numbers(error),
-                }
-                for degrees, rms, albedo, error in zip(
-                    mapping.view_deg.tolist(),
-                    mapping.view_rms.tolist(),
-                    mapping.albedo,
-                    mapping.albedo_error,
-                    strict=True,
-                )
-            ],
-            "worst": {
-                "light_deg": worst.light_deg,
-                "view_deg": worst.view_deg,
-                "ours": worst.ours,
-                "theirs": worst.theirs,
-            },
-        },
+        "lost": lost_document(mapping),
         "lighting": None if lighting is None else lighting.name,
         "notes": list(notes),
         "inputs": input_hashes(inputs),
         "software": software(),
+    }
+
+
+def lost_document(mapping: Mapping) -> dict[str, Any]:
+    """What the mapping loses, as JSON-ready data."""
+    worst = mapping.worst
+    return {
+        "relative_rms": mapping.relative_rms,
+        "views": [
+            {
+                "view_deg": degrees,
+                "relative_rms": rms,
+                "albedo": numbers(albedo),
+                "albedo_error": numbers(error),
+            }
+            for degrees, rms, albedo, error in zip(
+                mapping.view_deg.tolist(),
+                mapping.view_rms.tolist(),
+                mapping.albedo,
+                mapping.albedo_error,
+                strict=True,
+            )
+        ],
+        "worst": {
+            "light_deg": worst.light_deg,
+            "view_deg": worst.view_deg,
+            "ours": worst.ours,
+            "theirs": worst.theirs,
+        },
     }
 
 

@@ -35,7 +35,7 @@ TARGETS: dict[str, tuple[Target, ...]] = {
 # The page of `html.export_page`, whose material is the result's own.
 PAGE_FORM = "html"
 # The first is in every export.
-EXPORT_FILES = ("export.json", "*.glb", "*.xml", "*.mtlx", "*.obj", "*.exr", "*.html")
+EXPORT_FILES = ("export.json", "*.glb", "*.xml", "*.mtlx", "*.obj", "*.exr", "*.html", "normals.png")
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,9 +31,18 @@ _REPEAT, _LINEAR, _MIPMAPS = 10497, 9729, 9987
 
 
 def write_gltf(
-    folder: Path, name: str, shape: Shape, material: ExportedBRDF, mapping: Mapping, lighting: Lighting | None
+    folder: Path,
+    name: str,
+    shape: Shape,
+    material: ExportedBRDF,
+    mapping: Mapping,
+    lighting: Lighting | None,
+    normal_codes: NDArray[np.uint8] | None = None,
 ) -> WrittenExport:
-    """Write object.glb and, of a lighting with a map, environment.exr. lighting : None leaves the light out."""
+    """Write object.glb and, of a lighting with a map, environment.exr. lighting : None leaves the light out.
+
+    normal_codes : (h, w, 3), of a normal map over the mesh's texture coordinates: right, up, outward.
+    """
     buffer = GlbBuffer()
     mesh = shape.mesh
     attributes = {
@@ -45,6 +54,9 @@ def write_gltf(
         attributes["TEXCOORD_0"] = buffer.add_vertices(np.column_stack([mesh.uv[:, 0], 1 - mesh.uv[:, 1]]))
     indices = buffer.add_indices(mesh.faces)
     described, images, notes = _material(name, material, mapping)
+    if normal_codes is not None:
+        described["normalTexture"] = {"index": len(images)}
+        images["normals"] = normal_codes
     nodes: list[dict[str, Any]] = [{"name": name, "mesh": 0}]
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": f"lightfactor {software()['lightfactor']}"},

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,24 +38,34 @@ class SurfaceNode:
     roughness: str
     metalness: str
     index: str
+    normal: str
     scales: bool
 
 
 NODES = {
     "materialx": SurfaceNode(
-        "standard_surface", "1.38", "specular", "base", "diffuse_roughness", "metalness", "specular_IOR", True
+        "standard_surface", "1.38", "specular", "base", "diffuse_roughness", "metalness", "specular_IOR", "normal",
+        True,
     ),
     "openpbr": SurfaceNode(
         "open_pbr_surface", "1.39", "specular_weight", "base_weight", "base_diffuse_roughness", "base_metalness",
-        "specular_ior", False,
+        "specular_ior", "geometry_normal", False,
     ),
 }  # fmt: skip
 
 
 def write_materialx(
-    folder: Path, shape: Shape, material: ExportedBRDF, mapping: Mapping, node: SurfaceNode
+    folder: Path,
+    shape: Shape,
+    material: ExportedBRDF,
+    mapping: Mapping,
+    node: SurfaceNode,
+    normal_codes: NDArray[np.uint8] | None = None,
 ) -> WrittenExport:
-    """Write material.mtlx, the object as object.obj (metres, +Z up), and textures."""
+    """Write material.mtlx, the object as object.obj (metres, +Z up), and textures.
+
+    normal_codes : (h, w, 3), of a normal map over the mesh's texture coordinates: right, up, outward.
+    """
     numbers = mapping.numbers
     strongest = float(numbers.specular.max())
     weight = strongest if node.scales or strongest == 0 else 1.0
@@ -92,6 +103,13 @@ def write_materialx(
         write_exr(folder / files[-1], texels_map)
         image = ET.SubElement(document, "image", name=f"{name}_map", type="color3")
         ET.SubElement(image, "input", name="file", type="filename", value=files[-1], colorspace="lin_rec709")
+    if normal_codes is not None:
+        files.append("normals.png")
+        _write_normals(folder / files[-1], normal_codes)
+        image = ET.SubElement(document, "image", name="normals_image", type="vector3")
+        ET.SubElement(image, "input", name="file", type="filename", value=files[-1])
+        normals = ET.SubElement(document, "normalmap", name="normals", type="vector3")
+        ET.SubElement(normals, "input", name="in", type="vector3", nodename="normals_image")
     shader = ET.SubElement(document, node.name, name="reflectance", type="surfaceshader")
     for name, value in parameters.items():
         kind = "float" if isinstance(value, float) else "color3"
@@ -100,6 +118,8 @@ def write_materialx(
             entry.set("nodename", f"{name}_map")
         else:
             entry.set("value", ", ".join(f"{v:.9g}" for v in np.atleast_1d(value)))
+    if normal_codes is not None:
+        ET.SubElement(shader, "input", name=node.normal, type="vector3", nodename="normals")
     surface = ET.SubElement(document, "surfacematerial", name="material", type="material")
     ET.SubElement(surface, "input", name="surfaceshader", type="surfaceshader", nodename="reflectance")
     look = ET.SubElement(document, "look", name="look")
@@ -108,3 +128,8 @@ def write_materialx(
     ET.ElementTree(document).write(folder / MATERIAL_NAME, encoding="utf-8", xml_declaration=True)
     write_mesh(folder / _MESH_NAME, shape.mesh)
     return WrittenExport(tuple(files), parameters, tuple(notes))
+
+
+def _write_normals(path: Path, codes: NDArray[np.uint8]) -> None:
+    if not cv2.imwrite(str(path), codes[..., ::-1]):
+        raise OSError(f"{path}: cannot be written; is the disk full?")
