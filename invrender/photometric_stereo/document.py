@@ -10,7 +10,7 @@ import numpy as np
 
 from capture.files.documents import numbers, software
 from capture.radiance import CHANNELS
-from invrender.photometric_stereo.result import StereoResult
+from invrender.photometric_stereo.result import StereoResult, odd_photographs
 from invrender.photometric_stereo.shading import ASSUMED_MU
 from invrender.photometric_stereo.solve import SolvedSurface
 from invrender.wording import with_error
@@ -106,7 +106,7 @@ def stereo_document(
             }
             for photo, error in zip(capture.photoset.photos, errors, strict=True)
         ],
-        "warnings": list(capture.warnings),
+        "warnings": [*capture.warnings, *odd_photographs(capture.photoset.photos, errors)],
         "inputs": dict(inputs),
         "software": software(),
     }

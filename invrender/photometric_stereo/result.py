@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.photoset import PhotoSet
+from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from invrender.photometric_stereo.bounces import CONCAVE_FROM, bounced_light
 from invrender.photometric_stereo.photographs import StereoCapture, read_capture
@@ -17,6 +18,8 @@ from recon.normals.integration import integrate
 from recon.normals.normalmap import NormalMap
 
 Floats = NDArray[np.float64]
+# A photograph is odd whose error is so many times the usual one, and more than a share of its radiance.
+_ODD, _ODD_LEAST = 4.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,19 @@ class StereoResult:
         usable, seen = self.capture.usable[:, photo], self.capture.radiance[:, photo].astype(float)
         off = np.sqrt(((shown - seen)[usable] ** 2).mean() / max((seen[usable] ** 2).mean(), 1e-300))
         return shown, off
+
+
+def odd_photographs(photos: Sequence[Photo], errors: Sequence[float]) -> list[str]:
+    """Sentences on photographs that are predicted far worse than usual; errors : of each, relative RMS."""
+    usual = float(
+        np.median([error for photo, error in zip(photos, errors, strict=True) if not photo.held_out])
+    )
+    return [
+        f"{photo.label} is predicted {error:.0%} off, a usual photograph {usual:.1%}: check whether its lamp is another"
+        " one's, and whether the camera or the object had moved"
+        for photo, error in zip(photos, errors, strict=True)
+        if error > max(_ODD * usual, _ODD_LEAST)
+    ]
 
 
 def photometric_stereo(photoset: PhotoSet, track: Track = silent) -> StereoResult:

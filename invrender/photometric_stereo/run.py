@@ -16,7 +16,7 @@ from invrender.output.report.files import photo_file_names, photoset_hashes
 from invrender.photometric_stereo.document import shared_quantities, stereo_document
 from invrender.photometric_stereo.figure import stereo_figure
 from invrender.photometric_stereo.ptm import FEWEST_PHOTOS, polynomial_texture, write_ptm
-from invrender.photometric_stereo.result import StereoResult, photometric_stereo
+from invrender.photometric_stereo.result import StereoResult, odd_photographs, photometric_stereo
 from recon.normals.normalmap import write_normal_map
 
 # What tables call the shared numbers, where not by their names.
@@ -89,5 +89,5 @@ def _print_summary(result: StereoResult, errors: list[float]) -> None:
         own = [error for photo, error in zip(photos, errors, strict=True) if photo.held_out == held_out]
         if own:
             console.print(f"Error on {len(own)} {what} photographs: {np.mean(own):.1%} (RMS, relative).")
-    for warning in result.capture.warnings:
+    for warning in (*result.capture.warnings, *odd_photographs(photos, errors)):
         console.print(f"Warning: {warning}", soft_wrap=True)

@@ -20,7 +20,12 @@ from capture.srgb import linear_to_srgb
 from invrender.photometric_stereo.bounces import form_factors
 from invrender.photometric_stereo.photographs import read_capture
 from invrender.photometric_stereo.ptm import polynomial_texture, write_ptm
-from invrender.photometric_stereo.result import StereoResult, photometric_stereo, solve_capture
+from invrender.photometric_stereo.result import (
+    StereoResult,
+    odd_photographs,
+    photometric_stereo,
+    solve_capture,
+)
 from invrender.photometric_stereo.shading import SharedReflection, linearised
 from invrender.photometric_stereo.stack import PixelStack
 from invrender.photometric_stereo.start import least_squares
@@ -249,6 +254,19 @@ def test_error_bars_hold_what_lamps_directions_are_off(glossy: Path) -> None:
     assert (said[1] > silent[1]).all()
     assert (said[0] < 2 * said[1]).mean() > 0.9
     assert np.sqrt((said[0] ** 2).mean() / (said[1] ** 2).mean()) > 0.4
+
+
+def test_photographs_under_swapped_lamps_are_named_and_left_out(glossy: Path) -> None:
+    capture = read_capture(load_photoset(glossy))
+    lightings = list(capture.lightings)
+    lightings[2], lightings[15] = lightings[15], lightings[2]
+    result = solve_capture(replace(capture, lightings=tuple(lightings)))
+    photos = capture.photoset.photos
+    errors = [result.predicted(place)[1] for place in range(len(photos))]
+    said = odd_photographs(photos, errors)
+    assert [sentence.split()[0] for sentence in said] == [photos[2].label, photos[15].label]
+    # As without the two.
+    assert of_pixels(result, rendered_normals(glossy))[0].mean() < 0.5
 
 
 def read_ptm(path: Path, lamp: np.ndarray) -> np.ndarray:
