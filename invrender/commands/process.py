@@ -51,9 +51,7 @@ def process(
     if loaded.object.shape == "normals":
         from invrender.photometric_stereo.run import run_stereo
 
-        check_stereo_options(
-            samples != DEFAULT_SAMPLES, published, fresh, workers is not None, cluster is not None
-        )
+        _check_stereo(samples != DEFAULT_SAMPLES, published, fresh, workers is not None, cluster is not None)
         run_stereo(loaded, out)
         return
     from invrender.output.report.run import run_process
@@ -61,7 +59,7 @@ def process(
     run_process(photoset, out, samples, published, fresh, workers, cluster)
 
 
-def check_stereo_options(samples: bool, published: bool, fresh: bool, workers: bool, cluster: bool) -> None:
+def _check_stereo(samples: bool, published: bool, fresh: bool, workers: bool, cluster: bool) -> None:
     """ValueError for options that were given and do nothing of a set whose shape is normals."""
     given = {
         "--samples": samples,

@@ -130,6 +130,9 @@ def _block(
     equations = joint_equations(reflection, surface, stack, squares, 1e-6, turning)
     variance += np.einsum("pag,gh,pah->pa", equations.answer, shared, equations.answer, optimize=True)
     degrees = np.degrees(np.sqrt(variance[:, :2].sum(axis=1)))
+    if turning:
+        # A black pixel looks the same whichever way it faces.
+        degrees = np.where(np.einsum("paa->p", matrix[:, :2, :2]) > 0, degrees, WIDEST_DEG)
     return Deviations(np.minimum(degrees, WIDEST_DEG), np.sqrt(variance[:, 2:]))
 
 

@@ -307,6 +307,17 @@ def test_a_polynomial_texture_map_shows_the_photographs(glossy: Path, tmp_path: 
         polynomial_texture(stack.of_photos(np.arange(4)))
 
 
+def test_black_pixels_may_face_anywhere(glossy: Path) -> None:
+    capture = read_capture(load_photoset(glossy))
+    radiance = capture.radiance.copy()
+    radiance[100:110] = 0
+    result = solve_capture(replace(capture, radiance=radiance))
+    bars = result.solved.deviations.normal_deg
+    assert (bars[100:110] > 30).all()
+    assert np.median(bars) < 1
+    assert np.isfinite(result.normal_map.normals[capture.inside]).all()
+
+
 def test_saturated_pixels_have_no_normal_and_are_counted(small: Path) -> None:
     capture = read_capture(load_photoset(small))
     assert not any("saturated" in warning for warning in capture.warnings)
