@@ -120,14 +120,16 @@ class PhotoSet:
         return resolve(self.manifest, path)
 
 
-def check_present(path: Path) -> None:
-    """ValueError for a photo set of which a file is missing, before anything is computed."""
-    missing = [file for file in load_photoset(path).files if not file.exists()]
+def check_present(path: Path) -> PhotoSet:
+    """A photo set, loaded; ValueError if a file of it is missing, before anything is computed."""
+    photoset = load_photoset(path)
+    missing = [file for file in photoset.files if not file.exists()]
     if missing:
         others = f"; {len(missing) - 1} of the set's other files are missing, too" if len(missing) > 1 else ""
         raise ValueError(
             f"{missing[0]}: does not exist; check its name, and the folder that it is relative to{others}"
         )
+    return photoset
 
 
 def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool = False) -> PhotoSet:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -118,3 +119,10 @@ def encoding_of(encoding: Encoding, response: Path | None) -> DecodeEncoding:
 
         return read_response(response)
     return encoding.value
+
+
+def check_useful(given: Mapping[str, bool], what: str) -> None:
+    """ValueError for the first option that is given, where it does nothing of what the command is about."""
+    for name, is_given in given.items():
+        if is_given:
+            raise ValueError(f"{name} does nothing for {what}; leave it out")

@@ -158,6 +158,14 @@ def write_exr(
         raise OSError(f"{path}: cannot be written; is the disk full?") from error
 
 
+def write_png(path: Path, codes: NDArray[np.unsignedinteger]) -> None:
+    """Write codes (h, w, 3), of 8 or 16 bits, as a PNG."""
+    import cv2
+
+    if not cv2.imwrite(str(path), codes[..., ::-1]):
+        raise OSError(f"{path}: cannot be written; is the disk full?")
+
+
 def read_exr_layers(path: Path) -> dict[str, NDArray[np.floating]]:
     """The channels of an EXR besides R, G, B, as `write_exr` takes them: (h, w), or (h, w, 3) for name.R, .G, .B."""
     check_header(path, read_file(path))

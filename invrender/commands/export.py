@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import Assumptions, LightingName, SavedFolder, SourceSet
+from capture.commands.options import Assumptions, LightingName, SavedFolder, SourceSet, check_useful
 
 
 def export(
@@ -75,7 +75,15 @@ def export(
     if result_kind(result) is not None:
         from invrender.photometric_stereo.panel import run_panel
 
-        _check_panel(light, lighting, albedo, assume, view, photoset)
+        given = {
+            "--light": light,
+            "--lighting": lighting is not None,
+            "--albedo": albedo is not None,
+            "--assume": bool(assume),
+            "--view": view is not None,
+            "--set": photoset is not None,
+        }
+        check_useful(given, "a result of normals, which is exported as a panel")
         run_panel(result, output, form)
         return
     from invrender.output.export.run import ExportOptions, run_export
@@ -93,13 +101,3 @@ def export(
             photoset=photoset,
         )
     )
-
-
-def _check_panel(*options: object) -> None:
-    """ValueError for options that do nothing of a result of normals."""
-    names = ("--light", "--lighting", "--albedo", "--assume", "--view", "--set")
-    for name, value in zip(names, options, strict=True):
-        if value:
-            raise ValueError(
-                f"{name} does nothing for a result of normals, which is exported as a panel; leave it out"
-            )

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.options import ClusterAddress, Fresh, ResultOut, SetFolder, Workers
+from capture.commands.options import ClusterAddress, Fresh, ResultOut, SetFolder, Workers, check_useful
 
 DEFAULT_SAMPLES = 60_000
 
@@ -44,33 +44,22 @@ def process(
     pixels share, by photometric stereo: OUT/normals.npz, .exr and .png (x right, y up, z to the camera) with standard
     deviations in degrees, albedo.exr, depth.exr, and stereo.png: look at it. `integrate` makes a mesh of it.
     """
-    from capture.photoset import check_present, load_photoset
+    from capture.photoset import check_present
 
-    check_present(photoset)
-    loaded = load_photoset(photoset)
+    loaded = check_present(photoset)
     if loaded.object.shape == "normals":
         from invrender.photometric_stereo.run import run_stereo
 
-        _check_stereo(samples != DEFAULT_SAMPLES, published, fresh, workers is not None, cluster is not None)
+        given = {
+            "--samples": samples != DEFAULT_SAMPLES,
+            "--published": published,
+            "--workers": workers is not None,
+            "--cluster": cluster is not None,
+            "--fresh": fresh,
+        }
+        check_useful(given, "a set with shape = 'normals', whose pixels are all solved in this process")
         run_stereo(loaded, out)
         return
     from invrender.output.report.run import run_process
 
     run_process(photoset, out, samples, published, fresh, workers, cluster)
-
-
-def _check_stereo(samples: bool, published: bool, fresh: bool, workers: bool, cluster: bool) -> None:
-    """ValueError for options that were given and do nothing of a set whose shape is normals."""
-    given = {
-        "--samples": samples,
-        "--published": published,
-        "--workers": workers,
-        "--cluster": cluster,
-        "--fresh": fresh,
-    }
-    useless = [name for name, is_given in given.items() if is_given]
-    if useless:
-        raise ValueError(
-            f"{useless[0]} does nothing for a set with shape = 'normals', whose pixels are all solved in this process;"
-            " leave it out"
-        )

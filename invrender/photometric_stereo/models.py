@@ -29,9 +29,11 @@ FORMS: tuple[LobeForm | None, ...] = (
     COATED[GGX_FORM],
     COATED_HAZY[GGX_FORM],
 )
+# Photographs from which on residuals tell a lobe from shadows and noise.
+FEWEST_FOR_A_LOBE = 6
 # Photographs are left out by so many turns. Fits: how often the scales are renewed, and steps in between.
 _FOLDS = 4
-RENEWALS, _STEPS = 3, 10
+_RENEWALS, _STEPS = 3, 10
 # Forms whose error on unseen photographs is at most this many times the chosen one's are as likely the truth: all are
 # wrong, then, by more than they differ.
 _ALTERNATIVE = 1.15
@@ -65,7 +67,7 @@ def fit_renewed(
     reflection: SharedReflection, surface: PixelSurface, stack: PixelStack, floor: float, turning: bool
 ) -> tuple[SharedReflection, PixelSurface]:
     """`joint.fit_shared`, its scales renewed a few times."""
-    for _ in range(RENEWALS):
+    for _ in range(_RENEWALS):
         reflection, surface = fit_shared(reflection, surface, stack, floor, _STEPS, turning)
     return reflection, surface
 
@@ -77,7 +79,7 @@ def compare_forms(
 
     surface : to start from. With fewer than six photographs only the Lambertian one: a lobe takes more.
     """
-    forms = FORMS if stack.photos >= 6 else FORMS[:1]
+    forms = FORMS if stack.photos >= FEWEST_FOR_A_LOBE else FORMS[:1]
 
     def scored(form: LobeForm | None) -> StereoModel:
         return _scored(first_reflection(form), surface, stack, floor, turning)

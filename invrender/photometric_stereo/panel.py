@@ -1,4 +1,4 @@
-"""A result of photometric stereo for other programs: a flat panel with albedo and a normal map, as glTF."""
+"""A result of photometric stereo for other programs: a flat panel with albedo and a normal map."""
 
 from __future__ import annotations
 

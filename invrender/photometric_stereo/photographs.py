@@ -15,6 +15,7 @@ from capture.lighting import Lighting, seen_from
 from capture.parallel import parallel_map
 from capture.photoset import UNKNOWN_NORMALS, Photo, PhotoSet
 from capture.progress import Track, silent
+from invrender.photometric_stereo.models import FEWEST_FOR_A_LOBE
 from invrender.photometric_stereo.stack import PixelStack
 from recon.lighting import frame_warnings, read_lighting
 from recon.mesh.bodies import SphereBody
@@ -26,8 +27,6 @@ Floats = NDArray[np.float64]
 # Photographs that a normal and an albedo take, under lamps that span space by at least this (least over largest
 # singular value of their directions).
 _FEWEST, _LEAST_SPAN = 3, 0.03
-# Photographs from which on residuals show what else is wrong (as many as a lobe takes in `models`).
-_FOR_BARS = 6
 # Cameras are one where their matrices differ by no more.
 _ONE_CAMERA = 1e-9
 # Coverage from which a pixel counts as the object.
@@ -165,10 +164,10 @@ def _shortcomings(photos: int, enough: NDArray[np.bool_]) -> list[str]:
             f"{int((~enough).sum())} of {len(enough)} pixels are saturated in all but {_FEWEST - 1} photographs or"
             " fewer and have no normal; expose for less light"
         )
-    if photos < _FOR_BARS:
+    if photos < FEWEST_FOR_A_LOBE:
         said.append(
             f"{photos} photographs don't show what is shadow, highlight or noise: the surface is taken for Lambertian,"
-            f" and error bars hold little but noise; photograph it under {_FOR_BARS} lamps or more"
+            f" and error bars hold little but noise; photograph it under {FEWEST_FOR_A_LOBE} lamps or more"
         )
     return said
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,13 +44,19 @@ class StereoResult:
         picture[self.capture.inside] = values
         return picture
 
+    @cached_property
+    def _every_photo(self) -> PixelStack:
+        """The stack of all photographs, held-out ones as well, of the surface that was found."""
+        stack = self.capture.stack(np.arange(len(self.capture.photoset.photos)), self.depths)
+        if self.solved.stack.bounced is None:
+            return stack
+        bounced, _ = bounced_light(self.solved.surface, stack, self.capture.camera, self.depths)
+        return replace(stack, bounced=bounced)
+
     def predicted(self, photo: int) -> tuple[Floats, Floats]:
         """Radiance (p, 3) that one of the set's photographs should have, and its error, relative RMS."""
         places = np.array([photo])
-        stack = self.capture.stack(places, self.depths)
-        if self.solved.stack.bounced is not None:
-            bounced, _ = bounced_light(self.solved.surface, stack, self.capture.camera, self.depths)
-            stack = replace(stack, bounced=bounced)
+        stack = self._every_photo.of_photos(places)
         shown = self.solved.reflection.predicted(self.solved.surface, stack)
         shown = (shown * self.capture.irradiances(places, self.depths))[:, 0]
         usable, seen = self.capture.usable[:, photo], self.capture.radiance[:, photo].astype(float)

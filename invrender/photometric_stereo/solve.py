@@ -37,8 +37,6 @@ _STEPS, _FEW_STEPS = 10, 4
 _MOST_ROUNDS, _SETTLED_DEG = 6, 0.08
 # Other forms' normals are compared at one pixel of so many in each row and column.
 _SPREAD_STEP = 3
-# What is assumed off of the light that bounces: this share of what it did to the normals.
-_BOUNCE_OFF = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +56,6 @@ class SolvedSurface:
     least: Floats
     robust: Floats
     stack: PixelStack
-    floor: float
 
 
 def solve_stereo(
@@ -109,11 +106,12 @@ def solve_stereo(
     own = deviations(reflection, surface, stack, floor, covariance, lamp_std, turning, track)
     if turning:
         assert unbounced is not None
-        off = _BOUNCE_OFF * angles(surface.normals, unbounced.normals)
+        # Shadows and further bounces aren't in it: all that light that bounces did may be off.
+        off = angles(surface.normals, unbounced.normals)
         spread = _spread(others, surface, stack, floor, inside, few, track)
         own = own.widened(np.degrees(np.hypot(off, spread)))
     return SolvedSurface(
-        surface, own, reflection, covariance, chosen, models, least.normals, robust.normals, stack, floor
+        surface, own, reflection, covariance, chosen, models, least.normals, robust.normals, stack
     )
 
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture.camera import Camera
-from capture.files.imagefile import read_pixels, write_exr
+from capture.files.imagefile import read_pixels, write_exr, write_png
 
 Floats = NDArray[np.float64]
 # The picture's axes in the camera's (x right, y down, z forward).
@@ -81,15 +82,14 @@ def read_normal_map(path: Path) -> NormalMap:
 
 def _of_npz(path: Path) -> tuple[Floats, Floats | None]:
     try:
-        with np.load(path) as file:
-            if "normals" not in file.files:
-                raise ValueError(
-                    f"{path}: holds {', '.join(file.files)}; the normals must be named 'normals'"
-                )
-            normals = np.asarray(file["normals"], float)
-            std_deg = np.asarray(file["std_deg"], float) if "std_deg" in file.files else None
-    except (OSError, KeyError) as error:
+        with path.open("rb") as handle, np.load(handle) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, BadZipFile) as error:
         raise ValueError(f"{path}: can't be read as NPZ ({error})") from error
+    if "normals" not in arrays:
+        raise ValueError(f"{path}: holds {', '.join(arrays)}; the normals must be named 'normals'")
+    normals = np.asarray(arrays["normals"], float)
+    std_deg = np.asarray(arrays["std_deg"], float) if "std_deg" in arrays else None
     if normals.ndim != 3 or normals.shape[2] != 3:
         raise ValueError(f"{path}: normals are {normals.shape}; they must be (height, width, 3)")
     return normals, std_deg
@@ -97,8 +97,6 @@ def _of_npz(path: Path) -> tuple[Floats, Floats | None]:
 
 def write_normal_map(folder: Path, found: NormalMap) -> None:
     """Write normals.npz, normals.exr and normals.png (16 bit) into a folder."""
-    import cv2
-
     arrays = {"normals": found.normals.astype(np.float32)}
     if found.std_deg is not None:
         arrays["std_deg"] = found.std_deg.astype(np.float32)
@@ -107,6 +105,4 @@ def write_normal_map(folder: Path, found: NormalMap) -> None:
     layers = None if found.std_deg is None else {"std_deg": np.nan_to_num(found.std_deg)}
     write_exr(folder / "normals.exr", whole, layers=layers)
     colours = np.where(found.inside[..., None], (whole + 1) / 2, 0)
-    written = cv2.imwrite(str(folder / "normals.png"), np.round(colours * 65535).astype(np.uint16)[..., ::-1])
-    if not written:
-        raise OSError(f"{folder / 'normals.png'}: cannot be written; is the disk full?")
+    write_png(folder / "normals.png", np.round(colours * 65535).astype(np.uint16))

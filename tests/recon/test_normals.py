@@ -126,3 +126,14 @@ def test_integrate_writes_a_mesh_and_names_what_it_cannot_write(
         assert status
         assert fault in error
         assert not (tmp_path / out).exists()
+
+
+def test_a_broken_npz_is_named(tmp_path: Path) -> None:
+    found, _ = sphere_seen(cameras()[0], 0.0)
+    write_normal_map(tmp_path, found)
+    whole = (tmp_path / "normals.npz").read_bytes()
+    (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "text.npz").write_text("not an archive")
+    for name in ("half.npz", "text.npz"):
+        with pytest.raises(ValueError, match=rf"{name}: can't be read as NPZ"):
+            read_normal_map(tmp_path / name)

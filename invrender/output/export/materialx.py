@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.files.imagefile import write_exr
+from capture.files.imagefile import write_exr, write_png
 from invrender.output.export.mapping import Mapping
 from invrender.output.export.material import ExportedBRDF
 from invrender.output.export.shape import Shape
@@ -105,7 +104,7 @@ def write_materialx(
         ET.SubElement(image, "input", name="file", type="filename", value=files[-1], colorspace="lin_rec709")
     if normal_codes is not None:
         files.append("normals.png")
-        _write_normals(folder / files[-1], normal_codes)
+        write_png(folder / files[-1], normal_codes)
         image = ET.SubElement(document, "image", name="normals_image", type="vector3")
         ET.SubElement(image, "input", name="file", type="filename", value=files[-1])
         normals = ET.SubElement(document, "normalmap", name="normals", type="vector3")
@@ -128,8 +127,3 @@ def write_materialx(
     ET.ElementTree(document).write(folder / MATERIAL_NAME, encoding="utf-8", xml_declaration=True)
     write_mesh(folder / _MESH_NAME, shape.mesh)
     return WrittenExport(tuple(files), parameters, tuple(notes))
-
-
-def _write_normals(path: Path, codes: NDArray[np.uint8]) -> None:
-    if not cv2.imwrite(str(path), codes[..., ::-1]):
-        raise OSError(f"{path}: cannot be written; is the disk full?")
