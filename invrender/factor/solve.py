@@ -17,6 +17,7 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.result.run import Run
+from recon.sampling.find import check_has_body
 
 
 def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) -> Run:
@@ -48,6 +49,7 @@ def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) ->
 
 def _check_scope(photoset: PhotoSet, choices: FactorChoices) -> None:
     where = photoset.manifest
+    check_has_body(photoset)
     if photoset.object.shape != "sphere" and choices.published and not choices.orders:
         raise ValueError(
             f"{where}: [object] shape = 'mesh': RH01's dual lighting is of spheres, which don't shadow themselves; give"

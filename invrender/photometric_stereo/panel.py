@@ -16,7 +16,7 @@ from capture.files.tables import LenientTable
 from capture.terminal import console, leave_cleanly_when_stopped
 from invrender.brdf.microfacet import Microfacet
 from invrender.output.export.document import lost, lost_document, warnings
-from invrender.output.export.exported import EXPORT_FILES, TARGETS
+from invrender.output.export.exported import EXPORT_FILES, PAGE_FORM, TARGETS, check_form
 from invrender.output.export.gltf import write_gltf
 from invrender.output.export.mapping import map_brdf
 from invrender.output.export.material import ExportedBRDF
@@ -116,6 +116,8 @@ def export_panel(source: Path, out: Path, form: str) -> ExportedPanel:
 def run_panel(source: Path, out: Path, form: str) -> None:
     """Export a result of normals and print what a user should know of it."""
     leave_cleanly_when_stopped()
+    if form != PAGE_FORM:
+        check_form(form)
     if form != "gltf" and form not in NODES:
         raise ValueError(
             f"--format {form}: {source} holds normals without a body. gltf, materialx and openpbr make a panel of it;"

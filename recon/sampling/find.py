@@ -40,13 +40,18 @@ class FoundBody:
     warnings: tuple[str, ...] = ()
 
 
-def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
-    """The body of a set, checked against all masks; ValueError says what contradicts what."""
+def check_has_body(photoset: PhotoSet) -> None:
+    """ValueError for a set that says of its object's shape no more than normals."""
     if photoset.object.shape == "normals":
         raise ValueError(
             f"{photoset.manifest}: [object] shape = 'normals' has no body that rays could meet; `lightfactor process`"
             " finds normals, `lightfactor integrate` makes a mesh of them, and shape = 'mesh' takes that"
         )
+
+
+def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
+    """The body of a set, checked against all masks; ValueError says what contradicts what."""
+    check_has_body(photoset)
     frame = frame_warnings(photoset)
     if photoset.object.shape == "sphere":
         sphere = find_sphere(photoset, track)

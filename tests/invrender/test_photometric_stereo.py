@@ -391,6 +391,7 @@ def test_options_that_do_nothing_are_refused(small: Path, tmp_path: Path, lightf
 
 
 def test_other_commands_name_the_way_on(small: Path, tmp_path: Path, lightfactor: Lightfactor) -> None:
-    status, _, error = lightfactor("samples", small, "-o", tmp_path / "out")
-    assert status
-    assert "`lightfactor integrate` makes a mesh" in error
+    for command in ("samples", "factor", "brdf"):
+        status, _, error = lightfactor(command, small, "-o", tmp_path / "out")
+        assert status
+        assert "`lightfactor integrate` makes a mesh" in error

@@ -105,9 +105,14 @@ def export_result(
     return ExportedResult(tuple(out / file for file in written.files), mapping, notes)
 
 
-def _check(form: str, light: bool, lighting: str | None, view: View | None) -> None:
+def check_form(form: str) -> None:
+    """ValueError for a format that no result is written in, the page aside."""
     if form not in TARGETS:
         raise ValueError(f"--format {form}: there is no such format; {nearest(form, [*TARGETS, PAGE_FORM])}")
+
+
+def _check(form: str, light: bool, lighting: str | None, view: View | None) -> None:
+    check_form(form)
     if form in NODES and (light or lighting):
         raise ValueError(f"--format {form}: a material has no light; leave out --light and --lighting")
     if form == "gltf" and lighting and not light:
