@@ -48,6 +48,7 @@ class CalibrationErrors:
         varies, as in `recon.mesh.scannoise`; 0 where each vertex is off by itself.
     stated : whether the manifest states any of them, or of light directions.
     color : (9, 9) of dM M^-1, row by row, where M makes linear sRGB of the camera's colours.
+    extinction : standard deviation of what crossed filters pass of the lobe, as `Extinction` has it.
     """
 
     poses: tuple[SharedError, ...] = ()
@@ -58,12 +59,13 @@ class CalibrationErrors:
     height_correlation: float = 0.0
     stated: bool = False
     color: Floats | None = None
+    extinction: float = 0.0
 
     @property
     def named(self) -> bool:
         """Whether there is any, of light directions apart."""
         moved = self.poses or self.stated_pose or self.lenses or self.mesh_place is not None or self.height
-        return bool(moved) or self.color is not None
+        return bool(moved or self.extinction) or self.color is not None
 
     def poses_about(self, centre: Floats, cameras: Mapping[str, Camera]) -> tuple[SharedError, ...]:
         """Errors of poses; centre : the object's, (3,). cameras : of photographs by their labels."""

@@ -71,9 +71,13 @@ def decode(
 
 
 def decode_photo(radiometry: Radiometry, photo: Photo) -> RadianceImage:
-    """Decode a photograph as its set's radiometry says, and check it against its camera."""
+    """Decode a photograph as its set's radiometry says, and check it against its camera.
+
+    Through a polarising filter, radiance is that which unpolarised light would have without it.
+    """
     size = (photo.camera.height, photo.camera.width)
-    return decode_in_set(radiometry, photo.file, photo.exposure, size)
+    passed = 1.0 if photo.polariser is None else photo.polariser.transmission
+    return decode_in_set(radiometry, photo.file, photo.exposure, size, passed)
 
 
 def photo_mask(photo: Photo) -> Image | None:
@@ -84,13 +88,20 @@ def photo_mask(photo: Photo) -> Image | None:
 
 
 def decode_in_set(
-    radiometry: Radiometry, path: Path, settings: ExposureSettings, size: tuple[int, int]
+    radiometry: Radiometry,
+    path: Path,
+    settings: ExposureSettings,
+    size: tuple[int, int],
+    transmission: float = 1.0,
 ) -> RadianceImage:
-    """Decode a photograph shot under a set's radiometry, whose camera has (height, width) `size`."""
+    """Decode a photograph shot under a set's radiometry, whose camera has (height, width) `size`.
+
+    transmission : what a filter before the camera passes of unpolarised light, divided out.
+    """
     image = decode(
         path,
         radiometry.encoding,
-        relative_exposure(path, radiometry.exposure, settings),
+        transmission * relative_exposure(path, radiometry.exposure, settings),
         noise=radiometry.noise,
         flat_field=radiometry.flat_field,
         white_balance=radiometry.white_balance,

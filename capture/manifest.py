@@ -19,6 +19,8 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _FEWEST_PIXELS = 1000
 # What of a lighting isn't known and is recovered with the BRDF.
 Recoverable = Literal["irradiance", "ambient"]
+# How the camera's filter was turned, to that of the lamps.
+Polarisation = Literal["cross", "parallel"]
 
 
 class CameraTable(Table):
@@ -283,6 +285,7 @@ class PhotoTable(Table):
     exposure_s: Positive | None = None
     iso: Positive | None = None
     f_number: Positive | None = None
+    polarisation: Polarisation | None = None
     held_out: bool = False
 
     @model_validator(mode="after")
@@ -292,6 +295,13 @@ class PhotoTable(Table):
         return self
 
 
+class PolarisationTable(Table):
+    """Filters: shares that they pass of unpolarised light, and crossed of polarised light, over parallel ones."""
+
+    transmission: Annotated[float, Field(gt=0, le=0.5)] = 0.5
+    extinction: Annotated[float, Field(ge=0, lt=1)] | None = None
+
+
 class UncertaintyTable(Table):
     """Standard deviations of what a manifest gives: degrees about each axis, metres, shares of the focal length."""
 
@@ -299,6 +309,7 @@ class UncertaintyTable(Table):
     position: NotNegative | None = None
     focal_length: NotNegative | None = None
     direction_deg: NotNegative | None = None
+    extinction: NotNegative | None = None
     height: NotNegative | None = None
     height_correlation: Positive | None = None
 
@@ -318,6 +329,7 @@ class Manifest(Table):
     radiometry: RadiometryTable = RadiometryTable()
     object: ObjectTable = ObjectTable()
     uncertainty: UncertaintyTable = UncertaintyTable()
+    polarisation: PolarisationTable | None = None
     poses: str | None = None
     gantry: GantryTable | None = None
     light_arc: ArcTable | None = None

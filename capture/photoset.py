@@ -34,6 +34,7 @@ from capture.manifest import (
     resolve,
 )
 from capture.placing import mesh_placement, photo_poses, read_arc, registered_poses, takes_registered
+from capture.polarisation import Extinction, Polariser, polariser_of, read_extinction
 from capture.radiometry import Radiometry, read_radiometry
 
 MANIFEST_NAME = "photoset.toml"
@@ -49,7 +50,8 @@ class Photo:
 
     label : how the manifest names it, for messages and results. name : its file, as the manifest writes it.
     posed : false where nothing gives its pose, which only those may load who look for it; its camera then stands at
-        the world's origin.
+        the world's origin. polariser : the filter that it was taken through, before a lamp behind another one; None
+        without.
     """
 
     label: str
@@ -61,6 +63,7 @@ class Photo:
     exposure: ExposureSettings
     held_out: bool
     posed: bool = True
+    polariser: Polariser | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,7 @@ class PhotoSet:
     own_frame : whether the poses were registered in a frame of their own, which light directions can't know of.
     errors : how far off poses, lenses and mesh may be.
     direction_std_deg : of directions that the manifest gives of sources, in any direction across; 0 if they are exact.
+    extinction : of the filters that all photographs were taken through; None without.
     """
 
     name: str
@@ -87,6 +91,7 @@ class PhotoSet:
     own_frame: bool = False
     errors: CalibrationErrors = NO_ERRORS
     direction_std_deg: float = 0.0
+    extinction: Extinction | None = None
 
     @property
     def folder(self) -> Path:
@@ -114,6 +119,17 @@ class PhotoSet:
             named = (table.map, *(table.mirror_ball.files if table.mirror_ball else ()))
             paths += [self.resolve(name) for name in named if name is not None]
         return tuple(dict.fromkeys(paths))
+
+    def with_extinction(self, extinction: Extinction) -> PhotoSet:
+        """The same set, its filters of another extinction."""
+        photos = [
+            photo
+            if photo.polariser is None
+            else replace(photo, polariser=replace(photo.polariser, extinction=extinction.value))
+            for photo in self.photos
+        ]
+        errors = replace(self.errors, extinction=extinction.std)
+        return replace(self, photos=tuple(photos), errors=errors, extinction=extinction)
 
     def resolve(self, path: str) -> Path:
         """A path of the manifest, relative to it, with environment variables filled in."""
@@ -158,19 +174,25 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
     given = photo_poses(manifest_path, manifest, poses, find_poses)
     placement, alignment_files = mesh_placement(manifest_path, manifest, poses, find_poses or find_alignment)
     world_scale = 1.0 if placement is None else placement.world_scale
-    photos = []
+    photos, extinction = [], read_extinction(manifest_path, manifest)
     for table, label, pose in zip(manifest.photo, labels, given, strict=True):
         if pose is not None:
             pose = pose.copy()
             pose[:3, 3] *= world_scale
-        photos.append(_photo(manifest_path, manifest, names, table, label, pose))
+        polariser = polariser_of(table.polarisation, manifest.polarisation, extinction)
+        own = _photo(manifest_path, manifest, names, table, label, pose)
+        photos.append(replace(own, polariser=polariser))
     if manifest.radiometry.exposure != "equal":
         _check_exposures(manifest_path, manifest, photos)
     light_arc = read_arc(manifest_path, "light_arc", manifest.light_arc)
     target = np.array(manifest.object.centre or (0.0, 0.0, 0.0))
     found_files = ([] if poses is None else [poses.path]) + alignment_files
     radiometry = _radiometry(manifest_path, manifest.radiometry, [photo.file for photo in photos])
-    color = None if radiometry.color is None else radiometry.color.relative_covariance
+    errors = replace(
+        _errors(manifest_path, manifest, photos, poses, placement),
+        color=None if radiometry.color is None else radiometry.color.relative_covariance,
+        extinction=0.0 if extinction is None else extinction.std,
+    )
     return PhotoSet(
         name=manifest.name,
         manifest=manifest_path,
@@ -184,8 +206,9 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         calibration_files=(*_calibration_files(manifest_path, manifest), *found_files),
         mesh_to_world=None if placement is None else placement.mesh_to_world,
         own_frame=poses is not None and poses.own_frame,
-        errors=replace(_errors(manifest_path, manifest, photos, poses, placement), color=color),
+        errors=errors,
         direction_std_deg=manifest.uncertainty.direction_deg or 0.0,
+        extinction=extinction,
     )
 
 

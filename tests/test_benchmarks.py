@@ -30,6 +30,7 @@ from benchmarks.atlas.faults import (
     saturation_theory,
 )
 from benchmarks.atlas.figure import sweep_figure
+from benchmarks.atlas.filters import soft_draw, soft_theory
 from benchmarks.atlas.light import (
     degree_draw,
     degree_theory,
@@ -172,6 +173,17 @@ def test_a_near_lamp_costs_little_more_than_one_far_away(
     for name, found in draw(0.1, 1).items():
         assert holds(found)
         assert (found.std or 0) < 3 * (noise[name].std or 0)
+
+
+def test_crossed_filters_tell_what_soft_light_hides() -> None:
+    plain, pairs = soft_draw(90, 0), soft_draw(90, 0, polarised=True)
+    assert plain["Ks share"].status == "undetermined"
+    assert plain["mu"].status == "absent"
+    assert pairs["Ks share"].status == pairs["mu"].status == "determined"
+    assert holds(pairs["Ks share"])
+    assert holds(pairs["mu"])
+    assert soft_theory(90, polarised=True)["Ks share"].status == "determined"
+    assert soft_theory(120)["Ks share"].status == "weak"
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Stability atlas: what the fit says on both sides of each boundary beyond which theory says that it must fail."""
 
 from benchmarks.atlas.faults import NOISE, OUTLIERS, POSE, SATURATION
+from benchmarks.atlas.filters import PAIRS, SOFT
 from benchmarks.atlas.light import (
     LIGHT_DEGREE,
     NEAR_KNOWN,
@@ -24,4 +25,6 @@ BOUNDARIES = (
     NEAR_KNOWN,
     NEAR_UNKNOWN,
     TWO_SOURCES,
+    SOFT,
+    PAIRS,
 )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from capture.arc.gantry import Arc
 from capture.camera import Camera
 from capture.lighting import Lighting
+from capture.polarisation import Polariser
 from invrender.brdf import microfacet
 from invrender.estimate.identifiability import lighting_degree
 from invrender.estimate.quantities import Quantity
@@ -49,6 +50,8 @@ _KEYS = {"Ks share": "ks_normalised", "mu": "mu", "sigma": "sigma"}
 _GREEN = 1
 _CAMERA_DISTANCE = 0.6
 _MAP_HEIGHT = 128
+# What crossed filters pass of highlights, as if it had been measured.
+_EXTINCTION = 0.01
 # Samples by which theory is evaluated.
 _LOOKED_AT = 1500
 
@@ -58,7 +61,8 @@ class Stage:
     """What is photographed, and whether the fit is told the light.
 
     views : how many photographs, evenly over half a circle about the sphere. samples : of all of them. l_max : of the
-    lighting that a blind fit looks for. noise : relative, with a floor of a tenth of it.
+    lighting that a blind fit looks for. noise : relative, with a floor of a tenth of it. polarised : whether
+    photographs are taken through filters, in turn parallel and crossed.
     """
 
     material: MicrofacetMaterial = TEFLON
@@ -70,6 +74,7 @@ class Stage:
     radius_px: float = 30.0
     l_max: int = 8
     relative: float = 0.01
+    polarised: bool = False
 
     @property
     def noise(self) -> Noise:
@@ -105,8 +110,14 @@ class Stage:
             rng = np.random.default_rng(index)
             budget = max(self.samples // self.views, 1)
             field = sample_body(SphereBody(SPHERE), camera, unexposed(camera), None, directions, budget, rng)
-            found.append(off_terminators(field, directions))
+            found.append(off_terminators(field, directions).through(self.polariser(index)))
         return found
+
+    def polariser(self, index: int) -> Polariser | None:
+        """The filter of a photograph, by its number."""
+        if not self.polarised:
+            return None
+        return Polariser("cross" if index % 2 else "parallel", 0.5, _EXTINCTION)
 
     def photographs(self) -> list[LightField]:
         """Without noise."""
@@ -134,12 +145,19 @@ def lit(
 
     lamps : instead of the stage's sources; those near by are at their distance from the field's positions.
     """
-    radiance = reflected_radiance(stage.material, stage.areas, [], normals, views)
-    for lamp in stage.sources if lamps is None else lamps:
-        towards, _, irradiance = lamp.at(field.positions)
-        cosine = np.maximum((normals * towards).sum(axis=1), 0)[:, None]
-        radiance = radiance + stage.material.evaluate(normals, towards, views) * cosine * irradiance
-    return replace(field, radiance=field.mean_over_rays(radiance))
+
+    def sent(material: MicrofacetMaterial) -> Floats:
+        radiance = reflected_radiance(material, stage.areas, [], normals, views)
+        for lamp in stage.sources if lamps is None else lamps:
+            towards, _, irradiance = lamp.at(field.positions)
+            cosine = np.maximum((normals * towards).sum(axis=1), 0)[:, None]
+            radiance = radiance + material.evaluate(normals, towards, views) * cosine * irradiance
+        return np.asarray(field.mean_over_rays(radiance))
+
+    if field.lobe_share is None:
+        return replace(field, radiance=sent(stage.material))
+    base, lobe = replace(stage.material, ks=np.zeros(3)), replace(stage.material, kd=np.zeros(3))
+    return replace(field, radiance=sent(base) + field.lobe_share[:, None] * sent(lobe))
 
 
 @dataclass(frozen=True)
@@ -248,7 +266,10 @@ def expected(stage: Stage, keep: Callable[[LightField, Floats], Bools] | None = 
     )
     bench = Bench(experiment, stage.l_max, _LOOKED_AT)
     told, fields = bench.nothing(0), []
-    draws = list(bench.draws(experiment.views))
+    draws = [
+        replace(draw, field=draw.field.through(stage.polariser(index)))
+        for index, draw in enumerate(bench.draws(experiment.views))
+    ]
     for view, drawn, seen in zip(experiment.views, draws, bench.shown(0, draws), strict=True):
         use = np.ones(len(drawn.field), bool) if keep is None else keep(drawn.field, seen.radiance)
         stands_for = stage.samples / stage.views / len(drawn.field)

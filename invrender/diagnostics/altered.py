@@ -116,7 +116,7 @@ def _stretched(
     lobe = brdf.form.reflected(angles, brdf.mu, width) * width**2 / (along * across)
     if scene.shadows is not None:
         lobe = lobe * scene.shadows.lit(field, direction)
-    return np.asarray(lobe[:, None])
+    return np.asarray(field.filtered(lobe[:, None]))
 
 
 def drawn_out(field: LightField, direction: Floats, axis: int) -> Floats:

@@ -12,6 +12,7 @@ from capture.calibrationerrors import CalibrationErrors, SharedError
 from capture.camera import Camera
 from capture.lighting import Lighting
 from invrender.estimate.explanation import Explanation
+from invrender.estimate.extinction import is_crossed
 from invrender.estimate.jacobian import jacobians, pack
 from invrender.gradients.slopes import Light, PhotoRadiance
 from invrender.transport.transfer import LightElement, light_elements
@@ -79,6 +80,8 @@ def calibration_scores(
     if errors.color is not None:
         for error in _principal(errors.color, 1.0):
             tally.add("color", [photo.field.radiance @ error.reshape(3, 3).T for photo in tally.photos])
+    if errors.extinction:
+        tally.add("extinction", [photo.filtered(errors.extinction) for photo in tally.photos])
     if errors.height and isinstance(body, MeshBody):
         _add_heights(tally, body, errors)
     if directions:
@@ -133,6 +136,14 @@ class WeighedPhoto:
     def changed(self, radiance: Floats) -> Floats:
         """By how much the samples (n, 3) change if their rays' radiance becomes (m, 3)."""
         return np.asarray(self.field.mean_over_rays(radiance - self.radiance.here))
+
+    def filtered(self, more: float) -> Floats:
+        """By how much the samples (n, 3) change if crossed filters pass so much more of the lobe."""
+        share = self.field.lobe_share
+        if share is None:
+            return np.zeros((len(self.field), 3))
+        brighter = replace(self.field, lobe_share=share + 2 * more * is_crossed(self.field))
+        return self.changed(self.radiance.of(brighter))
 
     def moved(self, motion: Motion) -> Floats:
         """By how much the samples (n, 3) change as the scene moves, to first order."""

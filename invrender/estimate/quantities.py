@@ -24,6 +24,7 @@ CALIBRATION = {
     "heights": "scan noise",
     "light_directions": "light directions",
     "color": "camera's colours",
+    "extinction": "filters' extinction",
 }
 CAUSES = {
     "noise": "pixel noise",

@@ -24,8 +24,9 @@ from invrender.factor.given import Given, LightError, given_document, light_erro
 from invrender.factor.solve import factor
 from invrender.output.report.files import PICTURES, RESULT_FILES, photoset_hashes, write_fit, write_pictures
 from invrender.output.report.keptfit import solved_from
-from invrender.result.document import errors_in_words, identifiability
+from invrender.result.document import identifiability
 from invrender.result.run import Run
+from invrender.result.sentences import errors_in_words
 from invrender.wording import with_error
 
 OWN_FILES = (*RESULT_FILES, "factor.png")

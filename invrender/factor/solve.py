@@ -17,7 +17,7 @@ from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.result.run import Run
-from recon.sampling.find import check_has_body
+from recon.sampling.find import check_has_body, check_unfiltered
 
 
 def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) -> Run:
@@ -50,6 +50,7 @@ def factor(photoset: PhotoSet, choices: FactorChoices, track: Track = silent) ->
 def _check_scope(photoset: PhotoSet, choices: FactorChoices) -> None:
     where = photoset.manifest
     check_has_body(photoset)
+    check_unfiltered(photoset)
     if photoset.object.shape != "sphere" and choices.published and not choices.orders:
         raise ValueError(
             f"{where}: [object] shape = 'mesh': RH01's dual lighting is of spheres, which don't shadow themselves; give"

@@ -16,7 +16,7 @@ from recon.harmonics.complex import project_sources
 from recon.harmonics.latlong import map_coefficients
 from recon.lighting import read_lighting
 from recon.mesh.bodies import Body, SphereBody
-from recon.sampling.find import check_has_body, find_body
+from recon.sampling.find import check_has_body, check_unfiltered, find_body
 from recon.sampling.lightfield import LightField
 from recon.sampling.stream import light_fields
 
@@ -54,6 +54,7 @@ def observe(photoset: PhotoSet, samples: int | None, track: Track = silent) -> O
     """
     where = photoset.manifest
     check_has_body(photoset)
+    check_unfiltered(photoset)
     if photoset.object.shape != "sphere":
         raise ValueError(
             f"{where}: [object] shape = 'mesh': reflectance without a formula is measured on spheres, which shadow"

@@ -30,7 +30,7 @@ from invrender.inverse_lighting.maps import TrueLight, true_light
 from invrender.transport.harmonic_rows import PhotoRows, photo_rows
 from invrender.transport.lobe_table import Transfer
 from recon.sampling.draw import NO_SOURCES
-from recon.sampling.find import check_has_body, find_body
+from recon.sampling.find import check_has_body, check_unfiltered, find_body
 from recon.sampling.stream import light_fields
 
 # The dual method's coefficients.
@@ -157,6 +157,7 @@ def _solved(
 def _check_scope(photoset: PhotoSet, choices: LightingChoices) -> None:
     where = photoset.manifest
     check_has_body(photoset)
+    check_unfiltered(photoset)
     if photoset.object.shape != "sphere":
         raise ValueError(
             f"{where}: [object] shape = 'mesh': light is recovered from spheres only, which don't shadow themselves;"

@@ -90,7 +90,7 @@ class PhotoReader:
                 around = around[within_mask(mask, *np.divmod(around, width))]
             rows, columns = np.divmod(np.union1d(around, drawn), width)
             field = usable_among(self.body, photo.camera, image, mask, rows, columns, sources)
-            field = off_terminators(field, sources)
+            field = off_terminators(field, sources).through(photo.polariser)
             check_usable(photo, image, field, mask)
         return field, np.isin(field.rows * width + field.columns, drawn)
 
@@ -110,7 +110,7 @@ class PhotoReader:
             with clock.on("recon"), clock.on("visibility"):
                 some = looked_at.where(np.sort(order[first : first + _AT_A_TIME]))
                 field = usable_among(self.body, photo.camera, image, mask, some.rows, some.columns, sources)
-                field = off_terminators(field, sources)
+                field = off_terminators(field, sources).through(photo.polariser)
                 if len(field) > most:
                     field = field.where(rng.permutation(len(field)) < most)
             # Without masks some of them may be all beside the object.
@@ -145,7 +145,7 @@ class _Drawn:
             informative = self.importance.get(photo.lighting)
             view = self.reader.body, photo.camera, image, mask, directions
             field = sample_body(*view, self.budget, rng, informative, self.highlights)
-            field = off_terminators(field, directions)
+            field = off_terminators(field, directions).through(photo.polariser)
             check_usable(photo, image, field, mask, min(_TOO_FEW, self.budget // 2))
         saturated = float(image.saturated[_inside(image, mask)].mean())
         ceiling = image.radiance.max(axis=(0, 1)) if image.saturated.any() else None

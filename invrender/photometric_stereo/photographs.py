@@ -21,6 +21,7 @@ from recon.lighting import frame_warnings, read_lighting
 from recon.mesh.bodies import SphereBody
 from recon.normals.integration import surface_points
 from recon.normals.normalmap import picture_axes, read_normal_map
+from recon.sampling.find import check_unfiltered
 from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
@@ -98,6 +99,7 @@ class StereoCapture:
 
 def read_capture(photoset: PhotoSet, track: Track = silent) -> StereoCapture:
     """Read a set whose [object] shape is "normals"; ValueError says what doesn't fit photometric stereo, where."""
+    check_unfiltered(photoset)
     _check_camera(photoset)
     inside = _inside(photoset, track)
     depth = _depth(photoset)

@@ -28,6 +28,7 @@ from invrender.result.saved import SavedResult
 from invrender.result.source_set import find_photoset, scanned_mesh
 from recon.mesh.bodies import Body, MeshBody, SphereBody
 from recon.mesh.shape import placed
+from recon.sampling.find import check_unfiltered
 from recon.sphere.sphere import Sphere
 
 Floats = NDArray[np.float64]
@@ -57,6 +58,7 @@ def result_experiment(
             f"{result.path}: the photo set that it was made from isn't beside it, and a plan needs its cameras: name"
             " its folder with --set"
         )
+    check_unfiltered(of)
     quantities = {name: getattr(content.brdf, name) for name in _OPEN}
     undetermined = [name for name, found in quantities.items() if found is not None and found.value is None]
     assumed = {name: _OPEN[name] for name in undetermined}

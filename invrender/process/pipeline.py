@@ -11,12 +11,14 @@ from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, silent
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry
+from invrender.process.extinction import with_found_extinction
 from invrender.process.known_light import solve_known_light
 from invrender.process.published import solve_known_light_as_published
 from invrender.process.textured import solve_textured
 from invrender.process.unknown_light import solve_unknown_light
 from invrender.process.unknown_texture import solve_unknown_texture
 from invrender.result.run import Run
+from recon.sampling.find import check_unfiltered
 
 DEFAULT_SAMPLES = 60_000
 
@@ -49,6 +51,8 @@ def _process(
     with clock.on("recon"):
         geometry = find_geometry(photoset, track, shadowing)
     unknown = {table.name for table in photoset.lightings if table.unknown}
+    if not published:
+        photoset = with_found_extinction(photoset, geometry, samples, clock, track)
     given = photoset, geometry, samples, clock, track
     is_unknown = bool(unknown & {photo.lighting for photo in photoset.photos})
     if published:
@@ -62,6 +66,7 @@ def _process(
 
 
 def _check_published(photoset: PhotoSet, is_unknown: bool) -> None:
+    check_unfiltered(photoset)
     if is_unknown:
         raise ValueError(
             f"{photoset.manifest}: the light is unknown, but --published is RH01's section 6.1, of known light;"

@@ -28,6 +28,8 @@ _STRUCTURED, _OUTLIERS = 0.005, 0.02
 _FEW = 5
 # Photographs or lightings that a warning names before it counts the rest.
 _NAMED = 8
+# What crossed filters may pass of highlights before something is wrong with them.
+_HARDLY_CROSSED = 0.15
 
 
 def find_warnings(
@@ -122,6 +124,12 @@ def find_warnings(
         warnings.append(
             f"The recovered ambient is negative beyond its error in {some_of(negative, _NAMED)}: the source,"
             " the pose or the black level is not what the model takes it for."
+        )
+    filters = photoset.extinction
+    if filters is not None and filters.origin == "found" and filters.value > _HARDLY_CROSSED:
+        warnings.append(
+            f"Crossed filters pass {filters.value:.0%} of the highlights that parallel ones do; a good pair passes 2%"
+            " or less. Were they turned fully across, has every lamp its filter, is each photograph called what it is?"
         )
     albedo = solution.quantities.get("albedo")
     if albedo is not None and albedo.value is not None and (albedo.value > 1).any():

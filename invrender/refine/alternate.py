@@ -31,6 +31,7 @@ from invrender.refine.surface_tracking import Followed, Lobe, followed_in
 from invrender.result.run import Run, TexturedRun
 from recon.mesh.bodies import Body, MeshBody, body_coverage, larger_pixels
 from recon.sampling.draw import NO_SOURCES, sample_body
+from recon.sampling.find import check_unfiltered
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
@@ -77,6 +78,7 @@ def refine_poses(
             f"{photoset.manifest}: [object] shape is {photoset.object.shape!r}; only poses of meshes"
             " are refined: a sphere looks the same however it is turned, and its place is read off the masks"
         )
+    check_unfiltered(photoset)
     best: RefinedPoses | None = None
     poses = tuple([RefinedPose(np.zeros(6), np.eye(6), 0, np.nan, np.nan)] * len(photoset.photos))
     for _ in range(_ROUNDS + 1):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capture.files.documents import numbers, software
 from capture.lighting import Lighting
+from capture.polarisation import Extinction
 from invrender.brdf.microfacet import Microfacet
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import Candidate, PictureError
@@ -100,6 +101,7 @@ def result_document(
             for photo in run.scores
         ],
         "interreflection": None if run.interreflection is None else _bounces(run.interreflection),
+        "polarisation": None if run.photoset.extinction is None else _filters(run.photoset.extinction),
         "causes": [_cause(cause) for cause in run.causes],
         "identifiability": identifiability(solution),
         "models": model_entries(solution.candidates, solution.chosen),
@@ -148,23 +150,6 @@ def with_picture_errors(document: Mapping[str, Any], errors: Mapping[str, Pictur
     return {**document, "photos": photos, "fit": fit}
 
 
-def errors_in_words(fit: Mapping[str, Any]) -> str:
-    """How far predicted pictures are off, in a sentence; `fit` as result.json has it."""
-    bright = fit["error_in_brightest_2_percent"]
-    parts = [f"{fit['rms_relative']:.2%} in the photographs that were fitted"]
-    if fit["cross_validated_rms_relative"] is not None:
-        parts.append(f"{fit['cross_validated_rms_relative']:.2%} in each by a fit without it")
-    if fit["held_out_rms_relative"] is not None:
-        parts.append(f"{fit['held_out_rms_relative']:.2%} in those held out")
-    seen = bright["held_out"] is None
-    share, whose = (bright["fitted"], "fitted") if seen else (bright["held_out"], "held-out")
-    return (
-        f"Predicted pictures are off by {', '.join(parts)} (RMS over all unsaturated pixels of the object, relative to"
-        f" the photograph's). In {whose} photographs {share:.0%} of the squared error lies in the brightest 2% of the"
-        " pixels."
-    )
-
-
 def _cause(cause: NamedCause) -> dict[str, Any]:
     return {
         "cause": cause.name,
@@ -187,6 +172,15 @@ def _texture(textures: FittedTextures) -> dict[str, Any]:
         "known": textures.share_known,
         # The set's own mesh has the texture coordinates, unless they were made.
         "mesh": MESH_NAME if layout.made is not None else None,
+    }
+
+
+def _filters(extinction: Extinction) -> dict[str, Any]:
+    known = extinction.origin in ("given", "found")
+    return {
+        "extinction": extinction.value if known else None,
+        "extinction_std": extinction.std if known else None,
+        "origin": extinction.origin,
     }
 
 

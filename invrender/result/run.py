@@ -126,6 +126,7 @@ class Run:
         for part in np.array_split(np.arange(len(rows)), len(rows) // _PIXELS_AT_A_TIME + 1):
             pixels = rows[part], columns[part]
             samples = facing(samples_at(body, photo.camera, observed, *pixels, NO_SOURCES, glints))
+            samples = samples.through(photo.polariser)
             radiance = self.pictured(photo, samples, self.binning)
             # Pixels with a hole, and where a texture isn't known, are left out.
             known = np.isfinite(radiance).all(axis=1)
@@ -158,7 +159,8 @@ class Run:
         )
         radiance = np.zeros((len(places), 3))
         if on_body.any():
-            radiance[on_body] = self.pictured(photo, facing(rays), self.binning)
+            rays = facing(rays).through(photo.polariser)
+            radiance[on_body] = self.pictured(photo, rays, self.binning)
         return radiance.reshape(len(rows), len(_WITHIN), 3).mean(axis=1)
 
 

@@ -27,7 +27,17 @@ RESULT_NAME = "result.json"
 _MANIFEST_NAME = "photoset.toml"
 _WHAT = "a result.json, as `lightfactor process` writes it, holds brdf, object, lighting and photos"
 _KEYS = ("format", "name", "gauge", "brdf", "object", "lighting", "photos", "identifiability", "inputs")
-_OPTIONAL = ("texture", "interreflection", "fit", "models", "warnings", "cameras", "settings", "software")
+_OPTIONAL = (
+    "texture",
+    "interreflection",
+    "polarisation",
+    "fit",
+    "models",
+    "warnings",
+    "cameras",
+    "settings",
+    "software",
+)
 
 # For whether a form's name is known, whatever it is brushed about.
 _ANY_AXIS = (0.0, 0.0, 1.0)

@@ -156,6 +156,7 @@ def _columns(
                 specular = seen_specular(light, visible, gather)
                 own = field_seen.mean_over_rays(specular.reshape(len(specular), len(lobes), of_lobe, -1))
                 means = means + own
+            means = part.filtered(means)
             below: dict[int, NDArray[np.floating]] = {}
             for first, form in bases.items():
                 if first == 1 and diffuse is not None:

@@ -49,7 +49,7 @@ def reflected(
     shadows: Shadows | None = None,
     prepared: ReflectedMap | InterpolatedLobe | None = None,
 ) -> tuple[Floats, Floats]:
-    """What rays (m, 3) reflect per unit of Kd, and of Ks: zero where `brdf` has no specular part.
+    """What rays (m, 3) reflect per unit of Kd, and of Ks, through filters: zero where `brdf` has no specular part.
 
     prepared : of the elements' map, in place of an integral for each ray.
     """
@@ -92,7 +92,7 @@ def reflected_of(
     base = base_transfer(brdf.form, brdf.mu, here, field.normals, field.views, visible)
     if brdf.sigma is None or not brdf.ks.any():
         return base, np.zeros_like(base)
-    return base, seen_specular(element, visible, gather)
+    return base, field.filtered(seen_specular(element, visible, gather))
 
 
 def transfers(photo: PhotoColumns, brdf: Microfacet) -> tuple[Floats, Floats]:

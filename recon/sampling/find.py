@@ -49,6 +49,15 @@ def check_has_body(photoset: PhotoSet) -> None:
         )
 
 
+def check_unfiltered(photoset: PhotoSet) -> None:
+    """ValueError for a set that was taken through polarising filters, where only `process` knows what they pass."""
+    if photoset.extinction is not None:
+        raise ValueError(
+            f"{photoset.manifest}: the photographs were taken through polarising filters, and what these pass of"
+            " highlights only `lightfactor process` knows, of bodies that are spheres or meshes; give it this set"
+        )
+
+
 def find_body(photoset: PhotoSet, track: Track = silent) -> FoundBody:
     """The body of a set, checked against all masks; ValueError says what contradicts what."""
     check_has_body(photoset)

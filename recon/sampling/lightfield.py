@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 
 from capture.arrays import frozen_array
 from capture.lighting import cosines, seen_from
+from capture.polarisation import Polariser
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ _INTEGERS = {
 }
 _BOOLEANS = {"reflected_visible": np.bool_, "sources_visible": np.bool_}
 # What belongs to samples; the rest belongs to rays.
-_OF_SAMPLES = ("rows", "columns", "radiance", "variance", "weight", "stands_for", "place")
+_OF_SAMPLES = ("rows", "columns", "radiance", "variance", "weight", "stands_for", "place", "lobe_share")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,8 @@ class LightField:
         drawn. None where all count alike.
     place : (n,) int, of the points of the surface that photographs are compared at, the one that a sample shows. None
         where samples lie anywhere.
+    lobe_share : (n,) what a polarising filter passes of the lobe's light over what it passes of the base's, by which
+        radiance is divided. None without filters, where it is 1.
     """
 
     rows: NDArray[np.int64]
@@ -74,6 +77,7 @@ class LightField:
     footprints: Floats | None = None
     stands_for: Floats | None = None
     place: NDArray[np.int64] | None = None
+    lobe_share: Floats | None = None
 
     def __post_init__(self) -> None:
         for name in (entry.name for entry in fields(self)):
@@ -93,6 +97,18 @@ class LightField:
     def less(self, radiance: Floats) -> LightField:
         """The same samples without a part (n, 3) of their radiance."""
         return replace(self, radiance=self.radiance - radiance)
+
+    def through(self, polariser: Polariser | None) -> LightField:
+        """The same samples, taken through a filter."""
+        share = None if polariser is None else np.full(len(self), polariser.lobe_share)
+        return self if share is self.lobe_share else replace(self, lobe_share=share)
+
+    def filtered(self, lobe: NDArray[Any]) -> NDArray[Any]:
+        """What filters show of the lobe's light, of samples (n, ...) or of rays (m, ...)."""
+        if self.lobe_share is None:
+            return lobe
+        share = self.lobe_share if len(lobe) == len(self) else self.lobe_share[self.ray_sample]
+        return lobe * share.reshape(-1, *np.ones(lobe.ndim - 1, int)).astype(lobe.dtype)
 
     @property
     def shares(self) -> Floats:

@@ -19,7 +19,7 @@ import pytest
 from capture.files.imagefile import read_pixels, write_exr
 from invrender.commands.process import DEFAULT_SAMPLES as CLI_SAMPLES
 from invrender.process.pipeline import DEFAULT_SAMPLES
-from invrender.result.document import errors_in_words
+from invrender.result.sentences import errors_in_words
 from lightfactor.cli import main
 
 pytestmark = pytest.mark.usefixtures("few_forms")

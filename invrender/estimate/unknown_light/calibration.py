@@ -51,7 +51,7 @@ def with_calibration(
     if not errors.named:
         return solution
     kept = list(some_rays(photos, slow=solution.l_max > 0))
-    search = _search(solution, photos, [(keep, field) for keep, field, _ in kept], lighting_of, shadows)
+    search = search_at(solution, photos, [(keep, field) for keep, field, _ in kept], lighting_of, shadows)
     fit = search.at(solution.candidates[solution.chosen].fit.state, solution.l_max)
     sizes = {number: 3 * len(light) for number, light in fit.light.items()}
     starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
@@ -142,7 +142,7 @@ def _sky(
     return sky_parts(brdf, coefficients, field, shadows, solution.transfer)
 
 
-def _search(
+def search_at(
     solution: BlindSolution,
     photos: Sequence[LightField],
     kept: Sequence[tuple[NDArray[np.bool_], LightField]],

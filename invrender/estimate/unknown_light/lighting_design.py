@@ -222,15 +222,14 @@ class LightingDesign:
         """Rows (n, (l_max + 1)^2) of samples over the lighting, of the specular part per unit of Ks."""
         if not self._between(state):
             parts = state.form.parts
-            return np.asarray(
-                sum(share * self._at(state, l_max, factor) for share, factor in parts), np.float32
-            )
+            rows = sum(share * self._at(state, l_max, factor) for share, factor in parts)
+            return self.field.filtered(np.asarray(rows, np.float32))
         nodes, weights, _ = self._printed(state.roughness)
         size = (l_max + 1) ** 2
         both = zip(weights, nodes, strict=True)
         rows = np.asarray(sum(np.tensordot(own, node[:, :, :size], 1) for own, node in both))
         rows *= normalised_fresnel(state.mu, self.sky.ray_cosines)[:, None].astype(np.float32)
-        return np.asarray(self.sky.mean_over_rays(rows))
+        return self.field.filtered(self.sky.mean_over_rays(rows))
 
     def _between(self, state: BlindState) -> bool:
         """Whether rows are interpolated between two roughnesses, which takes four of each ray."""
@@ -246,13 +245,13 @@ class LightingDesign:
                 (_, of_sigma, of_mu), *_ = self._form(state, degree_of(len(light)), factor)
                 by_sigma += share * _widens(factor, state.roughness) * (of_sigma @ single)
                 by_mu += share * (of_mu @ single)
-            return by_sigma, by_mu
+            return self.field.filtered(by_sigma), self.field.filtered(by_mu)
         nodes, *weights = self._printed(state.roughness)
         parts = [node[:, :, : len(light)] @ single for node in nodes]
         seen, widened = (np.einsum("nj,njmc->mc", w, parts).astype(float) for w in weights)
         fresnel, change = fresnel_with_slope(state.mu, self.sky.ray_cosines)
-        mean = self.sky.mean_over_rays
-        return np.asarray(mean(fresnel[:, None] * widened)), np.asarray(mean(change[:, None] * seen))
+        mean, filtered = self.sky.mean_over_rays, self.field.filtered
+        return filtered(mean(fresnel[:, None] * widened)), filtered(mean(change[:, None] * seen))
 
     def number_slope(self, state: BlindState, light: Floats, name: str) -> tuple[Floats, Floats]:
         """Derivatives of what is seen of lighting ((l_max + 1)^2, c) by one of the form's numbers.
@@ -265,11 +264,11 @@ class LightingDesign:
             base = (self.base_rows(more, l_max) - self.base_rows(state, l_max)) @ light / STEP
         elif name == "haze":
             core, haze = (self._at(state, l_max, factor) for _, factor in state.form.parts)
-            lobe = (haze - core) @ light
+            lobe = self.field.filtered((haze - core) @ light)
         else:
             _, (share, factor) = state.form.parts
             (_, wider, _), *_ = self._form(state, l_max, factor)
-            lobe = share * _widens(factor, state.roughness) * (wider @ light)
+            lobe = self.field.filtered(share * _widens(factor, state.roughness) * (wider @ light))
         return base, lobe
 
     def off_borders(self, sources: Floats) -> Mask:

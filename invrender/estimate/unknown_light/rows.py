@@ -208,7 +208,8 @@ class _Lamps:
 
     def highlights(self, state: BlindState) -> Floats:
         """Radiance (m, j) of rays per unit of Ks."""
-        return state.form.reflected(self.angles, state.mu, state.roughness) * self.factors
+        lobe = state.form.reflected(self.angles, state.mu, state.roughness) * self.factors
+        return self.design.field.filtered(lobe)
 
     def with_slopes(self, state: BlindState) -> tuple[Floats, Floats, Floats]:
         """`highlights` (m, j), and their derivatives by log sigma and by log(mu - 1)."""
@@ -217,4 +218,9 @@ class _Lamps:
         )
         cos = np.clip(state.form.fresnel_cosine(self.angles), 0, 1)
         fresnel, by_mu = fresnel_with_slope(state.mu, cos)
-        return fresnel * shape, fresnel * (wider - shape) / STEP, by_mu * shape
+        filtered = self.design.field.filtered
+        return (
+            filtered(fresnel * shape),
+            filtered(fresnel * (wider - shape) / STEP),
+            filtered(by_mu * shape),
+        )

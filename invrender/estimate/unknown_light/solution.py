@@ -230,7 +230,8 @@ def predict_parts(
     if state.sigma is not None:
         for direction, strength, seen in zip(np.moveaxis(directions, -2, 0), strengths, lit.T, strict=True):
             angles = Angles.between(field.normals, direction, field.views)
-            lobe += (state.form.reflected(angles, state.mu, state.sigma) * seen)[:, None] * strength
+            highlight = field.filtered(state.form.reflected(angles, state.mu, state.sigma) * seen)
+            lobe += highlight[:, None] * strength
     return np.asarray(field.mean_over_rays((1 - state.specular_share) * total)), np.asarray(
         field.mean_over_rays(state.specular_share * lobe)
     )
@@ -239,7 +240,7 @@ def predict_parts(
 def sky_parts(
     brdf: Microfacet, lighting: Floats, field: LightField, shadows: Shadows | None, transfer: Transfer
 ) -> tuple[Floats, Floats]:
-    """What rays (m, 3) reflect of harmonic light ((l_max + 1)^2, 3) per unit of Kd, and of Ks."""
+    """What rays (m, 3) reflect of harmonic light ((l_max + 1)^2, 3) per unit of Kd, and of Ks, through filters."""
     exitant, l_max = np.clip(field.ray_cosines, 0, 1), degree_of(len(lighting))
     passed = sky_factors(brdf.form, brdf.mu, l_max)
     base = evaluate_harmonics(field.normals, l_max) @ (passed[:, None] * lighting)
@@ -248,7 +249,7 @@ def sky_parts(
     base = base * interface_transmittance(brdf.form, brdf.mu, exitant)[:, None]
     if brdf.sigma is None:
         return base, np.zeros_like(base)
-    lobe = _reflected(brdf, brdf.sigma, field, lighting, transfer)
+    lobe = field.filtered(_reflected(brdf, brdf.sigma, field, lighting, transfer))
     return base, lobe if shadows is None else lobe * field.reflected_visible[:, None]
 
 

@@ -23,8 +23,9 @@ from invrender.output.report.pictures import (
     residual_figure,
     texture_figure,
 )
-from invrender.result.document import errors_in_words, identifiability
+from invrender.result.document import identifiability
 from invrender.result.run import Run
+from invrender.result.sentences import errors_in_words, filters_in_words
 from invrender.wording import with_error
 
 # Of photographs without pictures, so many are listed with their errors, the worst.
@@ -88,6 +89,7 @@ def write_report(
     page = page_template("invrender.output.report", "report.html.jinja").render(
         document=document,
         misfits=solution.misfits,
+        filters=None if run.photoset.extinction is None else filters_in_words(run.photoset.extinction),
         interreflection=run.interreflection,
         model=solution.model.estimate.model,
         form=solution.brdf.form.description,

@@ -25,8 +25,9 @@ from invrender.output.report.files import (
 from invrender.output.report.keptfit import fit_place, keep_fit
 from invrender.process.pipeline import DEFAULT_SAMPLES, process
 from invrender.process.texture_passes import PIXELS_STAGE, TILES_STAGE
-from invrender.result.document import errors_in_words, identifiability, own_numbers
+from invrender.result.document import identifiability, own_numbers
 from invrender.result.run import Run
+from invrender.result.sentences import errors_in_words, filters_in_words
 from invrender.transport.columns import COLUMNS_STAGE
 from invrender.wording import PARAMETER_LABELS, parameter_lines
 
@@ -128,6 +129,8 @@ def _print_summary(run: Run) -> None:
         )
     console.print(f"Scale: {solution.gauge}.")
     console.print(_ladder(solution))
+    if run.photoset.extinction is not None:
+        console.print(filters_in_words(run.photoset.extinction))
     if run.interreflection is not None:
         console.print(str(run.interreflection))
     for reason, remedy in dict.fromkeys((row["reason"], row["remedy"]) for row in rows if row["reason"]):
