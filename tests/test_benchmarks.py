@@ -88,7 +88,7 @@ def test_time_is_of_the_innermost_stage() -> None:
     assert stagewatch.stage(sys._getframe()) == stagewatch.REST
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_roughness_shows_in_known_light_that_the_lobe_can_blur() -> None:
     assert soft_light_at(0.8) < 1 < soft_light_at(0.17)
     assert soft_light_draw(0.8, 0)["sigma"].status == soft_light_theory(0.8)["sigma"].status == "undetermined"
@@ -98,7 +98,7 @@ def test_roughness_shows_in_known_light_that_the_lobe_can_blur() -> None:
     assert sharp["sigma"].status == "determined"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_roughness_shows_in_unknown_light_of_frequencies_above_its_own() -> None:
     assert rough_body_at(0.05) < 1 < rough_body_at(0.25)
     assert (
@@ -149,11 +149,12 @@ def test_saturated_highlights_cost_what_theory_says() -> None:
     assert_allclose(found["mu"].std or 0, theory["mu"].std or 0, rtol=0.4)
 
 
+@pytest.mark.sweep
 def test_bars_hold_what_a_few_outliers_do() -> None:
     assert all(holds(finding) for finding in outliers_draw(0.01, 1).values())
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_bars_hold_what_many_outliers_do() -> None:
     found = outliers_draw(0.06, 0)
     assert all(holds(finding) for finding in found.values() if finding.stated)
@@ -163,7 +164,7 @@ def test_bars_hold_what_many_outliers_do() -> None:
     "draw",
     [
         pytest.param(near_known_draw, marks=pytest.mark.sweep),
-        pytest.param(near_unknown_draw, marks=pytest.mark.slow),
+        pytest.param(near_unknown_draw, marks=pytest.mark.sweep),
     ],
     ids=["known light", "unknown light"],
 )
@@ -186,7 +187,7 @@ def test_crossed_filters_tell_what_soft_light_hides() -> None:
     assert soft_theory(120)["Ks share"].status == "weak"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_two_sources_are_told_apart_beyond_the_width_of_the_lobe() -> None:
     together, apart = two_sources_draw(0.5, 0), two_sources_draw(2.0, 0)
     assert together["sources"].status == "undetermined"

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from capture.photoset import PhotoSet
-from capture.polarisation import Extinction, Polariser
+from capture.polarisation import Extinction
 from capture.progress import Track, counted
 from capture.source_region import source_regions
 from invrender.estimate.explanation import explain
 from invrender.estimate.extinction import improve_extinction
-from invrender.estimate.unknown_light import ORDERS, BlindSolution, factorize_blind
+from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.estimate.unknown_light.extinction import improve_blind_extinction
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import read_samples
 from invrender.process.held_out_light import used_lightings
 from invrender.process.leverage import importances
+from invrender.process.unknown_light import orders_of
 from invrender.transport.columns import all_columns
 from invrender.transport.transfer import light_elements
 from recon.sampling.lightfield import LightField
@@ -27,7 +28,9 @@ _SAMPLES = 20_000
 # Steps, each a fit and what it leaves, and the last one's length in deviations that is short enough.
 _STEPS, _SETTLED = 4, 0.2
 
-Step = Callable[[PhotoSet], Extinction]
+# The extinction a step further, from samples seen through filters of the one so far.
+Step = Callable[[Sequence[LightField], Extinction], Extinction]
+_Fields = Mapping[str, LightField]
 
 
 def with_found_extinction(
@@ -37,7 +40,8 @@ def with_found_extinction(
 
     Without highlights nothing tells it: its origin stays "free" then.
     """
-    if photoset.extinction is None or not photoset.extinction.is_free:
+    extinction = photoset.extinction
+    if extinction is None or not extinction.is_free:
         return photoset
     if photoset.object.texture:
         raise ValueError(
@@ -47,71 +51,56 @@ def with_found_extinction(
     fitted = replace(photoset, photos=photoset.fitted)
     unknown = {table.name for table in photoset.lightings if table.unknown}
     is_unknown = bool(unknown & {photo.lighting for photo in fitted.photos})
-    make = _unknown_light if is_unknown else _known_light
-    step = make(fitted, geometry, min(samples, _SAMPLES), clock, track)
+    prepared = _unknown_light if is_unknown else _known_light
+    fields, step = prepared(fitted, geometry, min(samples, _SAMPLES), clock, track)
     with (
         counted(track, _STEPS, "Finding what crossed filters pass of highlights") as on_step,
         clock.on("invrender"),
     ):
         for _ in range(_STEPS):
-            assert photoset.extinction is not None
-            before, found = photoset.extinction, step(photoset)
-            photoset = photoset.with_extinction(found)
+            photoset = photoset.with_extinction(extinction)
+            seen = [fields[photo.label].through(photo.polariser) for photo in photoset.fitted]
+            before, extinction = extinction, step(seen, extinction)
             on_step()
-            if abs(found.value - before.value) <= _SETTLED * found.std:
+            if abs(extinction.value - before.value) <= _SETTLED * extinction.std:
                 break
-    return photoset
+    return photoset.with_extinction(extinction)
 
 
-def _polarisers(photoset: PhotoSet) -> list[Polariser | None]:
-    return [photo.polariser for photo in photoset.fitted]
-
-
-def _known_light(fitted: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track) -> Step:
-    """A step under known light; the photographs are read once."""
+def _known_light(
+    fitted: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track
+) -> tuple[_Fields, Step]:
+    """Samples by photographs' labels, and a step under known light."""
     lightings = used_lightings(fitted, geometry.body)
     sources = {name: lighting.sources for name, lighting in lightings.items()}
     importance = importances(fitted, geometry, lightings, clock)
     fields, _ = read_samples(fitted, geometry.found, sources, samples, clock, track, importance)
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+    names = [photo.lighting for photo in fitted.photos]
 
-    def step(photoset: PhotoSet) -> Extinction:
-        assert photoset.extinction is not None
-        seen = [
-            fields[photo.label].through(polariser)
-            for photo, polariser in zip(fitted.photos, _polarisers(photoset), strict=True)
-        ]
-        names = [photo.lighting for photo in fitted.photos]
+    def step(seen: Sequence[LightField], extinction: Extinction) -> Extinction:
         photos = all_columns(names, elements, seen, shadows=geometry.shadows)
         known = explain(photos, list(lightings.values()), axis=geometry.brushing_axis)
-        return improve_extinction(known, photoset.extinction)
+        return improve_extinction(known, extinction)
 
-    return step
+    return fields, step
 
 
 def _unknown_light(
     fitted: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track
-) -> Step:
-    """A step in unknown light; each begins where the last one ended."""
+) -> tuple[_Fields, Step]:
+    """Samples by photographs' labels, and a step in unknown light; each begins where the last one ended."""
     names = [photo.lighting for photo in fitted.photos]
     fields, _ = read_samples(fitted, geometry.found, {}, samples, clock, track, highlights=True)
+    orders, regions, shadows = orders_of(fitted, ()), source_regions(fitted.lightings), geometry.shadows
     near: list[BlindSolution] = []
 
-    def step(photoset: PhotoSet) -> Extinction:
-        assert photoset.extinction is not None
-        seen: list[LightField] = [
-            fields[photo.label].through(polariser)
-            for photo, polariser in zip(fitted.photos, _polarisers(photoset), strict=True)
-        ]
+    def step(seen: Sequence[LightField], extinction: Extinction) -> Extinction:
+        last = near[-1] if near else None
         found = factorize_blind(
-            seen,
-            names,
-            orders=ORDERS,
-            source_regions=source_regions(photoset.lightings),
-            shadows=geometry.shadows,
-            near=near[-1] if near else None,
+            seen, names, orders=orders, source_regions=regions, shadows=shadows, near=last
         )
         near.append(found)
-        return improve_blind_extinction(found, seen, names, geometry.shadows, photoset.extinction)
+        return improve_blind_extinction(found, seen, names, shadows, extinction)
 
-    return step
+    return fields, step

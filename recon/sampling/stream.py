@@ -38,7 +38,8 @@ class _Sampled:
         # Seeded by place, so that neither order nor threads change what is drawn.
         rng = np.random.default_rng(index)
         directions = self.sources[photo.lighting]
-        return sample_body(self.body, photo.camera, image, self.mask_of(photo), directions, self.share, rng)
+        field = sample_body(self.body, photo.camera, image, self.mask_of(photo), directions, self.share, rng)
+        return field.through(photo.polariser)
 
 
 def light_fields(

@@ -148,6 +148,7 @@ def scheduler(port: int, place: Path) -> Iterator[None]:
             process.wait()
 
 
+@pytest.mark.sweep
 def test_a_scheduler_that_is_killed_and_comes_back_does_nothing_twice(
     store: TaskStore, tmp_path: Path
 ) -> None:

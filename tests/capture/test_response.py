@@ -259,6 +259,7 @@ def test_colour_that_a_jpeg_smears_from_saturated_neighbours_does_not_bend_the_c
     assert np.nanmax(np.abs(error)) < 0.015
 
 
+@pytest.mark.sweep
 def test_the_order_of_the_photographs_does_not_matter(tmp_path):
     times = (1.0, 0.25, 4.0)
     paths = bracket(tmp_path, Sensor(response="gamma", bits=16), times, 5)

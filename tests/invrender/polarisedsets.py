@@ -3,29 +3,49 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from capture.files.imagefile import read_pixels, write_exr
 from capture.manifest import Polarisation
-from tests.invrender.faultysets import GLOSSY, write_set
+from synthetic.materials.material import Material
+from synthetic.materials.texture import Textured
+from synthetic.scenes.build import read_staging
+from synthetic.sensing.noise import Noise
+from synthetic.writer import write_photoset
 
 _FILTERS: tuple[Polarisation, ...] = ("parallel", "cross")
 
 
 def write_pairs(
-    folder: Path, extinction: float, transmission: float = 0.4, noise: float = 0.01, seed: int = 0
+    folder: Path,
+    scene: Path,
+    extinction: float,
+    transmission: float = 0.4,
+    noise: float = 0.01,
+    seed: int = 0,
 ) -> Path:
-    """The sphere of `faultysets` under one lamp per pair of photographs.
+    """The photographs of a scene file, each twice, in `folder`/pairs, with a share of noise.
 
     The base is half of what comes through an ideal filter, however it is turned. All of the lobe comes through a
     parallel one, `extinction` of that through a crossed one; all filters pass `transmission` of unpolarised light.
     """
-    matte = GLOSSY.replace("ks = 0.04", "ks = 0.0")
-    whole, base = write_set(folder / "whole", GLOSSY, noise=0), write_set(folder / "base", matte, noise=0)
-    rng, out = np.random.default_rng(seed), folder / "pairs"
+    staging = replace(read_staging(scene), sensor=Noise(0, 0))
+    matte = replace(staging, scene=replace(staging.scene, material=_without_lobe(staging.scene.material)))
+    whole, base, out = folder / "whole", folder / "base", folder / "pairs"
+    write_photoset(staging, whole)
+    write_photoset(matte, base)
     out.mkdir()
+    for file in whole.iterdir():
+        if (
+            file.is_file()
+            and file.name != "truth.json"
+            and not (file.suffix == ".exr" and file.stem.isdigit())
+        ):
+            shutil.copy(file, out)
+    rng = np.random.default_rng(seed)
     head, *photos = (whole / "photoset.toml").read_text().split("[[photo]]\n")
     written = [head]
     for k, photo in enumerate(photos):
@@ -39,10 +59,14 @@ def write_pairs(
             write_exr(out / f"{k:03d}-{polarisation}.exr", pixels.astype(np.float32))
             table = photo.replace(name, f"{k:03d}-{polarisation}.exr")
             written.append(f'[[photo]]\npolarisation = "{polarisation}"\n{table}')
-    for mask in whole.glob("*_mask.png"):
-        shutil.copy(mask, out)
     text = "".join(written)
     first = text.index("[[lighting]]")
     table = f"[polarisation]\ntransmission = {transmission}\n\n"
     (out / "photoset.toml").write_text(text[:first] + table + text[first:])
     return out
+
+
+def _without_lobe(material: Material) -> Material:
+    if isinstance(material, Textured):
+        return replace(material, ks_map=np.zeros_like(material.ks_map))
+    return replace(material, ks=np.zeros(3))

@@ -116,7 +116,7 @@ MANY, FEW = (0.001, 0.015, 0.0003), (0.002, 0.03, 0.0006)
 @pytest.mark.parametrize(
     ("name", "views", "samples", "limits"),
     [
-        pytest.param("teflon", 12, 12000, MANY, marks=pytest.mark.slow),
+        pytest.param("teflon", 12, 12000, MANY, marks=pytest.mark.sweep),
         ("teflon", 3, 6000, FEW),
         # With more of specular reflection fewer samples will do.
         pytest.param("steel", 12, 4000, MANY, marks=pytest.mark.sweep),
@@ -156,7 +156,7 @@ def test_brdf_light_and_source_are_found_from_photographs_alone(
     assert np.sqrt(np.mean(error**2)) < 0.3 * NOISE * np.sqrt(np.mean(expected**2))
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_errors_are_those_that_the_covariance_states(bench: SimpleNamespace, rng: np.random.Generator):
     # Light of few degrees, so that six fits are quick; hardly any of it is beyond degree 5.
     light = AreaLight(bench.area_light.axis, bench.area_light.radiance, width_rad=0.7)
@@ -213,6 +213,7 @@ def test_the_ladder_needs_fresnel_light_and_source_and_no_more(
     )
 
 
+@pytest.mark.sweep
 def test_models_that_leave_much_are_judged_on_a_part_and_nothing_else_changes(
     bench: SimpleNamespace, rng: np.random.Generator, few_forms: None, monkeypatch: pytest.MonkeyPatch
 ):

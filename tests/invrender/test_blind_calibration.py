@@ -32,7 +32,7 @@ def sky() -> Floats:
 @pytest.mark.parametrize(
     ("lighting", "degree", "longer"),
     [
-        pytest.param(LAMP, 0, [0.4, 0, 0], marks=pytest.mark.slow),
+        pytest.param(LAMP, 0, [0.4, 0, 0], marks=pytest.mark.sweep),
         (LAMP, 0, [0, 0.03, -0.02]),
         (replace(LAMP, radiance_map=sky()), 2, [1.6, 0, 0]),
     ],

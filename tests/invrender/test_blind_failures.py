@@ -142,7 +142,7 @@ def test_a_tenth_of_nonsense_among_the_samples_does_no_harm(bench: SimpleNamespa
 
 @pytest.mark.parametrize("angle", [20.0, pytest.param(200.0, marks=pytest.mark.sweep)])
 @pytest.mark.parametrize(
-    ("irradiance", "told"), [pytest.param(6.0, True, marks=pytest.mark.slow), (1.0, False)]
+    ("irradiance", "told"), [pytest.param(6.0, True, marks=pytest.mark.sweep), (1.0, False)]
 )
 def test_a_matte_object_shows_a_lamp_on_either_side_alike(
     bench: SimpleNamespace, rng: np.random.Generator, irradiance: float, told: bool, angle: float
@@ -173,7 +173,7 @@ def test_a_matte_object_shows_a_lamp_on_either_side_alike(
     [
         (0.08, 0.03),
         pytest.param(0.08, 0.06, marks=pytest.mark.sweep),
-        pytest.param(0.0, 0.03, marks=pytest.mark.slow),
+        pytest.param(0.0, 0.03, marks=pytest.mark.sweep),
     ],
 )
 def test_a_window_is_told_from_a_lamp_and_sigma_is_doubted(

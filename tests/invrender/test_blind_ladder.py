@@ -25,7 +25,7 @@ from .test_blind import TEFLON, noisy, share
 
 
 @pytest.mark.parametrize(
-    ("width_rad", "degree", "highest"), [pytest.param(0.25, 12, 16, marks=pytest.mark.slow), (0.5, 6, 12)]
+    ("width_rad", "degree", "highest"), [pytest.param(0.25, 12, 16, marks=pytest.mark.sweep), (0.5, 6, 12)]
 )
 def test_finer_light_is_tried_as_long_as_photographs_ask_for_it(
     bench: SimpleNamespace, few_forms: None, width_rad: float, degree: int, highest: int

@@ -46,7 +46,7 @@ def light_scores(
     return np.vstack([smooth, (sources.irradiances - irradiance * total) / sources.irradiance_std])
 
 
-@pytest.mark.parametrize("is_wide", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("is_wide", [True, pytest.param(False, marks=pytest.mark.sweep)])
 def test_a_wide_lamp_is_seen_to_be_wide_and_error_bars_hold_it(
     bench: SimpleNamespace, rng: np.random.Generator, is_wide: bool
 ):

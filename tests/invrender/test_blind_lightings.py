@@ -157,7 +157,7 @@ def test_working_on_photographs_together_changes_nothing(
         assert_allclose(own.weight, other.weight, rtol=1e-2)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_one_light_under_two_names_is_the_same_light(bench: SimpleNamespace, rng: np.random.Generator):
     light = three_lights(bench)["window"]
     photos = [

@@ -108,7 +108,7 @@ def _tilted(cos: np.ndarray) -> np.ndarray:
     return np.stack([np.sqrt(1 - cos**2), np.zeros_like(cos), cos], axis=-1)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_the_ladder_tells_a_base_under_an_interface(bench: SimpleNamespace, rng: np.random.Generator):
     fields = [bench.sphere_field(angle, 200, 90.0) for angle in np.linspace(0, 177, 6)]
     photos = noisy([replace(field, radiance=_of_plastic(field, bench)) for field in fields], rng)

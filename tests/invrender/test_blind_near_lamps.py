@@ -117,6 +117,7 @@ def test_lamps_of_several_lightings_have_distances_of_their_own(
         assert abs(sources.closeness[0] - true) < 4 * sources.closeness_std[0] < 0.1 * true
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("lit", [False, True])
 def test_light_of_a_high_degree_hides_no_near_lamps(
     bench: SimpleNamespace, lit: bool, rng: np.random.Generator

@@ -32,7 +32,7 @@ class Apart(SmithMaterial):
         return super().lobe(wi, wo) * apart[..., None]
 
 
-@pytest.mark.parametrize("material", [Apart, pytest.param(SmithMaterial, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("material", [Apart, pytest.param(SmithMaterial, marks=pytest.mark.sweep)])
 def test_error_bars_hold_forms_that_explain_as_well(
     bench: SimpleNamespace, material: type[SmithMaterial]
 ) -> None:
@@ -54,7 +54,7 @@ def test_error_bars_hold_forms_that_explain_as_well(
     assert not [text for text in found.warnings if text.startswith("mu hinges on the form of the lobe")]
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_error_bars_hold_forms_that_fewer_samples_cannot_tell(bench: SimpleNamespace) -> None:
     truth = Apart(np.full(3, 0.2), np.full(3, 0.05), MU, GGXSlopes(SIGMA, SIGMA))
     lamps = [bench.source, DirectionalSource(bench.direction(130, 20), np.array([1.0, 1.2, 0.9]))]

@@ -230,7 +230,7 @@ def off(value: Floats, name: str) -> Floats:
     return np.sqrt(np.mean((value - getattr(PAINT, name)) ** 2))
 
 
-@pytest.mark.parametrize("longer", [[0.4, 0, 0], pytest.param([0, 0.03, -0.02], marks=pytest.mark.slow)])
+@pytest.mark.parametrize("longer", [[0.4, 0, 0], pytest.param([0, 0.03, -0.02], marks=pytest.mark.sweep)])
 def test_error_bars_hold_what_a_lens_moves(longer: list[float]) -> None:
     told = [replace(by, params=by.params + longer) for by in ROUND]
     errors = CalibrationErrors(lenses=(SharedError(ALL, np.outer(longer, longer)),))
@@ -266,7 +266,7 @@ def test_error_bars_hold_what_turned_cameras_move() -> None:
         assert 0.4 < np.sqrt(np.mean(np.square(own))) < 2
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_error_bars_hold_what_lights_elsewhere_move() -> None:
     rng = np.random.default_rng(5)
     ratios = []
@@ -281,7 +281,7 @@ def test_error_bars_hold_what_lights_elsewhere_move() -> None:
     assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 2
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_error_bars_hold_what_a_noisy_scan_moves(ball_mesh: TriangleMesh) -> None:
     height = 2e-5
     ratios = []

@@ -131,14 +131,14 @@ def test_lamps_elsewhere_are_put_right_where_a_glossy_surface_shows_them(
     assert "Sources were turned by 2.5 degrees (median of 8)" in result.warnings[0]
 
 
-@pytest.mark.parametrize("surface", ["glossy", pytest.param("matte", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("surface", ["glossy", pytest.param("matte", marks=pytest.mark.sweep)])
 def test_a_sound_set_has_no_cause(sound: dict[str, Path], surface: str) -> None:
     result = result_of(sound[surface])
     assert result.causes == ()
     assert result.warnings == ()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_lamps_that_are_near_are_found_each_at_its_distance(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set", distance=25 * RADIUS)
     # Nearly all pixels: of fewer, scores would go by which are drawn.
@@ -169,6 +169,7 @@ def test_brushed_metal_is_named_with_its_widths(tmp_path: Path, few_forms: None)
     assert "Give brushed_about = [0.0, 0.0, 1.0] in [object]" in cause.text
 
 
+@pytest.mark.sweep
 def test_highlights_of_another_form_are_named(sound: dict[str, Path], tmp_path: Path) -> None:
     # A haze with a ring around the core, which is neither monotone nor a sum of lobes. Of one half as bright
     # a distribution without a formula leaves too little to name.
@@ -186,7 +187,7 @@ def test_highlights_of_another_form_are_named(sound: dict[str, Path], tmp_path: 
     assert cause.name == "lobe"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_curve_is_named_where_the_light_is_unknown(sound: dict[str, Path], tmp_path: Path) -> None:
     folder = Path(shutil.copytree(sound["glossy"], tmp_path / "set"))
     change_pixels(folder, lambda _, pixels: np.abs(pixels) ** 1.15)

@@ -135,7 +135,7 @@ directions = 64
 """
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_plastic_is_made_found_and_compared(lightfactor: Command, tmp_path: Path) -> None:
     (tmp_path / "plastic.toml").write_text(PLASTIC)
     assert lightfactor("synth", tmp_path / "plastic.toml", "-o", tmp_path / "set")[0] == 0

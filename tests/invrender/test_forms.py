@@ -86,7 +86,8 @@ FURTHER = ("half-angle microfacet", "GGX plastic")
 
 
 @pytest.fixture(
-    scope="module", params=[pytest.param(t, marks=[pytest.mark.slow] if t in FURTHER else []) for t in TRUTHS]
+    scope="module",
+    params=[pytest.param(t, marks=[pytest.mark.sweep] if t in FURTHER else []) for t in TRUTHS],
 )
 def solved(request, bench) -> tuple[str, Material, Solution]:
     photos = photographs(TRUTHS[request.param], bench)

@@ -213,7 +213,7 @@ def test_relaxation_finds_where_overshooting_answers_agree() -> None:
     assert_allclose(taken + share * lacking, a / (1 + b), rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_light_that_mostly_bounces_is_taken_off_too(tmp_path: Path) -> None:
     # Fit and prediction overshoot each other here when each takes all of the other's answer.
     scene = CUP.replace("[0.28, 0.2, 0.1]", "[0.25, 0.22, 0.15]").replace("bounces = 2", "bounces = 12")

@@ -104,7 +104,7 @@ def test_coefficients_are_within_their_deviations_which_cover_them(glossy, rng):
     assert max(errors) < 0.003
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_95_percent_intervals_of_the_first_nine_cover_them_in_95_of_100_draws(bench, rng):
     brdf = known_brdf([0.1], [0.2], None, 0.5)
     photos = photographs(bench, brdf, l_max=6, samples=60)

@@ -47,7 +47,7 @@ def assert_alike(one: Path, other: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", ["known", *(pytest.param(k, marks=pytest.mark.slow) for k in ("unknown", "paint"))]
+    "kind", ["known", *(pytest.param(k, marks=pytest.mark.sweep) for k in ("unknown", "paint"))]
 )
 def test_only_what_lacks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     paint = kind == "paint"
@@ -109,6 +109,7 @@ def test_a_damaged_file_is_no_solution(tmp_path: Path) -> None:
     assert kept(file) is None
 
 
+@pytest.mark.sweep
 def test_under_a_map_a_kept_fit_predicts_what_the_fit_itself_did(
     demo_set_original: Path, tmp_path: Path
 ) -> None:

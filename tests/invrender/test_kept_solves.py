@@ -68,6 +68,7 @@ def test_solved_once(
     assert len(solved) == 3
 
 
+@pytest.mark.sweep
 def test_of_many_lightings_those_that_changed_are_solved_anew(
     lightfactor: Command, tmp_path: Path, counted: Counted
 ) -> None:
@@ -81,6 +82,7 @@ def test_of_many_lightings_those_that_changed_are_solved_anew(
     assert len(solved) == len(LAMPS) + 1
 
 
+@pytest.mark.sweep
 def test_rounds_of_refinement_are_not_repeated(
     lightfactor: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, counted: Counted
 ) -> None:

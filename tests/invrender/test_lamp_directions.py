@@ -99,6 +99,7 @@ def test_directions_that_are_right_stay_as_they_are(misdirected: SimpleNamespace
         np.testing.assert_allclose(entry.lighting.directions[0], true, atol=1e-9)
 
 
+@pytest.mark.sweep
 def test_lamps_of_held_out_photographs_follow_the_others(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "set", GLOSSY)
     true = np.concatenate([own.directions for own in used_lightings(load_photoset(folder)).values()])

@@ -53,7 +53,7 @@ def long_simplex(model: Model, statistics: tuple[Statistics, ...], start: Estima
         ("microfacet", {"recover_irradiance": True}),
         # Where mu moves the base, too.
         ("neutral GGX plastic", {}),
-        pytest.param("GGX plastic", {"recover_irradiance": True}, marks=pytest.mark.slow),
+        pytest.param("GGX plastic", {"recover_irradiance": True}, marks=pytest.mark.sweep),
         # Whose own numbers are searched, too: of the base, of the lobe.
         ("GGX on a coated base", {"recover_irradiance": True}),
         ("neutral GGX with haze without Fresnel", {}),

@@ -236,6 +236,7 @@ def test_process_writes_maps_numbers_and_a_figure(
         assert "lightfactor integrate" in error
 
 
+@pytest.mark.sweep
 def test_error_bars_hold_what_lamps_directions_are_off(glossy: Path) -> None:
     capture = thinned(read_capture(load_photoset(glossy)), 2)
     lamps = np.stack([lighting.directions[0] for lighting in capture.lightings])
@@ -304,6 +305,7 @@ def test_a_polynomial_texture_map_shows_the_photographs(glossy: Path, tmp_path: 
         polynomial_texture(stack.of_photos(np.arange(4)))
 
 
+@pytest.mark.sweep
 def test_black_pixels_may_face_anywhere(glossy: Path) -> None:
     capture = thinned(read_capture(load_photoset(glossy)), 2)
     radiance = capture.radiance.copy()

@@ -182,7 +182,7 @@ def test_in_unknown_light_a_plan_counts_calibration_as_process_does(tmp_path: Pa
 # --- what theory says
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_soft_light_leaves_sigma_open_and_the_lamp_that_is_advised_settles_it(planned, few_directions):
     text = scene(SOFT, "[gantry]\nphotos = 2\nstep_deg = 60\n")
     plan = planned(text, samples=20_000)

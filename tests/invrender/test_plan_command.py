@@ -126,6 +126,7 @@ def test_unknown_light_is_told_by_degree_in_a_relative_gauge(plan: Run, tiny: Pa
     assert read_staging(tiny).scene.illuminations[0].given == "all"
 
 
+@pytest.mark.sweep
 @pytest.mark.usefixtures("few_directions")
 def test_the_calibration_that_is_worth_improving_is_named(plan: Run, tiny: Path, tmp_path: Path) -> None:
     tiny.write_text(SCENE + "[uncertainty]\nrotation_deg = 0.01\ndirection_deg = 1.0\n")

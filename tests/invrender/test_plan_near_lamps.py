@@ -54,6 +54,7 @@ def stated(
     return run
 
 
+@pytest.mark.sweep
 def test_a_near_lamp_of_unknown_light_is_planned_with_its_distance(stated: Any) -> None:
     plan, result = stated("nothing")
     planned = {entry["name"]: entry for entry in plan["quantities"]}
@@ -66,7 +67,7 @@ def test_a_near_lamp_of_unknown_light_is_planned_with_its_distance(stated: Any) 
         assert planned[name]["std"] == pytest.approx([result["brdf"][name]["std"]], rel=0.4), name
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_near_lamp_that_is_given_is_planned_where_it_is(stated: Any) -> None:
     plan, result = stated("all")
     assert plan["notes"] == []

@@ -24,8 +24,9 @@ from invrender.result.sentences import filters_in_words
 from invrender.transport.columns import photo_columns
 from invrender.transport.predict import predict, predict_columns
 from invrender.transport.transfer import light_elements
-from tests.invrender.faultysets import change_manifest
+from tests.invrender.faultysets import change_manifest, write_set
 from tests.invrender.polarisedsets import write_pairs
+from tests.invrender.test_textures import LAMP_LIT
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +37,13 @@ PARALLEL = Polariser("parallel", 0.5, EXTINCTION)
 
 @pytest.fixture(scope="module")
 def pairs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_pairs(tmp_path_factory.mktemp("pairs"), EXTINCTION)
+    folder = tmp_path_factory.mktemp("pairs")
+    return write_pairs(folder, glossy_scene(folder), EXTINCTION)
+
+
+def glossy_scene(folder: Path) -> Path:
+    """The scene of a glossy sphere under a lamp per photograph."""
+    return write_set(folder / "scene") / "staged.toml"
 
 
 def test_all_routes_to_radiance_show_base_and_lobe_in_the_filters_shares(bench) -> None:
@@ -98,10 +105,12 @@ def test_the_extinction_is_found_with_its_bar_and_the_brdf_beside_it(pairs: Path
 
 @pytest.mark.slow
 def test_bars_of_the_extinction_hold_it(tmp_path: Path, few_forms) -> None:
-    scores = []
+    scene, scores = glossy_scene(tmp_path), []
     for seed in range(8):
         run = process(
-            load_photoset(write_pairs(tmp_path / str(seed), 0.02, noise=0.02, seed=seed)), 2000, causes=False
+            load_photoset(write_pairs(tmp_path / str(seed), scene, 0.02, noise=0.02, seed=seed)),
+            2000,
+            causes=False,
         )
         assert run.photoset.extinction is not None
         scores.append((run.photoset.extinction.value - 0.02) / run.photoset.extinction.std)
@@ -120,6 +129,22 @@ def test_the_extinction_is_found_in_unknown_light(pairs: Path, tmp_path: Path, f
     assert share.value is not None
     assert share.std is not None
     assert (np.abs(share.value - [1 / 6, 0.2, 0.25]) < 4 * share.std).all()
+
+
+@pytest.mark.slow
+def test_textures_take_a_given_extinction(tmp_path: Path, few_forms) -> None:
+    (tmp_path / "doll.toml").write_text(LAMP_LIT)
+    folder = write_pairs(tmp_path, tmp_path / "doll.toml", EXTINCTION)
+    with pytest.raises(ValueError, match="isn't found with texture = true"):
+        process(load_photoset(folder), 3000)
+    change_manifest(folder, "transmission = 0.4", lambda _: f"transmission = 0.4\nextinction = {EXTINCTION}")
+    run = process(load_photoset(folder), 3000)
+    # Without filters mu's deviation is 0.18.
+    for name, truth, most in (("mu", 2.2, 0.04), ("sigma", 0.12, 0.002)):
+        quantity = run.solution.quantities[name]
+        assert quantity.value is not None
+        assert quantity.std is not None
+        assert abs(quantity.value[0] - truth) < 4 * quantity.std[0] < 4 * most
 
 
 def test_a_given_extinction_is_taken_and_its_deviation_widens_bars(
@@ -196,5 +221,5 @@ def test_who_does_not_know_filters_refuses_them(
 
 
 def test_filters_that_hardly_cross_are_named(tmp_path: Path, few_forms) -> None:
-    run = process(load_photoset(write_pairs(tmp_path, 0.4)), 2000, causes=False)
+    run = process(load_photoset(write_pairs(tmp_path, glossy_scene(tmp_path), 0.4)), 2000, causes=False)
     assert any("Crossed filters pass 40% of the highlights" in warning for warning in run.warnings)

@@ -143,6 +143,7 @@ def test_new_views_under_new_light_are_what_brute_force_integration_says(
         assert (tmp_path / "turn" / view["file"].replace(".exr", ".png")).is_file()
 
 
+@pytest.mark.sweep
 def test_standard_deviations_are_the_scatter_of_draws_from_the_covariance(
     result: Path, rng: np.random.Generator
 ) -> None:

@@ -36,7 +36,7 @@ def of_lamps(field: LightField, lamps: list[np.ndarray]) -> LightField:
 @pytest.mark.parametrize(
     ("count", "second"),
     [
-        (3, False),
+        pytest.param(3, False, marks=pytest.mark.sweep),
         pytest.param(5, True, marks=pytest.mark.sweep),
     ],
 )

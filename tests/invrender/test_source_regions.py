@@ -20,7 +20,9 @@ from .test_blind_failures import photographs
 ANGLES = [0, 72, 144, 216, 288]
 
 
-@pytest.mark.parametrize("order", [0, 6], ids=["dark", "lit"])
+@pytest.mark.parametrize(
+    "order", [pytest.param(0, id="dark"), pytest.param(6, id="lit", marks=pytest.mark.sweep)]
+)
 def test_lamps_are_found_in_their_regions_only(bench: SimpleNamespace, rng: np.random.Generator, order: int):
     other = DirectionalSource(bench.direction(110, 20), 0.5 * bench.source.irradiance)
     lights = [bench.area_light] if order else []

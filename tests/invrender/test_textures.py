@@ -237,6 +237,7 @@ def test_the_dolls_paint_is_recovered_as_the_pixels_show_it(painted: tuple[Run, 
         assert 0.86 < (np.abs(z) < 1.96).mean() < 0.995
 
 
+@pytest.mark.sweep
 def test_a_surface_in_tiles_is_solved_as_in_one_piece(
     painted: tuple[Run, Path], doll: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -69,7 +69,7 @@ def test_a_run_after_killed_ones_gives_the_same_result_and_leaves_nothing_else(t
     assert_nothing_is_left(tmp_path, ["out", "set", "undisturbed"])
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_cluster_whose_workers_are_killed_gives_the_same_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -271,7 +271,7 @@ def test_error_bars_cover_when_masks_are_drawn_by_a_shaky_hand(cat, masks):
     assert_errors_are_as_stated(scores)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_error_bars_cover_when_poses_shift_whole_photographs(task):
     """Errors over standard deviations where every photograph is shifted by 0.7 px, 8 draws."""
     scores = []

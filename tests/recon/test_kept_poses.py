@@ -38,6 +38,7 @@ def numbers(path: Path) -> dict[str, Any]:
     return {key: value for key, value in found.items() if key not in ("inputs", "software")}
 
 
+@pytest.mark.sweep
 def test_registering_goes_on_with_the_features_that_it_has(
     tmp_path: Path, own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -102,7 +102,7 @@ def _first_of(textured: Path, folder: Path, count: int) -> Path:
     return folder / "photoset.toml"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_equal_photos_give_equal_poses(textured: Path, tmp_path: Path) -> None:
     # Of two alone, poses are equal whatever the random numbers are.
     folder = _first_of(textured, tmp_path / "three", 3).parent
@@ -114,7 +114,7 @@ def test_equal_photos_give_equal_poses(textured: Path, tmp_path: Path) -> None:
 # Of few photographs poses are less certain.
 @pytest.mark.parametrize(
     ("count", "turned_deg", "shifted"),
-    [(3, 0.2, 0.004), pytest.param(5, 0.15, 0.003, marks=pytest.mark.slow)],
+    [(3, 0.2, 0.004), pytest.param(5, 0.15, 0.003, marks=pytest.mark.sweep)],
 )
 def test_a_board_in_some_photos_fixes_place_and_size(
     count: int, turned_deg: float, shifted: float, tmp_path: Path
@@ -169,6 +169,7 @@ def test_what_defeats_features_is_told(surface: str, poses: list[Floats], says: 
         _register(tmp_path / "set", tmp_path / "work")
 
 
+@pytest.mark.sweep
 def test_gantry_poses_that_contradict_the_photos_are_refused(textured: Path, tmp_path: Path) -> None:
     # The angles of another gantry: its positions three times as far apart.
     manifest = _first_of(textured, tmp_path / "set", 3)
@@ -249,7 +250,7 @@ def test_wrong_arguments_are_named(
     assert not (textured / "poses.json").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_very_many_photos_match_those_that_look_alike() -> None:
     # Photographs along a line, each sharing features with the next ones, listed in any order.
     rng = np.random.default_rng(4)

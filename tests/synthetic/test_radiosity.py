@@ -53,7 +53,7 @@ def hollows(cat: MeshSurface, rng: np.random.Generator) -> tuple[Points, Floats]
 
 @pytest.mark.parametrize(
     ("material", "bounces"),
-    [pytest.param(MATTE, 1, marks=pytest.mark.slow), (GLOSSY, 3)],
+    [pytest.param(MATTE, 1, marks=pytest.mark.sweep), (GLOSSY, 3)],
     ids=lambda value: str(value)[:6],
 )
 @pytest.mark.parametrize("everywhere", [False, True], ids=["interpolated", "everywhere"])
