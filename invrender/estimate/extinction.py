@@ -34,11 +34,12 @@ _MOST = 0.9
 class PassedLobe:
     """What crossed samples of a photograph show of the lobe.
 
-    by_extinction : (n, 3), derivative of their radiance by the extinction, zero through parallel filters. residual,
-    weight : (n, 3), what a fit leaves, and inverse variances.
+    tiles : (n,), numbers of the parts of the photograph that they lie in. by_extinction : (n, 3), derivative of their
+    radiance by the extinction, zero through parallel filters. residual, weight : (n, 3), what a fit leaves, and inverse
+    variances.
     """
 
-    field: LightField
+    tiles: NDArray[np.int64]
     by_extinction: Floats
     residual: Floats
     weight: Floats
@@ -50,7 +51,7 @@ class PassedLobe:
         crossed = is_crossed(field)[:, None]
         # A share is twice the extinction.
         passed = np.where(crossed, 2 * lobe / field.lobe_share[:, None], 0.0)
-        return cls(field, passed, residual, weight)
+        return cls(tile_of(field), passed, residual, weight)
 
 
 def is_crossed(field: LightField) -> NDArray[np.bool_]:
@@ -82,7 +83,7 @@ def _beyond_noise(photos: Sequence[PassedLobe]) -> float:
         if not photo.by_extinction.any():
             continue
         scores = (photo.by_extinction * photo.weight * photo.residual).sum(axis=1, keepdims=True)
-        squares += sum(float(total[0]) ** 2 for total in sums_by(tile_of(photo.field), scores).values())
+        squares += sum(float(total[0]) ** 2 for total in sums_by(photo.tiles, scores).values())
         information += float((photo.by_extinction**2 * photo.weight).sum())
     return max(squares / information, 1.0) if information else 1.0
 

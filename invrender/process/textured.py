@@ -81,12 +81,12 @@ def solve_textured(
     """
     body = geometry.body
     assert isinstance(body, MeshBody)
-    lightings = _given(photoset, body, clock) if recovered is None else recovered.lightings
+    lightings = given_lightings(photoset, body, clock) if recovered is None else recovered.lightings
     elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
     reader = PhotoReader.of(photoset, geometry.found)
     bench = TextureBench(reader, lightings, elements, geometry.shadows, {})
     with clock.on("recon"):
-        layout, faults = find_layout(body, _footprint(photoset, body))
+        layout, faults = find_layout(body, footprint(photoset, body))
     subset = first_pass(bench, photoset, layout.points, samples, clock, track)
     fit, accounted = kept_result(
         "texture-fit",
@@ -98,7 +98,7 @@ def solve_textured(
     fields = subset.fields
     del subset
     release_memory()
-    asked = _footprint(photoset, body), photoset.object.texture_pixels
+    asked = footprint(photoset, body), photoset.object.texture_pixels
     textures, dark = second_pass(bench, photoset.fitted, layout, fit, *asked, clock, track)
     _check_any(photoset, textures)
     unsure, open_to = np.zeros(6), recovered or accounted
@@ -144,7 +144,8 @@ def _check_any(photoset: PhotoSet, textures: FittedTextures) -> None:
         )
 
 
-def _given(photoset: PhotoSet, body: MeshBody, clock: Clock) -> dict[str, Lighting]:
+def given_lightings(photoset: PhotoSet, body: MeshBody, clock: Clock) -> dict[str, Lighting]:
+    """The lightings of a textured set, which must be known."""
     with clock.on("recon"):
         lightings = used_lightings(photoset, body)
     _check_known(photoset, lightings)
@@ -161,7 +162,7 @@ def _check_known(photoset: PhotoSet, lightings: Mapping[str, Lighting]) -> None:
             )
 
 
-def _footprint(photoset: PhotoSet, body: MeshBody) -> float:
+def footprint(photoset: PhotoSet, body: MeshBody) -> float:
     """Metres on the object that a pixel of a photograph spans, the median over the fitted ones."""
     centre = body.mesh.vertices.mean(axis=0)
     spans = []

@@ -125,6 +125,16 @@ def fit_textured(
     return TexturedFit(candidates, chosen, climbed.noise, covariance, fragility, ks, ks_std)
 
 
+def richest_fit(
+    photos: Mapping[LobeForm, Sequence[TexelRows]], points: int
+) -> tuple[TexturedModel, Floats, TexelObservations]:
+    """Of forms the richest model that predicts best, where the search finds it best, and the rows as it weighs them."""
+    climbed = _climb(photos, points)
+    form = min(photos, key=lambda form: climbed.ladders[form].candidates[-1].error)
+    ladder = climbed.ladders[form]
+    return ladder.models[-1], ladder.points[-1], climbed.stacks[form]
+
+
 @dataclass(frozen=True, eq=False)
 class _Ladder:
     """Models of one form, where the search found each best, and their evidence."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -83,6 +84,53 @@ def search_point(model: TexturedModel, stack: TexelObservations, near: Floats | 
     return min((descended(start) for start in starting_points(cost, lower, upper)), key=cost)
 
 
+@dataclass(frozen=True, eq=False)
+class SolvedPoints:
+    """All points' Kd and Ks at a place of the search, and what that leaves.
+
+    d, s : (r, 3), transfers of the rows. kd, ks : (r, 3), of each row's point. residual : (r, 3).
+    """
+
+    model: TexturedModel
+    stack: TexelObservations
+    d: Floats
+    s: Floats
+    sums: TexelEquations
+    values: PointValues
+
+    @classmethod
+    def of(cls, model: TexturedModel, stack: TexelObservations, point: Floats) -> SolvedPoints:
+        d, s = stack.transfers(numbers_at(model, point))
+        sums = stack.equations(d, s)
+        return cls(model, stack, d, s, sums, solved(model, sums))
+
+    @property
+    def kd(self) -> Floats:
+        return self.values.kd[self.stack.at]
+
+    @property
+    def ks(self) -> Floats:
+        return self.values.ks[self.stack.at]
+
+    @property
+    def residual(self) -> Floats:
+        return self.stack.radiance - self.kd * self.d - self.ks * self.s
+
+    def shared_equations(self, changes: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """Normal equations (t, t) and (t,) of numbers that all points share, Kd and Ks giving way to them.
+
+        changes : (r, 3) each, derivatives of the rows' radiance by these numbers.
+        """
+        residual, weighed = self.residual, [self.stack.weight * change for change in changes]
+        pull = np.array([(change * residual).sum() for change in weighed])
+        matrix = np.array([[(one * other).sum() for other in changes] for one in weighed])
+        of_points = [part for change in weighed for part in (change * self.d, change * self.s)]
+        sums = self.stack.added(np.concatenate(of_points, axis=1))
+        by_d, by_s = np.split(sums.reshape(len(self.sums.dd), -1, 2, 3), 2, axis=2)
+        matrix -= made_up_for(self.sums, self.values, self.model.ks_varies, by_d[:, :, 0], by_s[:, :, 0])
+        return matrix, pull
+
+
 def _about(model: TexturedModel, stack: TexelObservations, point: Floats) -> LocalProblem[Floats]:
     """The least-squares problem in the search's coordinates about a point, all points' numbers being solved for anew.
 
@@ -95,24 +143,15 @@ def _about(model: TexturedModel, stack: TexelObservations, point: Floats) -> Loc
         for axis in _WIDTH / 2 * np.eye(len(point))
     ]
     widths = np.array([(more - less).sum() for less, more in sides])
-    d, s = stack.transfers(numbers_at(model, point))
-    sums = stack.equations(d, s)
-    values = solved(model, sums)
-    kd, ks = values.kd[stack.at], values.ks[stack.at]
+    here = SolvedPoints.of(model, stack, point)
     ends = [(numbers_at(model, less), numbers_at(model, more)) for less, more in sides]
-    changes = [kd * base + ks * lobe for base, lobe in stack.slopes(ends, widths)]
-    weighed = [stack.weight * change for change in changes]
-    residual = stack.radiance - kd * d - ks * s
-    pull = np.array([(change * residual).sum() for change in weighed])
+    changes = [here.kd * base + here.ks * lobe for base, lobe in stack.slopes(ends, widths)]
+    matrix, pull = here.shared_equations(changes)
     # A bound that holds a coordinate takes it out.
     held = ((point <= lower) & (pull < 0)) | ((point >= upper) & (pull > 0))
     pull = np.where(held, 0.0, pull)
-    matrix = np.array([[(one * other).sum() for other in changes] for one in weighed])
-    of_points = np.concatenate([part for change in weighed for part in (change * d, change * s)], axis=1)
-    by_d, by_s = np.split(stack.added(of_points).reshape(len(sums.dd), -1, 2, 3), 2, axis=2)
-    matrix -= made_up_for(sums, values, model.ks_varies, by_d[:, :, 0], by_s[:, :, 0])
     matrix[held] = matrix[:, held] = 0.0
-    cost = float(values.cost.sum())
+    cost = float(here.values.cost.sum())
     return LocalProblem(
         partial(damped_step, matrix, pull),
         pull,
