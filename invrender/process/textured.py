@@ -23,6 +23,7 @@ from invrender.brdf.form import LobeForm
 from invrender.estimate.forms import together
 from invrender.estimate.interreflection.textured import CorrectedTextures, correct_textures
 from invrender.estimate.solution import Solution
+from invrender.estimate.textured.colors import color_shares
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
 from invrender.estimate.textured.layout import SurfacePoints, find_layout
 from invrender.estimate.textured.seen import Seen, rows_of
@@ -109,6 +110,10 @@ def solve_textured(
             textures = textures.only(np.asarray(shares[:, :3].max(axis=1) < _UNSURE))
             _check_any(photoset, textures)
         unsure = np.concatenate([textures.mean(of) for of in np.split(shares, 2, axis=1)])
+    if photoset.errors.color is not None:
+        shares = color_shares(photoset.errors.color, textures, lightings.values())
+        textures = textures.less_sure(shares)
+        unsure = np.hypot(unsure, np.concatenate([textures.mean(of) for of in np.split(shares, 2, axis=1)]))
 
     pictures = TexturedPictures(bench, body, fit.brdf, textures)
     fields, residuals = _residuals(photoset, fields, pictures.radiance)
