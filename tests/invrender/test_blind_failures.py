@@ -171,7 +171,7 @@ def test_a_matte_object_shows_a_lamp_on_either_side_alike(
 @pytest.mark.parametrize(
     ("half_width", "sigma"),
     [
-        (0.08, 0.03),
+        pytest.param(0.08, 0.03, marks=pytest.mark.slow),
         pytest.param(0.08, 0.06, marks=pytest.mark.sweep),
         pytest.param(0.0, 0.03, marks=pytest.mark.sweep),
     ],

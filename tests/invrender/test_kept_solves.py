@@ -35,7 +35,10 @@ def numbers(path: Path) -> dict[str, Any]:
     ("command", "options", "module", "solver", "document"),
     [
         ("light", BRDF, lighting, "_solved", "lighting.json"),
-        ("factor", ["--order", "4", "--no-ladder"], factoring, "factor", "result.json"),
+        pytest.param(
+            *("factor", ["--order", "4", "--no-ladder"], factoring, "factor", "result.json"),
+            marks=pytest.mark.sweep,
+        ),
     ],
 )
 def test_solved_once(

@@ -116,6 +116,7 @@ def test_a_plan_states_what_process_then_reports(tmp_path: Path, few_forms: None
         assert expected.quantity.status == found.status
 
 
+@pytest.mark.sweep
 def test_a_plan_counts_what_a_scene_states_of_calibration_as_process_does(tmp_path: Path, few_forms: None):
     path = tmp_path / "stated.toml"
     paint = "kd = [0.2, 0.15, 0.1]\nks = [0.05, 0.06, 0.07]\nmu = 1.5\nsigma = 0.15"

@@ -228,6 +228,7 @@ def test_who_does_not_know_filters_refuses_them(
     assert re.search("polarising filters.*only `lightfactor process`", " ".join(err.split()))
 
 
+@pytest.mark.slow
 def test_filters_that_hardly_cross_are_named(tmp_path: Path, few_forms) -> None:
     run = process(load_photoset(write_pairs(tmp_path, glossy_scene(tmp_path), 0.4)), 2000, causes=False)
     assert any("Crossed filters pass 40% of the highlights" in warning for warning in run.warnings)

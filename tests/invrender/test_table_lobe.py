@@ -81,6 +81,7 @@ def test_a_paint_reflects_what_was_measured(data_dir: Path) -> None:
     assert np.percentile(off, 95) < 0.09
 
 
+@pytest.mark.sweep
 def test_light_is_prefiltered_for_a_measured_brdf(
     lightfactor: Callable[..., tuple[int, str, str]], merl: Path, tmp_path: Path
 ) -> None:
