@@ -104,7 +104,7 @@ def test_the_extinction_is_found_with_its_bar_and_the_brdf_beside_it(pairs: Path
     }
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_bars_of_the_extinction_hold_it(tmp_path: Path, few_forms) -> None:
     scene, scores = glossy_scene(tmp_path), []
     for seed in range(8):
