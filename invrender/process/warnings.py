@@ -92,7 +92,7 @@ def find_warnings(
         )
         if wrong
     }
-    warnings += [] if not worse else [_far_worse(worse, usual)]
+    warnings += [] if not worse else [_far_worse(worse, usual, photoset.extinction is not None)]
     body = geometry.body
     outlines = body.sphere.residual_px if isinstance(body, SphereBody) else ()
     if max(outlines, default=0) > 0.6:
@@ -140,16 +140,17 @@ def find_warnings(
     return tuple(warnings)
 
 
-def _far_worse(errors: Mapping[str, float], usual: float) -> str:
-    """A sentence on photographs with their errors by label; usual : the median of all."""
+def _far_worse(errors: Mapping[str, float], usual: float, filtered: bool) -> str:
+    """A sentence on photographs with their errors by label; usual : the median of all. filtered : by polarisers."""
+    exchanged = " Were the two of a pair exchanged?" if filtered else ""
     worst = sorted(errors, key=lambda label: -errors[label])
     if len(worst) == 1:
         return (
             f"{worst[0]} is explained far worse than the others (RMS {errors[worst[0]]:.1%}, median {usual:.1%}) and"
-            " counts for less: check its pose, light and mask."
+            f" counts for less: check its pose, light and mask.{exchanged}"
         )
     named = some_of([f"{label} {errors[label]:.1%}" for label in worst], _NAMED)
     return (
         f"{len(worst)} photographs are explained far worse than the others (RMS, median {usual:.1%}) and count for"
-        f" less: {named}. Check their poses, lights and masks."
+        f" less: {named}. Check their poses, lights and masks.{exchanged}"
     )

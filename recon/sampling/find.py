@@ -53,8 +53,8 @@ def check_unfiltered(photoset: PhotoSet) -> None:
     """ValueError for a set that was taken through polarising filters, where only `process` knows what they pass."""
     if photoset.extinction is not None:
         raise ValueError(
-            f"{photoset.manifest}: the photographs were taken through polarising filters, and what these pass of"
-            " highlights only `lightfactor process` knows, of bodies that are spheres or meshes; give it this set"
+            f"{photoset.manifest}: the photographs were taken through polarising filters; only `lightfactor process`"
+            " knows what these pass of highlights, on spheres and meshes: give it this set"
         )
 
 
