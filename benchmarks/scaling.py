@@ -112,7 +112,7 @@ def staged(axis: str, size: int) -> Stage:
 def measured(axis: str, size: int, task: str) -> tuple[float, float]:
     """Least seconds of some runs, and megabytes at the peak beyond those before; in a process of its own."""
     stage = staged(axis, size)
-    fields = stage.noisy(stage.photographs(), np.random.default_rng(0))
+    fields = stage.drawn(0)
     with one_blas_thread():
         forget_peak()
         before = peak_megabytes()

@@ -179,9 +179,7 @@ def load_photoset(path: Path, *, find_poses: bool = False, find_alignment: bool 
         if pose is not None:
             pose = pose.copy()
             pose[:3, 3] *= world_scale
-        polariser = polariser_of(table.polarisation, manifest.polarisation, extinction)
-        own = _photo(manifest_path, manifest, names, table, label, pose)
-        photos.append(replace(own, polariser=polariser))
+        photos.append(_photo(manifest_path, manifest, names, table, label, pose, extinction))
     if manifest.radiometry.exposure != "equal":
         _check_exposures(manifest_path, manifest, photos)
     light_arc = read_arc(manifest_path, "light_arc", manifest.light_arc)
@@ -337,6 +335,7 @@ def _photo(
     table: PhotoTable,
     label: str,
     pose: np.ndarray | None,
+    extinction: Extinction | None,
 ) -> Photo:
     where = f'photo "{table.file}"'
     if table.lighting is None and len(lightings) > 1:
@@ -360,6 +359,7 @@ def _photo(
         exposure=ExposureSettings(table.exposure_s, table.iso, table.f_number),
         held_out=table.held_out,
         posed=pose is not None,
+        polariser=polariser_of(table.polarisation, manifest.polarisation, extinction),
     )
 
 

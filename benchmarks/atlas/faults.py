@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 def noise_draw(relative: float, number: int) -> dict[str, Finding]:
     stage = Stage(relative=relative)
-    return fitted(stage, stage.noisy(stage.photographs(), np.random.default_rng(number)))
+    return fitted(stage, stage.drawn(number))
 
 
 def noise_theory(relative: float) -> dict[str, Finding]:
@@ -54,7 +54,7 @@ def _spoilt(photo: LightField, share: float, rng: np.random.Generator) -> LightF
 def saturation_draw(share: float, number: int) -> dict[str, Finding]:
     """The brightest samples are saturated, and left out as recon does."""
     stage = Stage()
-    photos = stage.noisy(stage.photographs(), np.random.default_rng(number))
+    photos = stage.drawn(number)
     level = saturation_level([photo.radiance for photo in photos], share)
     return fitted(stage, [photo.where(photo.radiance.max(axis=1) < level) for photo in photos])
 

@@ -25,7 +25,7 @@ def soft_stage(width_deg: float, polarised: bool) -> Stage:
 
 def soft_draw(width_deg: float, number: int, polarised: bool = False) -> dict[str, Finding]:
     stage = soft_stage(width_deg, polarised)
-    return fitted(stage, stage.noisy(stage.photographs(), np.random.default_rng(number)))
+    return fitted(stage, stage.drawn(number))
 
 
 def soft_theory(width_deg: float, polarised: bool = False) -> dict[str, Finding]:

@@ -95,7 +95,7 @@ def rough_body_theory(sigma: float) -> dict[str, Finding]:
 
 
 def _one_draw(stage: Stage, number: int) -> dict[str, Finding]:
-    return fitted(stage, stage.noisy(stage.photographs(), np.random.default_rng(number)))
+    return fitted(stage, stage.drawn(number))
 
 
 def shiny(sharpness: float) -> Stage:
@@ -112,7 +112,7 @@ def shiny(sharpness: float) -> Stage:
 def degree_draw(sharpness: float, number: int) -> dict[str, Finding]:
     """Per degree, root mean squares of what is found of the light through a known BRDF, over its degree 0."""
     stage = shiny(sharpness)
-    photos = stage.noisy(stage.photographs(), np.random.default_rng(number))
+    photos = stage.drawn(number)
     material = stage.material
     brdf = microfacet.Microfacet(
         material.kd, material.ks, None, material.sigma if material.ks.any() else None
@@ -173,7 +173,7 @@ def two_sources(apart: float) -> Stage:
 def two_sources_draw(apart: float, number: int) -> dict[str, Finding]:
     """As usual, and how far off the worse of both sources is, degrees: undetermined where one was found instead."""
     stage = two_sources(apart)
-    solution = blind(stage, stage.noisy(stage.photographs(), np.random.default_rng(number)))
+    solution = blind(stage, stage.drawn(number))
     ways = solution.light.sources.directions
     off, std = None, None
     if len(ways):

@@ -123,6 +123,10 @@ class Stage:
         """Without noise."""
         return [lit(self, field, field.normals, field.views) for field in self.fields()]
 
+    def drawn(self, number: int) -> list[LightField]:
+        """Photographs with a draw of the noise, by its number."""
+        return self.noisy(self.photographs(), np.random.default_rng(number))
+
     def noisy(self, photos: Sequence[LightField], rng: np.random.Generator) -> list[LightField]:
         return [
             replace(photo, radiance=self.noise.applied(photo.radiance, np.ones(len(photo)), rng))

@@ -19,7 +19,7 @@ _STEEP = replace(TOLD, samples=1500)
 
 def steepest_draw(limit_deg: float, number: int) -> dict[str, Finding]:
     """The fit to what is seen at exitant angles up to a limit."""
-    photos = _STEEP.noisy(_STEEP.photographs(), np.random.default_rng(number))
+    photos = _STEEP.drawn(number)
     return fitted(_STEEP, [photo.where(_seen(photo, limit_deg)) for photo in photos])
 
 
@@ -34,7 +34,7 @@ def _seen(field: LightField, limit_deg: float) -> NDArray[np.bool_]:
 def views_draw(count: float, number: int) -> dict[str, Finding]:
     """The fit to so many photographs, which share the samples; a single one is refused."""
     stage = Stage(views=int(count))
-    photos = stage.noisy(stage.photographs(), np.random.default_rng(number))
+    photos = stage.drawn(number)
     if len(photos) == 1:
         try:
             fitted(stage, photos)

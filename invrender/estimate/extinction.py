@@ -9,7 +9,7 @@ equations, as `unknown_light.projection` does; what is left of e's own informati
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,13 @@ from invrender.estimate.clusters import sums_by, tile_of
 from invrender.estimate.explanation import Explanation
 from invrender.estimate.jacobian import jacobians, pack
 from invrender.estimate.linear import symmetric_pinv
-from invrender.transport.predict import predict_columns, transfers
+from invrender.transport.predict import predict_columns
 from recon.sampling.lightfield import LightField
 
 Floats = NDArray[np.float64]
 
-# The least that is told from nothing: what is passed is divided by it.
-_LEAST = 1e-4
-# Below it filters are hardly crossed.
-_MOST = 0.9
+# Steps end between these: what is passed is divided by the least, and at 1 filters aren't crossed at all.
+_LEAST, _MOST = 1e-4, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +96,7 @@ def improve_extinction(known: Explanation, extinction: Extinction) -> Extinction
     corner, right, seen = np.zeros((size, size)), np.zeros(size), []
     for photo, own in zip(known.photos, known.weights, strict=True):
         strengths = estimate.strengths[photo.lighting]
-        lobe = np.einsum(
-            "cne,ec->nc", estimate.brdf.ks[:, None, None] * transfers(photo, estimate.brdf)[1], strengths
-        )
+        lobe = predict_columns(photo, replace(estimate.brdf, kd=np.zeros(3)), strengths)
         residual = photo.radiance - predict_columns(photo, estimate.brdf, strengths)
         passed = PassedLobe.of(photo.field, lobe, residual, own.weight)
         seen.append(passed)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.polarisation import Extinction
 from capture.progress import Track, counted
@@ -17,17 +15,15 @@ from invrender.brdf.form import LobeForm
 from invrender.brdf.lobes import RH01_FORM
 from invrender.estimate.explanation import explain
 from invrender.estimate.extinction import improve_extinction, is_crossed
-from invrender.estimate.forms import together
 from invrender.estimate.search import OTHER_FORMS
 from invrender.estimate.textured.extinction import improve_textured_extinction
 from invrender.estimate.textured.layout import find_layout
-from invrender.estimate.textured.seen import rows_of
-from invrender.estimate.textured.texel_observations import TexelRows
+from invrender.estimate.textured.seen import rows_in_forms
 from invrender.estimate.unknown_light import BlindSolution, factorize_blind
 from invrender.estimate.unknown_light.extinction import improve_blind_extinction
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
-from invrender.observation.samples import PhotoReader, read_samples
+from invrender.observation.samples import read_samples
 from invrender.process.held_out_light import used_lightings
 from invrender.process.leverage import importances
 from invrender.process.texture_passes import TextureBench, first_pass
@@ -46,18 +42,21 @@ Step = Callable[[Sequence[Photo], Extinction], Extinction]
 
 
 def with_found_extinction(
-    photoset: PhotoSet, geometry: SceneGeometry, samples: int, clock: Clock, track: Track
+    photoset: PhotoSet,
+    geometry: SceneGeometry,
+    samples: int,
+    clock: Clock,
+    track: Track,
+    is_unknown: bool,
 ) -> PhotoSet:
     """The set with the extinction of its filters, where the photographs are to tell it; as it is where it is given.
 
-    Without highlights nothing tells it: its origin stays "free" then.
+    is_unknown : whether light is. Without highlights nothing tells it: its origin stays "free" then.
     """
     extinction = photoset.extinction
     if extinction is None or not extinction.is_free:
         return photoset
     fitted = replace(photoset, photos=photoset.fitted)
-    unknown = {table.name for table in photoset.lightings if table.unknown}
-    is_unknown = bool(unknown & {photo.lighting for photo in fitted.photos})
     if photoset.object.texture and is_unknown:
         raise ValueError(
             f"{photoset.manifest}: what crossed filters pass of highlights isn't found with texture = true in unknown"
@@ -122,9 +121,7 @@ def _textured(fitted: PhotoSet, geometry: SceneGeometry, samples: int, clock: Cl
     body = geometry.body
     assert isinstance(body, MeshBody)
     lightings = given_lightings(fitted, body, clock)
-    elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-    reader = PhotoReader.of(fitted, geometry.found)
-    bench = TextureBench(reader, lightings, elements, geometry.shadows, {})
+    bench = TextureBench.of(fitted, geometry, lightings)
     with clock.on("recon"):
         layout, _ = find_layout(body, footprint(fitted, body))
     subset = first_pass(bench, fitted, layout.points, samples, clock, track)
@@ -137,12 +134,7 @@ def _textured(fitted: PhotoSet, geometry: SceneGeometry, samples: int, clock: Cl
             for photo, shown in zip(photos, subset.shown, strict=True)
         ]
         # What a wrong form of the lobe lacks would count as base, and as missing behind crossed filters.
-        by_form: dict[LobeForm, list[TexelRows]] = {form: [] for form in forms}
-        for group in together(forms):
-            make = partial(rows_of, elements=elements, forms=group, shadows=geometry.shadows)
-            for rows in parallel_map(make, seen):
-                for form, own in rows.items():
-                    by_form[form].append(own)
+        by_form = rows_in_forms(seen, bench.elements, forms, geometry.shadows)
         crossed = np.array([bool(is_crossed(own.pixels).any()) for own in seen])
         found, form = improve_textured_extinction(by_form, crossed, len(subset.points), extinction)
         forms[:] = [form]

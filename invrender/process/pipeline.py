@@ -51,10 +51,10 @@ def _process(
     with clock.on("recon"):
         geometry = find_geometry(photoset, track, shadowing)
     unknown = {table.name for table in photoset.lightings if table.unknown}
-    if not published:
-        photoset = with_found_extinction(photoset, geometry, samples, clock, track)
-    given = photoset, geometry, samples, clock, track
     is_unknown = bool(unknown & {photo.lighting for photo in photoset.photos})
+    if not published:
+        photoset = with_found_extinction(photoset, geometry, samples, clock, track, is_unknown)
+    given = photoset, geometry, samples, clock, track
     if published:
         _check_published(photoset, is_unknown)
         run = solve_known_light_as_published(*given)

@@ -32,9 +32,10 @@ from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.estimate.textured.texel_pixels import PixelsOfPoints, stacked
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
+from invrender.observation.geometry import SceneGeometry
 from invrender.observation.samples import PhotoReader
 from invrender.transport.radiosity import Bounced
-from invrender.transport.transfer import LightElement
+from invrender.transport.transfer import LightElement, light_elements
 from invrender.transport.visibility import Shadows
 from recon.mesh.bodies import Body, body_coverage
 from recon.sampling.lightfield import LightField
@@ -65,6 +66,14 @@ class TextureBench:
     elements: Mapping[str, Sequence[LightElement]]
     shadows: Shadows | None
     bounced: Mapping[str, Bounced]
+
+    @classmethod
+    def of(
+        cls, photoset: PhotoSet, geometry: SceneGeometry, lightings: Mapping[str, Lighting]
+    ) -> TextureBench:
+        """Of a set under lightings by name, as long as nothing is known of what bounces."""
+        elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
+        return cls(PhotoReader.of(photoset, geometry.found), lightings, elements, geometry.shadows, {})
 
     def direct(self, photo: Photo, pixels: LightField, brdf: Microfacet) -> tuple[Singles, Singles]:
         """Diffuse and specular transfers (n, 3) of a photograph's samples: radiance of Kd = 1, and of Ks = 1."""

@@ -15,24 +15,21 @@ from numpy.typing import NDArray
 
 from capture.arrays import release_memory
 from capture.lighting import Lighting
-from capture.parallel import parallel_map
 from capture.photoset import Photo, PhotoSet
 from capture.progress import Track, counted
 from capture.tasks.stage import kept_result
 from invrender.brdf.form import LobeForm
-from invrender.estimate.forms import together
 from invrender.estimate.interreflection.textured import CorrectedTextures, correct_textures
 from invrender.estimate.solution import Solution
 from invrender.estimate.textured.colors import color_shares
 from invrender.estimate.textured.fit import FIT_STEPS, TexturedFit, fit_textured
 from invrender.estimate.textured.layout import SurfacePoints, find_layout
-from invrender.estimate.textured.seen import Seen, rows_of
+from invrender.estimate.textured.seen import Seen, rows_in_forms
 from invrender.estimate.textured.solution import textured_solution
 from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import SceneGeometry
-from invrender.observation.samples import PhotoReader
 from invrender.process.held_out_light import used_lightings
 from invrender.process.texture_passes import PointSubset, TextureBench, first_pass, second_pass
 from invrender.process.textured_pictures import TexturedPictures
@@ -40,7 +37,6 @@ from invrender.process.warnings import find_warnings
 from invrender.result.run import TexturedRun
 from invrender.result.scores import photo_scores
 from invrender.transport.radiosity import ConcaveMesh
-from invrender.transport.transfer import light_elements
 from invrender.wording import sentences
 from recon.mesh.bodies import MeshBody
 from recon.sampling.lightfield import LightField
@@ -83,9 +79,7 @@ def solve_textured(
     body = geometry.body
     assert isinstance(body, MeshBody)
     lightings = given_lightings(photoset, body, clock) if recovered is None else recovered.lightings
-    elements = {name: light_elements(lighting) for name, lighting in lightings.items()}
-    reader = PhotoReader.of(photoset, geometry.found)
-    bench = TextureBench(reader, lightings, elements, geometry.shadows, {})
+    bench = TextureBench.of(photoset, geometry, lightings)
     with clock.on("recon"):
         layout, faults = find_layout(body, footprint(photoset, body))
     subset = first_pass(bench, photoset, layout.points, samples, clock, track)
@@ -109,11 +103,11 @@ def solve_textured(
         if recovered is not None:
             textures = textures.only(np.asarray(shares[:, :3].max(axis=1) < _UNSURE))
             _check_any(photoset, textures)
-        unsure = np.concatenate([textures.mean(of) for of in np.split(shares, 2, axis=1)])
+        unsure = textures.mean(shares)
     if photoset.errors.color is not None:
         shares = color_shares(photoset.errors.color, textures, lightings.values())
         textures = textures.less_sure(shares)
-        unsure = np.hypot(unsure, np.concatenate([textures.mean(of) for of in np.split(shares, 2, axis=1)]))
+        unsure = np.hypot(unsure, textures.mean(shares))
 
     pictures = TexturedPictures(bench, body, fit.brdf, textures)
     fields, residuals = _residuals(photoset, fields, pictures.radiance)
@@ -186,21 +180,18 @@ def _fit(
     """
     shadows = bench.shadows
     # What photographs show may change by what bounces; what they would show of a BRDF doesn't.
-    made: dict[tuple[Sequence[LobeForm], bytes], list[dict[LobeForm, TexelRows]]] = {}
+    made: dict[tuple[Sequence[LobeForm], bytes], dict[LobeForm, list[TexelRows]]] = {}
 
     def fitted(shown: Sequence[Seen], doing: str) -> TexturedFit:
         def in_forms(forms: Sequence[LobeForm], some: NDArray[np.bool_]) -> dict[LobeForm, list[TexelRows]]:
             fewer = [seen.of_points(some) for seen in shown]
-            result: dict[LobeForm, list[TexelRows]] = {form: [] for form in forms}
-            for group in together(forms):
-                key = (group, some.tobytes())
-                if key not in made:
-                    make = partial(rows_of, elements=bench.elements, forms=group, shadows=shadows)
-                    made[key] = list(parallel_map(make, fewer))
-                for seen, rows in zip(fewer, made[key], strict=True):
-                    for form, own in rows.items():
-                        result[form].append(replace(own, radiance=seen.radiance))
-            return result
+            key = (tuple(forms), some.tobytes())
+            if key not in made:
+                made[key] = rows_in_forms(fewer, bench.elements, forms, shadows)
+            return {
+                form: [replace(own, radiance=seen.radiance) for own, seen in zip(photos, fewer, strict=True)]
+                for form, photos in made[key].items()
+            }
 
         given = [replace(own, radiance=seen.radiance) for own, seen in zip(subset.rows, shown, strict=True)]
         with counted(track, FIT_STEPS, doing) as on_step:

@@ -99,9 +99,10 @@ class LightField:
         return replace(self, radiance=self.radiance - radiance)
 
     def through(self, polariser: Polariser | None) -> LightField:
-        """The same samples, taken through a filter."""
-        share = None if polariser is None else np.full(len(self), polariser.lobe_share)
-        return self if share is self.lobe_share else replace(self, lobe_share=share)
+        """The same samples, taken through a filter; as they are where there is none."""
+        if polariser is None:
+            return self
+        return replace(self, lobe_share=np.full(len(self), polariser.lobe_share))
 
     def filtered(self, lobe: NDArray[Any]) -> NDArray[Any]:
         """What filters show of the lobe's light, of samples (n, ...) or of rays (m, ...)."""

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.parallel import parallel_map
 from invrender.brdf.form import LobeForm
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.clusters import tile_of
+from invrender.estimate.forms import together
 from invrender.estimate.textured.observe import PointObservations
 from invrender.estimate.textured.texel_observations import TexelRows
 from invrender.transport.columns import columns_of_forms
@@ -93,6 +96,22 @@ def rows_of(
             seen.share,
             seen.tiles,
         )
+    return result
+
+
+def rows_in_forms(
+    shown: Sequence[Seen],
+    elements: Mapping[str, Sequence[LightElement]],
+    forms: Sequence[LobeForm],
+    shadows: Shadows | None,
+) -> dict[LobeForm, list[TexelRows]]:
+    """`rows_of` photographs, in forms of any kinds."""
+    result: dict[LobeForm, list[TexelRows]] = {form: [] for form in forms}
+    for group in together(forms):
+        make = partial(rows_of, elements=elements, forms=group, shadows=shadows)
+        for rows in parallel_map(make, shown):
+            for form, own in rows.items():
+                result[form].append(own)
     return result
 
 

@@ -81,7 +81,7 @@ class FittedTextures:
         return float(areas[self.known].sum() / areas.sum())
 
     def mean(self, values: Floats) -> Floats:
-        """The mean (3,) of values (n, 3) over the surface that is known."""
+        """The mean (k,) of values (n, k) over the surface that is known."""
         return np.asarray(np.average(values[self.known], axis=0, weights=self.layout.areas[self.known]))
 
     def mean_std(self, deviations: Floats) -> Floats:
