@@ -20,7 +20,7 @@ from capture.files.imagefile import read_cover, read_exr_layers, read_file, read
 from capture.files.imageheader import Header, is_raw
 from capture.files.jpegtables import JpegTables, jpeg_tables
 from capture.files.rawfile import read_raw
-from capture.photoset import Photo
+from capture.photo import Photo
 from capture.radiance import LOSSY_REACH, Image, Places, RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatField

@@ -33,8 +33,9 @@ from capture.manifest import (
     read_manifest,
     resolve,
 )
+from capture.photo import Photo
 from capture.placing import mesh_placement, photo_poses, read_arc, registered_poses, takes_registered
-from capture.polarisation import Extinction, Polariser, polariser_of, read_extinction
+from capture.polarisation import Extinction, polariser_of, read_extinction
 from capture.radiometry import Radiometry, read_radiometry
 
 MANIFEST_NAME = "photoset.toml"
@@ -42,28 +43,6 @@ MANIFEST_NAME = "photoset.toml"
 UNNAMED = "lighting"
 # What a manifest says of normals that are to be found.
 UNKNOWN_NORMALS = "unknown"
-
-
-@dataclass(frozen=True, eq=False)
-class Photo:
-    """One photograph: its files, its posed camera, the name of its lighting.
-
-    label : how the manifest names it, for messages and results. name : its file, as the manifest writes it.
-    posed : false where nothing gives its pose, which only those may load who look for it; its camera then stands at
-        the world's origin. polariser : the filter that it was taken through, before a lamp behind another one; None
-        without.
-    """
-
-    label: str
-    name: str
-    file: Path
-    mask: Path | None
-    camera: Camera
-    lighting: str
-    exposure: ExposureSettings
-    held_out: bool
-    posed: bool = True
-    polariser: Polariser | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ from capture.decode import decode_in_set, read_mask
 from capture.exposure import ExposureSettings, relative_exposure
 from capture.lighting import Lighting, read_latlong
 from capture.manifest import BallViewTable, CameraTable, LightingTable, MirrorBallTable
-from capture.photoset import Photo, PhotoSet, build_camera
+from capture.photo import Photo
+from capture.photoset import PhotoSet, build_camera
 from capture.placing import matrix4
 from capture.source_region import source_regions
 from recon.mesh.bodies import Body

@@ -16,7 +16,8 @@ from benchmarks.pareto.boards import Board, Contestant
 from benchmarks.pareto.spheres import DRAWS, PARAMETERS
 from capture.files.imagefile import read_pixels, write_exr
 from capture.manifest import LightingTable
-from capture.photoset import Photo, PhotoSet, load_photoset
+from capture.photo import Photo
+from capture.photoset import PhotoSet, load_photoset
 from capture.progress import silent
 from invrender.brdf.microfacet import Microfacet as Fitted
 from invrender.estimate.rh01 import published_brdf

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from capture.figures import printable, short_name
 from capture.lighting import Lighting
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.radiance import CHANNELS
 from invrender.estimate.quantities import FittedLighting, Quantity
 from invrender.estimate.solution import Solution

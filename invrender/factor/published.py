@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track
 from capture.source_region import SourceRegion
 from invrender.brdf.microfacet import Microfacet

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.lighting import Lighting
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.inverse_brdf.samples import Source
 from recon.harmonics.complex import project_sources

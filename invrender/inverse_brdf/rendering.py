@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import decode_photo
-from capture.photoset import Photo
+from capture.photo import Photo
 from invrender.inverse_brdf.harmonic import HarmonicBRDF
 from invrender.inverse_brdf.observe import Observations
 from recon.mesh.bodies import body_pixels, body_window

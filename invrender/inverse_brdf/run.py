@@ -15,7 +15,8 @@ from capture.decode import decode_photo
 from capture.files.documents import input_hashes, write_json
 from capture.files.outfolder import result_folder
 from capture.parallel import one_blas_thread
-from capture.photoset import Photo, PhotoSet, load_photoset
+from capture.photo import Photo
+from capture.photoset import PhotoSet, load_photoset
 from capture.radiance import CHANNELS
 from capture.tasks.workplace import opened_workplace
 from capture.terminal import console, leave_cleanly_when_stopped, track

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import decode_photo
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track
 from capture.radiance import RadianceImage
 from capture.radiometry import Radiometry

@@ -13,7 +13,8 @@ from capture.camera import Camera
 from capture.decode import decode_photo, photo_mask
 from capture.lighting import Lighting, seen_from
 from capture.parallel import parallel_map
-from capture.photoset import UNKNOWN_NORMALS, Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import UNKNOWN_NORMALS, PhotoSet
 from capture.progress import Track, silent
 from invrender.photometric_stereo.models import FEWEST_FOR_A_LOBE
 from invrender.photometric_stereo.stack import PixelStack

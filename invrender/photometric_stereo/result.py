@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.photometric_stereo.bounces import CONCAVE_FROM, bounced_light
 from invrender.photometric_stereo.photographs import StereoCapture, read_capture

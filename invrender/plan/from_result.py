@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import decode_photo
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.brdf.lobes import RH01_FORM
 from invrender.brdf.microfacet import Microfacet

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.polarisation import Extinction
 from capture.progress import Track, counted
 from capture.source_region import source_regions

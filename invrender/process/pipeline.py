@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from capture.parallel import one_blas_thread
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry

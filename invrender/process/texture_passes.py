@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from capture.arrays import release_memory
 from capture.lighting import Lighting
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track
 from capture.tasks.parted import Parts
 from capture.tasks.stage import stage_results

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from capture.arrays import release_memory
 from capture.lighting import Lighting
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, counted
 from capture.tasks.stage import kept_result
 from invrender.brdf.form import LobeForm

@@ -8,7 +8,7 @@ from dataclasses import field as defaulted
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.photoset import Photo
+from capture.photo import Photo
 from invrender.brdf.microfacet import Microfacet
 from invrender.estimate.textured.textures import FittedTextures
 from invrender.process.texture_passes import TextureBench

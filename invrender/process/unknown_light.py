@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.parallel import parallel_map
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, counted
 from capture.source_region import source_regions
 from invrender.brdf.richer import NUMBER_RANGE

@@ -16,7 +16,8 @@ from capture.blocks import block_means
 from capture.camera import Camera
 from capture.decode import decode_photo
 from capture.parallel import one_blas_thread, parallel_map
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from capture.radiance import RadianceImage
 from capture.tasks.stage import kept_result

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from capture.blocks import block_means
 from capture.decode import decode_photo
 from capture.parallel import one_blas_thread, parallel_map
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.radiance import RadianceImage
 from invrender.diagnostics.named import NamedCause
 from invrender.estimate.evidence import PictureError, picture_error

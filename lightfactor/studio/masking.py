@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from capture.decode import photo_mask
 from capture.files.imageheader import read_header
 from capture.files.outfolder import result_files
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from lightfactor.studio.manifest import write_key
 from lightfactor.studio.opened import Opened
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from capture.photoset import MANIFEST_NAME, Photo, PhotoSet, load_photoset
+from capture.photo import Photo
+from capture.photoset import MANIFEST_NAME, PhotoSet, load_photoset
 from invrender.result.saved import RESULT_NAME, SavedResult, read_result
 from invrender.result.source_set import find_photoset
 from lightfactor.studio.starter import photographs

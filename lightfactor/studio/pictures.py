@@ -15,7 +15,8 @@ from capture.camera import Camera
 from capture.decode import decode_photo, photo_mask
 from capture.files.imagefile import read_pixels
 from capture.files.outfolder import result_files
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.radiance import CHANNELS, RadianceImage
 from capture.srgb import linear_to_srgb
 from invrender.output.live.packed import packed

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import decode_photo
-from capture.photoset import Photo, PhotoSet, load_photoset
+from capture.photo import Photo
+from capture.photoset import PhotoSet, load_photoset
 from invrender.output.live.packed import packed
 from invrender.process.pipeline import DEFAULT_SAMPLES
 from lightfactor.studio.opened import Opened

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from capture.decode import decode_photo, photo_mask
 from capture.parallel import one_blas_thread, parallel_map
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from capture.radiometry import Radiometry
 from capture.tasks.stage import stage_results

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.decode import photo_mask
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from recon.lighting import frame_warnings
 from recon.mesh.bodies import Body, MeshBody, SphereBody

@@ -15,7 +15,8 @@ from rich.table import Table
 from capture.decode import decode_photo
 from capture.files.documents import input_hashes, software, write_json
 from capture.files.outfolder import result_folder
-from capture.photoset import Photo, PhotoSet, load_photoset
+from capture.photo import Photo
+from capture.photoset import PhotoSet, load_photoset
 from capture.terminal import console, leave_cleanly_when_stopped, track
 from recon.lighting import read_lighting
 from recon.mesh.bodies import Body, MeshBody

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from capture.srgb import linear_to_srgb
 
 if TYPE_CHECKING:
-    from capture.photoset import Photo, PhotoSet
+    from capture.photo import Photo
+from capture.photoset import PhotoSet
 
 Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]

@@ -14,7 +14,7 @@ from capture.camera import ORTHOGRAPHIC, Camera
 from capture.decode import decode, decode_in_set, decode_photo, read_mask
 from capture.exposure import ExposureSettings, bracket_exposures, read_exif_exposure, relative_exposure
 from capture.files.imagefile import read_pixels, write_exr
-from capture.photoset import Photo
+from capture.photo import Photo
 from capture.radiance import RadianceImage
 from capture.radiometry import Radiometry
 from capture.sensor.flatfield import FlatFieldMap

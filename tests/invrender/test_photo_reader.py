@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from capture.decode import decode_photo
-from capture.photoset import Photo, load_photoset
+from capture.photo import Photo
+from capture.photoset import load_photoset
 from invrender.observation import samples
 from invrender.observation.clock import Clock
 from invrender.observation.geometry import find_geometry

@@ -11,7 +11,8 @@ from typing import Any
 from capture.files.documents import file_hash, write_json
 from capture.files.imagefile import write_exr
 from capture.parallel import one_blas_thread, parallel_map
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track, silent
 from capture.tasks.stage import stage_results
 from invrender.estimate.textured.textures import TEXTURE_FILES

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.files.imagefile import write_exr
-from capture.photoset import Photo
+from capture.photo import Photo
 from invrender.estimate.evidence import PictureError
 from invrender.output.report.pictures import difference_picture, image_url, shrunk, tone_mapped, white_level
 from invrender.result.run import Prediction, Run

@@ -16,7 +16,8 @@ from capture.files.documents import read_json
 from capture.files.tables import Table
 from capture.found import POSES_NAME
 from capture.manifest import read_manifest
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track
 from capture.radiometry import Radiometry
 from capture.tasks.stage import stage_results

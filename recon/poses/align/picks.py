@@ -13,7 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from capture.arrays import frozen_array
-from capture.photoset import Photo
+from capture.photo import Photo
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from capture.boards.boardpose import board_pose
 from capture.boards.boardsearch import BoardView, board_view, check_board, missing
 from capture.camera import Camera
 from capture.decode import decode_photo
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track
 from capture.radiometry import Radiometry
 from capture.tasks.stage import stage_results

@@ -14,7 +14,8 @@ from capture.boards.board import Board
 from capture.decode import decode_photo, read_mask
 from capture.manifest import read_manifest
 from capture.parallel import parallel_map
-from capture.photoset import Photo, PhotoSet
+from capture.photo import Photo
+from capture.photoset import PhotoSet
 from capture.progress import Track
 from recon.poses.register.advice import nothing_matches, some_missing, unsteady
 from recon.poses.register.boards import BoardDetections, board_structure, corner_landmarks, find_board
